@@ -163,14 +163,7 @@ def examples() -> dict[str, ClientMessage | ServerMessage]:
         ),
         "state": State(state="idle", at=32_000, seg=0, finished=1),
         "stats": Stats(
-            at=32_000,
-            queue_ms=0.0,
-            ahead_ms=533.25,
-            step_ms=48.5,
-            rtf=0.25,
-            dropped=0,
-            underruns=2,
-            sessions=3,
+            at=32_000, queue_ms=0.0, ahead_ms=533.25, step_ms=48.5, rtf=0.25, dropped=0, underruns=2, sessions=3
         ),
         "error": Error(code="overloaded", message="all seats are taken", fatal=True, retry_after=5.0),
         "pong": Pong(nonce=2**40, at=32_000),

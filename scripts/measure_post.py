@@ -33,12 +33,7 @@ from echoavatar.motion.kinematics.rotations import (
 from echoavatar.motion.motion_chunk import MotionChunk, join_batches
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import SWITCHES, Post
-from echoavatar.timing import (
-    CHUNK_FRAMES,
-    CHUNK_SAMPLES,
-    FRAME_RATE_HZ,
-    SAMPLE_RATE_HZ,
-)
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 SECONDS = 60.0
 BALLS = list(HUMANOID.config.feet)[1::2]
@@ -75,10 +70,7 @@ def _tap(stage: object, name: str) -> list[torch.Tensor]:
 
 
 def through(
-    features: torch.Tensor,
-    stages: tuple[str, ...],
-    options: MotionOptions,
-    brake: torch.Tensor | None = None,
+    features: torch.Tensor, stages: tuple[str, ...], options: MotionOptions, brake: torch.Tensor | None = None
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Rotations and roots of every session; with `brake`, after the time warp."""
     post, time_warp = Post(HUMANOID, stages=stages), TimeWarp(HUMANOID.joints)

@@ -16,12 +16,7 @@ import numpy as np
 import torch
 from safetensors.torch import save_file
 
-from echoavatar.files.reference.expected_tensors import (
-    Shapes,
-    face_shapes,
-    generator_shapes,
-    tokenizer_shapes,
-)
+from echoavatar.files.reference.expected_tensors import Shapes, face_shapes, generator_shapes, tokenizer_shapes
 from echoavatar.files.reference.release_rig import AXES, bones_by_name
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.generator import GeneratorConfig
@@ -193,12 +188,7 @@ def skeleton() -> tuple[list[str], list[int], np.ndarray]:
 def _write_stats(folder: Path, random: torch.Generator) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     names, parents, offsets = skeleton()
-    np.savez(
-        folder / "zm_meta_info.npz",
-        names=np.array(names),
-        parents=np.array(parents, np.int32),
-        offsets=offsets,
-    )
+    np.savez(folder / "zm_meta_info.npz", names=np.array(names), parents=np.array(parents, np.int32), offsets=offsets)
     body = np.zeros((2, 6 * len(names) + 3), np.float32)
     body[0, : 6 * len(names)] = np.tile([1, 0, 0, 0, 1, 0], len(names))
     body[0, -1] = offsets[0, 2]

@@ -12,11 +12,7 @@ from echoavatar.models.tokenizer.body import body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, to_features
 
-CARD: dict[str, object] = {
-    "data": "none, random weights",
-    "command": "tests/tiny_bundle.py",
-    "licence": "Apache-2.0",
-}
+CARD: dict[str, object] = {"data": "none, random weights", "command": "tests/tiny_bundle.py", "licence": "Apache-2.0"}
 
 
 def write_bundle(folder: Path) -> Path:

@@ -3,16 +3,7 @@ import pytest
 from echoavatar.evaluation.stream_bench import StreamReport
 from echoavatar_research import latency
 
-TIMES = {
-    "level": 1,
-    "face": 9,
-    "codec": 2,
-    "generator": 4,
-    "decoder": 8,
-    "rig": 16,
-    "feet": 32,
-    "whole chunk": 72,
-}
+TIMES = {"level": 1, "face": 9, "codec": 2, "generator": 4, "decoder": 8, "rig": 16, "feet": 32, "whole chunk": 72}
 
 
 def test_stages_are_gathered_as_the_paper_does(monkeypatch: pytest.MonkeyPatch) -> None:

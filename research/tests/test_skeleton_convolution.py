@@ -6,11 +6,7 @@ import torch
 from safetensors.torch import save_file
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar_research.skeleton_convolution import (
-    SkeletonConvolution,
-    SkeletonConvolutionConfig,
-    extractor_input,
-)
+from echoavatar_research.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig, extractor_input
 
 SMALL = SkeletonConvolutionConfig(parents=(-1, 0, 1, 2, 3, 3, 0), channels=(6, 6, 12), groups=3, reach=1)
 

@@ -1,12 +1,6 @@
 import numpy as np
 
-from echoavatar_research.skeleton_edges import (
-    SMPLX_PARENTS,
-    averaging,
-    merged,
-    neighbours,
-    skeleton_edges,
-)
+from echoavatar_research.skeleton_edges import SMPLX_PARENTS, averaging, merged, neighbours, skeleton_edges
 
 # a root with a chain of three bones, the last of which branches into two
 PARENTS = (-1, 0, 1, 2, 3, 3)

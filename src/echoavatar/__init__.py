@@ -11,13 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .engine import (
-        Animation,
-        Engine,
-        Session,
-        animate,
-        load,
-    )
+    from .engine import Animation, Engine, Session, animate, load
     from .errors import EchoAvatarError
     from .motion.kinematics import Motion
 

@@ -110,14 +110,7 @@ _KEPT = tempfile.TemporaryDirectory(prefix="studio-clips-")
 def _clips(
     base: Path, systems: tuple[SystemChoice, ...], sounds: tuple[SoundChoice, ...], seconds: float
 ) -> tuple[list[Material], Path]:
-    text = {
-        "kind": "pairwise",
-        "title": "Clips",
-        "raters": 1,
-        "systems": systems,
-        "sounds": sounds,
-        "seconds": seconds,
-    }
+    text = {"kind": "pairwise", "title": "Clips", "raters": 1, "systems": systems, "sounds": sounds, "seconds": seconds}
     folder = Path(tempfile.mkdtemp(dir=_KEPT.name))
     return making.make_pairwise(PairwiseStudy.model_validate(text), base, folder, lambda *_: None), folder
 

@@ -40,12 +40,7 @@ def postgres() -> Iterator[str]:
 
     def run(program: str, *words: str) -> None:
         done = subprocess.run(
-            [programs / program, *words],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            env={"LC_ALL": "C"},
-            **who,
+            [programs / program, *words], cwd=folder, capture_output=True, text=True, env={"LC_ALL": "C"}, **who
         )
         assert done.returncode == 0, done.stdout + done.stderr
 

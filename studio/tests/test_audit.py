@@ -55,10 +55,7 @@ def test_every_change_and_every_way_in_and_out_leaves_its_line(maker: Maker, lib
         (lambda: rater.join(links[0]), "rater 1: came"),
         (lambda: owner.get(f"{path}/export/results.json"), "owner anna: exported"),
         (lambda: owner.post(f"{path}/raters/1/exclude", {"is_excluded": True}), "owner anna: rater excluded"),
-        (
-            lambda: owner.post(f"{path}/raters/1/exclude", {"is_excluded": False}),
-            "owner anna: rater taken in again",
-        ),
+        (lambda: owner.post(f"{path}/raters/1/exclude", {"is_excluded": False}), "owner anna: rater taken in again"),
         (lambda: owner.delete(f"{path}/invitations/2"), "owner anna: invitation revoked"),
         (lambda: rater.post("/api/rater/withdraw", {"sure": True}), "rater 1: rater deleted"),
         (lambda: owner.post(f"{path}/state", {"state": "closed"}), "owner anna: study closed"),

@@ -38,10 +38,7 @@ def test_from_study_yaml_to_files(tmp_path: Path, monkeypatch):
     folder = str(tmp_path / "studio")
     words = ["studio", "--folder", folder, "--study", str(tmp_path / "place" / "study.yaml"), "--port", "0"]
     with subprocess.Popen(
-        [sys.executable, "-m", "echoavatar", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-m", "echoavatar", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         assert re.match(r"Canned pairs: study [0-9a-f]{24}\n", process.stdout.readline())

@@ -52,13 +52,7 @@ def test_tasks_of_others_do_not_exist(scene):
 
 def every(app: Starlette, prefix: str, study: str) -> list[tuple[str, str]]:
     """Method and address of all routes below a prefix that ask for a session."""
-    filled = {
-        "{study}": study,
-        "{number}": "1",
-        "{name}": "results.json",
-        "{task}": "none",
-        "{slot}": "0",
-    }
+    filled = {"{study}": study, "{number}": "1", "{name}": "results.json", "{task}": "none", "{slot}": "0"}
     found = []
     for route in app.routes:
         if isinstance(route, Route) and route.path.startswith(prefix) and not route.path.endswith(("join", "login")):

@@ -30,13 +30,7 @@ def judge_all(maker: Maker, study: str, ratings: list[int]) -> None:
 
 def test_two_raters_by_hand(maker: Maker, library):
     """Ratings 2 and 1 on two dance sounds and two gesture sounds: mean 1.5, s = 0.577, half = 3.182 * 0.577 / 2."""
-    shape = {
-        "systems": TWO,
-        "questions": ["overall_preference"],
-        "raters": 2,
-        "tasks_per_rater": 4,
-        "training": 0,
-    }
+    shape = {"systems": TWO, "questions": ["overall_preference"], "raters": 2, "tasks_per_rater": 4, "training": 0}
     study = canned.make_pairwise(maker, library, checks={"identical": 0, "corrupted": 0}, **shape)
     empty = results(maker.store, study)
     assert (empty.judgements, empty.rows, empty.ranking) == (0, (), ())
@@ -49,10 +43,7 @@ def test_two_raters_by_hand(maker: Maker, library):
     assert rows["Beta", "dance"].mean == -1.5
     assert rows["Alpha", "dance"].half == pytest.approx(3.182446 * 0.5773503 / 2, rel=1e-6)
     assert rows["Alpha", "dance"].half_raters == pytest.approx(12.706205 * 0.7071068 / 2**0.5, rel=1e-6)
-    assert [(row.system, row.rank) for row in found.ranking if row.category == "all"] == [
-        ("Alpha", 1),
-        ("Beta", 2),
-    ]
+    assert [(row.system, row.rank) for row in found.ranking if row.category == "all"] == [("Alpha", 1), ("Beta", 2)]
     # four units with (2, 1) or, with the places the other way round, (-2, -1)
     assert found.agreement[0].units == 4
 

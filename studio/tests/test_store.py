@@ -135,10 +135,7 @@ def test_kill_9_amid_a_thousand_submissions_loses_nothing_and_doubles_nothing(ur
     assert sorted(answered(maker.store)) == sorted(post.public for post in posts)
     maker.store.close()
     logging.getLogger(__name__).warning(
-        "%d under way at once, %d acknowledged and %d on disk when killed",
-        first.under_way,
-        len(first.told),
-        len(kept),
+        "%d under way at once, %d acknowledged and %d on disk when killed", first.under_way, len(first.told), len(kept)
     )
 
 

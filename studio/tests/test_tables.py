@@ -10,15 +10,7 @@ from echoavatar_studio.tables import Block, Judgement, Rater, Task
 
 
 def row(**changes) -> Judgement:
-    usual = {
-        "task_id": 1,
-        "rater_id": 1,
-        "key": "k",
-        "digest": "d",
-        "seconds": 1.0,
-        "plays": [1, 1],
-        "at": 0.0,
-    }
+    usual = {"task_id": 1, "rater_id": 1, "key": "k", "digest": "d", "seconds": 1.0, "plays": [1, 1], "at": 0.0}
     return Judgement(**(usual | changes))
 
 

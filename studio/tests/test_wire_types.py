@@ -14,12 +14,7 @@ def test_committed_types_are_made_from_the_messages():
 
 def test_what_pages_need_is_there():
     text = typescript()
-    for part in (
-        "export interface RaterTask {",
-        "export type Answer =",
-        "export const QUESTIONS",
-        '"bad_csrf": 403',
-    ):
+    for part in ("export interface RaterTask {", "export type Answer =", "export const QUESTIONS", '"bad_csrf": 403'):
         assert part in text
     assert "  is_open?: boolean;" in text  # requests may leave out what has a default
     assert "  is_repeated: boolean;" in text

@@ -24,7 +24,7 @@ def seeds(count: int, seed: int = 0) -> torch.Tensor:
     return torch.randint(2**40, (count,), generator=torch.Generator().manual_seed(seed))
 
 
-@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
+@pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])
 def test_codes_are_drawn_as_often_as_their_scores_say(sequence):
     """Of 400 draws, the first code of the second time step's every segment: frequencies against probabilities.
 
@@ -72,7 +72,7 @@ def test_a_support_that_is_given_is_kept_when_the_weights_move():
     torch.testing.assert_close(after.all_log_probs.exp().sum(-1), torch.ones(4, 2, 6))
 
 
-@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
+@pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])
 def test_a_continuation_does_not_depend_on_its_group(sequence):
     """Sharing the prompt's state between continuations is only thrift."""
     policy, many = GeneratorPolicy(generator(sequence=sequence), WARM), seeds(6)

@@ -10,9 +10,10 @@ from tests.models.generator.tiny import generator
 from tests.training.test_processes import launch
 
 from echoavatar.align.grpo import GrpoTask
+from echoavatar.align.ppo import PpoTask
 from echoavatar.align.probe import Probe
 from echoavatar.align.start import tune
-from echoavatar.align.trainer import RunContext
+from echoavatar.align.trainer import NO_CONTEXT, RunContext
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar.training import Loop
@@ -72,6 +73,15 @@ def test_accumulation_changes_only_rounding():
         assert one["reward"] == pytest.approx(two["reward"])
         assert one["loss"] == pytest.approx(two["loss"], abs=1e-6)
         assert one["gradient"] == pytest.approx(two["gradient"], rel=1e-5)
+
+
+@pytest.mark.parametrize("method", ["grpo", "ppo"])
+def test_a_policy_of_the_depth_order_is_tuned_like_any(method):
+    kind = {"grpo": GrpoTask, "ppo": PpoTask}[method]
+    model, settings = policy("depth"), training(method, epochs=2, kl_weight=0.01)
+    loop = Loop(kind(model, policy("depth"), settings, wants_threes, NO_CONTEXT, book=book()))
+    steps = [loop.advance() for _ in range(12)]
+    assert sum(step["reward"] for step in steps[-4:]) > sum(step["reward"] for step in steps[:4])
 
 
 SHARED = """

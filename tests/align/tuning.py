@@ -55,9 +55,9 @@ def wants_threes(prompts, codes: torch.Tensor) -> Rewards:
     return Rewards(tokens, np.zeros(len(codes)), {"threes": tokens.sum(1)})
 
 
-def policy():
+def policy(sequence: str = "interleaved"):
     """Quiet enough to begin with nearly uniform codes."""
-    model = generator()
+    model = generator(sequence=sequence)
     with torch.no_grad():
         model.lm_head.weight.mul_(0.2)
     return model

@@ -22,12 +22,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PAGES = {name: (ROOT / f"docs/integrations/{name}.md").read_text() for name in ("pipecat", "livekit", "elevenlabs")}
 NOBODY = "ws://127.0.0.1:9"  # a port without a server
-KEYS = {
-    "OPENAI_API_KEY": "none",
-    "LIVEKIT_URL": NOBODY,
-    "LIVEKIT_API_KEY": "devkey",
-    "LIVEKIT_API_SECRET": "secret",
-}
+KEYS = {"OPENAI_API_KEY": "none", "LIVEKIT_URL": NOBODY, "LIVEKIT_API_KEY": "devkey", "LIVEKIT_API_SECRET": "secret"}
 
 
 def commands(start: str) -> list[str]:

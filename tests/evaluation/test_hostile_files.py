@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 
 from echoavatar import checkpoint
 from echoavatar.align.audio_reward import AudioMotion
@@ -25,6 +24,7 @@ from echoavatar.models.audio.pool import read_group
 from echoavatar.models.face.clip import FaceClip
 from echoavatar.models.generator.windows import TokenClip
 from echoavatar.motion.kinematics import tables
+from echoavatar_research.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 
 
 def alignment() -> AudioMotion:

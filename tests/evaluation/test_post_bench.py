@@ -12,11 +12,7 @@ def test_every_stage_is_timed_for_one_session_and_for_many() -> None:
     for stages in (report.one_ms, report.many_ms):
         assert set(stages) == {*POST_STAGES, "all"}
         assert all(0 <= stages[stage] <= stages["all"] for stage in POST_STAGES)  # medians: no part above the whole
-    assert report.summary == {
-        "post_ms": report.one_ms["all"],
-        "sessions": 4,
-        "ms_per_session": report.many_ms["all"],
-    }
+    assert report.summary == {"post_ms": report.one_ms["all"], "sessions": 4, "ms_per_session": report.many_ms["all"]}
 
 
 def test_the_motion_gives_every_stage_work() -> None:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from echoavatar.engine.pipeline.rig import RigAdapter
 from scripts.synthetic_release import skeleton
 from tests.models.face import tiny as face
 from tests.models.generator import tiny as generators
@@ -22,6 +21,7 @@ from tests.tiny_bundle import write_bundle
 from torch import Tensor
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.engine.pipeline.lookahead import LookaheadPipeline
 from echoavatar.engine.pipeline.time_warp import TimeWarp
 from echoavatar.files.reference.release_rig import rig_config, skeleton_config

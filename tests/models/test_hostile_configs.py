@@ -1,7 +1,6 @@
 """Sizes in a config that no weights vouch for: they shape buffers and run-time state, so they are bounded."""
 
 import pytest
-from echoavatar.evaluation.metrics.skeleton_convolution import SkeletonConvolutionConfig
 from pydantic import ValidationError
 
 from echoavatar.align.audio_reward import AudioMotionConfig
@@ -13,6 +12,7 @@ from echoavatar.models.fingers.config import FingerConfig
 from echoavatar.models.generator.config import GeneratorConfig
 from echoavatar.models.tokenizer.model import MotionTokenizerConfig
 from echoavatar.models.tokens.layout import TokenLayout
+from echoavatar_research.skeleton_convolution import SkeletonConvolutionConfig
 
 SIZES: list[tuple[type[Config], str]] = [
     *((GeneratorConfig, name) for name in ("window_chunks", "ahead_chunks", "layers", "step")),

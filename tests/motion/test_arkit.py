@@ -24,18 +24,8 @@ def face(**channels: float) -> np.ndarray:
 def test_orders_are_the_known_ones():
     """Live Link has the right of jaw and mouth first, Apple the left; the alphabet begins with the brows."""
     assert len(set(ARKIT_NAMES)) == 52
-    assert [ARKIT_NAMES.index(n) for n in ("jawRight", "jawLeft", "mouthRight", "mouthLeft")] == [
-        15,
-        16,
-        21,
-        22,
-    ]
-    assert [APPLE_NAMES.index(n) for n in ("jawLeft", "jawRight", "mouthLeft", "mouthRight")] == [
-        15,
-        16,
-        21,
-        22,
-    ]
+    assert [ARKIT_NAMES.index(n) for n in ("jawRight", "jawLeft", "mouthRight", "mouthLeft")] == [15, 16, 21, 22]
+    assert [APPLE_NAMES.index(n) for n in ("jawLeft", "jawRight", "mouthLeft", "mouthRight")] == [15, 16, 21, 22]
     assert (ALPHABETICAL_NAMES[0], ALPHABETICAL_NAMES[-1]) == ("browDownLeft", "tongueOut")
     assert (len(LIVE_LINK_NAMES), LIVE_LINK_NAMES[52]) == (61, "headYaw")
 

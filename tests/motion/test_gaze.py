@@ -5,16 +5,7 @@ import pytest
 
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.gaze import (
-    FALL_S,
-    FARTHEST,
-    LOOK,
-    RISE_S,
-    Gaze,
-    off_viewer,
-    turn_eyes,
-    turn_head,
-)
+from echoavatar.motion.gaze import FALL_S, FARTHEST, LOOK, RISE_S, Gaze, off_viewer, turn_eyes, turn_head
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 

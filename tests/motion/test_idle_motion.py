@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.motion.idle_motion import (
-    LEGS,
-    SHIFT_M,
-    SWAY_M,
-    IdleMotion,
-    breath,
-    random_number,
-    shift_weight,
-)
+from echoavatar.motion.idle_motion import LEGS, SHIFT_M, SWAY_M, IdleMotion, breath, random_number, shift_weight
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionChunk, join
@@ -43,11 +35,7 @@ def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool
 
 @pytest.mark.parametrize(
     "turns",
-    [
-        {},
-        {"hips": (0, 70, 0)},
-        {"leftUpperLeg": (-25, 0, 0), "leftLowerLeg": (40, 0, 0), "rightUpperLeg": (10, 0, 0)},
-    ],
+    [{}, {"hips": (0, 70, 0)}, {"leftUpperLeg": (-25, 0, 0), "leftLowerLeg": (40, 0, 0), "rightUpperLeg": (10, 0, 0)}],
     ids=["straight", "turned", "with a bent knee"],
 )
 def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float, float, float]]) -> None:

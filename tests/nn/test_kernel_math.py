@@ -5,13 +5,7 @@ import torch
 import torch.nn.functional as F
 from numpy.testing import assert_allclose
 
-from echoavatar.nn.kernel_math import (
-    attend,
-    exponential,
-    gelu,
-    silu,
-    softmax,
-)
+from echoavatar.nn.kernel_math import attend, exponential, gelu, silu, softmax
 
 X = np.linspace(-30, 30, 2_001).astype(np.float32)
 

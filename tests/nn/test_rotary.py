@@ -4,12 +4,7 @@ import math
 
 import torch
 
-from echoavatar.nn.rotary import (
-    phase_table,
-    rotary,
-    rotary_phases,
-    rotary_table,
-)
+from echoavatar.nn.rotary import phase_table, rotary, rotary_phases, rotary_table
 
 
 def product(q, k, at_q, at_k):

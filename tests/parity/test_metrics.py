@@ -11,14 +11,7 @@ import numpy as np
 import pytest
 from tests.golden import golden, metric_inputs
 
-from echoavatar.evaluation.metrics import (
-    beat_alignment,
-    dance_alignment,
-    diversity,
-    frechet,
-    physical,
-    retrieval,
-)
+from echoavatar.evaluation.metrics import beat_alignment, dance_alignment, diversity, frechet, physical, retrieval
 from echoavatar.evaluation.metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
 from echoavatar.evaluation.metrics.gesture_alignment import (
     GESTURE_RULES,
@@ -120,8 +113,7 @@ def test_ba_g_of_the_evaluation_tools() -> None:
     assert [own.tolist() for own in beats("evaltools", metric_inputs()["motion_a"])] == theirs["beats_a"]
     near(score("evaltools", metric_inputs()["motion_a"], theirs["onsets_a"]), theirs["clip_a"])
     near(
-        score("evaltools", metric_inputs()["motion_a"], expected()["onsets"]["full_s"], WHOLE),
-        theirs["clip_a_no_trim"],
+        score("evaltools", metric_inputs()["motion_a"], expected()["onsets"]["full_s"], WHOLE), theirs["clip_a_no_trim"]
     )
 
 
@@ -136,11 +128,7 @@ def test_ba_g_over_clips_is_weighted_by_what_was_left_of_them() -> None:
 def test_ba_g_rules_are_those_of_the_fixtures() -> None:
     for form, entry in (("emage", "bc_echo_meco_emage2024"), ("evaltools", "bc_emage_evaltools")):
         theirs, ours = expected()[entry], GESTURE_RULES[form]
-        assert (ours.threshold, ours.sigma_s, ours.order) == (
-            theirs["threshold"],
-            theirs["sigma"],
-            theirs["order"],
-        )
+        assert (ours.threshold, ours.sigma_s, ours.order) == (theirs["threshold"], theirs["sigma"], theirs["order"])
     theirs = expected()["bc_echo_meco_emage2024"]
     assert tuple(theirs["joints"]) == SMPLX_UPPER_BODY
     assert (theirs["t_start"], theirs["t_end"]) == (TRIMMED_FRAMES, 600 - TRIMMED_FRAMES)
@@ -232,8 +220,7 @@ def test_ba_d_of_bailando_and_aist(form: str, entry: str, tolerance: float, fps:
 
 
 @pytest.mark.parametrize(
-    ("fps", "sigma"),
-    [(60, "1"), (60, "3"), (60, "3.0"), (60, "6.0"), (30, "1"), (30, "1.5"), (30, "3"), (30, "3.0")],
+    ("fps", "sigma"), [(60, "1"), (60, "3"), (60, "3.0"), (60, "6.0"), (30, "1"), (30, "1.5"), (30, "3"), (30, "3.0")]
 )
 def test_ba_d_by_the_papers_formula(fps: int, sigma: str) -> None:
     motion = dance_alignment.dance_beat_frames(DANCES[fps](), "paper")

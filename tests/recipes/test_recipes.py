@@ -71,7 +71,7 @@ def test_a_recipe_opens_with_its_commands_and_has_valid_settings(path: Path, mon
         assert words[:1] == ["train"]
         assert words[words.index("--recipe") + 1] == str(path.relative_to(ROOT))
         kind, settings = settings_of(words)
-        assert kind.replace("-", "_") == path.stem.split("_stage")[0].removesuffix("_offline")
+        assert kind.replace("-", "_") == path.stem.split("_stage")[0].removesuffix("_offline").removesuffix("_depth")
         model, training = CONFIGS[kind]
         settings.checked(training, "training")
         if model is None:
@@ -128,6 +128,7 @@ def test_the_tiny_recipes_run_from_end_to_end(tmp_path: Path, monkeypatch: pytes
         "generator_stage2",
         "generator_stage3",
         "generator_offline",
+        "generator_depth",
         "face",
         "fingers",
         "warp",

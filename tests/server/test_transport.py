@@ -165,10 +165,7 @@ def test_one_address_does_not_take_all_places_whatever_it_says_its_address_is() 
     few = dataclasses.replace(FAST, connections_per_address=2)
     with serving(settings=few) as place, place.call(Hello()), place.call(Hello()), pytest.raises(InvalidStatus):
         place.call(additional_headers={"X-Forwarded-For": "203.0.113.7"})
-    with (
-        serving(settings=dataclasses.replace(few, proxies=("127.0.0.1",))) as place,
-        contextlib.ExitStack() as stack,
-    ):
+    with serving(settings=dataclasses.replace(few, proxies=("127.0.0.1",))) as place, contextlib.ExitStack() as stack:
         for number in range(4):
             forwarded = {"X-Forwarded-For": f"203.0.113.{number}"}
             stack.enter_context(place.call(Hello(), additional_headers=forwarded)).until(Motion)

@@ -14,13 +14,7 @@ import numpy as np
 from echoavatar.motion.kinematics import HUMANOID
 
 SCALE = 0.8
-SHAPES = {
-    "aa": (0.0, 0.06),
-    "ih": (0.02, 0.015),
-    "ou": (-0.03, 0.02),
-    "ee": (0.03, 0.01),
-    "oh": (-0.015, 0.045),
-}
+SHAPES = {"aa": (0.0, 0.06), "ih": (0.02, 0.015), "ou": (-0.03, 0.02), "ee": (0.03, 0.01), "oh": (-0.015, 0.045)}
 BLINK = (0.05, 0.0)
 _COMPONENTS = {"float32": 5126, "uint16": 5123, "uint8": 5121}
 _KINDS = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
@@ -43,10 +37,7 @@ class _Binary:
         accessor: dict[str, Any] = {"bufferView": len(self.views) - 1, "count": len(values), "type": kind}
         accessor["componentType"] = _COMPONENTS[values.dtype.name]
         if kind in ("SCALAR", "VEC3"):
-            accessor |= {
-                "min": np.atleast_1d(values.min(0)).tolist(),
-                "max": np.atleast_1d(values.max(0)).tolist(),
-            }
+            accessor |= {"min": np.atleast_1d(values.min(0)).tolist(), "max": np.atleast_1d(values.max(0)).tolist()}
         self.accessors.append(accessor)
         self.data += values.tobytes() + b"\0" * (-values.nbytes % 4)
         return len(self.accessors) - 1
@@ -113,10 +104,7 @@ def _mouth(binary: _Binary) -> dict[str, Any]:
     positions = _CORNERS * [0.06, 0.008, 0.01] + [0, 0.05, 0.112]
     stretches = (*SHAPES.values(), BLINK)
     primitive = {
-        "attributes": {
-            "POSITION": binary.add(positions.astype(np.float32)),
-            "NORMAL": binary.add(_normals()),
-        },
+        "attributes": {"POSITION": binary.add(positions.astype(np.float32)), "NORMAL": binary.add(_normals())},
         "indices": binary.add(_TRIANGLES.astype(np.uint16)),
         "material": 1,
         "targets": [

@@ -23,12 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.voice import voice_route
-from echoavatar.timing import (
-    CHUNK_SAMPLES,
-    FRAME_RATE_HZ,
-    SAMPLE_RATE_HZ,
-    SAMPLES_PER_FRAME,
-)
+from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
     Action,
     ActionStatus,
@@ -193,14 +188,7 @@ class MockSession:
         ahead = (self._at - head) / SAMPLE_RATE_HZ * 1000
         queue = len(self._waiting) / SAMPLE_RATE_HZ * 1000
         return Stats(
-            at=self._at,
-            queue_ms=queue,
-            ahead_ms=ahead,
-            step_ms=1.0,
-            rtf=0.01,
-            dropped=0,
-            underruns=0,
-            sessions=1,
+            at=self._at, queue_ms=queue, ahead_ms=ahead, step_ms=1.0, rtf=0.01, dropped=0, underruns=0, sessions=1
         )
 
     async def _send(self, message: object) -> None:

@@ -5,10 +5,7 @@ from tests.web.make_vrm import make_vrm
 
 from echoavatar.server.voice import find_voice
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(not find_voice(), reason="this machine has no voice"),
-]
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(not find_voice(), reason="this machine has no voice")]
 MESSAGES = "[...document.querySelectorAll('#messages p')].map((row) => row.className + ': ' + row.textContent)"
 
 

@@ -147,8 +147,7 @@ def test_a_reload_while_an_answer_is_on_its_way_sends_the_same_again(studio, tab
     assert studio.judgements(study) == []
     rater.page.unroute("**/answer")
     rater.page.on(
-        "request",
-        lambda request: "/answer" in request.url and keys.append(request.headers["idempotency-key"]),
+        "request", lambda request: "/answer" in request.url and keys.append(request.headers["idempotency-key"])
     )
     rater.page.reload()
     rater.see(".task")
@@ -317,8 +316,7 @@ def test_a_rater_is_told_nothing_of_the_design(studio, tab):
     study = studio.pairwise(presentation="side_by_side")
     rater, told = tab(), []
     rater.page.on(
-        "response",
-        lambda answer: told.append(f"{answer.url} {answer.headers}") if "/api/" in answer.url else None,
+        "response", lambda answer: told.append(f"{answer.url} {answer.headers}") if "/api/" in answer.url else None
     )
     rater.begin(studio.links(study)[0])
     rater.judge()

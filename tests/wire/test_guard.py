@@ -1,13 +1,7 @@
 import pytest
 
 from echoavatar.wire import ProtocolError, guard
-from echoavatar.wire.guard import (
-    check_origin,
-    check_token,
-    has_token,
-    is_loopback,
-    network_of,
-)
+from echoavatar.wire.guard import check_origin, check_token, has_token, is_loopback, network_of
 
 
 def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:

@@ -30,9 +30,7 @@ class LocalVoice(TTSService):
 
     def __init__(self) -> None:
         super().__init__(
-            settings=TTSSettings(model=None, voice=None, language=None),
-            push_start_frame=True,
-            push_stop_frames=True,
+            settings=TTSSettings(model=None, voice=None, language=None), push_start_frame=True, push_stop_frames=True
         )
         self._program = find_voice()
         if not self._program:

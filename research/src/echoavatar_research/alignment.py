@@ -27,12 +27,7 @@ from echoavatar.align.quality import QualityConfig, QualityReward
 from echoavatar.align.quality_train import CorruptedWindows, QualityTraining, train_quality
 from echoavatar.align.reference_statistics import ReferenceStatistics
 from echoavatar.align.rewards import RewardMix
-from echoavatar.align.start import (
-    AlignmentSetup,
-    make_pairs,
-    training_task,
-    tune,
-)
+from echoavatar.align.start import AlignmentSetup, make_pairs, training_task, tune
 from echoavatar.align.trainer import fingerprint
 from echoavatar.data import Clip
 from echoavatar.evaluation.scale import ScaleName
@@ -142,8 +137,7 @@ def tuned(experiment: Experiment, method: Method) -> Outcome:
         lambda: _generate(experiment, folder),
     )
     return Outcome(
-        [motion_of(Clip.load(motions / f"{clip.name}.npz")) for clip in experiment.test_clips],
-        rewards_of(folder),
+        [motion_of(Clip.load(motions / f"{clip.name}.npz")) for clip in experiment.test_clips], rewards_of(folder)
     )
 
 
@@ -165,21 +159,11 @@ def _setting(experiment: Experiment) -> AlignmentSetup:
     choice = GeneratorChoice(OURS.name)
     generator = experiment.generator(choice)
     train_clips, test_clips = _clips(experiment)
-    own = {
-        "quality": _quality(experiment, train_clips).judge,
-        "alignment": _alignment(experiment, train_clips).judge,
-    }
+    own = {"quality": _quality(experiment, train_clips).judge, "alignment": _alignment(experiment, train_clips).judge}
     mix = RewardMix(dict.fromkeys(REWARDS, 1.0), NO_STATISTICS, own)
     card: dict[str, object] = {"data": experiment.corpus.folder.name, "begun_from": OURS.name}
     return AlignmentSetup(
-        experiment.tokenizer(OURS),
-        generator,
-        copy.deepcopy(generator),
-        "no RL",
-        train_clips,
-        test_clips,
-        mix,
-        card,
+        experiment.tokenizer(OURS), generator, copy.deepcopy(generator), "no RL", train_clips, test_clips, mix, card
     )
 
 
@@ -262,6 +246,5 @@ def _folder(experiment: Experiment, method: Method) -> Path:
 
 def _scored(experiment: Experiment, motions: list[Motion]) -> dict[str, Cell]:
     return cells(
-        generation_scores(motions, experiment.test_clips, experiment.extractor, seed=experiment.seed),
-        GENERATION,
+        generation_scores(motions, experiment.test_clips, experiment.extractor, seed=experiment.seed), GENERATION
     )

@@ -20,15 +20,8 @@ from echoavatar.timing import FRAME_RATE_HZ
 from .beat2_sample import write_sample
 from .experiment import Experiment
 from .generate import Sounds, decoded_motion
-from .skeleton_convolution import (
-    SkeletonConvolution,
-    SkeletonConvolutionConfig,
-    extractor_input,
-)
-from .skeleton_convolution_train import (
-    SkeletonConvolutionTraining,
-    train_skeleton_convolution,
-)
+from .skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig, extractor_input
+from .skeleton_convolution_train import SkeletonConvolutionTraining, train_skeleton_convolution
 
 SPEAKERS = ("2",)  # the speaker of EMAGE's and MECo's tables; the paper does not name its own
 OPTIONS = Options(rig="native", fingers="keep")

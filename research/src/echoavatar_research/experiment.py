@@ -20,12 +20,7 @@ from echoavatar.evaluation.score import Extractor
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig, TokenClip
 from echoavatar.models.generator.recipe import GeneratorTraining
-from echoavatar.models.tokenizer import (
-    BodyTokenizer,
-    MotionTokenizerConfig,
-    as_one_part,
-    body_config,
-)
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, as_one_part, body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
@@ -123,11 +118,7 @@ class Experiment:
         folder, settings = self.folder / "tokenizers" / choice.name, self._tokenizer_settings(choice)
         sizes = MotionTokenizerConfig.model_validate(settings["sizes"])
         training = self.scale.tokenizer_training.model_copy(
-            update={
-                "losses": choice.losses,
-                "seed": self.seed,
-                "is_mirrored": self.corpus.can_mirror,
-            }
+            update={"losses": choice.losses, "seed": self.seed, "is_mirrored": self.corpus.can_mirror}
         )
 
         def make() -> None:
@@ -223,10 +214,7 @@ class Experiment:
                     moved = replace(clip, rotations=motion.rotations, root=motion.root)
                     moved.save(folder / f"{clip.name}.npz")
 
-        settings = {
-            "generator": self._generator_settings(choice),
-            "clips": [clip.name for clip in self.test_clips],
-        }
+        settings = {"generator": self._generator_settings(choice), "clips": [clip.name for clip in self.test_clips]}
         self._make_once(folder, settings, make)
         return [self.motion(Clip.load(folder / f"{clip.name}.npz")) for clip in self.test_clips]
 
@@ -282,11 +270,7 @@ class Experiment:
     def _card(self, part: str) -> dict[str, object]:
         bound = self.corpus.manifest.info.get("licence")
         licence = f"as its data: {bound}" if bound else "Apache-2.0"
-        return {
-            "data": self.corpus.folder.name,
-            "command": f"echoavatar reproduce ({part})",
-            "licence": licence,
-        }
+        return {"data": self.corpus.folder.name, "command": f"echoavatar reproduce ({part})", "licence": licence}
 
     def _make_once(self, folder: Path, settings: Mapping[str, object], make: Callable[[], object]) -> None:
         make_once(folder, settings, lambda: (self.say(str(folder.relative_to(self.folder))), make()))

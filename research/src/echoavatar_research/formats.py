@@ -119,13 +119,7 @@ def _plain(value: float) -> str:
 
 
 def _escaped(text: str) -> str:
-    for plain, mark in (
-        ("&", r"\&"),
-        ("%", r"\%"),
-        ("_", r"\_"),
-        ("↓", r"$\downarrow$"),
-        ("↑", r"$\uparrow$"),
-    ):
+    for plain, mark in (("&", r"\&"), ("%", r"\%"), ("_", r"\_"), ("↓", r"$\downarrow$"), ("↑", r"$\uparrow$")):
         text = text.replace(plain, mark)
     return text
 

@@ -66,7 +66,4 @@ def _ours(report: StreamReport, name: str) -> dict[str, Cell]:
 
 def _summed(report: StreamReport, stages: tuple[str, ...]) -> dict[str, Cell]:
     times = [report.stages_ms[stage] for stage in stages if report.stages_ms.get(stage)]
-    return {
-        "p50": Cell(sum(time[0] for time in times)),
-        "p95": Cell(sum(time[1] for time in times)),
-    }
+    return {"p50": Cell(sum(time[0] for time in times)), "p95": Cell(sum(time[1] for time in times))}

@@ -29,10 +29,7 @@ def make(experiment: Experiment) -> Table:
     for name, choice in VARIANTS.items():
         experiment.say(f"line: {name}")
         rows = generation_scores(
-            experiment.generated_motions(choice),
-            experiment.test_clips,
-            experiment.extractor,
-            seed=experiment.seed,
+            experiment.generated_motions(choice), experiment.test_clips, experiment.extractor, seed=experiment.seed
         )
         lines.append(Line(name, {}, cells(rows, GENERATION)))
     notes = ("The paper has no such table; both lines are ours, trained on the same codes for as many steps.",)

@@ -48,11 +48,7 @@ VARIANTS = (
         (25.92, 29.58, 8.464, 2.541),
         GeneratorChoice("corruption-none", training={"corruption": "none"}),
     ),
-    Variant(
-        "Ours (uniform corruption)",
-        (),
-        GeneratorChoice("corruption-uniform", training={"corruption": "uniform"}),
-    ),
+    Variant("Ours (uniform corruption)", (), GeneratorChoice("corruption-uniform", training={"corruption": "uniform"})),
     Variant(
         "Ours (hierarchical corruption)",
         (9.465, 20.70, 8.277, 2.603),
@@ -100,6 +96,5 @@ def make(experiment: Experiment) -> Table:
 
 def _scored(experiment: Experiment, motions: list[Motion]) -> dict[str, Cell]:
     return cells(
-        generation_scores(motions, experiment.test_clips, experiment.extractor, seed=experiment.seed),
-        GENERATION,
+        generation_scores(motions, experiment.test_clips, experiment.extractor, seed=experiment.seed), GENERATION
     )

@@ -12,22 +12,12 @@ import torch
 from echoavatar.data import Clip
 from echoavatar.evaluation.metrics.frechet import Moments, moments
 from echoavatar.evaluation.metrics.motion_features import motion_features
-from echoavatar.evaluation.metrics.position_error import (
-    PAPER_UNIT_M,
-    mean_joint_error,
-    trans_loss,
-    without_heading,
-)
+from echoavatar.evaluation.metrics.position_error import PAPER_UNIT_M, mean_joint_error, trans_loss, without_heading
 from echoavatar.evaluation.motion_folder import Pair
 from echoavatar.evaluation.score import Extractor, fid_row, score
 from echoavatar.evaluation.score_row import Row, row_of_means
 from echoavatar.models.tokenizer import BodyTokenizer, clip_features
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Motion,
-    forward_kinematics,
-    from_features,
-)
+from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics, from_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN

@@ -24,14 +24,7 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 
-from .skeleton_edges import (
-    SMPLX_PARENTS,
-    Edge,
-    averaging,
-    merged,
-    neighbours,
-    skeleton_edges,
-)
+from .skeleton_edges import SMPLX_PARENTS, Edge, averaging, merged, neighbours, skeleton_edges
 
 CLIP_MULTIPLE = 32
 _PREFIX = "module."

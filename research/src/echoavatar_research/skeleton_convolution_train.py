@@ -14,13 +14,7 @@ from pydantic import Field
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.training import (
-    Loss,
-    Progress,
-    TrainingConfig,
-    TrainingTask,
-    train,
-)
+from echoavatar.training import Loss, Progress, TrainingConfig, TrainingTask, train
 
 from .skeleton_convolution import CLIP_MULTIPLE, SkeletonConvolution, SkeletonConvolutionConfig
 

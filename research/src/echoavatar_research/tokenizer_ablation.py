@@ -74,10 +74,7 @@ def make(experiment: Experiment) -> Table:
         ours = reconstruction_scores(tokenizer, experiment.test_clips, experiment.extractor, seed=experiment.seed)
         generator = GeneratorChoice(choice.name, tokenizer=choice)
         rows = generation_scores(
-            experiment.generated_motions(generator),
-            experiment.test_clips,
-            experiment.extractor,
-            seed=experiment.seed,
+            experiment.generated_motions(generator), experiment.test_clips, experiment.extractor, seed=experiment.seed
         )
         ours |= {f"generation_{key}": cell for key, cell in cells(rows, {"fid": GENERATION["fid"]}).items()}
         lines.append(Line(name, dict(zip(keys, paper, strict=True)), ours))

@@ -134,7 +134,7 @@ class GeneratorPolicy:
     ) -> tuple[Float[Tensor, "b n k K"], Float[Tensor, "b n k c"]]:
         """The K logits of every code of the continuations, and the hidden states behind them."""
         motion, steps = torch.cat([prompts.past, codes], 1), codes.shape[1]
-        if self.generator.config.sequence == "interleaved":
+        if self.generator.config.sequence != "prefix":
             missing = torch.zeros(len(motion), dtype=torch.int64, device=motion.device)
             return self._read(prompts.audio, motion, missing, steps)
         parts = [

@@ -41,7 +41,7 @@ class PpoTask(RolloutTask):
     def __init__(
         self, generator: Generator, reference: Generator, training: AlignTraining, *args: Any, **kwargs: Any
     ) -> None:
-        self.critic = ValueHead(generator.config.width)
+        self.critic = ValueHead(generator.config.read_width)
         super().__init__(generator, reference, training, *args, critic=self.critic, **kwargs)
 
     def optimisers(self) -> list[torch.optim.Optimizer]:

@@ -118,6 +118,12 @@ def _models(parser: argparse.ArgumentParser) -> None:
         default="bundle",
         help="'paper' swaps in the 0.5B generator with random weights, to time it (default: %(default)s)",
     )
+    parser.add_argument(
+        "--sequence",
+        choices=("interleaved", "depth"),
+        default="interleaved",
+        help="order of that generator; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
+    )
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
 
 
@@ -133,7 +139,7 @@ def _pipeline(
     if args.threads:
         torch.set_num_threads(args.threads)
     bundle = load_bundle(args.model).without(without)
-    chosen = with_random_generator(bundle) if args.size == "paper" else bundle
+    chosen = with_random_generator(bundle, args.sequence) if args.size == "paper" else bundle
     return Pipeline(chosen, precision=precision, device=args.device)
 
 

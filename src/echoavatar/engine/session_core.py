@@ -344,11 +344,7 @@ class SessionCore:
         is_idle = source in ("idle", "action") and is_free
         motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_idle)
         return self._gaze.apply(
-            chunk,
-            motion,
-            skeleton,
-            overlay=self._actions.overlay(chunk),
-            is_wanted=self.is_listening and is_free,
+            chunk, motion, skeleton, overlay=self._actions.overlay(chunk), is_wanted=self.is_listening and is_free
         )
 
     def _react(self, sign: Sign) -> None:

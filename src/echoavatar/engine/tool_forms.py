@@ -9,17 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal
 
 Schema = dict[str, Any]
-Style = Literal[
-    "plain",
-    "openai",
-    "openai-chat",
-    "anthropic",
-    "gemini",
-    "mcp",
-    "elevenlabs",
-    "pipecat",
-    "livekit",
-]
+Style = Literal["plain", "openai", "openai-chat", "anthropic", "gemini", "mcp", "elevenlabs", "pipecat", "livekit"]
 TELLING = ("list_actions",)  # tools whose answer the model needs
 
 
@@ -54,11 +44,7 @@ def _elevenlabs(tool: Schema) -> Schema:
     }
     if parameters["properties"]:
         properties = {name: _literal(what) for name, what in parameters["properties"].items()}
-        config["parameters"] = {
-            "type": "object",
-            "required": parameters["required"],
-            "properties": properties,
-        }
+        config["parameters"] = {"type": "object", "required": parameters["required"], "properties": properties}
     return {"tool_config": config}
 
 
@@ -79,11 +65,7 @@ def _pipecat(tool: Schema) -> Schema:
 
 
 def _renamed(key: str) -> Callable[[Schema], Schema]:
-    return lambda tool: {
-        "name": tool["name"],
-        "description": tool["description"],
-        key: tool["parameters"],
-    }
+    return lambda tool: {"name": tool["name"], "description": tool["description"], key: tool["parameters"]}
 
 
 _FORMS: Mapping[str, Callable[[Schema], Schema]] = {

@@ -31,12 +31,7 @@ HEAD_AND_EYES: tuple[str, ...] = (
 )  # fmt: skip
 LIVE_LINK_NAMES = ARKIT_NAMES + HEAD_AND_EYES  # the 61 columns of a Live Link Face take
 ALPHABETICAL_NAMES = tuple(sorted(ARKIT_NAMES))
-_SWAPPED = {
-    "jawRight": "jawLeft",
-    "jawLeft": "jawRight",
-    "mouthRight": "mouthLeft",
-    "mouthLeft": "mouthRight",
-}
+_SWAPPED = {"jawRight": "jawLeft", "jawLeft": "jawRight", "mouthRight": "mouthLeft", "mouthLeft": "mouthRight"}
 APPLE_NAMES = tuple(_SWAPPED.get(name, name) for name in ARKIT_NAMES)  # also the released model's 52 channels
 
 VRM_NAMES = (

@@ -43,13 +43,7 @@ class Gaze:
         self._fade = ChunkFade(RISE_S, FALL_S, chunk=chunk)
 
     def apply(
-        self,
-        chunk: int,
-        motion: MotionChunk,
-        skeleton: Skeleton,
-        *,
-        overlay: Overlay | None = None,
-        is_wanted: bool,
+        self, chunk: int, motion: MotionChunk, skeleton: Skeleton, *, overlay: Overlay | None = None, is_wanted: bool
     ) -> MotionChunk:
         """Add eye contact if it is wanted, and an action's overlay on top. A nod then lowers the head, not the eyes."""
         shares = self.shares(chunk, is_wanted=is_wanted)
@@ -88,12 +82,7 @@ def turn_eyes(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Sk
     yaw = np.clip(np.arctan2(viewer[0], np.maximum(viewer[2], 1e-6)) / LOOK, -1, 1) * is_ahead
     pitch = np.clip(np.arcsin(np.clip(viewer[1], -1, 1)) / LOOK, -1, 1) * is_ahead
     face, own = motion.face.copy(), (1 - (1 - GLANCES) * shares)[:, None]
-    for columns, value in (
-        (_LEFTWARDS, yaw),
-        (_RIGHTWARDS, -yaw),
-        (_EYES[0], pitch),
-        (_EYES[1], -pitch),
-    ):
+    for columns, value in ((_LEFTWARDS, yaw), (_RIGHTWARDS, -yaw), (_EYES[0], pitch), (_EYES[1], -pitch)):
         face[:, columns] = np.clip(face[:, columns] * own + (shares * np.maximum(value, 0))[:, None], 0, 1)
     return motion._replace(face=face)
 

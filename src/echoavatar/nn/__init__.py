@@ -5,12 +5,7 @@ from .blocks import CausalBlock, FullBlock, Mlp
 from .checkpointed import Checkpointed
 from .convolution import CausalConvBlock
 from .rotary import rotary
-from .stream import (
-    StateT,
-    StreamingModule,
-    StreamState,
-    write_rows,
-)
+from .stream import StateT, StreamingModule, StreamState, write_rows
 
 __all__ = [
     "AttentionState",

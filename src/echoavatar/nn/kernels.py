@@ -31,12 +31,7 @@ import numba
 import numpy as np
 
 PACKAGE = Path(__file__).parents[1]
-REORDERED = {
-    "reassoc",
-    "contract",
-    "arcp",
-    "nsz",
-}  # sums may be reordered; infinities and NaN stay what they are
+REORDERED = {"reassoc", "contract", "arcp", "nsz"}  # sums may be reordered; infinities and NaN stay what they are
 
 
 def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:

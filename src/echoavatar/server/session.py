@@ -45,12 +45,7 @@ from .utterances import UtteranceReader
 MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
 KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
 
-_STATES: dict[str, AvatarState] = {
-    "action": "acting",
-    "speech": "speaking",
-    "music": "dancing",
-    "idle": "idle",
-}
+_STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
 
 
 class Sent(NamedTuple):

@@ -98,8 +98,7 @@ class SessionManager:
         version = max(set(hello.versions) & set(VERSIONS), default=None)
         if version is None:
             raise ProtocolError(
-                "unsupported_version",
-                f"this server speaks versions {list(VERSIONS)}, not {list(hello.versions)}",
+                "unsupported_version", f"this server speaks versions {list(VERSIONS)}, not {list(hello.versions)}"
             )
         if self.is_draining:
             raise ProtocolError("shutting_down", "the server is stopping", retry_after=5.0)

@@ -75,9 +75,7 @@ def unpack_audio(pcm: bytes, form: AudioFormat) -> Float[np.ndarray, " s"]:
     width = (2 if form.format == "s16le" else 4) * form.channels
     if len(pcm) % width:
         raise ProtocolError(
-            "bad_audio",
-            f"{len(pcm)} bytes are not a whole number of {form.format} x {form.channels}",
-            fatal=False,
+            "bad_audio", f"{len(pcm)} bytes are not a whole number of {form.format} x {form.channels}", fatal=False
         )
     if form.format == "s16le":
         samples = np.frombuffer(pcm, "<i2").astype(np.float32) / 32_768

@@ -86,10 +86,7 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
     role: Role = "source"
     token: Secret = ""
     audio: AudioFormat = AudioFormat()
-    want: Annotated[tuple[Stream, ...], Meta(max_length=4, description="streams to be sent")] = (
-        "motion",
-        "audio",
-    )
+    want: Annotated[tuple[Stream, ...], Meta(max_length=4, description="streams to be sent")] = ("motion", "audio")
     session: Annotated[Name, Meta(description="viewer: the session to watch")] = ""
     resume: Annotated[Secret, Meta(description="the key of `ready`, to resume after the connection broke")] = ""
     played: Annotated[

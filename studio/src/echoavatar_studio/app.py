@@ -15,11 +15,7 @@ from .rater_routes import rater_routes
 
 
 def create_app(
-    maker: Maker,
-    *,
-    library: Path | None = None,
-    rates: Rates | None = None,
-    origins: tuple[str, ...] = (),
+    maker: Maker, *, library: Path | None = None, rates: Rates | None = None, origins: tuple[str, ...] = ()
 ) -> Starlette:
     """The ASGI application over the store and the media folder of a maker.
 

@@ -25,12 +25,7 @@ from echoavatar.models.generator import TokenClip
 from echoavatar.models.generator.stream import GeneratorStream
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import join
-from echoavatar.timing import (
-    CHUNK_FRAMES,
-    CHUNK_SAMPLES,
-    FRAME_RATE_HZ,
-    MOTION_TOKENS_PER_CHUNK,
-)
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 
 from .clips import Performance
 from .settings import PreferenceStudy
@@ -59,11 +54,7 @@ def token_file(folder: Path, bundle: Bundle, cut: SoundCut, seed: int) -> TokenC
     motion = own_motion(bundle.generator, audio, seed=seed ^ crc32(cut.name.encode()))
     label = DOMAINS.index("music" if cut.category == "dance" else "speech")
     clip = TokenClip(
-        audio,
-        motion,
-        np.full(len(motion), label, np.uint8),
-        patience=bundle.generator.config.patience,
-        has_truth=False,
+        audio, motion, np.full(len(motion), label, np.uint8), patience=bundle.generator.config.patience, has_truth=False
     )
     folder.mkdir(parents=True, exist_ok=True)
     clip.save(folder / f"{token_name(cut)}.npz")
@@ -110,8 +101,7 @@ def candidates(
         Candidate(
             codes[row].tolist(),
             Performance(
-                motion.motion.cut(seen, motion.motion.frames),
-                None if motion.face is None else motion.face[seen:],
+                motion.motion.cut(seen, motion.motion.frames), None if motion.face is None else motion.face[seen:]
             ),
             seeds[row],
         )

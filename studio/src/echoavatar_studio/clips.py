@@ -14,13 +14,7 @@ from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import Motion as MotionMessage
-from echoavatar.wire import (
-    Pose,
-    decode_server,
-    encode,
-    pack_pose,
-    unpack_pose,
-)
+from echoavatar.wire import Pose, decode_server, encode, pack_pose, unpack_pose
 
 Progress = Callable[[int, int, str], None]
 _SPOILT = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")

@@ -35,28 +35,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "\nThe form of study.yaml, the pages and the API: docs/studio.md.\n"
     )
     parser.add_argument(
-        "action",
-        nargs="?",
-        choices=ACTIONS,
-        default="serve",
-        help="(default: serve)",
-        metavar="|".join(ACTIONS),
+        "action", nargs="?", choices=ACTIONS, default="serve", help="(default: serve)", metavar="|".join(ACTIONS)
     )
     parser.add_argument("--study", type=Path, action="append", default=[], metavar="YAML", help="make this study first")
     parser.add_argument("--folder", type=Path, help="folder of clips and data (default: studio; demo: studio-demo)")
     parser.add_argument(
-        "--store",
-        metavar="URL",
-        help="sqlite:///FILE or postgresql://USER@HOST/NAME (default: a file in the folder)",
+        "--store", metavar="URL", help="sqlite:///FILE or postgresql://USER@HOST/NAME (default: a file in the folder)"
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8766, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
-        "--origin",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="address under which a proxy shows the pages",
+        "--origin", action="append", default=[], metavar="URL", help="address under which a proxy shows the pages"
     )
     parser.add_argument(
         "--proxy",
@@ -124,10 +113,7 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
     def ready(address: str) -> None:
         print(f"the studio is at {address}/  (Ctrl-C stops)", flush=True)
         if password:
-            print(
-                f"owner: owner   password: {password}   (told once; change it with `studio owner`)",
-                flush=True,
-            )
+            print(f"owner: owner   password: {password}   (told once; change it with `studio owner`)", flush=True)
         if args.action == "demo":
             for study in actions.studies().studies:
                 if study.state == "open" and study.raters < study.raters_wanted:

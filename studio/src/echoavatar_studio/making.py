@@ -77,12 +77,7 @@ class Maker:
             return study.public
 
     def make(
-        self,
-        public: str,
-        settings: PairwiseStudy | PreferenceStudy,
-        base: Path,
-        *,
-        progress: Progress = _quiet,
+        self, public: str, settings: PairwiseStudy | PreferenceStudy, base: Path, *, progress: Progress = _quiet
     ) -> None:
         """Make the clips and tasks of a study, and open it.
 
@@ -134,11 +129,7 @@ class Maker:
             note(session, "studio", "study failed", study=public, detail=why)
 
     def write(
-        self,
-        session: Session,
-        public: str,
-        settings: PairwiseStudy | PreferenceStudy,
-        rows: Sequence[Material],
+        self, session: Session, public: str, settings: PairwiseStudy | PreferenceStudy, rows: Sequence[Material]
     ) -> None:
         """Register the files on disk in the store, plan the tasks, and open the study."""
         study = _study(session, public)
@@ -151,13 +142,7 @@ class Maker:
         items = [self._item(session, study, public, row, systems) for row in rows]
         count = plan(session, study, settings, items)
         study.state = "open"
-        note(
-            session,
-            "studio",
-            "study opened",
-            study=public,
-            detail=f"{len(rows)} sounds, {count} judgements wanted",
-        )
+        note(session, "studio", "study opened", study=public, detail=f"{len(rows)} sounds, {count} judgements wanted")
 
     def _item(self, session: Session, study: Study, public: str, row: Material, systems: dict[str, int]) -> Item:
         sound = Sound(
@@ -233,12 +218,7 @@ def make_preference(settings: PreferenceStudy, base: Path, folder: Path, progres
             begin = start + settings.past
             audio = fit(cut.audio[begin * CHUNK_SAMPLES :], made[0].shown.motion.frames)
             row = _stored(folder, len(rows), cut, audio, tuple(files), corrupt(made[-1].shown, number))
-            prompt = {
-                "clip": token_name(cut),
-                "start": start,
-                "past": settings.past,
-                "second": begin * CHUNK_SECONDS,
-            }
+            prompt = {"clip": token_name(cut), "start": start, "past": settings.past, "second": begin * CHUNK_SECONDS}
             rows.append(_with_prompt(row, prompt))
     progress(len(cuts), len(cuts), "planning")
     return rows

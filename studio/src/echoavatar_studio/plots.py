@@ -24,13 +24,7 @@ def draw_means(rows: Sequence[ResultRow], questions: Sequence[Question]) -> byte
                 continue
             at = systems.index(row.system) + (-0.13 if row.category == "dance" else 0.13)
             axes.errorbar(
-                score.mean,
-                at,
-                xerr=score.half or 0,
-                fmt="o",
-                color=_COLOURS[row.category],
-                capsize=3,
-                markersize=5,
+                score.mean, at, xerr=score.half or 0, fmt="o", color=_COLOURS[row.category], capsize=3, markersize=5
             )
         axes.axvline(0, color="#888", linewidth=0.8)
         axes.set(title=TITLES[question], xlim=(-2.1, 2.1), ylim=(max(len(systems), 1) - 0.5, -0.5), xlabel="rating")

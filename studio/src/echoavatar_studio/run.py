@@ -33,10 +33,7 @@ def mark_broken(store: Store) -> None:
     """Mark studies as failed that were being made when the studio stopped."""
     with store.write() as session:
         for study in session.scalars(select(Study).where(Study.state == "making")).all():
-            study.state, study.problem = (
-                "failed",
-                "the studio was stopped while making it; delete it and begin again",
-            )
+            study.state, study.problem = ("failed", "the studio was stopped while making it; delete it and begin again")
             note(session, "studio", "study failed", study=study.public, detail="stopped while making")
 
 

@@ -42,9 +42,7 @@ class SystemChoice(Config):
     clips: str | None = Field(default=None, description="folder of .npz or .bvh motion named after the sound files")
     seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="seed of the model")
     group: str = Field(
-        default="",
-        max_length=80,
-        description="heading of the table's rows; only systems of one group are compared",
+        default="", max_length=80, description="heading of the table's rows; only systems of one group are compared"
     )
 
     @model_validator(mode="after")
@@ -105,10 +103,7 @@ class Keeping(Config):
         default=0.6, ge=0, le=1, description="least share in favour, among answers that concern the pair"
     )
     margin: float = Field(
-        default=0.3,
-        ge=0,
-        le=1,
-        description="least difference of answers in favour and against, as a share of all",
+        default=0.3, ge=0, le=1, description="least difference of answers in favour and against, as a share of all"
     )
 
 

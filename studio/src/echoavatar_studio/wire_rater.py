@@ -54,8 +54,7 @@ class Joined(Reply, frozen=True, kw_only=True):
     has_consented: bool
     progress: Progress
     resume: Annotated[
-        str,
-        Meta(description="link to go on with elsewhere; only when an open invitation was just taken, else empty"),
+        str, Meta(description="link to go on with elsewhere; only when an open invitation was just taken, else empty")
     ] = ""
 
 
@@ -149,12 +148,5 @@ class Scene(Reply, frozen=True, kw_only=True):
     avatar: Annotated[str, Meta(description="address of the character's GLB")]
 
 
-RATER_REQUESTS: tuple[type[Struct], ...] = (
-    Join,
-    Consent,
-    PairwiseAnswer,
-    PreferenceAnswer,
-    SkipAnswer,
-    Withdraw,
-)
+RATER_REQUESTS: tuple[type[Struct], ...] = (Join, Consent, PairwiseAnswer, PreferenceAnswer, SkipAnswer, Withdraw)
 RATER_REPLIES: tuple[type[Struct], ...] = (Joined, NextTask, Saved, Done, Scene)

@@ -8,12 +8,7 @@ from tests.golden import golden
 from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar.corpora.rehearsal.action_clips import clip as motion_of
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
-from echoavatar.files.reference.release_rig import (
-    AXES,
-    CM,
-    rig_config,
-    skeleton_config,
-)
+from echoavatar.files.reference.release_rig import AXES, CM, rig_config, skeleton_config
 from echoavatar.files.reference.statistics import feature_order
 from echoavatar.motion.kinematics import (
     HUMANOID,
@@ -89,11 +84,7 @@ def test_a_clip_carried_over_comes_back_pointing_the_same_way() -> None:
     back = from_features(HUMANOID, out[0])
     theirs = forward_kinematics(HUMANOID, back.rotations, back.root).positions
     ours, bones = waving.pose().positions, HUMANOID.config.vrm
-    for upper, lower in (
-        ("rightUpperArm", "rightLowerArm"),
-        ("rightLowerArm", "rightHand"),
-        ("neck", "head"),
-    ):
+    for upper, lower in (("rightUpperArm", "rightLowerArm"), ("rightLowerArm", "rightHand"), ("neck", "head")):
         one, other = (place[:, bones[lower]] - place[:, bones[upper]] for place in (ours, theirs))
         assert torch.nn.functional.cosine_similarity(one, other).min() > np.cos(np.radians(0.1))
 

@@ -26,10 +26,7 @@ def test_every_clip_gets_codes_and_its_mirror_image_shares_the_sound(
     bundle = load_bundle(tiny_bundle)
     made = tokenize_corpus(corpus(tmp_path, swaying, voice), bundle.codec, bundle.tokenizer, tmp_path / "tokens")
     assert made == 2
-    own, mirror = (
-        TokenClip.load(tmp_path / "tokens/one.npz"),
-        TokenClip.load(tmp_path / "tokens/one.mirror.npz"),
-    )
+    own, mirror = (TokenClip.load(tmp_path / "tokens/one.npz"), TokenClip.load(tmp_path / "tokens/one.mirror.npz"))
     assert own.audio.shape == (240, 2)
     assert own.motion.shape == (24, 3, 2)
     assert np.array_equal(own.audio, mirror.audio)

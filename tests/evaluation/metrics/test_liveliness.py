@@ -138,8 +138,7 @@ def test_a_body_upside_down_or_unknown_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["motion_eval_only/zeroeggs_cc_by_nc_nd/067_Speech_2_x_1_0.bvh", "motion_permissive/cmu_dance/05_02.bvh"],
+    "name", ["motion_eval_only/zeroeggs_cc_by_nc_nd/067_Speech_2_x_1_0.bvh", "motion_permissive/cmu_dance/05_02.bvh"]
 )
 def test_the_numbers_are_those_of_the_yardstick(name: str) -> None:
     """The script beside the reference data, on the same file."""

@@ -32,7 +32,8 @@ def settings(**changes):
 
 
 @pytest.mark.parametrize(
-    ("sequence", "optimiser", "at"), [("interleaved", "adamw", 1), ("interleaved", "muon", 5), ("prefix", "adamw", 4)]
+    ("sequence", "optimiser", "at"),
+    [("interleaved", "adamw", 1), ("interleaved", "muon", 5), ("prefix", "adamw", 4), ("depth", "muon", 2)],
 )
 def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence, optimiser, at):
     """Killed after some step of 6, with its last checkpoint at step 3 or none: what was lost is repeated to the bit."""
@@ -40,7 +41,7 @@ def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence, opt
     check_resume(partial(train_generator, config(sequence=sequence), training, clips()), tmp_path, at=at)
 
 
-@pytest.mark.parametrize("sequence", ["interleaved", "prefix"])
+@pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])
 def test_pieces_share_one_trajectory(sequence):
     """Eight windows at once or one after the other (1x8 and 8x1), some of them cut short in the prefix order."""
 

@@ -9,7 +9,18 @@ LAYOUT = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
 
 
 def config(**changes) -> GeneratorConfig:
-    sizes = {"layout": LAYOUT, "width": 32, "layers": 2, "heads": 4, "kv_heads": 2, "mlp": 48, "window_chunks": 3}
+    sizes = {
+        "layout": LAYOUT,
+        "width": 32,
+        "layers": 2,
+        "heads": 4,
+        "kv_heads": 2,
+        "mlp": 48,
+        "window_chunks": 3,
+        "depth_width": 24,
+        "depth_layers": 2,
+        "depth_heads": 2,
+    }
     return GeneratorConfig(**(sizes | changes))
 
 

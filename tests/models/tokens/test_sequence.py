@@ -72,3 +72,19 @@ def test_the_place_where_a_frame_has_been_heard_holds_its_last_code():
     for order in (Interleaved(LAYOUT, 15), Prefix(LAYOUT, 3)):
         ids = order.build(audio, motion, motion, NONE).ids[0]
         assert torch.equal(ids[order.heard(3)], LAYOUT.audio_ids(audio)[0].view(-1, 2)[:, 1])
+
+
+def test_the_depth_order_puts_each_frames_sound_before_its_motion_and_counts_hidden_states():
+    layout = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
+    order = sequence_order("depth", layout, 3)
+    audio = torch.arange(80).view(1, 40, 2) % 16
+    motion = torch.arange(24).view(1, 4, 3, 2) % 8
+    made = order.build(audio, motion, motion, torch.tensor([1]))
+    frames = made.ids.view(4, 26)
+    assert torch.equal(layout.audio_codes_of(frames[:, :20].reshape(1, -1)), audio)
+    assert torch.equal(layout.motion_codes_of(frames[:, 20:].reshape(1, -1)), motion)
+    assert made.predictors[:, 1].tolist() == [6, 7, 8, 9, 10, 11]
+    assert made.targets[0, :, 1].tolist() == motion[0, 1].flatten().tolist()
+    assert made.mask.tolist() == [[False, False, True, True]]
+    assert order.lookback == 6
+    assert order.heard(1).tolist() == [0] * 10 + [1] * 10

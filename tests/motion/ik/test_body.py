@@ -22,9 +22,7 @@ def test_points_on_the_skin_have_length_one() -> None:
     centre = pose.positions[0, HUMANOID.index("chest")].numpy() + [0, 0.05, 0]
     points = np.stack([centre + [0.15, 0, 0], centre + [0, 0.1, 0], centre + [0, 0, 0.2], centre])[None]
     seen = body.to_unit(
-        pose.rotations[:, body.joints].numpy(),
-        pose.positions[:, body.joints].numpy(),
-        points.astype(np.float32),
+        pose.rotations[:, body.joints].numpy(), pose.positions[:, body.joints].numpy(), points.astype(np.float32)
     )
     np.testing.assert_allclose(np.linalg.norm(seen[0, 0], axis=-1), [1, 1, 1, 0], atol=1e-5)
 

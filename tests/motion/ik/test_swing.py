@@ -6,30 +6,12 @@ import torch
 from tests import golden as fixtures
 from tests.motion.ik.poses import left_wrist_at
 
-from echoavatar.motion.ik.swing import (
-    SwingConfig,
-    radius_at,
-    remapped_distance,
-    swing_between,
-    swing_clear,
-)
+from echoavatar.motion.ik.swing import SwingConfig, radius_at, remapped_distance, swing_between, swing_clear
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics, read_bvh
 from echoavatar.motion.kinematics.rotations import angle_between
 
 REFERENCE = SwingConfig(  # centimetres, Z up: the reference character's
-    profile=(
-        (-80, 22),
-        (-40, 22),
-        (-5, 21),
-        (0, 21),
-        (10, 20),
-        (30, 16),
-        (40, 35),
-        (55, 35),
-        (80, 35),
-    ),
-    up=2,
-    snap=1e-6,
+    profile=((-80, 22), (-40, 22), (-5, 21), (0, 21), (10, 20), (30, 16), (40, 35), (55, 35), (80, 35)), up=2, snap=1e-6
 )
 
 

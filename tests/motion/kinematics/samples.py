@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Motion,
-    Skeleton,
-    SkeletonConfig,
-)
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
 
 DATA = Path(__file__).parents[3] / "../shared/data"

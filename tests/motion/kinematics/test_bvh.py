@@ -66,16 +66,10 @@ def test_channels_are_taken_in_their_own_order(tmp_path):
     motion = read_bvh(path)
     turns = np.radians([[10.0, 20, 30], [40, 50, 60]])
     torch.testing.assert_close(
-        motion.matrices()[0, 0].double(),
-        matrix_from_euler(torch.from_numpy(turns[0]), "zyx"),
-        atol=1e-6,
-        rtol=0,
+        motion.matrices()[0, 0].double(), matrix_from_euler(torch.from_numpy(turns[0]), "zyx"), atol=1e-6, rtol=0
     )
     torch.testing.assert_close(
-        motion.matrices()[0, 1].double(),
-        matrix_from_euler(torch.from_numpy(turns[1]), "yxz"),
-        atol=1e-6,
-        rtol=0,
+        motion.matrices()[0, 1].double(), matrix_from_euler(torch.from_numpy(turns[1]), "yxz"), atol=1e-6, rtol=0
     )
     np.testing.assert_allclose(motion.root, [[0.01, 0.91, 0.02], [0.01, 0.92, 0.02]], atol=1e-7)
     assert motion.fps == 30

@@ -1,11 +1,6 @@
 import torch
 
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Skeleton,
-    SkeletonConfig,
-    forward_kinematics,
-)
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 
 

@@ -5,19 +5,10 @@ import pytest
 import torch
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Motion,
-    Skeleton,
-    forward_kinematics,
-)
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, forward_kinematics
 from echoavatar.motion.kinematics.live_retarget import LiveRetarget
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rotations import (
-    angle_between,
-    matrix_from_axis_angle,
-    quaternion_from_matrix,
-)
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_axis_angle, quaternion_from_matrix
 
 
 def taller() -> Skeleton:
@@ -52,11 +43,7 @@ def test_bones_point_where_the_sources_do_and_the_rest_pose_stands_on_the_floor(
     root = source.offsets[:1].expand(6, 3)
     theirs = forward_kinematics(source, turns, root)
     ours = forward_kinematics(HUMANOID, moved.rotations, live.scale * root + moved.offset)
-    bones = [
-        ("leftUpperArm", "leftLowerArm"),
-        ("rightLowerArm", "rightHand"),
-        ("leftUpperLeg", "leftLowerLeg"),
-    ]
+    bones = [("leftUpperArm", "leftLowerArm"), ("rightLowerArm", "rightHand"), ("leftUpperLeg", "leftLowerLeg")]
     for upper, lower in bones:
         a, b = HUMANOID.index(upper), HUMANOID.index(lower)
         one, other = (pose.positions[:, b] - pose.positions[:, a] for pose in (theirs, ours))

@@ -8,12 +8,7 @@ from tests.motion.kinematics.test_foot_planting import FEET, REST, standing
 from tests.motion.stages.test_modes import walking
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Motion,
-    Skeleton,
-    read_bvh,
-)
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, read_bvh
 from echoavatar.motion.kinematics.contact import planted, skate
 from echoavatar.motion.kinematics.retarget import leg_length, retarget
 from echoavatar.motion.kinematics.rigs import bone_map
@@ -21,12 +16,7 @@ from echoavatar.motion.kinematics.rigs import bone_map
 LIMBS = [
     (f"{side}{a}", f"{side}{b}")
     for side in ("left", "right")
-    for a, b in (
-        ("UpperArm", "LowerArm"),
-        ("LowerArm", "Hand"),
-        ("UpperLeg", "LowerLeg"),
-        ("LowerLeg", "Foot"),
-    )
+    for a, b in (("UpperArm", "LowerArm"), ("LowerArm", "Hand"), ("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot"))
 ]
 RECORDED = {
     "talk": "motion_permissive/hifi_apache2/talk.bvh",

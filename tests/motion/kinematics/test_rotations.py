@@ -71,8 +71,7 @@ def test_every_form_leads_back():
 def test_quaternion_product_is_the_matrix_product():
     a, b = random_quaternions(50, 1), random_quaternions(50, 2)
     torch.testing.assert_close(
-        r.matrix_from_quaternion(r.quaternion_multiply(a, b)),
-        r.matrix_from_quaternion(a) @ r.matrix_from_quaternion(b),
+        r.matrix_from_quaternion(r.quaternion_multiply(a, b)), r.matrix_from_quaternion(a) @ r.matrix_from_quaternion(b)
     )
 
 

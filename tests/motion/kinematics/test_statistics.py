@@ -9,13 +9,7 @@ from echoavatar.motion.kinematics.statistics import describe, wrist_speeds
 
 def test_a_statue_rests():
     numbers = describe(standing(30))
-    for name in (
-        "wrist_speed_mean_m_s",
-        "leg_energy_m2_s2",
-        "joint_speed_max_deg_s",
-        "skate_cm_s",
-        "steps_per_s",
-    ):
+    for name in ("wrist_speed_mean_m_s", "leg_energy_m2_s2", "joint_speed_max_deg_s", "skate_cm_s", "steps_per_s"):
         assert numbers[name] == pytest.approx(0, abs=1e-3)
     assert numbers["pause_ratio"] == 1
     assert numbers["planted_ratio"] == 1
@@ -48,12 +42,7 @@ def test_a_waving_arm_is_measured():
 def test_every_number_is_finite_and_named_with_its_unit():
     numbers = describe(swaying(40))
     assert all(np.isfinite(list(numbers.values())))
-    assert {
-        "finger_speed_p95_deg_s",
-        "head_speed_mean_deg_s",
-        "wrist_jerk_mean_m_s3",
-        "stroke_rate_hz",
-    } <= set(numbers)
+    assert {"finger_speed_p95_deg_s", "head_speed_mean_deg_s", "wrist_jerk_mean_m_s3", "stroke_rate_hz"} <= set(numbers)
 
 
 def test_too_few_frames_are_refused():

@@ -5,12 +5,7 @@ import pytest
 import torch
 from tests.laws.cases import gestures
 
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Skeleton,
-    forward_kinematics,
-    to_features,
-)
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics, to_features
 from echoavatar.motion.kinematics.features import from_features
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionBatch

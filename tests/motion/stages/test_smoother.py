@@ -6,13 +6,7 @@ import torch
 from tests.motion.stages.poses import everyone, from_quaternions, in_pieces, quaternions_of, root_of
 
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
-from echoavatar.motion.stages.smoother import (
-    BEND,
-    LATE,
-    STIFFNESS,
-    Smoother,
-    SmootherState,
-)
+from echoavatar.motion.stages.smoother import BEND, LATE, STIFFNESS, Smoother, SmootherState
 
 
 def about_x(angle: torch.Tensor) -> torch.Tensor:
@@ -60,11 +54,7 @@ def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
     decoded = torch.nn.functional.normalize(torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1)
     travel = torch.randn(24, 3)
     smoother = Smoother(1)
-    state, path, way = (
-        smoother.init_state(1),
-        [decoded[0].double().numpy()] * 3,
-        [travel[0].double().numpy()] * 3,
-    )
+    state, path, way = (smoother.init_state(1), [decoded[0].double().numpy()] * 3, [travel[0].double().numpy()] * 3)
     for turns, steps in zip(torch.split(decoded, frames), torch.split(travel, frames), strict=True):
         found = least_squares(turns.double().numpy(), np.array(path[-3:]))
         path.extend(found / np.linalg.norm(found, axis=1, keepdims=True))

@@ -2,18 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.motion.kinematics import (
-    HUMANOID,
-    Skeleton,
-    SkeletonConfig,
-    to_features,
-)
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, to_features
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar.motion.kinematics.rotations import (
-    angle_between,
-    matrix_from_axis_angle,
-    matrix_from_quaternion,
-)
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_axis_angle, matrix_from_quaternion
 from echoavatar.motion.stages.unpack import Unpacking
 
 

@@ -10,12 +10,7 @@ pytest.importorskip("fast_simplification", reason="the character extra is not in
 
 def ball(closeups: tuple[CloseUp, ...] = ()):  # type: ignore[no-untyped-def]
     return sculpt_symmetric(
-        lambda p: sphere(p, (0, 0, 0), 0.1),
-        (-0.13,) * 3,
-        (0.13,) * 3,
-        cell=0.004,
-        triangles=800,
-        closeups=closeups,
+        lambda p: sphere(p, (0, 0, 0), 0.1), (-0.13,) * 3, (0.13,) * 3, cell=0.004, triangles=800, closeups=closeups
     )
 
 

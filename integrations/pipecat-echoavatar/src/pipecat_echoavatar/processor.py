@@ -31,14 +31,7 @@ from pipecat.processors.frame_processor import FrameDirection, FrameProcessor, F
 from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
 
 from echoavatar import EchoAvatarError, Engine
-from echoavatar.agents.integrations import (
-    AvatarBridge,
-    AvatarChunk,
-    AvatarTools,
-    Flushed,
-    UtteranceDone,
-    find_backend,
-)
+from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, AvatarTools, Flushed, UtteranceDone, find_backend
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import Ready
 

@@ -29,12 +29,7 @@ def function_schemas(tools: AvatarTools) -> list[FunctionSchema]:
 def direct_functions(tools: AvatarTools) -> list[DirectFunction]:
     """The tools as direct functions. Pipecat reads their signatures, which cannot list values; docstrings list them."""
 
-    async def send_action(
-        params: FunctionCallParams,
-        action: str,
-        intensity: float = 1.0,
-        hold: float = 0.0,
-    ) -> None:
+    async def send_action(params: FunctionCallParams, action: str, intensity: float = 1.0, hold: float = 0.0) -> None:
         given = {"action": action, "intensity": intensity, "hold": hold or None}
         await _answer(params, await tools.call("send_action", given))
 

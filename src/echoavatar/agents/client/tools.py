@@ -45,8 +45,7 @@ class RemoteTools:
         """Call a tool. A call that fails returns the status `rejected`; nothing is raised."""
         try:
             answer: dict[str, Any] = self._ask(
-                f"/v1/tools/{quote(name, safe='')}",
-                {"session": self.session, "arguments": dict(arguments)},
+                f"/v1/tools/{quote(name, safe='')}", {"session": self.session, "arguments": dict(arguments)}
             )
         except EchoAvatarError as error:
             return {"status": "rejected", "reason": str(error)}

@@ -12,12 +12,4 @@ from .bridge import AvatarBridge
 from .output import AvatarChunk, Flushed, UtteranceDone
 from .tools import AvatarTools
 
-__all__ = [
-    "AvatarBackend",
-    "AvatarBridge",
-    "AvatarChunk",
-    "AvatarTools",
-    "Flushed",
-    "UtteranceDone",
-    "find_backend",
-]
+__all__ = ["AvatarBackend", "AvatarBridge", "AvatarChunk", "AvatarTools", "Flushed", "UtteranceDone", "find_backend"]

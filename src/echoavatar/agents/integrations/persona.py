@@ -36,8 +36,5 @@ def persona(actions: Iterable[str], tracks: Iterable[str], *, name: str = "Echo"
     """The prompt for an avatar with these actions and tracks; `surroundings` describes where it stands."""
     told = f"\n{surroundings.strip()}" if surroundings.strip() else ""
     return PERSONA.format(
-        name=name,
-        surroundings=told,
-        actions=", ".join(actions) or "none yet",
-        tracks=", ".join(tracks) or "none yet",
+        name=name, surroundings=told, actions=", ".join(actions) or "none yet", tracks=", ".join(tracks) or "none yet"
     )

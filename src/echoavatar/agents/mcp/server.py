@@ -44,11 +44,7 @@ def create_server(tools: RemoteTools) -> "Server[Any]":
         )
 
     return Server(
-        "echoavatar",
-        version=__version__,
-        instructions=ABOUT,
-        on_list_tools=list_tools,
-        on_call_tool=call_tool,
+        "echoavatar", version=__version__, instructions=ABOUT, on_list_tools=list_tools, on_call_tool=call_tool
     )
 
 

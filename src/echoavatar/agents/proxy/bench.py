@@ -159,19 +159,10 @@ async def _say(sessions: list[ScriptedSession], seconds: float) -> None:
         item, at = divmod(number, round(ITEM_S / DELTA_S))
         loud = 6_000 * abs(np.sin(number * DELTA_S * np.pi * 4))
         delta = base64.b64encode(rng.normal(0, loud, size).astype("<i2").tobytes()).decode()
-        address = {
-            "item_id": f"item_{item}",
-            "response_id": f"resp_{item}",
-            "output_index": 0,
-            "content_index": 0,
-        }
+        address = {"item_id": f"item_{item}", "response_id": f"resp_{item}", "output_index": 0, "content_index": 0}
         for offset in range(len(sessions)):
             session = sessions[(number + offset) % len(sessions)]
-            event = {
-                "event_id": f"at_{time.perf_counter_ns()}",
-                "type": "response.output_audio.delta",
-                **address,
-            }
+            event = {"event_id": f"at_{time.perf_counter_ns()}", "type": "response.output_audio.delta", **address}
             await session.websocket.send(json.dumps({**event, "delta": delta}))
             if at == round(ITEM_S / DELTA_S) - 1:
                 await session.websocket.send(json.dumps({"type": "response.output_audio.done", **address}))

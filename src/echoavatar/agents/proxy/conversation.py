@@ -192,11 +192,6 @@ class Conversation:
         for start in range(0, len(samples), USER_BLOCK):
             block = samples[start : start + USER_BLOCK]
             await avatar.send(
-                Audio(
-                    seg=self._user_segment,
-                    start=self._user_sent,
-                    pcm=block.astype("<i2").tobytes(),
-                    speaker="user",
-                )
+                Audio(seg=self._user_segment, start=self._user_sent, pcm=block.astype("<i2").tobytes(), speaker="user")
             )
             self._user_sent += len(block)

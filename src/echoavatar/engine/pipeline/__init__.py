@@ -7,13 +7,4 @@ from .actions import Action, ActionLibrary, Directive
 from .bundle import Bundle, load_bundle, shipped
 from .pipeline import Pipeline, PipelineState
 
-__all__ = [
-    "Action",
-    "ActionLibrary",
-    "Bundle",
-    "Directive",
-    "Pipeline",
-    "PipelineState",
-    "load_bundle",
-    "shipped",
-]
+__all__ = ["Action", "ActionLibrary", "Bundle", "Directive", "Pipeline", "PipelineState", "load_bundle", "shipped"]

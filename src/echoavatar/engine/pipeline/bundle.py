@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Literal
 
 from torch import nn
 
@@ -149,13 +150,13 @@ def _check(bundle: Bundle) -> None:
         )
 
 
-def with_random_generator(bundle: Bundle) -> Bundle:
-    """The same bundle with a generator of the paper's size and random weights, for timing only.
+def with_random_generator(bundle: Bundle, sequence: Literal["interleaved", "depth"] = "interleaved") -> Bundle:
+    """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
 
     Silence does not bring it to rest, so it has no lead-in.
     """
     layout = bundle.generator.config.layout
-    generator = Generator(qwen_half_billion(layout, "interleaved")).eval()
+    generator = Generator(qwen_half_billion(layout, sequence)).eval()
     runtime = bundle.runtime.model_copy(update={"lead_in_s": 0.0})
     name = f"{bundle.name}, 0.5B random generator"
     return replace(bundle, name=name, generator=generator, runtime=runtime)

@@ -32,13 +32,11 @@ class RigConfig(Config):
     metres_per_unit: float = Field(gt=0, description="length of the rig's unit in metres")
     up: int = Field(ge=0, le=2, description="the rig's axis that points up: 0 x, 1 y, 2 z")
     swing: SwingConfig | None = Field(
-        default=None,
-        description="how arms are kept off the trunk, in metres and our axes; None: by the stages alone",
+        default=None, description="how arms are kept off the trunk, in metres and our axes; None: by the stages alone"
     )
     arms: tuple[tuple[int, int], ...] = Field(default=(), description="(upper arm, wrist) joints of `swing`")
     unity: tuple[Matrix, ...] = Field(
-        default=(),
-        description="per joint M: Unity's local rotation is M R M^-1 of the rotation R in its own axes",
+        default=(), description="per joint M: Unity's local rotation is M R M^-1 of the rotation R in its own axes"
     )
 
 
@@ -80,8 +78,7 @@ class RigAdapter:
         steps = torch.cat([before[:, None], offset[:, :, [0, 2]]], 1).diff(dim=1)
         travel = self._retarget.scale * travel
         travel = torch.stack(
-            [travel[..., 0] + steps[..., 0], travel[..., 1] + offset[..., 1], travel[..., 2] + steps[..., 1]],
-            -1,
+            [travel[..., 0] + steps[..., 0], travel[..., 1] + offset[..., 1], travel[..., 2] + steps[..., 1]], -1
         )
         write_rows(state.offset, offset[:, -1, [0, 2]], active)
         write_rows(state.seen, torch.ones_like(state.seen), active)

@@ -22,6 +22,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import LevelControl, LevelState, NetworkState
 from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.depth_stream import FrameState
 from echoavatar.models.generator.linear import Precision
 from echoavatar.models.generator.stream import GeneratorStream, HistoryState, RingState
 from echoavatar.models.tokenizer.body import BodyState
@@ -66,7 +67,7 @@ class PipelineState(StreamState):
 
     level: LevelState
     codec: NetworkState
-    generator: RingState | HistoryState
+    generator: RingState | HistoryState | FrameState
     decoder: BodyState[DecoderState]
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
@@ -168,12 +169,7 @@ class Pipeline:
         return [WarpState(self.warp.init_state(rows), self.time_warp.init_state(rows))]
 
     def reset(
-        self,
-        state: PipelineState,
-        rows: Bool[Tensor, " b"],
-        *,
-        seed: int,
-        options: MotionOptions = FREE,
+        self, state: PipelineState, rows: Bool[Tensor, " b"], *, seed: int, options: MotionOptions = FREE
     ) -> None:
         """Start new sessions in these rows: at the origin, after `Runtime.lead_in_s` of silence."""
         copy_row(state, rows, self.warm_start.state())
@@ -215,11 +211,7 @@ class Pipeline:
         return torch.where(is_silent, self._silent * full, full)
 
     def _count_still_chunks(
-        self,
-        features: Float[Tensor, "b t c"],
-        is_free: Bool[Tensor, " b"],
-        state: PipelineState,
-        active: Tensor,
+        self, features: Float[Tensor, "b t c"], is_free: Bool[Tensor, " b"], state: PipelineState, active: Tensor
     ) -> None:
         """Count the consecutive chunks in which a row was still although it was free to move and there was sound.
 

@@ -57,11 +57,7 @@ class TimeWarp:
         return TimeWarpState(past, root, torch.zeros(rows), torch.zeros(rows), seen)
 
     def step(
-        self,
-        motion: MotionBatch,
-        brake: Float[Tensor, "b t"],
-        state: TimeWarpState,
-        active: Bool[Tensor, " b"],
+        self, motion: MotionBatch, brake: Float[Tensor, "b t"], state: TimeWarpState, active: Bool[Tensor, " b"]
     ) -> MotionBatch:
         """The next frames to show; `brake` is 0 (as made) to 1 (slowest)."""
         kept, frames = state.root.shape[1], brake.shape[1]
@@ -98,8 +94,7 @@ def _lags(
         pace = 1 + pace_offset + PACE_STEP * (wanted - 1 - pace_offset)
         next_made = np.floor(kept + frame - 1 - lag).astype(np.int64) + 1
         rotation = np.maximum(
-            rotations[np.arange(rows), next_made],
-            rotations[np.arange(rows), np.minimum(next_made + 1, kept + frame)],
+            rotations[np.arange(rows), next_made], rotations[np.arange(rows), np.minimum(next_made + 1, kept + frame)]
         )
         pace = np.minimum(pace, np.maximum(LARGEST_ROTATION / np.maximum(rotation, 1e-6), LEAST_PACE))
         new_lag = np.clip(lag + 1 - pace, 0, np.minimum(seen + frame, LARGEST_LAG))
@@ -117,9 +112,7 @@ def _largest_rotations(rotations: Float[np.ndarray, "b n j 4"]) -> Float[np.ndar
 
 
 def _between(
-    before: Float[np.ndarray, "b t j 4"],
-    after: Float[np.ndarray, "b t j 4"],
-    share: Float[np.ndarray, "b t 1 1"],
+    before: Float[np.ndarray, "b t j 4"], after: Float[np.ndarray, "b t j 4"], share: Float[np.ndarray, "b t 1 1"]
 ) -> Float[np.ndarray, "b t j 4"]:
     """Rotations between those of neighbouring frames: normalised linear interpolation, since the angles are small."""
     side = np.where((before * after).sum(-1, keepdims=True) < 0, -1, 1).astype(np.float32)

@@ -39,10 +39,7 @@ class Buffer:
         if normalized:
             accessor["normalized"] = True
         if bounds:
-            accessor |= {
-                "min": np.atleast_1d(values.min(0)).tolist(),
-                "max": np.atleast_1d(values.max(0)).tolist(),
-            }
+            accessor |= {"min": np.atleast_1d(values.min(0)).tolist(), "max": np.atleast_1d(values.max(0)).tolist()}
         self.accessors.append(accessor)
         return len(self.accessors) - 1
 

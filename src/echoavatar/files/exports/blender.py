@@ -59,15 +59,7 @@ def write_fbx(path: Path, glb: bytes, fps: float) -> None:
         source, target, script = (Path(folder) / name for name in ("in.glb", "out.fbx", "convert.py"))
         source.write_bytes(glb)
         script.write_text(_SCRIPT.replace("FPS", str(round(fps))))
-        words = [
-            program,
-            "--background",
-            "--factory-startup",
-            "--python-exit-code",
-            "1",
-            "--python",
-            str(script),
-        ]
+        words = [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(script)]
         try:
             done = subprocess.run(
                 [*words, "--", str(source), str(target)], capture_output=True, text=True, timeout=TIMEOUT_S

@@ -11,12 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.ik import (
-    BodyProfile,
-    HandCollisions,
-    body_of_rig,
-    measure_body,
-)
+from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.body_contact import keep_hands_on_body
 from echoavatar.motion.ik.gltf_rig import GltfRig, read_gltf_rig
 from echoavatar.motion.ik.skinned import skinned

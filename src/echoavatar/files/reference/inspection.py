@@ -89,12 +89,7 @@ def _tokenizer(found: Inspection, release: Release, part: str, features: int) ->
     if anchor is None or anchor.dim() != 1 or len(anchor) % (2 * HEADS):
         return [f"{path}: input_liner.bias [width] is missing or impossible; download it again"]
     config = MotionTokenizerConfig(
-        features=features,
-        width=len(anchor),
-        heads=HEADS,
-        lookback=LOOKBACK,
-        layers=6,
-        codes=release.codes(part),
+        features=features, width=len(anchor), heads=HEADS, lookback=LOOKBACK, layers=6, codes=release.codes(part)
     )
     shapes = {key: tuple(value.shape) for key, value in weights.items()}
     found.parts[part], found.tokenizers[part] = config, weights
@@ -156,11 +151,7 @@ def _stats(found: Inspection, release: Release) -> list[str]:
     body = release.stat(folder.BODY)
     rows = read_array(body, (2, 6 * JOINTS + 3))
     found.statistics = body_statistics(Skeleton(found.skeleton), rows)
-    files = (
-        (path, "skeleton"),
-        (release.stat(folder.REST), "rig.unity"),
-        (release.stat(folder.UNITY), "rig.unity"),
-    )
+    files = ((path, "skeleton"), (release.stat(folder.REST), "rig.unity"), (release.stat(folder.UNITY), "rig.unity"))
     found.lines += [Line(file.name, f"{len(names)} joints", (len(names),), target) for file, target in files]
     still = int((~found.statistics.varies).sum())
     target = f"tokenizer: mean, std; {still} channels that hardly vary are held at their mean"

@@ -7,12 +7,4 @@ from .config import FaceConfig, HubertConfig, MelConfig, paper_face
 from .model import FaceModel
 from .stream import FaceState, FaceStream
 
-__all__ = [
-    "FaceConfig",
-    "FaceModel",
-    "FaceState",
-    "FaceStream",
-    "HubertConfig",
-    "MelConfig",
-    "paper_face",
-]
+__all__ = ["FaceConfig", "FaceModel", "FaceState", "FaceStream", "HubertConfig", "MelConfig", "paper_face"]

@@ -4,8 +4,8 @@ from .config import GeneratorConfig, qwen_half_billion
 from .exemplar import Exemplar, draw_exemplar
 from .initial import align_embeddings, init_from_qwen
 from .model import Generator
+from .orders import open_stream
 from .reliance import nll_by_domain
-from .stream import open_stream
 from .windows import TokenClip, WindowSampler, patience_of
 
 __all__ = [

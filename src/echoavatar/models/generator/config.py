@@ -23,8 +23,9 @@ class GeneratorConfig(Config):
     """The default is the small streaming model; `qwen_half_billion` is the paper's."""
 
     layout: TokenLayout = Field(default=TokenLayout(), description="rows of the vocabulary")
-    sequence: Literal["interleaved", "prefix"] = Field(
-        default="interleaved", description="order of audio and motion ids"
+    sequence: Literal["interleaved", "prefix", "depth"] = Field(
+        default="interleaved",
+        description="order of audio and motion ids; depth: a frame at a time, with a second transformer for its codes",
     )
     window_chunks: int = Field(
         default=15, gt=0, le=512, description="chunks a position sees; 15 chunks are the paper's 4 s"
@@ -40,6 +41,9 @@ class GeneratorConfig(Config):
     heads: int = Field(default=4, gt=0, description="query heads")
     kv_heads: int = Field(default=2, gt=0, description="key and value heads")
     mlp: int = Field(default=768, gt=0, description="channels inside the SwiGLU block")
+    depth_width: int = Field(default=384, gt=0, description="depth order: channels of the transformer over codes")
+    depth_layers: int = Field(default=4, gt=0, description="depth order: its layers")
+    depth_heads: int = Field(default=6, gt=0, description="depth order: its heads")
     rope_theta: float = Field(
         default=1e4, gt=0, description="rotary base; Qwen2.5 has 1e6, a short window from scratch less"
     )
@@ -77,7 +81,7 @@ class GeneratorConfig(Config):
 
     @model_validator(mode="after")
     def _fits_its_order(self) -> Self:
-        if self.sequence == "interleaved" and (self.step != MOTION_TOKENS_PER_CHUNK or self.opening):
+        if self.sequence != "prefix" and (self.step != MOTION_TOKENS_PER_CHUNK or self.opening):
             raise ValueError("another step than 2 and an opening belong to the prefix order")
         if self.window_tokens % self.step:
             raise ValueError(f"the window ({self.window_tokens} motion tokens) must be whole steps of {self.step}")
@@ -117,6 +121,10 @@ class GeneratorConfig(Config):
             raise ValueError(f"width ({self.width}) must be an even multiple of heads ({self.heads})")
         if self.heads % self.kv_heads:
             raise ValueError(f"heads ({self.heads}) must be a multiple of kv_heads ({self.kv_heads})")
+        if self.sequence == "depth" and self.depth_width % (2 * self.depth_heads):
+            raise ValueError(
+                f"depth_width ({self.depth_width}) must be an even multiple of depth_heads ({self.depth_heads})"
+            )
         return self
 
     @property
@@ -125,12 +133,26 @@ class GeneratorConfig(Config):
         return self.width // self.heads
 
     @property
+    def read_width(self) -> int:
+        """Channels of the hidden states that the output heads read."""
+        return self.depth_width if self.sequence == "depth" else self.width
+
+    @property
+    def depth(self) -> Self:
+        """Sizes of the transformer over the codes of a frame, as a config of its own."""
+        sizes = {"width": self.depth_width, "layers": self.depth_layers, "mlp": 3 * self.depth_width}
+        heads = {"heads": self.depth_heads, "kv_heads": self.depth_heads, "rope_theta": 1e4}
+        return self.model_copy(update=sizes | heads)
+
+    @property
     def order(self) -> SequenceOrder:
         """The sequence order this generator was trained for."""
         return sequence_order(self.sequence, self.layout, self.window_chunks)
 
 
-def qwen_half_billion(layout: TokenLayout, sequence: Literal["interleaved", "prefix"] = "prefix") -> GeneratorConfig:
+def qwen_half_billion(
+    layout: TokenLayout, sequence: Literal["interleaved", "prefix", "depth"] = "prefix"
+) -> GeneratorConfig:
     """Qwen2.5-0.5B's body over our vocabulary (paper, Settings)."""
     return GeneratorConfig(
         layout=layout,

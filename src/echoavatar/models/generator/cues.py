@@ -4,7 +4,7 @@ Motion codes are well predicted by the codes before them, so a small model hardl
 Trained on the events themselves it learns them within a few hundred steps. The layer matters: no other position can
 read the output of the last one. So the middle layer predicts, at each audio frame, whether a cue is on; one layer
 later, each motion token's first position predicts which frames of its chunk hold cues, which the layers above it need
-to place a stroke.
+to place a stroke. In the depth order both are the same position, which hears ten audio frames and predicts their cues.
 """
 
 from typing import Any
@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
+from .config import AUDIO_FRAMES_PER_TOKEN
 from .model import Generator
 from .windows import CUES
 
@@ -23,17 +24,23 @@ ON_WEIGHT = 16.0  # cues are on for about one frame in thirty
 
 
 class CueReader(nn.Module):
-    """Two linear readouts of a generator's hidden states while it trains; the generator itself stays as it is."""
+    """Two linear readouts (depth order: one) of a generator's hidden states while it trains.
+
+    The generator itself stays as it is.
+    """
 
     def __init__(self, generator: Generator) -> None:
         super().__init__()
-        self.now = nn.Linear(generator.config.width, len(CUES))
-        self.when = nn.Linear(generator.config.width, AUDIO_FRAMES_PER_CHUNK * len(CUES))
+        width = generator.config.width
+        self._frames = 1 if generator.depth is None else AUDIO_FRAMES_PER_TOKEN  # that a position hears
+        self.now = nn.Linear(width, self._frames * len(CUES))
+        self.when = nn.Linear(width, AUDIO_FRAMES_PER_CHUNK * len(CUES)) if generator.depth is None else None
         self._order = generator.config.order
         self._states: dict[str, Tensor] = {}
         layers = generator.model.layers
         layers[(len(layers) - 1) // 2].register_forward_hook(self._keep("now"))
-        layers[len(layers) // 2].register_forward_hook(self._keep("when"))
+        if self.when is not None:
+            layers[len(layers) // 2].register_forward_hook(self._keep("when"))
 
     def _keep(self, name: str) -> Any:
         def hook(module: nn.Module, inputs: tuple[Any, ...], output: Tensor) -> None:
@@ -43,13 +50,16 @@ class CueReader(nn.Module):
         return hook
 
     def loss(self, cues: Int[Tensor, "b f 2"], predictors: Int[Tensor, "k n"]) -> Float[Tensor, ""]:
-        """Mean of both readouts' cross-entropies on the states of the generator's last forward pass.
+        """Mean of the readouts' cross-entropies on the states of the generator's last forward pass.
 
         `predictors` are those of the sequences: row 0 holds each motion token's first position.
         """
         rows, frames, kinds = cues.shape
-        now, when = self._states.pop("now"), self._states.pop("when")
+        now = self._states.pop("now")
         cues = cues.to(now.device)
+        if self.when is None:
+            return cue_loss(self.now(now), cues.view(rows, -1, self._frames * kinds))
+        when = self._states.pop("when")
         heard = self._order.heard(frames // AUDIO_FRAMES_PER_CHUNK).to(now.device)
         by_chunk = cues.view(rows, -1, AUDIO_FRAMES_PER_CHUNK * kinds)
         of_token = by_chunk.repeat_interleave(MOTION_TOKENS_PER_CHUNK, 1)

@@ -8,7 +8,7 @@ rotary positions are one complex product, for which the channels of each q and k
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -21,9 +21,10 @@ from echoavatar.nn.rotary import rotary_phases
 from echoavatar.nn.stream import StreamState
 
 from . import compiled
-from .exemplar import Steer, member_rows
+from .config import GeneratorConfig
+from .exemplar import ExemplarControl, Steer, member_rows
 from .linear import FloatLinear, FrozenLinear, Precision, frozen_linear
-from .model import DecoderLayer, Generator
+from .model import Body, DecoderLayer
 from .sampling import Sampler
 
 
@@ -51,10 +52,29 @@ class Places(NamedTuple):
         return Places(rotations[:, start:stop], slots[:, start:stop], bias[:, :, :, start:stop])
 
 
+class Decodable(Protocol):
+    """A generator, or a transformer of one, with its heads."""
+
+    @property
+    def config(self) -> GeneratorConfig:
+        """Its sizes."""
+
+    @property
+    def model(self) -> Body:
+        """Its embeddings and layers."""
+
+    @property
+    def exemplar(self) -> ExemplarControl | None:
+        """Its control by exemplars."""
+
+    def segment_head(self) -> Float[Tensor, "k K c"]:
+        """The rows of its heads."""
+
+
 class Decoder:
     """Frozen weights of a generator, on its device."""
 
-    def __init__(self, generator: Generator, precision: Precision) -> None:
+    def __init__(self, generator: Decodable, precision: Precision) -> None:
         config = self.config = generator.config
         width = config.width
         self._embedding = generator.model.embed_tokens.weight.detach().float()
@@ -67,15 +87,17 @@ class Decoder:
         self._heads = [frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()]
         self._control = generator.exemplar
         if self._control is not None:
-            self._gate = (
-                (self._control.gate_proj.weight * scale).detach().float(),
-                self._control.gate_proj.bias,
-            )
+            self._gate = ((self._control.gate_proj.weight * scale).detach().float(), self._control.gate_proj.bias)
         self._directed = config.directed
         self._members = member_rows(self._embedding, config.layout)
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
         self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
         self._graphs = GraphCache[Sequence[KeyValueRing]](self._generate, _tensors)
+
+    def keep_compiled(self) -> None:
+        """Drop the layers that `run` reads prompts with, where the compiled loop reads every position."""
+        if self._compiled is not None:
+            self._layers.clear()
 
     @property
     def device(self) -> torch.device:
@@ -167,6 +189,14 @@ class Decoder:
         x = self._embedding[ids.flatten()]
         if hint is not None:
             x.view(rows, length, -1)[:, -hinted:] += hint[:, None]
+        return self.read(x, places, rings)
+
+    def read(self, x: Float[Tensor, "n c"], places: Places, rings: Sequence[KeyValueRing]) -> Float[Tensor, "b c"]:
+        """The same for what is embedded already, row by row; a single position takes the compiled way."""
+        rows, length = places.slots.shape
+        if self._compiled is not None and length == 1:
+            hidden = compiled.read_position(self._compiled, x.numpy(), *_arrays(rings), _positions(places))
+            return torch.from_numpy(hidden)
         for layer, ring in zip(self._layers, rings, strict=True):
             qkv = layer.qkv(self._norm(x, layer.dtype)).float()
             x = x + layer.out(self._attend(qkv, places, ring).to(layer.dtype))
@@ -239,16 +269,9 @@ class Decoder:
         sampler: Sampler,
         steer: Steer | None,
     ) -> Int[np.ndarray, "b n"]:
-        at = compiled.Positions(places.rotations[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy())
         draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
         return compiled.draw_codes(
-            weights,
-            hidden.numpy(),
-            [ring.keys.numpy() for ring in rings],
-            [ring.values.numpy() for ring in rings],
-            at,
-            draws,
-            self._steering(steer, len(hidden)),
+            weights, hidden.numpy(), *_arrays(rings), _positions(places), draws, self._steering(steer, len(hidden))
         )
 
     def _steering(self, steer: Steer | None, rows: int) -> compiled.Steering:
@@ -308,6 +331,14 @@ class _FrozenLayer:
         self.gate_up: FrozenLinear = frozen_linear(precision, gate_up * between)
         self.down: FrozenLinear = frozen_linear(precision, mlp.down_proj.weight)
         self.dtype = self.qkv.dtype
+
+
+def _arrays(rings: Sequence[KeyValueRing]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    return [ring.keys.numpy() for ring in rings], [ring.values.numpy() for ring in rings]
+
+
+def _positions(places: Places) -> compiled.Positions:
+    return compiled.Positions(places.rotations[:, :, 0].numpy(), places.slots.numpy(), places.bias[:, 0, 0].numpy())
 
 
 def _tensors(rings: Sequence[KeyValueRing]) -> list[Tensor]:

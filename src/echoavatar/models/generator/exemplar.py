@@ -43,10 +43,10 @@ class Steer(NamedTuple):
 class ExemplarControl(nn.Module):
     """Learned effect of a set: `hint` enters the input, `gate` of the hidden state raises the set's logits."""
 
-    def __init__(self, width: int) -> None:
+    def __init__(self, width: int, read_width: int) -> None:
         super().__init__()
         self.hint_proj = nn.Linear(width, width, bias=False)
-        self.gate_proj = nn.Linear(width, 1)
+        self.gate_proj = nn.Linear(read_width, 1)
         self.clear()
 
     def clear(self) -> None:

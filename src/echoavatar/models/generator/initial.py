@@ -44,7 +44,8 @@ def init_from_qwen(generator: Generator, folder: Path) -> None:
         if text > 1000:  # the vocabulary begins with Qwen's text rows
             rows = min(text, weights["model.embed_tokens.weight"].shape[0])
             generator.model.embed_tokens.weight[:rows] = weights["model.embed_tokens.weight"][:rows]
-            generator.lm_head.weight[:rows] = weights["lm_head.weight"][:rows]
+            if generator.depth is None:  # whose heads are as wide as the body
+                generator.lm_head.weight[:rows] = weights["lm_head.weight"][:rows]
 
 
 def _is_body(key: str) -> bool:
@@ -71,9 +72,9 @@ def align_embeddings(
         groups.append((layout.motion_base, motion_codebooks.flatten(0, 1)))
     with torch.no_grad():
         for base, books in groups:
-            rows = _project(books.detach().float().cpu(), generator.config.width, random) * scale
-            weight = generator.model.embed_tokens.weight
-            weight[base : base + rows.shape[0]] = rows.to(weight.device)
+            for table in generator.tables():
+                rows = _project(books.detach().float().cpu(), table.embedding_dim, random) * scale
+                table.weight[base : base + rows.shape[0]] = rows.to(table.weight.device)
 
 
 def _project(books: Float[Tensor, "k K c"], width: int, random: torch.Generator) -> Float[Tensor, "rows width"]:

@@ -17,6 +17,7 @@ from echoavatar.nn.rotary import phase_table, rotary, rotary_phases
 from ..tokens import Sequences
 from .attention import banded_attention, masked_attention
 from .config import GeneratorConfig
+from .depth_model import DepthReader
 from .exemplar import Exemplar, ExemplarControl, member_rows, raise_logits, spread_hints
 
 
@@ -105,9 +106,25 @@ class Body(nn.Module):
 
     def __init__(self, config: GeneratorConfig) -> None:
         super().__init__()
+        self.config = config
         self.embed_tokens = nn.Embedding(config.layout.vocabulary, config.width)
         self.layers = nn.ModuleList(DecoderLayer(config) for _ in range(config.layers))
         self.norm = RMSNorm(config.width, config.norm_eps)
+
+    def forward(
+        self,
+        x: Float[Tensor, "b t c"],
+        positions: Int[Tensor, "#b t"],
+        lookback: int | None,
+        valid: Bool[Tensor, "b t"] | None = None,
+    ) -> Float[Tensor, "b t c"]:
+        """Layers and final norm over what was embedded."""
+        phases = rotary_phases(positions, width=self.config.head_width, base=self.config.rope_theta)
+        table = phase_table(phases)[:, :, None].to(torch.promote_types(self.norm.weight.dtype, torch.float32))
+        for layer in self.layers:
+            x = layer(x, table, lookback, valid)
+        hidden: Tensor = self.norm(x)
+        return hidden
 
 
 class Generator(Checkpointed):
@@ -120,8 +137,9 @@ class Generator(Checkpointed):
         super().__init__()
         self.config = config
         self.model = Body(config)
-        self.lm_head = nn.Linear(config.width, config.layout.vocabulary, bias=False)
-        self.exemplar = ExemplarControl(config.width) if config.exemplar else None
+        self.depth = DepthReader(config, Body(config.depth)) if config.sequence == "depth" else None
+        self.lm_head = nn.Linear(config.read_width, config.layout.vocabulary, bias=False)
+        self.exemplar = ExemplarControl(config.width, config.read_width) if config.exemplar else None
         self._initialise()
 
     def _initialise(self) -> None:
@@ -132,6 +150,8 @@ class Generator(Checkpointed):
             elif parameter.dim() > 1:
                 into_residual = name.endswith(("o_proj.weight", "down_proj.weight"))
                 nn.init.normal_(parameter, std=0.02 / ((2 * self.config.layers) ** 0.5 if into_residual else 1))
+        if self.depth is not None:
+            self.depth.balance()
         if self.exemplar is not None:
             self.exemplar.clear()
 
@@ -143,20 +163,18 @@ class Generator(Checkpointed):
     ) -> Float[Tensor, "b t c"]:
         """Hidden states after the final norm. Positions count the valid ids; invalid ones are never attended to.
 
-        `hints` are added to the embeddings of the ids.
+        `hints` are added to the embeddings of the ids. In the depth order there is a hidden state for each motion code,
+        and a hint for each frame.
         """
+        if self.depth is not None:
+            return self.depth(self.model, ids, hints)  # type: ignore[no-any-return]
         if valid is None:
             positions = torch.arange(ids.shape[1], device=ids.device)[None]
         else:
             positions = (valid.long().cumsum(1) - 1).clamp(min=0)
-        config = self.config
-        phases = rotary_phases(positions, width=config.head_width, base=config.rope_theta)
-        table = phase_table(phases)[:, :, None].to(torch.promote_types(self.lm_head.weight.dtype, torch.float32))
         x = self.model.embed_tokens(ids)
         x = x if hints is None else x + hints
-        for layer in self.model.layers:
-            x = layer(x, table, config.order.lookback, valid)
-        hidden: Tensor = self.model.norm(x)
+        hidden: Tensor = self.model(x, positions, self.config.order.lookback, valid)
         return hidden
 
     def read(self, batch: Sequences, exemplar: Exemplar | None = None) -> Float[Tensor, "b t c"]:
@@ -165,6 +183,8 @@ class Generator(Checkpointed):
             return self.forward(batch.ids, batch.valid)
         rows = member_rows(self.model.embed_tokens.weight, self.config.layout)
         hint = self.exemplar.hint(exemplar.members, rows)
+        if self.depth is not None:
+            return self.forward(batch.ids, hints=exemplar.holds[..., None] * hint[:, None])
         return self.forward(batch.ids, batch.valid, spread_hints(hint, exemplar, batch))
 
     def code_logits(
@@ -175,6 +195,16 @@ class Generator(Checkpointed):
         if exemplar is None or self.exemplar is None:
             return logits
         return raise_logits(self.exemplar, logits, hidden, exemplar, batch)
+
+    def tables(self) -> list[nn.Embedding]:
+        """The embedding tables of its transformers."""
+        bodies = [self.model] if self.depth is None else [self.model, self.depth.body]
+        return [body.embed_tokens for body in bodies]
+
+    def matrices(self) -> list[nn.Parameter]:
+        """The matrices inside the layers of its transformers."""
+        bodies = [self.model] if self.depth is None else [self.model, self.depth.body]
+        return [p for body in bodies for p in body.layers.parameters() if p.dim() == 2]
 
     def segment_head(self) -> Float[Tensor, "k K c"]:
         """The motion rows of the output head by segment, a view."""

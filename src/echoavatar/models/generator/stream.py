@@ -7,7 +7,7 @@ history and every step reads the whole window again. Callers cannot tell which.
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -27,13 +27,15 @@ StateT = TypeVar("StateT", bound=StreamState)
 
 
 class GeneratorStream(StreamingModule[StateT]):
-    """The common part of both sequence orders, built from a generator's present weights, on its device."""
+    """The common part of all sequence orders, built from a generator's present weights, on its device."""
+
+    _decoder_type: ClassVar[type[Decoder]] = Decoder
 
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
         super().__init__()
         self.config, self.layout = generator.config, generator.config.layout
         with torch.no_grad():
-            self._decoder = Decoder(generator, precision)
+            self._decoder = self._decoder_type(generator, precision)
 
     @abstractmethod
     def init_state(self, rows: int) -> StateT:
@@ -291,9 +293,3 @@ class PrefixStream(GeneratorStream[HistoryState]):
         positions = (valid.long().cumsum(1) - 1).clamp(min=0)
         everyone = torch.ones(rows, dtype=torch.bool, device=device)
         return self._decoder.places(positions, at.expand(rows, -1), seen, everyone)
-
-
-def open_stream(generator: Generator, precision: Precision = "float32") -> InterleavedStream | PrefixStream:
-    """The stream of this generator's sequence order."""
-    kind = InterleavedStream if generator.config.sequence == "interleaved" else PrefixStream
-    return kind(generator, precision)

@@ -2,7 +2,7 @@
 
 Paper, Audio Driven Motion Generation (1) Embedding Space Alignment, after MECo: the new rows of the vocabulary find
 their place in the body's latent space before the body is asked to relate them. The body is frozen; the rows of codes at
-the input and at the output learn.
+the input and at the output learn, and in the depth order everything but the backbone, because it is as new as they are.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,10 @@ def stream_nll(generator: Generator, window: Window) -> StreamNll:
     """Sound and motion as separate streams; neither sees the other."""
     layout = generator.config.layout
     sound, moves = layout.audio_ids(window.audio), layout.motion_ids(window.motion)
-    hidden = generator(_shifted(sound, layout.start_id))
+    if generator.depth is None:
+        hidden, moved = (generator(_shifted(ids, layout.start_id)) for ids in (sound, moves))
+    else:
+        hidden, moved = generator.depth.apart(generator.model, sound, moves)
     head = generator.lm_head.weight[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
     logits = torch.einsum(
         "bflc,lac->bfla",
@@ -37,7 +40,7 @@ def stream_nll(generator: Generator, window: Window) -> StreamNll:
     )
     audio = _nll(logits, window.audio)
     at = torch.arange(moves.shape[1], device=moves.device).view(-1, layout.segments).T
-    logits = generator.segment_logits(generator(_shifted(moves, layout.start_id)), at)
+    logits = generator.segment_logits(moved, at)
     motion = _nll(logits, window.motion.flatten(2).permute(2, 0, 1)).transpose(0, 1)
     return StreamNll(audio, motion)
 
@@ -51,11 +54,12 @@ def stream_loss(nll: StreamNll, depth_weights: Sequence[float]) -> Float[Tensor,
 
 
 def freeze_body(generator: Generator) -> None:
-    """Train only the embeddings of codes at the input and at the output."""
+    """Train only the embeddings of codes at the input and at the output, and what the depth order adds."""
     generator.requires_grad_(False)
-    learned: tuple[nn.Module, ...] = (generator.model.embed_tokens, generator.lm_head)
+    learned: tuple[nn.Module | None, ...] = (generator.model.embed_tokens, generator.lm_head, generator.depth)
     for module in learned:
-        module.requires_grad_(True)
+        if module is not None:
+            module.requires_grad_(True)
 
 
 def _shifted(ids: Int[Tensor, "b t"], start: int) -> Int[Tensor, "b t"]:

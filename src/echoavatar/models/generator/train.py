@@ -70,7 +70,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         if training.objective == "streams":
             freeze_body(self.generator)
         self.has_idle = config.exemplar and not training.exemplar and training.objective == "motion"
-        self.chunks = training.chunks if config.sequence == "interleaved" else config.window_chunks
+        self.chunks = config.window_chunks if config.sequence == "prefix" else training.chunks
         chosen = [clip.heard_ahead(config.ahead_chunks) for clip in clips if clip.split == "train"]
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
 
@@ -89,7 +89,7 @@ class GeneratorTask(TrainingTask[Lesson]):
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, heads, norms, biases."""
         rate, decay = self.config.learning_rate, self.config.weight_decay
-        layers = [p for p in self.generator.model.layers.parameters() if p.dim() == 2 and p.requires_grad]
+        layers = [matrix for matrix in self.generator.matrices() if matrix.requires_grad]
         inner = layers if self.config.optimiser == "muon" else []
         found: list[torch.optim.Optimizer] = [adamw(self.modules.values(), self.config, but=inner)]
         if inner:  # matched to AdamW's step size, one rate serves both
@@ -189,15 +189,7 @@ def train_generator(
             init_from_qwen(stage.generator, qwen)
         if start is not None:
             stage.begin_with(start)
-    train(
-        stage,
-        folder,
-        minutes=minutes,
-        device=device,
-        sharded=sharded,
-        trackers=trackers,
-        progress=progress,
-    )
+    train(stage, folder, minutes=minutes, device=device, sharded=sharded, trackers=trackers, progress=progress)
     return stage.generator.eval()
 
 

@@ -110,11 +110,7 @@ class MotionTokenizer(nn.Module):
     ) -> TokenizerPass:
         """Encode, quantise with gradient, decode; see `ResidualVectorQuantizer.forward` for the options."""
         quantized = self.quantizer(
-            self.to_latents(features),
-            temperature=temperature,
-            dropout=dropout,
-            generator=generator,
-            share=share,
+            self.to_latents(features), temperature=temperature, dropout=dropout, generator=generator, share=share
         )
         return TokenizerPass(self.from_latents(quantized.latents), quantized.codes, quantized.commitment)
 

@@ -59,9 +59,5 @@ BUNDLE_SIZES = MotionTokenizerConfig(
 def continued(training: TokenizerTraining) -> TokenizerTraining:
     """The recipe for going on from a trained tokenizer: codes keep roughly their meaning, so the rate is lower."""
     return training.model_copy(
-        update={
-            "learning_rate": training.learning_rate * 0.3,
-            "quantize_from": 0,
-            "is_principal_start": False,
-        }
+        update={"learning_rate": training.learning_rate * 0.3, "quantize_from": 0, "is_principal_start": False}
     )

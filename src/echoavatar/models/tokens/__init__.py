@@ -2,11 +2,12 @@
 
 from .corruption import corrupt_hierarchically, corrupt_uniformly
 from .layout import PARTS, REFERENCE_LAYOUT, TokenLayout
-from .sequence import Interleaved, Prefix, SequenceOrder, Sequences, sequence_order
+from .sequence import Depth, Interleaved, Prefix, SequenceOrder, Sequences, sequence_order
 
 __all__ = [
     "PARTS",
     "REFERENCE_LAYOUT",
+    "Depth",
     "Interleaved",
     "Prefix",
     "SequenceOrder",

@@ -1,7 +1,8 @@
-"""The two orders in which audio and motion share one sequence, behind one interface.
+"""The orders in which audio and motion share one sequence, behind one interface.
 
 `interleaved` (ours, the default): start id, then per chunk 40 audio ids and 6 Q motion ids; every motion position sees
-exactly the audio it sees live. `prefix` (paper, Settings): the audio of the whole window, then its motion. Both turn
+exactly the audio it sees live. `prefix` (paper, Settings): the audio of the whole window, then its motion. `depth`: the
+ids of one motion time step after those of another, for a generator that reads a time step at once. All turn
 windows of codes into ids, and say which position predicts which motion code: position k of the motion stream is
 predicted in segment k mod 3 Q only, so predictions are grouped by segment.
 """
@@ -14,7 +15,7 @@ import torch
 from jaxtyping import Bool, Int
 from torch import Tensor
 
-from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
 
 from .layout import TokenLayout
 
@@ -183,6 +184,49 @@ class Prefix(SequenceOrder):
         return Sequences(ids[:, :-1], valid[:, :-1], predictors, self._targets(target), mask)
 
 
+class Depth(SequenceOrder):
+    """Per motion time step (a frame) its 20 audio ids and its 3 Q motion ids; a position of the backbone is a frame.
+
+    Each frame hears its own sound and the motion before it. Hidden states are one per code, frame after frame.
+    """
+
+    @property
+    def audio_per_frame(self) -> int:
+        """Audio ids of a frame: 20."""
+        return exact_div(self.audio_per_chunk, MOTION_TOKENS_PER_CHUNK)
+
+    @property
+    def lookback(self) -> int:
+        """Frames that a position of the backbone sees, its own included."""
+        return self.window_chunks * MOTION_TOKENS_PER_CHUNK
+
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """Of each audio frame the position of the backbone that hears it."""
+        frames = torch.arange(chunks * MOTION_TOKENS_PER_CHUNK)
+        return frames.repeat_interleave(exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK))
+
+    def build(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        target: Int[Tensor, "b n p q"],
+        missing: Int[Tensor, " b"],
+    ) -> Sequences:
+        """See `SequenceOrder.build`. `missing` chunks only lose their loss; `predictors` count hidden states."""
+        sound = self.layout.audio_ids(audio).view(len(audio), -1, self.audio_per_frame)
+        moves = self.layout.motion_ids(context).view(len(audio), -1, self.layout.segments)
+        frames = sound.shape[1]
+        at = torch.arange(frames * self.layout.segments, device=audio.device)
+        predictors = at.view(frames, self.layout.segments).T.contiguous()
+        mask = self._present(missing, exact_div(frames, MOTION_TOKENS_PER_CHUNK), MOTION_TOKENS_PER_CHUNK)
+        return Sequences(torch.cat([sound, moves], dim=2).flatten(1), None, predictors, self._targets(target), mask)
+
+
 def sequence_order(name: str, layout: TokenLayout, window_chunks: int) -> SequenceOrder:
-    """The order of that name: `interleaved` or `prefix`."""
-    return {"interleaved": Interleaved, "prefix": Prefix}[name](layout, window_chunks)
+    """The order of that name: `interleaved`, `prefix` or `depth`."""
+    orders: dict[str, type[Interleaved | Prefix | Depth]] = {
+        "interleaved": Interleaved,
+        "prefix": Prefix,
+        "depth": Depth,
+    }
+    return orders[name](layout, window_chunks)

@@ -12,8 +12,6 @@ class WarpConfig(Config):
 
     encoder: MelConfig = Field(default=MelConfig(width=96, past=15), description="audio encoder")
     sharpness: float = Field(
-        default=1.5,
-        gt=0,
-        description="factor of the logits at inference: braking by half helps little",
+        default=1.5, gt=0, description="factor of the logits at inference: braking by half helps little"
     )
     eagerness: float = Field(default=0.5, description="added to the logits at inference: an extra dip costs little")

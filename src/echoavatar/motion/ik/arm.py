@@ -8,16 +8,7 @@ import math
 
 from echoavatar.nn.kernels import kernel
 
-from ..kinematics.quaternions import (
-    cross,
-    dot,
-    least_rotation,
-    length,
-    minus,
-    normalized,
-    plus,
-    rotate,
-)
+from ..kinematics.quaternions import cross, dot, least_rotation, length, minus, normalized, plus, rotate
 
 STRAIGHT = 0.25  # radians: an elbow straighter than this is bent less than asked; a straight one is not bent
 LEAST_DROP = 0.15  # metres: a hand out of reach is raised at most to this depth below the shoulder

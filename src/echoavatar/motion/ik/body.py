@@ -21,10 +21,7 @@ class Body:
         self.radii = np.array([part.radii for part in self.parts], np.float32)
 
     def to_unit(
-        self,
-        rotations: Float[Array, "t e 3 3"],
-        places: Float[Array, "t e 3"],
-        points: Float[Array, "t p 3"],
+        self, rotations: Float[Array, "t e 3 3"], places: Float[Array, "t e 3"], points: Float[Array, "t p 3"]
     ) -> Float[Array, "t e p 3"]:
         """Points in each part's own axes, in which the part is the unit ball.
 

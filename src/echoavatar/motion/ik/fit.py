@@ -62,10 +62,7 @@ def measure_body(
 
 
 def _slices(
-    skeleton: Skeleton,
-    bones: dict[str, int],
-    vertices: Float[np.ndarray, "v 3"],
-    weights: Float[np.ndarray, "v j"],
+    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
 ) -> list[_Fit]:
     """Cut the body at the joints of the spine, and put a generous ellipsoid around each slice."""
     column = [bone for bone in COLUMN if bone in bones]
@@ -118,10 +115,7 @@ def _covered(points: Float[np.ndarray, "v 3"], fits: list[_Fit]) -> float:
 
 
 def _hand(
-    skeleton: Skeleton,
-    bones: dict[str, int],
-    vertices: Float[np.ndarray, "v 3"],
-    weights: Float[np.ndarray, "v j"],
+    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
 ) -> dict[str, float]:
     """Half thickness of palm and fingers: the 80th percentile of their skin's height above or below the bones."""
     found = {}

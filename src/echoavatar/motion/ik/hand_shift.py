@@ -127,11 +127,7 @@ def metres_to_go(tables, side, world, places, way, palms):  # type: ignore[no-un
 def follow(tables, side, world, places, move, rotations):  # type: ignore[no-untyped-def]
     """Write the rotations of upper arm, forearm and hand in one frame; the hand keeps its world orientation."""
     arms, above, joints = tables.arms[side], tables.above[side], tables.joints[side]
-    shoulder, elbow, wrist = (
-        read_vector(places[arms[0]]),
-        read_vector(places[arms[1]]),
-        read_vector(places[arms[2]]),
-    )
+    shoulder, elbow, wrist = (read_vector(places[arms[0]]), read_vector(places[arms[1]]), read_vector(places[arms[2]]))
     swing, bend = reach(shoulder, elbow, wrist, plus(wrist, move))
     upper = multiply(swing, read_quaternion(world[arms[0]]))
     forearm = multiply(bend, read_quaternion(world[arms[1]]))  # before the swing, like its parent

@@ -85,11 +85,7 @@ def bend(legs, side, rotations, world, places, aside):  # type: ignore[no-untype
     frame.
     """
     slots, joints = legs.slots[side], legs.joints[side]
-    hip, knee, ankle = (
-        read_vector(places[slots[0]]),
-        read_vector(places[slots[1]]),
-        read_vector(places[slots[2]]),
-    )
+    hip, knee, ankle = (read_vector(places[slots[0]]), read_vector(places[slots[1]]), read_vector(places[slots[2]]))
     thigh, shin, foot = (
         read_quaternion(world[slots[0]]),
         read_quaternion(world[slots[1]]),

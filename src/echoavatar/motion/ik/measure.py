@@ -35,10 +35,7 @@ def penetration_depth_m(
     depths = []
     for side in ("left", "right"):
         hand = hand_points(skeleton, bones, side, is_full=True)
-        joints, offsets = (
-            [point.joint for point in hand],
-            np.array([point.offset for point in hand], np.float32),
-        )
+        joints, offsets = ([point.joint for point in hand], np.array([point.offset for point in hand], np.float32))
         points = np.einsum("tpij,pj->tpi", world[:, joints], offsets) + places[:, joints]
         thick = np.array([profile.palm if point.is_palm else profile.finger for point in hand], np.float32)
         seen = body.to_unit(world[:, body.joints], places[:, body.joints], points)

@@ -54,11 +54,7 @@ def skinned(rig: GltfRig) -> Skinned:
 
 
 def _skin(
-    document: dict[str, Any],
-    binary: bytes,
-    worlds: list[Array],
-    parents: dict[int, int],
-    slot: dict[int, int],
+    document: dict[str, Any], binary: bytes, worlds: list[Array], parents: dict[int, int], slot: dict[int, int]
 ) -> tuple[Float[Array, "v 3"], Float[Array, "v j"]]:
     """The skinned vertices of all meshes, and their weights on the rig's joints."""
     vertices, weights, total = [], [], 0

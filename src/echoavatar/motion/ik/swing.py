@@ -60,10 +60,7 @@ def swing_between(
 
 
 def swing_clear(
-    skeleton: Skeleton,
-    rotations: Float[Tensor, "*n j 3 3"],
-    config: SwingConfig,
-    arms: tuple[tuple[int, int], ...],
+    skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], config: SwingConfig, arms: tuple[tuple[int, int], ...]
 ) -> Float[Tensor, "*n j 3 3"]:
     """Parent-relative rotations with each arm swung clear; `arms` are (upper arm joint, wrist joint) pairs.
 

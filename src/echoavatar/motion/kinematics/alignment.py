@@ -28,11 +28,7 @@ _UP = (0.0, 1.0, 0.0)
 
 
 def align(
-    source: Skeleton,
-    pose: Pose,
-    source_map: Mapping[str, int],
-    target: Skeleton,
-    target_map: Mapping[str, int],
+    source: Skeleton, pose: Pose, source_map: Mapping[str, int], target: Skeleton, target_map: Mapping[str, int]
 ) -> dict[str, Float[Tensor, "3 3"]]:
     """The rotation A of each bone that both rigs have. `pose` is the source's motion in double precision."""
     bones = [bone for bone in target_map if bone in source_map]

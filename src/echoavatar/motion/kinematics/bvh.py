@@ -15,13 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import (
-    BVH_BYTES,
-    DEPTH,
-    JOINTS,
-    ROTATIONS,
-    check_file,
-)
+from echoavatar.limits import BVH_BYTES, DEPTH, JOINTS, ROTATIONS, check_file
 
 from .motion import Motion
 from .rotations import euler_from_matrix, matrix_from_quaternion, quaternion_multiply

@@ -14,10 +14,7 @@ LEAVE_SPEED = 0.30
 
 
 def planted(
-    positions: NDArray[np.floating],
-    fps: float,
-    *,
-    standing_height: NDArray[np.floating] | float | None = None,
+    positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
 ) -> NDArray[np.bool_]:
     """Which feet are planted, per frame.
 
@@ -48,10 +45,7 @@ def planted(
 
 
 def skate(
-    positions: NDArray[np.floating],
-    fps: float,
-    *,
-    standing_height: NDArray[np.floating] | float | None = None,
+    positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
 ) -> float:
     """Mean horizontal speed of planted feet, centimetres per second; 0 if no foot is ever planted.
 

@@ -161,11 +161,7 @@ class _Leg:
         foot, ankle = goal
         hinge = world[:, self.knee][:, :, 0]
         first, second = reach(
-            hip=places[:, self.hip],
-            knee=places[:, self.knee],
-            ankle=places[:, self.ankle],
-            hinge=hinge,
-            target=ankle,
+            hip=places[:, self.hip], knee=places[:, self.knee], ankle=places[:, self.ankle], hinge=hinge, target=ankle
         )
         thigh, shin = first @ world[:, self.hip], second @ world[:, self.knee]
         rotations = rotations.clone()

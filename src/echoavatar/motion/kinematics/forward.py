@@ -29,7 +29,4 @@ def forward_kinematics(skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"],
         above = world[-1].index_select(-3, parents)
         places.append(places[-1].index_select(-2, parents) + (above @ offsets.to(above)).squeeze(-1))
         world.append(above @ level)
-    return Pose(
-        torch.cat(world, -3).index_select(-3, tables.back),
-        torch.cat(places, -2).index_select(-2, tables.back),
-    )
+    return Pose(torch.cat(world, -3).index_select(-3, tables.back), torch.cat(places, -2).index_select(-2, tables.back))

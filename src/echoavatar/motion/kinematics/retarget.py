@@ -93,12 +93,7 @@ def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> 
 
 
 def _root(
-    motion: Motion,
-    pose: Pose,
-    theirs: Mapping[str, int],
-    target: Skeleton,
-    ours: Mapping[str, int],
-    local: Tensor,
+    motion: Motion, pose: Pose, theirs: Mapping[str, int], target: Skeleton, ours: Mapping[str, int], local: Tensor
 ) -> Tensor:
     """Root positions that move the midpoint of the hip joints as the source's, scaled, with the feet on the floor."""
     scale = leg_length(target, ours) / leg_length(motion.skeleton, theirs)

@@ -105,8 +105,7 @@ def _bandai() -> dict[str, str]:
     table = {"hips": "Hips", "spine": "Spine", "upperChest": "Chest", "neck": "Neck", "head": "Head"}
     for side, s in (("left", "L"), ("right", "R")):
         table |= _limbs(
-            side,
-            f"Shoulder_{s} UpperArm_{s} LowerArm_{s} Hand_{s} UpperLeg_{s} LowerLeg_{s} Foot_{s} Toes_{s}",
+            side, f"Shoulder_{s} UpperArm_{s} LowerArm_{s} Hand_{s} UpperLeg_{s} LowerLeg_{s} Foot_{s} Toes_{s}"
         )
     return table
 

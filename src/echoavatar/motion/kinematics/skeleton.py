@@ -154,26 +154,10 @@ def _level_tables(skeleton: Skeleton, device: torch.device) -> LevelTables:
 
 
 _FINGERS: dict[str, dict[str, tuple[float, float, float]]] = {  # bone offsets of the left hand
-    "Thumb": {
-        "Metacarpal": (0.022, -0.012, 0.024),
-        "Proximal": (0.034, -0.004, 0.026),
-        "Distal": (0.026, 0.0, 0.018),
-    },
-    "Index": {
-        "Proximal": (0.088, 0.002, 0.026),
-        "Intermediate": (0.040, 0.0, 0.002),
-        "Distal": (0.023, 0.0, 0.001),
-    },
-    "Middle": {
-        "Proximal": (0.090, 0.004, 0.004),
-        "Intermediate": (0.044, 0.0, 0.0),
-        "Distal": (0.027, 0.0, 0.0),
-    },
-    "Ring": {
-        "Proximal": (0.085, 0.002, -0.017),
-        "Intermediate": (0.040, 0.0, -0.001),
-        "Distal": (0.025, 0.0, 0.0),
-    },
+    "Thumb": {"Metacarpal": (0.022, -0.012, 0.024), "Proximal": (0.034, -0.004, 0.026), "Distal": (0.026, 0.0, 0.018)},
+    "Index": {"Proximal": (0.088, 0.002, 0.026), "Intermediate": (0.040, 0.0, 0.002), "Distal": (0.023, 0.0, 0.001)},
+    "Middle": {"Proximal": (0.090, 0.004, 0.004), "Intermediate": (0.044, 0.0, 0.0), "Distal": (0.027, 0.0, 0.0)},
+    "Ring": {"Proximal": (0.085, 0.002, -0.017), "Intermediate": (0.040, 0.0, -0.001), "Distal": (0.025, 0.0, 0.0)},
     "Little": {
         "Proximal": (0.077, -0.002, -0.037),
         "Intermediate": (0.030, 0.0, -0.002),

@@ -55,16 +55,7 @@ def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
     return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
 
 
-NPZ_ERRORS = (
-    OSError,
-    ValueError,
-    KeyError,
-    EOFError,
-    IndexError,
-    TypeError,
-    zipfile.BadZipFile,
-    ValidationError,
-)
+NPZ_ERRORS = (OSError, ValueError, KeyError, EOFError, IndexError, TypeError, zipfile.BadZipFile, ValidationError)
 
 
 class NpzArrays(Mapping[str, np.ndarray]):

@@ -26,14 +26,7 @@ from echoavatar.nn.kernels import kernel
 from ..ik.chains import ChainPose, Chains
 from ..ik.leg import bend, legs_of
 from ..kinematics import Skeleton
-from ..kinematics.quaternions import (
-    minus,
-    read_quaternion,
-    read_vector,
-    rotate,
-    rotate_back,
-    write_vector,
-)
+from ..kinematics.quaternions import minus, read_quaternion, read_vector, rotate, rotate_back, write_vector
 from .pose import Array, Pose
 
 ENTER_HEIGHT, LEAVE_HEIGHT = 0.022, 0.035  # metres above standing height
@@ -104,18 +97,7 @@ class Feet:
         free = pose.root if decoded_root is None else decoded_root
         far = np.full(len(pose.root), LARGEST) if largest is None else largest
         memory = tuple(tensor.numpy() for tensor in state.tensors())
-        lock(
-            self._legs,
-            self._standing,
-            chains,
-            pose.rotations,
-            pose.root,
-            free,
-            pose.fps,
-            far,
-            memory,
-            active,
-        )
+        lock(self._legs, self._standing, chains, pose.rotations, pose.root, free, pose.fps, far, memory, active)
 
 
 @kernel()

@@ -17,12 +17,7 @@ from echoavatar.nn.kernels import kernel
 
 from ..ik.chains import ChainPose, Chains
 from ..kinematics import Skeleton
-from ..kinematics.quaternions import (
-    read_quaternion,
-    read_vector,
-    rotate,
-    write_vector,
-)
+from ..kinematics.quaternions import read_quaternion, read_vector, rotate, write_vector
 from .pose import Array, Pose
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height from which a point does not count as planted

@@ -53,11 +53,7 @@ class Post:
     """The stages in order: pose, smoother, ground, leash, feet, hands."""
 
     def __init__(
-        self,
-        skeleton: Skeleton,
-        *,
-        stages: Collection[str] = SWITCHES,
-        body: BodyProfile | None = None,
+        self, skeleton: Skeleton, *, stages: Collection[str] = SWITCHES, body: BodyProfile | None = None
     ) -> None:
         """`stages` names those to run; `body` is the character's thickness (`echoavatar rig`); None scales ours.
 

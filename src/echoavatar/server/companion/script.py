@@ -70,9 +70,7 @@ CUES = (
         action="wave",
     ),
     Cue(
-        r"\b(bye|goodbye|good night|see you)\b",
-        ("Leaving already? Then you get my best bow, for free.",),
-        action="bow",
+        r"\b(bye|goodbye|good night|see you)\b", ("Leaving already? Then you get my best bow, for free.",), action="bow"
     ),
     Cue(
         r"\b(thank|thanks|great|wonderful|bravo|beautiful|love)\b",
@@ -80,11 +78,7 @@ CUES = (
         action="bow",
     ),
     Cue(r"\bno\b|\bwrong\b|\bbad\b", ("No? I disagree with my whole upper body.",), action="disagree"),
-    Cue(
-        r"\byes\b|\bright\b|\bok(ay)?\b",
-        ("Exactly what I thought. Great minds, great posture.",),
-        action="agree",
-    ),
+    Cue(r"\byes\b|\bright\b|\bok(ay)?\b", ("Exactly what I thought. Great minds, great posture.",), action="agree"),
 )
 ACTION_LINES = (
     "Watch closely, this one took me a whole afternoon.",
@@ -95,10 +89,7 @@ FALLBACKS = (
     ("Interesting! I have no line for that, only a very thoughtful pose.", "thinking"),
     ("That went over my head, and my head is quite high up. Ask me to dance instead?", "give_up"),
     ("Go on, I am all ears and fingers.", "agree"),
-    (
-        "A small script like me can only nod at that. The stage, however, is mine: try the word music.",
-        "look_around",
-    ),
+    ("A small script like me can only nod at that. The stage, however, is mine: try the word music.", "look_around"),
 )
 SYNONYMS = {
     "shrug": "give_up",

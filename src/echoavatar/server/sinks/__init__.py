@@ -9,13 +9,4 @@ from .player import SinkPlayer
 from .sink import Frame, Sink, UdpSink
 from .sink_group import SinkGroup
 
-__all__ = [
-    "SinkGroup",
-    "Frame",
-    "Sink",
-    "SinkPlayer",
-    "UdpSink",
-    "check_address",
-    "make_sink",
-    "parse_address",
-]
+__all__ = ["SinkGroup", "Frame", "Sink", "SinkPlayer", "UdpSink", "check_address", "make_sink", "parse_address"]

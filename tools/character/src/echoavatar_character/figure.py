@@ -75,12 +75,7 @@ def piece_mesh(piece: Piece) -> Mesh:
     """The piece's surface in the rest pose."""
     if piece.closeups:
         return sculpt_symmetric(
-            piece.field,
-            piece.low,
-            piece.high,
-            cell=piece.cell,
-            triangles=piece.triangles,
-            closeups=piece.closeups,
+            piece.field, piece.low, piece.high, cell=piece.cell, triangles=piece.triangles, closeups=piece.closeups
         )
     return sculpt(piece.field, piece.low, piece.high, cell=piece.cell, triangles=piece.triangles)
 

@@ -21,10 +21,7 @@ from .sdf import (
     union,
 )
 
-HEM, CUFF = (
-    0.985,
-    0.632,
-)  # where the jacket's ribbing begins: height, and distance from the middle along the arm
+HEM, CUFF = (0.985, 0.632)  # where the jacket's ribbing begins: height, and distance from the middle along the arm
 
 # height, half width, centre x, half depth, centre z
 TORSO = [
@@ -122,20 +119,14 @@ def ribbing(p: Points) -> Distances:
     """Hem, cuffs and collar."""
     q = mirrored(p)
     hem = smooth_max(
-        loft(q, 1, [(y, w + 0.002, x, h + 0.002, z) for y, w, x, h, z in JACKET[:3]]),
-        slab(q, 1, 0.925, HEM),
-        0.010,
+        loft(q, 1, [(y, w + 0.002, x, h + 0.002, z) for y, w, x, h, z in JACKET[:3]]), slab(q, 1, 0.925, HEM), 0.010
     )
     hem = carve(hem - _ribs(np.arctan2(q[:, 0], q[:, 2]), 40), _opening(q, 0.0), 0.007)
     cuff = smooth_max(
-        loft(q, 0, [(x, h + 0.000, y, w + 0.000, z) for x, h, y, w, z in SLEEVE[-3:]]),
-        slab(q, 0, CUFF, 0.678),
-        0.007,
+        loft(q, 0, [(x, h + 0.000, y, w + 0.000, z) for x, h, y, w, z in SLEEVE[-3:]]), slab(q, 0, CUFF, 0.678), 0.007
     )
     wall = loft(
-        q,
-        1,
-        [(1.40, 0.080, 0, 0.080, -0.030), (1.44, 0.070, 0, 0.071, -0.029), (1.50, 0.064, 0, 0.066, -0.030)],
+        q, 1, [(1.40, 0.080, 0, 0.080, -0.030), (1.44, 0.070, 0, 0.071, -0.029), (1.50, 0.064, 0, 0.066, -0.030)]
     )
     collar = smooth_max(np.abs(wall) - 0.0060, _tilted_band(q, 1.425, 1.478), 0.010)
     collar = carve(collar, _opening(q, 0.010), 0.007)
@@ -171,9 +162,7 @@ def trousers(p: Points) -> Distances:
     """Slim trousers down to the turn-ups."""
     q = mirrored(p)
     pelvis = smooth_max(
-        loft(q, 1, [(y, w - 0.010, x, h - 0.007, z) for y, w, x, h, z in TORSO[:4]]),
-        slab(q, 1, 0.89, 1.03),
-        0.02,
+        loft(q, 1, [(y, w - 0.010, x, h - 0.007, z) for y, w, x, h, z in TORSO[:4]]), slab(q, 1, 0.89, 1.03), 0.02
     )
     leg = smooth_max(loft(q, 1, LEG), slab(q, 1, 0.105, 0.93), 0.006)
     d: Distances = smooth_min(pelvis, leg, 0.05) - _creases(q)
@@ -184,9 +173,7 @@ def turn_ups(p: Points) -> Distances:
     """The turned-up hems of the trousers."""
     q = mirrored(p)
     return smooth_max(
-        loft(q, 1, [(y, w + 0.004, x, h + 0.004, z) for y, w, x, h, z in LEG[:3]]),
-        slab(q, 1, 0.098, 0.136),
-        0.006,
+        loft(q, 1, [(y, w + 0.004, x, h + 0.004, z) for y, w, x, h, z in LEG[:3]]), slab(q, 1, 0.098, 0.136), 0.006
     )
 
 

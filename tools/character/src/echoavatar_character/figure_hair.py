@@ -2,18 +2,7 @@
 
 import numpy as np
 
-from .sdf import (
-    Distances,
-    Points,
-    carve,
-    curve,
-    ellipsoid,
-    mirrored,
-    rounded_cone,
-    smooth_max,
-    smooth_min,
-    tube,
-)
+from .sdf import Distances, Points, carve, curve, ellipsoid, mirrored, rounded_cone, smooth_max, smooth_min, tube
 
 
 def hair(p: Points) -> Distances:

@@ -21,9 +21,7 @@ def hands(p: Points) -> Distances:
     thumb = at["ThumbMetacarpal"], at["ThumbProximal"]
     d = smooth_min(d, rounded_cone(q, thumb[0] + (0.002, 0, -0.004), thumb[1], 0.0165, 0.0112), 0.022)
     d = smooth_min(
-        d,
-        rounded_cone(q, thumb[0] + (0.010, -0.002, 0), wrist + (0.070, -0.004, 0.010), 0.0130, 0.0100),
-        0.020,
+        d, rounded_cone(q, thumb[0] + (0.010, -0.002, 0), wrist + (0.070, -0.004, 0.010), 0.0130, 0.0100), 0.020
     )
     for finger, (r0, r1, r2, r3), reach in FINGERS:
         bones = [

@@ -9,17 +9,7 @@ import numpy as np
 from . import figure_eyes as eyes
 from . import figure_mouth as mouth
 from .figure_eyes import EYE, EYE_RADIUS, LID
-from .sdf import (
-    Distances,
-    Points,
-    carve,
-    ellipsoid,
-    mirrored,
-    rounded_cone,
-    smooth_min,
-    sphere,
-    tube,
-)
+from .sdf import Distances, Points, carve, ellipsoid, mirrored, rounded_cone, smooth_min, sphere, tube
 
 
 def head_skin(p: Points) -> Distances:

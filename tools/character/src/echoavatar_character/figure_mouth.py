@@ -8,17 +8,7 @@ point belongs. Metres, rest pose of `HUMANOID`, face towards +Z.
 import numpy as np
 from jaxtyping import Float
 
-from .sdf import (
-    Distances,
-    Points,
-    common,
-    curve,
-    draped,
-    rise,
-    rounded_cone,
-    smooth_min,
-    tube,
-)
+from .sdf import Distances, Points, common, curve, draped, rise, rounded_cone, smooth_min, tube
 
 WIDE = 0.0235  # from the middle to a corner
 HEIGHT = 1.5195  # of the line between the lips, in the middle

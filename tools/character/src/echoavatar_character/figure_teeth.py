@@ -75,10 +75,7 @@ def _along() -> tuple[Float[np.ndarray, " u"], Float[np.ndarray, " u"]]:
 
 
 def _sheet(
-    points: Float[np.ndarray, "u w 3"],
-    colours: Float[np.ndarray, "u w 3"],
-    *,
-    outside: Float[np.ndarray, " 3"],
+    points: Float[np.ndarray, "u w 3"], colours: Float[np.ndarray, "u w 3"], *, outside: Float[np.ndarray, " 3"]
 ) -> tuple[Mesh, Float[np.ndarray, "v 3"]]:
     """A grid as a mesh whose triangles look away from `outside`."""
     rows, columns = points.shape[:2]

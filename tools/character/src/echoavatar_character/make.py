@@ -22,17 +22,7 @@ from .sdf import mirrored, sphere
 
 SHIPPED = Path(__file__).parents[4] / "src" / "echoavatar" / "assets" / "character.npz"
 BEHIND_EYES = 0.0025  # metres into an eyeball at which skin is never seen
-SMOOTHED = (
-    "jacket",
-    "ribbing",
-    "zips",
-    "stripes",
-    "pockets",
-    "shirt",
-    "crew neck",
-    "trousers",
-    "turn-ups",
-)
+SMOOTHED = ("jacket", "ribbing", "zips", "stripes", "pockets", "shirt", "crew neck", "trousers", "turn-ups")
 
 
 def main() -> None:

@@ -27,11 +27,7 @@ def weigh(piece: str, points: Points) -> Weights:
         return _ramp(points, ("head",), [])
     if piece == "skin":
         tilted = points[:, 1] + 0.6 * (points[:, 2] + 0.005)
-        return _ramp(
-            points,
-            ("upperChest", "neck", "head"),
-            [rise(points[:, 1], 1.40, 1.46), rise(tilted, 1.46, 1.53)],
-        )
+        return _ramp(points, ("upperChest", "neck", "head"), [rise(points[:, 1], 1.40, 1.46), rise(tilted, 1.46, 1.53)])
     if piece == "crew neck":
         return _ramp(points, ("upperChest", "neck"), [0.25 * rise(points[:, 1], 1.40, 1.46)])
     if piece == "hands":

@@ -23,13 +23,7 @@ class CloseUp(NamedTuple):
 
 
 def sculpt_symmetric(
-    field: Field,
-    low: ArrayLike,
-    high: ArrayLike,
-    *,
-    cell: float,
-    triangles: int,
-    closeups: Sequence[CloseUp] = (),
+    field: Field, low: ArrayLike, high: ArrayLike, *, cell: float, triangles: int, closeups: Sequence[CloseUp] = ()
 ) -> Mesh:
     """Mesh the zero surface of a field that is even in x; `triangles` counts both halves."""
     low, high = np.asarray(low, np.float64).copy(), np.asarray(high, np.float64)

@@ -14,12 +14,7 @@ import numpy as np
 from livekit import rtc
 from livekit.agents.voice.avatar import AudioReceiver, AudioSegmentEnd
 
-from echoavatar.agents.integrations import (
-    AvatarBridge,
-    AvatarChunk,
-    Flushed,
-    UtteranceDone,
-)
+from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import Flush, Ready
