@@ -32,6 +32,7 @@ from echoavatar.models.face.gpt import FaceGpt
 from echoavatar.models.face.hubert import HubertEncoder
 from echoavatar.models.face.idle import IdleFace
 from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.depth_stream import DepthStream
 from echoavatar.models.generator.stream import InterleavedStream, PrefixStream
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, MotionTokenizerConfig
 from echoavatar.models.warp import WarpModel
@@ -307,6 +308,7 @@ CASES: dict[type, dict[str, Case]] = {
     IdleFace: {"": Case(idle_face, lambda *of: numbers()(*of).abs().clamp(max=1).float(), unit=24)},
     InterleavedStream: {"": Case(lambda: generator("interleaved"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
     PrefixStream: {"": Case(lambda: generator("prefix"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
+    DepthStream: {"": Case(lambda: generator("depth"), generators.audio, unit=20, cuts=((1, 1, 2),))},
     WarpModel: {"": Case(seeded(WarpModel, config=WARP), numbers(), CHUNK_SAMPLES, atol=1e-9)},
     Post: {
         "free": Case(post, gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),

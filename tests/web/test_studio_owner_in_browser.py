@@ -13,8 +13,8 @@ pytest.importorskip("psycopg")
 
 from studio.tests import canned  # noqa: E402
 from studio.tests.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from studio.tests.raters_in_browser import NAMELESS, OUTSIDE, PALE, Studio  # noqa: E402
 from tests.web.conftest import PageDriver  # noqa: E402
-from tests.web.studio_raters import NAMELESS, OUTSIDE, PALE, Studio  # noqa: E402
 
 from echoavatar_studio.owner_actions import OwnerActions  # noqa: E402
 from echoavatar_studio.simulate import Preferences, simulate  # noqa: E402

@@ -2,12 +2,10 @@
 
 import pytest
 import torch
-from tests.laws.streaming import hold
 from tests.models.generator.tiny import LAYOUT, audio, generator
 
 from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.decoder import Decoder
-from echoavatar.models.generator.depth_stream import DepthStream
 from echoavatar.models.generator.exemplar import Exemplar
 from echoavatar.models.generator.sampling import Sampler
 from echoavatar.nn.graphs import GraphCache
@@ -28,12 +26,6 @@ def scores(model, x, codes, exemplar=None):
     """Logits (b, n, k, K) of given codes by the training pass over the whole clip."""
     sequences = model.config.order.build(x, codes, codes, NONE[: len(x)])
     return model.code_logits(sequences, model.read(sequences, exemplar), exemplar).permute(1, 2, 0, 3)
-
-
-def test_the_laws_hold():
-    stream = open_stream(depth(window_chunks=2))
-    assert isinstance(stream, DepthStream)
-    hold(stream, audio, unit=20, cuts=((1, 1, 2),))
 
 
 @pytest.mark.parametrize("loop", ["compiled", "torch"])
