@@ -37,7 +37,7 @@ class DepthReader(nn.Module):
 
     def forward(
         self, backbone: "Body", ids: Int[Tensor, "b t"], hints: Float[Tensor, "b n c"] | None
-    ) -> Float[Tensor, "b m c"]:
+    ) -> Float[Tensor, "b m d"]:
         """The hidden state that predicts each code, frame after frame; see `tokens.Depth` for the ids."""
         sizes = self._sizes
         sound, moves = torch.split(ids.view(len(ids), -1, sum(sizes)), sizes, dim=2)
@@ -47,7 +47,7 @@ class DepthReader(nn.Module):
 
     def apart(
         self, backbone: "Body", sound: Int[Tensor, "b t"], moves: Int[Tensor, "b m"]
-    ) -> tuple[Float[Tensor, "b t c"], Float[Tensor, "b m c"]]:
+    ) -> tuple[Float[Tensor, "b t d"], Float[Tensor, "b m d"]]:
         """The hidden states that predict each audio id from sound alone, and each motion id from motion alone."""
         sounds, codes = (ids.view(len(ids), -1, size) for ids, size in zip((sound, moves), self._sizes, strict=True))
         heard = torch.cat([self._start(backbone, sound), self.heard(backbone, sounds)[:, :-1]], dim=1)
@@ -79,7 +79,7 @@ class DepthReader(nn.Module):
         """The backbone's input from the motion ids of the frame before; the start id stands before the first."""
         return torch.cat([self._start(backbone, moves[:, :, 0]), backbone.embed_tokens(moves[:, :-1]).sum(2)], dim=1)
 
-    def codes(self, hidden: Float[Tensor, "b n c"], ids: Int[Tensor, "b n k"]) -> Float[Tensor, "b m c"]:
+    def codes(self, hidden: Float[Tensor, "b n c"], ids: Int[Tensor, "b n k"]) -> Float[Tensor, "b m d"]:
         """The hidden state that predicts each id of each frame, from the backbone's and the ids before in the frame."""
         rows, _, count = ids.shape
         before = F.pad(self.body.embed_tokens(ids[..., :-1]), (0, 0, 1, 0))

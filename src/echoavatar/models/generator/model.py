@@ -159,8 +159,8 @@ class Generator(Checkpointed):
         self,
         ids: Int[Tensor, "b t"],
         valid: Bool[Tensor, "b t"] | None = None,
-        hints: Float[Tensor, "b t c"] | None = None,
-    ) -> Float[Tensor, "b t c"]:
+        hints: Float[Tensor, "b n c"] | None = None,
+    ) -> Float[Tensor, "b m d"]:
         """Hidden states after the final norm. Positions count the valid ids; invalid ones are never attended to.
 
         `hints` are added to the embeddings of the ids. In the depth order there is a hidden state for each motion code,
