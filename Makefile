@@ -2,6 +2,8 @@
 # virtual environment. Plain pip on purpose: other installers do not find the CPU build of torch.
 PYTHON ?= python3
 PIP_FLAGS ?= --disable-pip-version-check -q
+# The rooms where shapes are made; they run a second time with annotated shapes checked (conftest.py).
+SHAPED = tests/test_shapes.py tests/nn tests/laws tests/motion tests/models/audio tests/models/quantize tests/models/tokens
 # Packages of their own beside the main one.
 DISTRIBUTIONS = studio research tools/character
 
@@ -16,6 +18,7 @@ test: .venv-test/ready
 	.venv-test/bin/mypy
 	.venv-test/bin/lint-imports
 	OMP_NUM_THREADS=1 .venv-test/bin/pytest -n auto
+	OMP_NUM_THREADS=1 CHECK_SHAPES=1 .venv-test/bin/pytest -n auto $(SHAPED)
 
 # Pipecat, LiveKit and ElevenLabs together in one environment; no network is used once it stands, and no keys.
 integration-test: .venv-integrations/ready

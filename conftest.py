@@ -1,6 +1,13 @@
-"""Annotated shapes are checked in every test run, in whatever folder it begins."""
+"""With CHECK_SHAPES=1, annotated shapes and dtypes are checked while tests run, in whatever folder the run begins.
 
-import tests.shapes  # noqa: F401  the hook looks its checker up by name
-from jaxtyping import install_import_hook
+The check wraps every function of the packages, which makes small models up to twice as slow. `make test` therefore runs
+all tests without it, and then the rooms where shapes are made with it.
+"""
 
-install_import_hook(["echoavatar", "echoavatar_studio", "echoavatar_research"], "tests.shapes.checked")
+import os
+
+if os.environ.get("CHECK_SHAPES"):
+    import tests.shapes  # noqa: F401  the hook looks its checker up by name
+    from jaxtyping import install_import_hook
+
+    install_import_hook(["echoavatar", "echoavatar_studio", "echoavatar_research"], "tests.shapes.checked")
