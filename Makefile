@@ -2,8 +2,8 @@
 # virtual environment. Plain pip on purpose: other installers do not find the CPU build of torch.
 PYTHON ?= python3
 PIP_FLAGS ?= --disable-pip-version-check -q
-# The rooms where shapes are made; they run a second time with annotated shapes checked (conftest.py).
-SHAPED = tests/test_shapes.py tests/nn tests/laws tests/motion tests/models/audio tests/models/quantize tests/models/tokens
+# These run a second time with annotated shapes checked (conftest.py): every streaming class steps in tests/laws.
+SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/quantize tests/models/tokens
 # Packages of their own beside the main one.
 DISTRIBUTIONS = studio research tools/character
 

@@ -1,7 +1,7 @@
 """With CHECK_SHAPES=1, annotated shapes and dtypes are checked while tests run, in whatever folder the run begins.
 
 The check wraps every function of the packages, which makes small models up to twice as slow. `make test` therefore runs
-all tests without it, and then the rooms where shapes are made with it.
+all tests without it, and then a part of them with it (`SHAPED` in the Makefile).
 """
 
 import os
