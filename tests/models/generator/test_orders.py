@@ -1,8 +1,9 @@
 import pytest
 from tests.models.generator.tiny import generator
 
-from echoavatar.models.generator import InterleavedStream, PrefixStream, open_stream
+from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.depth_stream import DepthStream
+from echoavatar.models.generator.stream import InterleavedStream, PrefixStream
 
 
 @pytest.mark.parametrize(

@@ -81,8 +81,8 @@ def test_the_depth_order_puts_each_frames_sound_before_its_motion_and_counts_hid
     motion = torch.arange(24).view(1, 4, 3, 2) % 8
     made = order.build(audio, motion, motion, torch.tensor([1]))
     frames = made.ids.view(4, 26)
-    assert torch.equal(layout.audio_codes_of(frames[:, :20].reshape(1, -1)), audio)
-    assert torch.equal(layout.motion_codes_of(frames[:, 20:].reshape(1, -1)), motion)
+    assert torch.equal(frames[:, :20].reshape(1, -1), layout.audio_ids(audio))
+    assert torch.equal(frames[:, 20:].reshape(1, -1), layout.motion_ids(motion))
     assert made.predictors[:, 1].tolist() == [6, 7, 8, 9, 10, 11]
     assert made.targets[0, :, 1].tolist() == motion[0, 1].flatten().tolist()
     assert made.mask.tolist() == [[False, False, True, True]]
