@@ -1,26 +1,22 @@
-"""EMAGE's extractor against the released implementation, run with random weights (fixtures in ../shared)."""
+"""EMAGE's extractor against the released implementation, run with random weights (tests/fixtures/golden)."""
 
 import json
-from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
+from tests.golden import golden
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar_research.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 from echoavatar_research.skeleton_edges import SMPLX_PARENTS, merged, skeleton_edges
 
-FOLDER = Path(__file__).parents[2] / "../shared/golden/reference_release"
-pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the reference fixtures (../shared) are not here")
-
 
 def stored(name: str) -> dict[str, np.ndarray]:
-    return dict(np.load(FOLDER / name))
+    return dict(np.load(golden(f"reference_release/{name}")))
 
 
 def told(name: str) -> dict:
-    return json.loads((FOLDER / name).read_text())
+    return json.loads(golden(f"reference_release/{name}").read_text())
 
 
 def test_bones_and_how_they_merge() -> None:
