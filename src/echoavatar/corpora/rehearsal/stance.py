@@ -14,6 +14,8 @@ from echoavatar.timing import FRAME_RATE_HZ
 from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, minimum_jerk, through_keys
 from .speakers import Manner
 
+LONGEST_STEP_M = 0.24  # to each side; longer ones stretch the leg behind
+
 
 @dataclass(frozen=True)
 class Step:
@@ -91,7 +93,7 @@ def stances(
     """
     steps: list[Step] = []
     shifts: list[Shift] = []
-    middle = 0.0
+    middle = np.zeros(2)
     time, next_stance = float(rng.uniform(0.5, manner.shift_every_s)), float(rng.uniform(0.3, 1) * manner.step_every_s)
     while time < seconds - 3.0:
         is_quiet = not any(begin - 0.5 < time < end for begin, end in phrases)
@@ -110,13 +112,14 @@ def stances(
 
 
 def _new_stance(
-    time: float, middle: float, manner: Manner, rng: np.random.Generator, steps: list[Step], shifts: list[Shift]
-) -> tuple[float, float, float]:
-    """Step to a new place, first with the foot on the side of the way; return time, weight and x (metres) after it."""
-    x, z = np.clip(rng.normal(0, manner.roam, 2), -2.5 * manner.roam, 2.5 * manner.roam)
+    time: float, middle: Array, manner: Manner, rng: np.random.Generator, steps: list[Step], shifts: list[Shift]
+) -> tuple[float, float, Array]:
+    """Step to a new place, first with the foot on the side of the way; return time, weight and place after it."""
+    goal = np.clip(rng.normal(0, manner.roam, 2), -2.5 * manner.roam, 2.5 * manner.roam)
+    x, z = place = middle + np.clip(goal - middle, -LONGEST_STEP_M, LONGEST_STEP_M)
     heading, half = float(np.clip(rng.normal(0, 0.16), -0.4, 0.4)), float(rng.uniform(0.085, 0.165))
     stagger = float(rng.normal(0, 0.045))
-    first = 0 if x > middle else 1
+    first = 0 if x > middle[0] else 1
     for turn, side in enumerate((first, 1 - first)):
         outwards = 1 if side == 0 else -1
         across, ahead = outwards * half, outwards * stagger
@@ -136,4 +139,4 @@ def _new_stance(
         time += length + (float(rng.uniform(0.0, 0.35)) if turn == 0 else 0.0)
     weight = float(rng.uniform(-1, 1))
     shifts.append(Shift(time, time + 0.6, weight))
-    return time + 0.6, weight, float(x)
+    return time + 0.6, weight, place
