@@ -58,6 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="measure how much the body moves and varies instead, beside people: --clips sounds each of speech and"
         " music from --recordings, silence and listening",
     )
+    parser.add_argument(
+        "--codes",
+        action="store_true",
+        help="measure the tokenizer instead: what its codes keep of the truth's timing, decoded and shown",
+    )
+    parser.add_argument(
+        "--tokenizer", type=Path, metavar="FOLDER", help="with --codes: another tokenizer than the bundle's"
+    )
     parser.add_argument("--captured", type=Path, help="with --alive: folder of captured motion to compare with")
     parser.add_argument(
         "--pictures",
@@ -94,6 +102,8 @@ def run(args: argparse.Namespace) -> int:
     if args.alive:
         return _alive(args, bundle)
     clips = _clips(args)
+    if args.codes:
+        return _codes(args, bundle, clips)
     if args.beside:
         from echoavatar.evaluation.reliance import reliance_table, token_clips
         from echoavatar.models.generator import Generator
@@ -120,6 +130,19 @@ def _print_scores(scores: "Mapping[str, float]") -> None:
         print(f"{key:<44}{value:>12.4f}")
     found = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
     print(json.dumps(found))  # null: there was nothing to measure
+
+
+def _codes(args: argparse.Namespace, bundle: "Bundle", clips: list) -> int:  # type: ignore[type-arg]
+    from echoavatar.evaluation.true_codes import true_codes
+    from echoavatar.models.tokenizer import BodyTokenizer
+
+    tokenizer = BodyTokenizer.load(args.tokenizer) if args.tokenizer else bundle.tokenizer
+    with tqdm(unit="clip", disable=not sys.stderr.isatty()) as bar:
+        found = true_codes(tokenizer, clips, progress=lambda done, _: bar.update(done - bar.n))
+    for name, scores in found.items():
+        print(f"{name:<12}" + "  ".join(f"{key} {value:+.3f}" for key, value in scores.items()))
+    print(json.dumps({name: {key: round(value, 5) for key, value in scores.items()} for name, scores in found.items()}))
+    return 0
 
 
 def _face(args: argparse.Namespace, bundle: "Bundle") -> int:

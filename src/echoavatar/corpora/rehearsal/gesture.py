@@ -31,9 +31,10 @@ SHORTEST_SINK_GAP, SHORTEST_REST_GAP = (
 )  # seconds: in shorter pauses the hands wait, in longer ones they sink or go to rest
 LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # wrist of a raised hand that does not lead
 RISING, SINKING = np.array([0.03, 0.0, 0.05], np.float32), np.array([0.03, 0.0, 0.02], np.float32)
-LAUNCH_S = -0.04  # from the vowel's centre to the start of a stroke, which is about the start of the vowel
+LAUNCH_S = -0.06  # from the vowel's centre to the start of a stroke, which is about the start of the vowel
+MINOR = 0.15  # prominence from which a syllable may set off a move between two strokes
 DRIFT_M = 0.013  # deviation of the hands' slow drift while they are raised
-BACK_S = 0.30  # duration of a beat's return, right after its stroke
+BACK_S = 0.36  # duration of a beat's return, right after its stroke
 LEFT, RIGHT = 0, 1
 
 
@@ -48,7 +49,8 @@ def gesture(track: SoundTrack, seed: int) -> Controls:
     for phrase, following in zip(track.phrases, starts[1:], strict=True):
         excited = arousal(track, phrase)
         eager = replace(manner, energy=manner.energy * excited, pace=manner.pace * excited**0.5)
-        speaker.say(phrase, gesture_cues(track, phrase, eager, rng), following, eager)
+        minor = [s.vowel for s in track.syllables if phrase[0] <= s.vowel < phrase[1] and s.prominence > MINOR]
+        speaker.say(phrase, gesture_cues(track, phrase, eager, rng), following, eager, minor)
     moved = smoothed(np.stack([path.curve(frames) for path in speaker.hands], axis=1), 0.03) - rest
     active = speech_activity(track, frames)
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
@@ -76,7 +78,9 @@ class _Speaker:
         self.beat_way = self._beat_way()
         self.free_at = 0.0
 
-    def say(self, phrase: tuple[float, float], cues: list[Cue], following: float, manner: Manner) -> None:
+    def say(
+        self, phrase: tuple[float, float], cues: list[Cue], following: float, manner: Manner, minor: list[float]
+    ) -> None:
         """Plan one gesture unit: rise, strokes with moves between them, and retraction before a long pause."""
         begin, end = phrase
         self.manner = manner
@@ -86,7 +90,7 @@ class _Speaker:
             for cue, after in zip(cues, [*cues[1:], None], strict=True):
                 if cue.stroke_end > self.free_at:
                     self._do(cue, end)
-                    self._go_on(cue, min(after.stroke_end if after else end, end))
+                    self._go_on(cue, min(after.vowel if after else end, end), minor)
         gap = following - end
         if gap > SHORTEST_REST_GAP or (gap > SHORTEST_SINK_GAP and self.rng.random() < 0.2):
             self._retract(end)
@@ -163,21 +167,23 @@ class _Speaker:
             path.move(end, end + BACK_S, high)
         self.homes[self.lead][WRIST] += self.rng.normal(0, 0.02, 3)
 
-    def _go_on(self, cue: Cue, until: float) -> None:
-        """After a stroke a raised hand may wait, or go on to a new place, at times that tell nothing of the next."""
+    def _go_on(self, cue: Cue, until: float, minor: list[float]) -> None:
+        """After a stroke a raised hand may wait, or go on to new places: each move is set off by a lesser syllable."""
         for side in range(2):
-            time = max(cue.stroke_end, self.free_at) + BACK_S + float(self.rng.exponential(0.10))
-            while self.up[side] and time < until - 0.1 and self.rng.random() > self.manner.hold:
+            free = max(cue.stroke_end, self.free_at) + 0.7 * BACK_S
+            for vowel in minor:
+                if not (self.up[side] and free < vowel < until - 0.2) or self.rng.random() < self.manner.hold:
+                    continue
                 aim = self.homes[side].copy()
                 aim[WRIST] += self.rng.normal(0, (0.085, 0.085, 0.06)) * self.manner.spread * self.manner.energy
                 aim[WRIST] = in_gesture_space(aim[WRIST])
                 aim[PALM] += self.rng.normal(0, (0.15, 0.08, 0.25))
                 aim[FINGERS] += self.rng.normal(0, 0.05, 7)
-                length = float(self.rng.uniform(0.35, 0.65))
+                end = vowel + float(self.rng.uniform(0.16, 0.32))
                 arc = self.rng.normal(0, 0.03, 3) * self.manner.arc
-                self.hands[side].move(time, time + length, aim, arc.astype(np.float32))
+                self.hands[side].move(vowel + LAUNCH_S, end, aim, arc.astype(np.float32))
                 self.homes[side][:6] = 0.6 * self.homes[side][:6] + 0.4 * aim[:6]
-                time += length * 0.8 + float(self.rng.exponential(0.20))
+                free = end + 0.10 / self.manner.pace
 
     def _accent(self, cue: Cue) -> None:
         """A larger gesture for the phrase's nucleus; the hand's home moves there."""
@@ -219,7 +225,7 @@ class _Speaker:
         aim = aim_at(form, self.homes[side], size=size, rng=self.rng)
         way = float(np.linalg.norm(aim[WRIST] - path.aim[WRIST]))
         begin = cue.vowel + LAUNCH_S
-        end = max(cue.stroke_end, begin + way / 1.5)
+        end = max(cue.stroke_end, begin + way / 2.0)
         arc = np.array(form.arc, np.float32) * min(1.5, way / 0.12) * self.manner.arc
         path.stroke(begin, end, aim, overshoot=float(self.rng.uniform(0.06, 0.14)), arc=arc)
         self.up[side] = True
