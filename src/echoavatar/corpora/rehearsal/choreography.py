@@ -23,7 +23,7 @@ REACTION_S = 0.25  # from the start of music to the start of the dance
 JOIN_S, SETTLE_S = 1.0, 0.85
 STEP_S = 0.40
 SHORTEST_DANCE_S = 1.5
-_FEET = ("foot_position", "foot_yaw", "foot_pitch")
+_FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
 def choreograph(track: SoundTrack, seed: int) -> Controls:
