@@ -128,7 +128,7 @@ def read_folder(folder: Path, progress: Callable[[str], None] = lambda _: None) 
         if entry is None or use != MAY_TRAIN:
             continue
         progress(source)
-        pieces = [piece for piece in clean(read_bvh(path), entry, bad_spans(path))]
+        pieces = list(clean(read_bvh(path), entry, bad_spans(path)))
         for number, controls in enumerate(pieces):
             name = path.stem if len(pieces) == 1 else f"{path.stem}.{number}"
             clips.append(CapturedClip(name, entry.kind, entry.group, source, licence, controls))
