@@ -37,7 +37,7 @@ MAY_TRAIN = "may train shipped weights"  # column `use` of a manifest
 _FINGER_DRIFT = np.array([0.02, 0.03, 0.03, 0.03, 0.03, 0.04, 0.03], np.float32)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CapturedClip:
     """One stretch of one captured person.
 
@@ -63,7 +63,7 @@ class CapturedClip:
         return len(self.controls) / FRAME_RATE_HZ
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CapturedLibrary:
     """Captured clips."""
 

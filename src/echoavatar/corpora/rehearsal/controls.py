@@ -151,6 +151,14 @@ def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0
     )
 
 
+def fading(place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], frames: int) -> Float[Array, "t ..."]:
+    """A difference of poses, and of speeds per frame, that fades out along a quintic (inertialisation)."""
+    phase = (np.arange(frames) / frames).reshape(-1, *([1] * np.ndim(place)))
+    stay = 1 - phase**3 * (10 - 15 * phase + 6 * phase**2)
+    drift = phase - phase**3 * (6 - 8 * phase + 3 * phase**2)
+    return np.asarray(stay * place + drift * frames * speed, np.float32)
+
+
 def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:
     """Minimum-jerk progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
     p = np.clip(phase, 0.0, 1.0)
