@@ -9,7 +9,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from . import data_face, data_prepare, data_rl_corpus
+from . import data_capture, data_face, data_prepare, data_rl_corpus
 
 if TYPE_CHECKING:
     from echoavatar.data import Clip
@@ -55,6 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     rehearse.add_argument("--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music")
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
+    capture = kinds.add_parser(
+        "capture",
+        help="a library of captured people, from which the rehearsal corpus takes bodies and dances",
+        description="Read captured clips once: cut, cleaned, on our rig, as choreography controls in one file.",
+    )
+    data_capture.add_arguments(capture)
     preview = kinds.add_parser("preview", help="view a corpus: contact sheets and short MP4s with sound")
     preview.add_argument("corpus", type=Path, help="corpus folder")
     preview.add_argument("-o", "--output", type=Path, default=Path("preview"), help="folder (default: %(default)s)")
@@ -86,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the sub-command."""
     kinds = {
         "rehearse": _rehearse,
+        "capture": data_capture.run,
         "prepare": data_prepare.run,
         "preview": _preview,
         "describe": _describe,

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .clearance import keep_hands_clear
-from .controls import ANKLE_HEIGHT, Array, Controls
+from .controls import ANKLE_HEIGHT, Array, Controls, fading
 from .dance import dance
 from .gesture import gesture
 from .sound import SoundTrack
@@ -23,7 +23,7 @@ REACTION_S = 0.25  # from the start of music to the start of the dance
 JOIN_S, SETTLE_S = 1.0, 0.85
 STEP_S = 0.40
 SHORTEST_DANCE_S = 1.5
-_FEET = ("foot_position", "foot_yaw", "foot_pitch")
+_FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
 def choreograph(track: SoundTrack, seed: int) -> Controls:
@@ -108,9 +108,5 @@ def _carried_over(old: Float[Array, "t ..."], new: Float[Array, "t ..."], at: in
     speed = (old[at] - old[previous]) - (new[at] - new[previous])
     length = max(round(seconds * FRAME_RATE_HZ), 2)
     last = min(at + length, len(old))
-    phase = (np.arange(at, last) - at) / length
-    stay = 1 - phase**3 * (10 - 15 * phase + 6 * phase**2)
-    drift = phase - phase**3 * (6 - 8 * phase + 3 * phase**2)
-    shape = (-1, *([1] * (old.ndim - 1)))
-    out[at:last] += (stay.reshape(shape) * place + drift.reshape(shape) * length * speed).astype(np.float32)
+    out[at:last] += fading(place, speed, length)[: last - at]
     return out

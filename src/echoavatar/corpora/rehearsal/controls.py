@@ -6,7 +6,8 @@ Conventions (metres and radians, Y up, facing +Z, left at +X):
 * yaw > 0 turns left, pitch > 0 bows forward, roll > 0 leans right; a triple means Ry(yaw) Rx(pitch) Rz(roll);
 * axis 1 of a paired array is (left, right); feet live in world axes, arms in mirrored chest axes (+x outwards);
 * palm: flex > 0 towards the palm, deviation > 0 towards the thumb, pronation > 0 palm down (0 = handshake);
-* a flat foot has its ankle at `ANKLE_HEIGHT`; `foot_pitch` > 0 lifts the heel about the ball, < 0 the toes.
+* a flat foot has its ankle at `ANKLE_HEIGHT`; `foot_pitch` > 0 lifts the heel about the ball, < 0 the toes;
+  `foot_roll` > 0 turns the sole outwards.
 """
 
 from collections.abc import Sequence
@@ -46,6 +47,8 @@ class Controls:
     palm: Float[Array, "t 2 3"]  # flex, deviation, pronation
     elbow_swing: Float[Array, "t 2"]  # > 0 lifts the elbow outwards
     fingers: Float[Array, "t 2 7"]  # curl thumb, index, middle, ring, little 0..1; spread -1..1; opposition 0..1
+    foot_roll: Float[Array, "t 2"]
+    knee_swing: Float[Array, "t 2"]  # about the line from hip to ankle, > 0 outwards
 
     def __len__(self) -> int:
         return len(self.pelvis_position)
@@ -92,6 +95,8 @@ def neutral(frames: int) -> Controls:
         palm=still(((0.08, 0.0, 0.35), (0.08, 0.0, 0.35))),
         elbow_swing=still((0.0, 0.0)),
         fingers=still((RELAXED_FINGERS, RELAXED_FINGERS)),
+        foot_roll=still((0.0, 0.0)),
+        knee_swing=still((0.0, 0.0)),
     )
 
 
@@ -127,7 +132,31 @@ def mirrored(controls: Controls) -> Controls:
         palm=controls.palm[:, ::-1].copy(),
         elbow_swing=controls.elbow_swing[:, ::-1].copy(),
         fingers=controls.fingers[:, ::-1].copy(),
+        foot_roll=controls.foot_roll[:, ::-1].copy(),
+        knee_swing=controls.knee_swing[:, ::-1].copy(),
     )
+
+
+def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0.0) -> Controls:
+    """The same performance turned to the left about the vertical through the origin, then shifted in x and z."""
+    along = np.array([shift[0], 0.0, shift[1]], np.float32)
+    cos, sin = np.cos(turn), np.sin(turn)
+    about_y = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]], np.float32)
+    return replace(
+        controls,
+        pelvis_position=controls.pelvis_position @ about_y.T + along,
+        pelvis_rotation=controls.pelvis_rotation + np.array([turn, 0.0, 0.0], np.float32),
+        foot_position=controls.foot_position @ about_y.T + along,
+        foot_yaw=controls.foot_yaw + np.float32(turn),
+    )
+
+
+def fading(place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], frames: int) -> Float[Array, "t ..."]:
+    """A difference of poses, and of speeds per frame, that fades out along a quintic (inertialisation)."""
+    phase = (np.arange(frames) / frames).reshape(-1, *([1] * np.ndim(place)))
+    stay = 1 - phase**3 * (10 - 15 * phase + 6 * phase**2)
+    drift = phase - phase**3 * (6 - 8 * phase + 3 * phase**2)
+    return np.asarray(stay * place + drift * frames * speed, np.float32)
 
 
 def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:

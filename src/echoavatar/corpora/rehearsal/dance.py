@@ -60,7 +60,8 @@ def plans_to_controls(plans: list[DancePlan], frames: int) -> Controls:
     pelvis, turn = _pelvis(felt, plans, feet, beat, level)
     chest, head = _torso(plans, body, turn, beat, level)
     wrist = body[:, : 2 * ARM].reshape(frames, 2, ARM)
-    return Controls(
+    return replace(
+        base,
         pelvis_position=_f32(pelvis),
         pelvis_rotation=_f32(turn + base.pelvis_rotation),
         spine=_f32(chest + base.spine),

@@ -72,8 +72,8 @@ def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t
         reach = ankle - root - hips[side]
         distance = reach.norm(dim=-1, keepdim=True)
         line = reach / distance
-        knee = F.normalize(0.6 * foot[..., 2] * _FLAT + 0.4 * pelvis[..., 2] * _FLAT, dim=-1)
-        knee = F.normalize(knee - (knee * line).sum(-1, keepdim=True) * line, dim=-1)
+        yaw, swing = (_tensor(curve[:, side]) for curve in (controls.foot_yaw, controls.knee_swing))
+        knee = _knee_direction(line, yaw, pelvis, swing if side == 0 else -swing)
         hinge = torch.linalg.cross(knee, line)
         first, second = _two_bones(line, knee, distance, float(thigh.norm()), float(shin.norm()))
         upper = _hinged(hinge, first) @ _hinged(_X, F.normalize(thigh, dim=-1)).mT
@@ -89,12 +89,26 @@ def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t
 def _ankle(controls: Controls, side: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3 3"]]:
     """World position and rotation of an ankle; the heel lifts about the ball, the toes lift about the heel."""
     place, pitch = _tensor(controls.foot_position[:, side]), _tensor(controls.foot_pitch[:, side])
-    heading = _about("y", _tensor(controls.foot_yaw[:, side]))
-    foot = heading @ _about("x", pitch)
+    heading, roll = _about("y", _tensor(controls.foot_yaw[:, side])), _tensor(controls.foot_roll[:, side])
+    foot = heading @ _about("x", pitch) @ _about("z", roll if side == 0 else -roll)
     ball = _offset("leftToes")
     heel = torch.tensor([0.0, float(ball[1]), -0.045], dtype=torch.float64)
     pivot = torch.where(pitch[:, None] > 0, ball, heel)
     return place + ((heading - foot) @ pivot[..., None]).squeeze(-1), foot
+
+
+def _knee_direction(
+    line: Float[Tensor, "t 3"],
+    foot_yaw: Float[Tensor, " t"],
+    pelvis: Float[Tensor, "t 3 3"],
+    swing: Float[Tensor, " t"],
+) -> Float[Tensor, "t 3"]:
+    """Unit vector from the hip-ankle line to the knee: between foot and pelvis, then turned towards the left."""
+    foot = torch.stack([foot_yaw.sin(), torch.zeros_like(foot_yaw), foot_yaw.cos()], -1)
+    knee = 0.6 * foot + 0.4 * F.normalize(pelvis[..., 2] * _FLAT, dim=-1)
+    knee = F.normalize(knee - (knee * line).sum(-1, keepdim=True) * line, dim=-1)
+    turned: Tensor = swing.cos()[:, None] * knee + swing.sin()[:, None] * torch.linalg.cross(knee, line)
+    return turned
 
 
 class ArmFrames(NamedTuple):

@@ -24,7 +24,10 @@ from .skeleton import Skeleton
 
 _LIMBS = ("Arm", "Hand", "Leg", "Thumb", "Index", "Middle", "Ring", "Little")
 _HINGES = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")
+_TRUNK = ("spine", "chest", "upperChest")
 _UP = (0.0, 1.0, 0.0)
+_IN_LINE = 0.94  # cosine of 20 degrees
+_UPRIGHT = 0.5  # cosine of the greatest angle at which a rest pose counts as one
 
 
 def align(
@@ -35,6 +38,7 @@ def align(
     bones.sort(key=lambda bone: target_map[bone])
     has_rest = _stands_upright(source, source_map)
     facing = _facing(source, source_map, target, target_map) if has_rest else torch.eye(3).double()
+    is_straight = has_rest or _spine_begins_in_line(pose, source_map)
     found: dict[str, Tensor] = {}
     for bone in bones:
         above = _mapped_parent(target, target_map, bone, found)
@@ -51,8 +55,10 @@ def align(
         else:
             mean = _mean_without_twist(rotations, pose, source_map, found, above)
             if bone == "hips":
-                found[bone] = _from_hips(source, source_map)
-            elif ours is None or theirs is None:
+                rest = target.rest_positions.double()[None]
+                still = Pose(torch.eye(3).double().expand(1, target.joints, 3, 3), rest)
+                found[bone] = _hips_frame(pose, source_map) @ _hips_frame(still, target_map).T
+            elif ours is None or theirs is None or (bone in _TRUNK and not is_straight):
                 found[bone] = mean
             elif bone.endswith(_HINGES):
                 found[bone] = _from_hinge(pose, source_map, bone, ours, theirs)
@@ -126,11 +132,22 @@ def _mapped_parent(target: Skeleton, bones: Mapping[str, int], bone: str, found:
 
 
 def _stands_upright(source: Skeleton, bones: Mapping[str, int]) -> bool:
-    """Whether the rest pose is meaningful: head above hips above feet, and the hip joints apart."""
+    """Whether the rest pose is meaningful: head over hips over feet, hip joints apart, shoulders along the hips."""
     rest = source.rest_positions
     heights = [float(rest[bones[bone], 1]) for bone in ("head", "hips", "leftLowerLeg", "leftFoot")]
     is_descending = all(a > b + 0.1 for a, b in zip(heights, heights[1:], strict=False))
-    return is_descending and float((rest[bones["leftUpperLeg"]] - rest[bones["rightUpperLeg"]]).norm()) > 0.05
+    hips, shoulders = (rest[bones[f"left{bone}"]] - rest[bones[f"right{bone}"]] for bone in ("UpperLeg", "UpperArm"))
+    trunk, turn = _unit(rest[bones["head"]] - rest[bones["hips"]]), (_unit(hips) * _unit(shoulders)).sum()
+    return is_descending and float(hips.norm()) > 0.05 and float(trunk[1]) > _UPRIGHT and float(turn) > _UPRIGHT
+
+
+def _spine_begins_in_line(pose: Pose, bones: Mapping[str, int]) -> bool:
+    """Whether the way from hips to spine leads to the neck; in some rigs (ACCAD) the spine begins behind the hips."""
+    if not {"spine", "neck"} <= bones.keys():
+        return False
+    places = [pose.positions[:, bones[bone]] for bone in ("hips", "spine", "neck")]
+    first, whole = (_unit(place - places[0]).mean(0) for place in places[1:])
+    return float((_unit(first) * _unit(whole)).sum()) > _IN_LINE
 
 
 def _facing(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: Mapping[str, int]) -> Tensor:
@@ -179,12 +196,15 @@ def _mean_without_twist(
     return project_rotation((rotations.transpose(-1, -2) @ parent).mean(0))
 
 
-def _from_hips(source: Skeleton, bones: Mapping[str, int]) -> Tensor:
-    """The frame of the hips: +X from right to left hip joint, +Y as near to the spine as it can be."""
-    across = _unit((source.offsets[bones["leftUpperLeg"]] - source.offsets[bones["rightUpperLeg"]]).double())
-    up = source.offsets[bones["spine"]].double()
-    up = _unit(up - (up * across).sum() * across)
-    return torch.stack([across, up, torch.linalg.cross(across, up)], -1)
+def _hips_frame(pose: Pose, bones: Mapping[str, int]) -> Tensor:
+    """The frame of the hips: +X from right to left hip joint, +Y as near to the neck as it is on average."""
+    left, right, hips, neck = (
+        pose.positions[:, bones[bone]]
+        for bone in ("leftUpperLeg", "rightUpperLeg", "hips", "neck" if "neck" in bones else "head")
+    )
+    own = pose.rotations[:, bones["hips"]].transpose(-1, -2)
+    across, up = ((own @ way[..., None]).squeeze(-1).mean(0) for way in (left - right, neck - hips))
+    return _frame(across, up)
 
 
 def _from_hinge(pose: Pose, bones: Mapping[str, int], bone: str, ours: Tensor, theirs: Tensor) -> Tensor:

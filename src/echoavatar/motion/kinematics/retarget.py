@@ -15,7 +15,7 @@ from .alignment import align
 from .foot_planting import foot_contacts, settle_feet
 from .forward import Pose, forward_kinematics
 from .motion import Motion
-from .rigs import bone_map
+from .rigs import bone_map, known_bones
 from .rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from .skeleton import HUMANOID, Skeleton
 
@@ -38,6 +38,7 @@ def retarget(
     Raises:
         MotionError: the joint names of the source are not known.
     """
+    motion = motion if source_map else with_wrists(motion)
     source, theirs, ours = motion.skeleton, dict(source_map or bone_map(motion.skeleton)), bone_map(target)
     matrices = motion.matrices().double()
     pose = forward_kinematics(source, matrices, torch.from_numpy(motion.root).double())
@@ -54,6 +55,26 @@ def retarget(
     size = min(1.0, leg_length(target, ours) / leg_length(HUMANOID, bone_map(HUMANOID)))
     contacts = foot_contacts(_with_map(motion, theirs)) | foot_contacts(moved, stands_on_rest=True, size=size)
     return settle_feet(moved, contacts)
+
+
+def with_wrists(motion: Motion) -> Motion:
+    """The same motion with hands at the tips of the lower arms, if its rig is known and has no hands."""
+    bones, config = known_bones(motion.skeleton), motion.skeleton.config
+    arms = {side: bones.get(f"{side}LowerArm", -1) for side in ("left", "right") if f"{side}Hand" not in bones}
+    arms = {side: arm for side, arm in arms.items() if arm >= 0 and config.names[arm] in config.tips}
+    if not arms:
+        return motion
+    hands = {f"{side}Hand": len(config.names) + number for number, side in enumerate(arms)}
+    longer = config.model_copy(
+        update={
+            "names": (*config.names, *hands),
+            "parents": (*config.parents, *arms.values()),
+            "offsets": (*config.offsets, *(config.tips[config.names[arm]] for arm in arms.values())),
+            "vrm": bones | hands,
+        }
+    )
+    still = np.broadcast_to(np.array([1, 0, 0, 0], np.float32), (motion.frames, len(arms), 4))
+    return Motion(Skeleton(longer), np.concatenate([motion.rotations, still], 1), motion.root, motion.fps)
 
 
 def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:

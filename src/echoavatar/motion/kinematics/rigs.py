@@ -59,6 +59,7 @@ def _tables() -> list[dict[str, str]]:
         {name: name for name in HUMANOID.names},
         _mixamo(("Spine", "Spine1", "Spine2")),
         _mixamo(("Spine", "Spine2", "Spine3")),
+        _mixamo(("LowerBack", "Spine", "Spine1")),
         _unreal(),
         _biped(),
         _bandai(),
