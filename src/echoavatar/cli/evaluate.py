@@ -229,10 +229,10 @@ def _clips(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
 
 
 def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
-    from echoavatar.corpora.rehearsal.corpus import AUDIO_SUFFIXES
     from echoavatar.evaluation.behaviour import MUSIC, SPEECH
     from echoavatar.evaluation.report import Recording
     from echoavatar.models.audio import read_audio
+    from echoavatar.models.audio.recorded_files import AUDIO_SUFFIXES
 
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     if not paths:

@@ -9,8 +9,12 @@ from .recipe import Options, Settings
 
 def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only the codec has."""
-    parser.add_argument("--recordings", type=Path, help="folder of recorded speech and music to train on as well, each as often as the corpus; what its"
-        " manifest.csv marks as test is left out")
+    parser.add_argument(
+        "--recordings",
+        type=Path,
+        help="folder of recorded speech and music to train on as well, each as often as the corpus; what its"
+        " manifest.csv marks as test is left out",
+    )
     parser.add_argument("--start", type=Path, help="trained codec of the same sizes (a run, or part of a bundle)")
     options.add("--minutes", "training.minutes", 40.0, type=float, help="training time, the schedule fitted to it")
 

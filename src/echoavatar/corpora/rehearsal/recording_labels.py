@@ -158,6 +158,13 @@ def _nuclear(scores: Array, times: Array) -> set[int]:
     return set(chosen)
 
 
+def is_low_voice(audio: FloatArray) -> bool:
+    """Whether speech (s,), 24 kHz, of any level has a median pitch below 160 Hz."""
+    found = [_pitch(audio, sample) for sample in range(600, len(audio) - 600, 2400)]
+    voiced = [pitch for pitch in found if pitch > 0]
+    return bool(voiced) and float(np.median(voiced)) < 160
+
+
 def _pitch(audio: FloatArray, sample: int) -> float:
     """Pitch in Hz near a sample by autocorrelation of 50 ms, 0 if unvoiced (70-400 Hz)."""
     part = audio[max(0, sample - 600) : sample + 600].astype(np.float64)

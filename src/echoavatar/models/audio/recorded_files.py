@@ -1,8 +1,8 @@
 """Folders of recorded speech and music: which files they hold, who is heard, and what may be trained on.
 
-A folder may have a `manifest.csv` with the columns path, kind ("speech" or "music"), speaker_or_artist, title,
-language_or_genre and split ("train" or "test"), one row a file. Without one all files are for training, and a path
-that contains "music" is music.
+A folder may have a `manifest.csv` with the columns path, seconds, kind ("speech" or "music"), speaker_or_artist,
+title, language_or_genre and split ("train" or "test"), one row a file. Without one every file belongs to both splits, and a
+path that contains "music" is music.
 
 Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of a long file is read without decoding
 the whole. May import `io`, `nn.kernels`, `timing` and `errors`.
@@ -38,6 +38,7 @@ class RecordedFile(NamedTuple):
     title: str
     style: str
     split: Literal["train", "test"]
+    seconds: float  # 0: not known before it is decoded
 
 
 def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile, ...]:
@@ -47,12 +48,13 @@ def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile
         AudioError: the manifest is damaged or names a file that is missing, or nothing is found.
     """
     manifest = folder / MANIFEST
-    listed = _listed(manifest) if manifest.is_file() else _found(folder)
-    chosen = sorted(file for file in listed if split in (None, file.split))
+    if manifest.is_file():
+        what, chosen = f"no recordings marked {split}", [one for one in _listed(manifest) if split in (None, one.split)]
+    else:
+        what, chosen = f"no sound ({', '.join(AUDIO_SUFFIXES)})", list(_found(folder))
     if not chosen:
-        what = f"no recordings marked {split}" if manifest.is_file() else f"no sound ({', '.join(AUDIO_SUFFIXES)})"
         raise AudioError(f"{folder} holds {what}; give another --recordings")
-    return tuple(chosen)
+    return tuple(sorted(chosen))
 
 
 def decoded(path: Path) -> Int16[np.ndarray, " s"]:
@@ -94,6 +96,7 @@ def _listed(manifest: Path) -> Iterator[RecordedFile]:
     with manifest.open(encoding="utf-8", newline="") as file:
         for number, row in enumerate(csv.DictReader(file), 2):
             path, kind, voice, title, style, split = (row.get(name) or "" for name in _COLUMNS)
+            style = style.split(" [")[0]  # without notes on the excerpt
             if kind not in ("speech", "music") or split not in ("train", "test"):
                 raise AudioError(
                     f"{manifest}, line {number}: kind is {kind!r} and split {split!r}; write speech or music, and "
@@ -102,11 +105,12 @@ def _listed(manifest: Path) -> Iterator[RecordedFile]:
             inside = manifest.parent / path
             if not inside.is_file() or not inside.resolve().is_relative_to(manifest.parent.resolve()):
                 raise AudioError(f"{manifest}, line {number}: {path!r} is no file of this folder; mend the line")
-            yield RecordedFile(inside, kind, voice, title, style, split)  # type: ignore[arg-type]
+            seconds = float(row.get("seconds") or 0)
+            yield RecordedFile(inside, kind, voice, title, style, split, seconds)  # type: ignore[arg-type]
 
 
 def _found(folder: Path) -> Iterator[RecordedFile]:
     for path in folder.rglob("*"):
         if path.suffix.lower() in AUDIO_SUFFIXES:
             is_music = "music" in str(path.relative_to(folder)).lower()
-            yield RecordedFile(path, "music" if is_music else "speech", "", path.stem, "", "train")
+            yield RecordedFile(path, "music" if is_music else "speech", "", path.stem, "", "train", 0.0)
