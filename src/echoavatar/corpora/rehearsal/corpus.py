@@ -1,12 +1,14 @@
 """The rehearsal corpus: synthetic pairs of audio and motion, so that the whole pipeline can be trained offline.
 
 Each clip depends only on its own seed: the corpus is the same for any number of workers, and an interrupted run
-continues where it stopped. The manifest says that the corpus is synthetic.
+continues where it stopped. A clip's label "sources" is JSON: [start s, end s, kind, name, style] of each voice and
+piece in it. The manifest says that the corpus is synthetic.
 """
 
+import json
 import multiprocessing
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from functools import cache
 from pathlib import Path
 
@@ -109,6 +111,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
             "stress": np.array([s.vowel for s in track.syllables if s.prominence >= 0.45], np.float64),
         },
         split=split,
+        labels={"sources": json.dumps([[round(s.start, 2), round(s.end, 2), *astuple(s)[2:]] for s in track.sources])},
     )
 
 

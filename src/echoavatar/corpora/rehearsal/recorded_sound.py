@@ -1,7 +1,7 @@
 """Speech and music of a rehearsal track from a folder of recordings, with the labels that `recording_labels` finds.
 
-Low and high voices are drawn equally often, and a speaker by the root of the length of his recordings. Music is labelled
-once, whole and clean; a track gets a stretch of it, often at another pitch and tempo. Not in the paper.
+Low and high voices are drawn equally often, and a speaker by the root of how long he is heard. Music is labelled once,
+whole and clean; a track gets a stretch of it, often at another pitch and tempo. Not in the paper.
 """
 
 from collections import defaultdict

@@ -1,8 +1,8 @@
 """Folders of recorded speech and music: which files they hold, who is heard, and what may be trained on.
 
 A folder may have a `manifest.csv` with the columns path, seconds, kind ("speech" or "music"), speaker_or_artist,
-title, language_or_genre and split ("train" or "test"), one row a file. Without one every file belongs to both splits, and a
-path that contains "music" is music.
+title, language_or_genre and split ("train" or "test"), one row a file. Without one every file belongs to both splits,
+and a path that contains "music" is music.
 
 Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of a long file is read without decoding
 the whole. May import `io`, `nn.kernels`, `timing` and `errors`.
