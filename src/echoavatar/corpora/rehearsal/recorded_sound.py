@@ -59,7 +59,7 @@ class RecordedSound:
     def music(self, rng: np.random.Generator, seconds: float) -> SoundTrack:
         """At most `seconds` of a piece; half of the stretches begin on a downbeat, most change pitch and tempo."""
         file = self.music_files[rng.integers(len(self.music_files))]
-        piece = _labelled_music(file.path)
+        piece = _labelled_music(file)
         factor = float(2 ** (rng.uniform(-2, 2) / 12)) if rng.random() < 0.6 else 1.0
         latest = max(0.0, piece.seconds - seconds / factor)
         start = float(rng.uniform(0, latest))
@@ -121,12 +121,14 @@ def _quiet_near(sound: np.ndarray, sample: int) -> int:
 
 
 @cache
-def _labelled_music(path: Path) -> SoundTrack:
+def _labelled_music(file: RecordedFile) -> SoundTrack:
     """A whole piece with its beats, in 16 bit, so that it need not be in memory; short loops several times over."""
-    sound = decoded(path)
+    sound = decoded(file.path)
+    is_loop = len(sound) < _SHORTEST_LOOP_S * SAMPLE_RATE_HZ and "loop" in f"{file.title} {file.style}".lower()
+    loop_s = len(sound) / SAMPLE_RATE_HZ if is_loop else 0.0
     times = int(np.ceil(_SHORTEST_LOOP_S * SAMPLE_RATE_HZ / len(sound)))
     sound = np.tile(sound, times) if times > 1 else sound
-    return replace(track_from_recording(sound.astype(np.float32) / 32_768, "music"), audio=sound)
+    return replace(track_from_recording(sound.astype(np.float32) / 32_768, "music", loop_s=loop_s), audio=sound)
 
 
 @cache

@@ -20,19 +20,22 @@ _FRAME_S = _HOP / SAMPLE_RATE_HZ
 Array = np.ndarray
 
 
-def track_from_recording(audio: FloatArray, kind: str, seed: int = 0) -> SoundTrack:
-    """Label a recording (s,) of 24 kHz mono "speech" or "music"; `seed` draws its loudness (-32..-18 dB)."""
+def track_from_recording(audio: FloatArray, kind: str, seed: int = 0, loop_s: float = 0.0) -> SoundTrack:
+    """Label a recording (s,) of 24 kHz mono "speech" or "music"; `seed` draws its loudness (-32..-18 dB).
+
+    With `loop_s` it is a musical loop of that length, played several times (`track_beats`).
+    """
     if kind not in ("speech", "music"):
         raise AudioError(f"a recording's kind is {kind!r}; pass 'speech' or 'music'")
     if audio.ndim != 1 or len(audio) < SAMPLE_RATE_HZ or not np.isfinite(audio).all():
         raise AudioError(f"recording of shape {audio.shape}; pass at least one second of finite mono samples")
     level = float(np.random.default_rng(seed).uniform(-32, -18))
     audio = whole_frames(set_loudness(audio.astype(np.float32), level))
-    return _label_speech(audio) if kind == "speech" else _label_music(audio)
+    return _label_speech(audio) if kind == "speech" else _label_music(audio, loop_s)
 
 
-def _label_music(audio: FloatArray) -> SoundTrack:
-    found = track_beats(audio)
+def _label_music(audio: FloatArray, loop_s: float) -> SoundTrack:
+    found = track_beats(audio, loop_s=loop_s)
     end = len(audio) / SAMPLE_RATE_HZ
     power = _frame_power(audio)
     loud = _active(power, floor_db=-42, bridge_s=1.5, shortest_s=2.0)
