@@ -51,8 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="give new fingers to clips of the library whose fingers do not move",
     )
     rehearse.add_argument(
-        "--recordings", type=Path, help="folder of recorded speech and music, half of the sound; with a manifest.csv clips that are held out use"
-        " its test files, otherwise paths with 'music' are music"
+        "--recordings",
+        type=Path,
+        help="folder of recorded speech and music for half of the sound; with a manifest.csv the clips that are held"
+        " out use its test files, without one paths with 'music' are music",
     )
     rehearse.add_argument("--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music")
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")

@@ -28,8 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--corpus", type=Path, help="use the test clips of this corpus instead of generating some")
     parser.add_argument("--clips", type=int, default=10, help="number of held-out clips (default: %(default)s)")
     parser.add_argument(
-        "--recordings", type=Path, help="folder of recorded audio: the test files of its manifest.csv; without one, all, and paths with 'music' are"
-        " music"
+        "--recordings",
+        type=Path,
+        help="folder of recorded audio: the test files of its manifest.csv; without one all, and paths with 'music' in"
+        " them are music",
     )
     parser.add_argument(
         "--seconds", type=float, default=30.0, help="length to use of each recording (default: %(default)s)"
