@@ -31,6 +31,7 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
 from .experiment import Experiment
+from .sound_labels import f_measure
 from .table import Cell, Column, Line, Table
 
 NAME = "codec"
@@ -45,7 +46,6 @@ COLUMNS = (
 _EVENTS = ("onset", "stress", "beat")
 _FRAME_S = SAMPLES_PER_AUDIO_TOKEN / SAMPLE_RATE_HZ
 _CROP = 300  # frames, 4 s
-_TOLERANCE_S = 0.07
 _SECONDS = 40.0  # of one sound
 
 
@@ -243,19 +243,10 @@ def _balanced(guess: np.ndarray, true: np.ndarray) -> float:
 
 
 def _f_measure(pairs: Sequence[tuple[np.ndarray, np.ndarray]], limit: float) -> float:
-    """F-measure over all sounds of peaks above a limit; one that has no such event at all does not count."""
-    hits, wanted, given = 0, 0, 0
+    """Mean over sounds of the F-measure of peaks above a limit; a sound without such events does not count."""
+    scores = []
     for strength, marks in pairs:
-        true = np.flatnonzero(marks) * _FRAME_S
-        if not len(true):
-            continue
-        padded = np.pad(strength, 1)
-        guess = (find_peaks(padded, height=limit, distance=6)[0] - 1) * _FRAME_S
-        wanted, given = wanted + len(true), given + len(guess)
-        free = list(guess)
-        for time in true:
-            near = [other for other in free if abs(other - time) <= _TOLERANCE_S]
-            if near:
-                free.remove(min(near, key=lambda other: abs(other - time)))
-                hits += 1
-    return 2 * hits / max(1, wanted + given)
+        if marks.any():
+            given = (find_peaks(np.pad(strength, 1), height=limit, distance=6)[0] - 1) * _FRAME_S
+            scores.append(f_measure(np.flatnonzero(marks) * _FRAME_S, given))
+    return float(np.mean(scores)) if scores else 0.0

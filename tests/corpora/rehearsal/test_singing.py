@@ -13,6 +13,6 @@ def test_a_voice_sings_notes_of_the_chord_on_the_beats() -> None:
     pitch = librosa.yin(voice, fmin=70, fmax=400, sr=24_000, frame_length=2048, hop_length=240)
     held = [pitch[at + 20 : at + 30] for at in range(0, 1100, 50) if voice[240 * (at + 20) :][:2400].std() > 0.05]
     steps = np.array([12 * np.log2(np.median(part) / 220) % 12 for part in held])
-    off = np.abs((steps[:, None] - np.array([0, 4, 7, 12])[None])).min(1)
+    off = np.abs(steps[:, None] - np.array([0, 4, 7, 12])[None]).min(1)
     assert len(steps) > 8
     assert np.mean(off < 0.5) > 0.8
