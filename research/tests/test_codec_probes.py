@@ -40,6 +40,7 @@ def test_a_reader_finds_what_the_codes_say_and_nothing_else(monkeypatch: pytest.
 
     monkeypatch.setattr(codec_probes, "audio_codes", codes)
     codec = SimpleNamespace(config=SimpleNamespace(codes=4), codebooks=torch.zeros(2, 4, 8))
+    assert codec_probes.heard(None, np.zeros(3200, np.float32)).shape == (10, 64)
     for is_heard, low, high in ((True, 0.95, 1.0), (False, 0.0, 0.6)):
         reader, ends = train_reader(codec, [sound(is_heard) for _ in range(6)], steps=60, seed=0)
         assert low <= score(codec, reader, ends, [sound(is_heard) for _ in range(4)])["domain"] <= high

@@ -28,6 +28,8 @@ from echoavatar.engine.pipeline import load_bundle
 from echoavatar.engine.pipeline.tokenize import audio_codes
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec
+from echoavatar.models.audio.config import CODE_LAYERS
+from echoavatar.models.audio.mel import log_mel
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
 from .experiment import Experiment
@@ -46,6 +48,7 @@ COLUMNS = (
 _EVENTS = ("onset", "stress", "beat")
 _FRAME_S = SAMPLES_PER_AUDIO_TOKEN / SAMPLE_RATE_HZ
 _CROP = 300  # frames, 4 s
+_BANDS = 64
 _SECONDS = 40.0  # of one sound
 
 
@@ -62,18 +65,23 @@ class Sound(NamedTuple):
 class Reader(nn.Module):
     """Codes to 3 domains, voiced, energy and three events per frame; sees 0.4 s to either side."""
 
-    def __init__(self, codes: int, layers: int, width: int = 48) -> None:
+    def __init__(self, codes: int, width: int = 48) -> None:
+        """With 0 `codes` it reads log-mel spectra."""
         super().__init__()
-        self.tables = nn.ModuleList(nn.Embedding(codes, width) for _ in range(layers))
+        first = (nn.Embedding(codes, width) for _ in range(CODE_LAYERS)) if codes else [nn.Linear(_BANDS, width)]
+        self.tables = nn.ModuleList(first)
         self.body = nn.Sequential()
         for dilation in (1, 2, 4, 8):
             self.body.append(nn.Conv1d(width, width, 5, padding=2 * dilation, dilation=dilation))
             self.body.append(nn.ELU())
         self.head = nn.Conv1d(2 * width, 8, 1)
 
-    def forward(self, codes: Int[Tensor, "b n q"]) -> Float[Tensor, "b n c"]:
-        """(b, n, 8)."""
-        x = torch.stack([table(codes[..., q]) for q, table in enumerate(self.tables)]).sum(0).transpose(1, 2)
+    def forward(self, heard: Tensor) -> Float[Tensor, "b n c"]:
+        """Codes (b, n, 2) or spectra (b, n, 64) to (b, n, 8)."""
+        if heard.is_floating_point():
+            x = self.tables[0](heard).transpose(1, 2)
+        else:
+            x = torch.stack([table(heard[..., q]) for q, table in enumerate(self.tables)]).sum(0).transpose(1, 2)
         out: Tensor = self.head(torch.cat([x, self.body(x)], 1)).transpose(1, 2)
         return out
 
@@ -90,8 +98,9 @@ def make(experiment: Experiment) -> Table:
         "recorded": recorded(folder, "test", max(2, count // 3), seed),
         "synthetic": synthetic("test", max(2, count // 3), seed),
     }
-    codecs = {"default bundle": load_bundle("default").codec}
+    codecs: dict[str, AudioCodec | None] = {"default bundle": load_bundle("default").codec}
     codecs |= {given.name: AudioCodec.load(given).eval()} if given else {}
+    codecs |= {"log-mel, no codec": None}
     lines = []
     for name, codec in codecs.items():
         experiment.say(f"codes of {name}")
@@ -105,6 +114,7 @@ def make(experiment: Experiment) -> Table:
         f"Readers: {len(training)} sounds of {_SECONDS:.0f} s, {30 * count} steps; tests:"
         f" {len(tests['recorded'])} recorded and {len(tests['synthetic'])} synthetic sounds.",
         "Chance: as many events at random times; for the rest a constant answer.",
+        "Log-mel: what the same reader finds in 64 bands, so what the codes lose.",
         "Recordings: the truth is what trackers hear in the clean sound.",
     )
     return Table(NAME, "What a reader finds in the codes", COLUMNS, lines, notes)
@@ -161,14 +171,23 @@ def _voiced(audio: np.ndarray, frames: int) -> np.ndarray:
     return voiced
 
 
+@torch.inference_mode()
+def heard(codec: AudioCodec | None, audio: np.ndarray) -> Tensor:
+    """Codes (n, 2) of sound, or without a codec its log-mel spectrum (n, 64)."""
+    if codec is not None:
+        return torch.from_numpy(audio_codes(codec, audio)).long()
+    spectrum = log_mel(torch.from_numpy(audio[None].copy()), fft=1024, hop=SAMPLES_PER_AUDIO_TOKEN, bands=_BANDS)
+    return spectrum[0, : len(audio) // SAMPLES_PER_AUDIO_TOKEN].clone() / 4 + 1
+
+
 def train_reader(
-    codec: AudioCodec, sounds: Sequence[Sound], *, steps: int, seed: int
+    codec: AudioCodec | None, sounds: Sequence[Sound], *, steps: int, seed: int
 ) -> tuple[Reader, dict[str, float]]:
     """A reader of a codec's codes, and the threshold of each event that is best on the training sound."""
     torch.manual_seed(seed)
-    reader = Reader(codec.config.codes, len(codec.codebooks))
+    reader = Reader(codec.config.codes if codec else 0)
     optimiser = torch.optim.AdamW(reader.parameters(), lr=3e-3, weight_decay=1e-2)
-    codes = [torch.from_numpy(audio_codes(codec, sound.audio)).long() for sound in sounds]
+    codes = [heard(codec, sound.audio) for sound in sounds]
     mean, sd = (float(f(np.concatenate([sound.energy for sound in sounds]))) for f in (np.mean, np.std))
     rng = np.random.default_rng(seed)
     for step in range(steps):
@@ -203,13 +222,15 @@ def train_reader(
 
 
 @torch.inference_mode()
-def _read(codec: AudioCodec, reader: Reader, sound: Sound) -> tuple[np.ndarray, Sound]:
-    out = reader(torch.from_numpy(audio_codes(codec, sound.audio)).long()[None])[0]
+def _read(codec: AudioCodec | None, reader: Reader, sound: Sound) -> tuple[np.ndarray, Sound]:
+    out = reader(heard(codec, sound.audio)[None])[0]
     out[:, 5:] = out[:, 5:].sigmoid()
     return out.numpy(), sound
 
 
-def score(codec: AudioCodec, reader: Reader, ends: dict[str, float], sounds: Sequence[Sound]) -> dict[str, float]:
+def score(
+    codec: AudioCodec | None, reader: Reader, ends: dict[str, float], sounds: Sequence[Sound]
+) -> dict[str, float]:
     """The columns of the table for some sounds."""
     said = [_read(codec, reader, sound) for sound in sounds]
     out = np.concatenate([one for one, _ in said])

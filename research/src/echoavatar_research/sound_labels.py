@@ -44,32 +44,34 @@ def make(experiment: Experiment) -> Table:
     for seed in range(first, first + count):
         known = compose_track(seed, 30.0, "speech", split="test")
         found = track_from_recording(known.audio, "speech")
-        for name, wanted, given in (
-            ("syllables", [s.vowel for s in known.syllables], [s.vowel for s in found.syllables]),
-            ("stresses", *([s.vowel for s in t.syllables if s.prominence >= STRESSED] for t in (known, found))),
-            ("phrases begin", [a for a, _ in known.phrases], [a for a, _ in found.phrases]),
-            ("phrases end", [b for _, b in known.phrases], [b for _, b in found.phrases]),
-        ):
+        both = (known, found)
+        times: dict[str, list[list[float]]] = {
+            "syllables": [[s.vowel for s in one.syllables] for one in both],
+            "stresses": [[s.vowel for s in one.syllables if s.prominence >= STRESSED] for one in both],
+            "phrases begin": [[begin for begin, _ in one.phrases] for one in both],
+            "phrases end": [[end for _, end in one.phrases] for one in both],
+        }
+        for name, (wanted, given) in times.items():
             pairs.setdefault(f"synthetic speech: {name}", []).append((wanted, given))
         music = compose_track(seed, 30.0, "music", split="test")
         heard = track_from_recording(music.audio, "music")
         pairs.setdefault("synthetic music: beats", []).append((music.beats, heard.beats))
         pairs.setdefault("synthetic music: downbeats", []).append((music.downbeats, heard.downbeats))
-    for name, wanted, audio, loop_s in _loops(experiment.sources.corpus):
-        pairs.setdefault("loops: beats, by ear alone", []).append((wanted, track_beats(audio).beats))
+    for name, beats, audio, loop_s in _loops(experiment.sources.corpus):
+        pairs.setdefault("loops: beats, by ear alone", []).append((beats, track_beats(audio).beats))
         told = track_beats(audio, loop_s=loop_s).beats
-        pairs.setdefault("loops: beats, length known", []).append((wanted, told))
-        experiment.say(f"{name}: {f_measure(wanted, told):.2f}")
+        pairs.setdefault("loops: beats, length known", []).append((beats, told))
+        experiment.say(f"{name}: {f_measure(beats, told):.2f}")
     lines = [
         Line(
-            f"{name} ({len(both)} clips)",
+            f"{name} ({len(clips)} clips)",
             {},
             {
-                "f": Cell(float(np.mean([f_measure(wanted, given) for wanted, given in both]))),
-                "chance": Cell(float(np.mean([f_measure(wanted, _random(wanted, rng)) for wanted, _ in both]))),
+                "f": Cell(float(np.mean([f_measure(wanted, given) for wanted, given in clips]))),
+                "chance": Cell(float(np.mean([f_measure(wanted, _random(wanted, rng)) for wanted, _ in clips]))),
             },
         )
-        for name, both in pairs.items()
+        for name, clips in pairs.items()
     ]
     notes = ("Mean over clips. With the length known, the beats of a loop are right once their number is.",)
     return Table(NAME, "Labels of recordings", COLUMNS, lines, notes)
