@@ -28,7 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--corpus", type=Path, help="use the test clips of this corpus instead of generating some")
     parser.add_argument("--clips", type=int, default=10, help="number of held-out clips (default: %(default)s)")
     parser.add_argument(
-        "--recordings", type=Path, help="folder of recorded audio; paths with 'music' in them are music"
+        "--recordings",
+        type=Path,
+        help="folder of recorded audio: the test files of its manifest.csv; without one all, and paths with 'music' in"
+        " them are music",
     )
     parser.add_argument(
         "--seconds", type=float, default=30.0, help="length to use of each recording (default: %(default)s)"
@@ -252,19 +255,13 @@ def _clips(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
 
 
 def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
-    from echoavatar.corpora.rehearsal.corpus import AUDIO_SUFFIXES
     from echoavatar.evaluation.behaviour import MUSIC, SPEECH
     from echoavatar.evaluation.report import Recording
-    from echoavatar.models.audio import read_audio
+    from echoavatar.models.audio.recorded_files import decoded, recorded_files
 
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
-    if not paths:
-        raise EchoAvatarError(f"{folder} holds no audio ({', '.join(AUDIO_SUFFIXES)}); give another --recordings")
     found = []
-    for path in paths:
-        audio = read_audio(path)
-        wanted = int(seconds * 24_000)
-        audio = audio[-wanted:] if len(audio) > wanted else audio  # the end: training uses the beginning
-        kind = MUSIC if "music" in str(path.relative_to(folder)).lower() else SPEECH
-        found.append(Recording(path.name, kind, np.ascontiguousarray(audio)))
+    for file in recorded_files(folder, "test"):
+        audio = decoded(file.path)[-int(seconds * 24_000) :]  # the end: training may have used the beginning
+        kind = MUSIC if file.kind == "music" else SPEECH
+        found.append(Recording(file.path.name, kind, audio.astype(np.float32) / 32_768))
     return found
