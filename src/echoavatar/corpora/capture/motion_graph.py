@@ -82,6 +82,11 @@ class _Description:
     alive: Float[Array, " t"]
 
 
+def poses_of(controls: Controls) -> Float[Array, "t d"]:
+    """Pose and velocity of each frame, in metres, seen from the hips; the distance of two says how well they join."""
+    return _described(controls, True).poses
+
+
 def _described(controls: Controls, has_arms: bool) -> _Description:
     """Pose and velocity in metres, seen from the hips and the floor below them; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]
