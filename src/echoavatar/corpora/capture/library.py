@@ -27,6 +27,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
+from .footing import stepping
 
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
 STILL_M_S = 0.06  # mean speed of the body's joints below which a dance has not begun
@@ -149,7 +150,9 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
             piece = _without_stillness(piece)
         is_whole = len(good) == 1 and not bad
         if piece.frames >= SHORTEST_S * FRAME_RATE_HZ or (is_whole and piece.frames > FRAME_RATE_HZ / 2):
-            yield _with_finger_drift(_at_origin(controls_from_motion(piece)))
+            controls = controls_from_motion(piece)
+            controls = stepping(controls) if entry.kind in ("standing", "speech", "gesture") else controls
+            yield _with_finger_drift(_at_origin(controls))
 
 
 def bad_spans(path: Path) -> list[tuple[float, float]]:
