@@ -29,7 +29,7 @@ def told(folder: Path) -> list[dict]:
     return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
 
 
-@pytest.mark.parametrize("kind", [grpo, ppo, dpo])
+@pytest.mark.parametrize("kind", [grpo, *(pytest.param(kind, marks=pytest.mark.slow) for kind in (ppo, dpo))])
 def test_a_killed_run_resumes_to_the_same_weights_and_the_same_curve(kind, tmp_path):
     """Killed after step 6 with its last checkpoint at step 5, in the middle of a batch's two epochs."""
     sizes = {"steps": 8, "save_every": 5, "evaluate_every": 4, "epochs": 2, "kl_weight": 0.01}
@@ -103,6 +103,7 @@ def curves(processes=None) -> dict[str, list[list[float]]]:
     return found
 
 
+@pytest.mark.slow
 def test_two_processes_take_the_steps_of_one():
     """Each answers half of the prompts; the same rewards, losses and gradients as one process with all of them."""
     pytest.importorskip("accelerate")

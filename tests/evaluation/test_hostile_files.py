@@ -20,7 +20,6 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
 from echoavatar.evaluation.score_retrieval import read_embeddings
 from echoavatar.files.smplx_reader import read_smplx
-from echoavatar.models.audio.pool import read_group
 from echoavatar.models.face.clip import FaceClip
 from echoavatar.models.generator.windows import TokenClip
 from echoavatar.motion.kinematics import tables
@@ -59,7 +58,6 @@ READERS: dict[str, Callable[[Path], object]] = {
     "embeddings": read_embeddings,
     "smplx": read_smplx,
     "header": motion_header,
-    "sounds": lambda path: read_group(path.parent),
 }
 KEYS = ("audio", "motion", "poses", "trans", "audio_codes", "motion_codes", "curves", "rotations", "root", "domain")
 KEYS += ("name", "split", "channels")

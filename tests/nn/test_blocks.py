@@ -29,7 +29,8 @@ def test_a_full_block_is_a_causal_one_that_looks_both_ways():
     causal, full = CausalBlock(width=16, heads=2, lookback=9).double(), FullBlock(width=16, heads=2).double()
     full.load_state_dict({key.removeprefix("attn."): value for key, value in causal.state_dict().items()})
     x = torch.randn(2, 9, 16, generator=torch.Generator().manual_seed(4), dtype=torch.double)
-    mixed = x + causal.attn.attend_all(causal.norm1(x), torch.ones(9, 9, dtype=torch.bool))
+    q, k, v = causal.attn._project(causal.norm1(x)).unbind(2)
+    mixed = x + causal.attn._attend(q, k, v, torch.ones(9, 9, dtype=torch.bool))
     torch.testing.assert_close(full(x), mixed + causal.mlp(causal.norm2(mixed)), atol=1e-6, rtol=1e-6)
     torch.testing.assert_close(full(x)[:, -1], causal(x)[:, -1], atol=1e-6, rtol=1e-6)
 

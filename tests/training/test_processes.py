@@ -65,21 +65,25 @@ from tests.training.test_processes import curve, real_stages
 from echoavatar.training import Loop
 from echoavatar.training.processes import processes_here
 
-sharded, folder = sys.argv[1] == "sharded", Path(sys.argv[2])
-processes = processes_here(sharded=sharded)
-torch.manual_seed(0)
-config = CONFIG.model_copy(update={"accumulation": 2, "average": 0.9})
-loop = Loop(Line(config), processes)
-told = curve(loop, 4)
-loop.save(folder)
-again = Loop(Line(config), loop.processes)
-again.resume(folder)
-torch.manual_seed(1)
-first = curve(loop, 2)
-torch.manual_seed(1)
-assert curve(again, 2) == first
-stages = {name: stage for name, stage in real_stages(2).items() if name == "generator" or not sharded}
-print(json.dumps({"line": told} | {name: curve(Loop(stage, processes), 3) for name, stage in stages.items()}))
+
+def main():
+    sharded, folder = sys.argv[1] == "sharded", Path(sys.argv[2])
+    processes = processes_here(sharded=sharded)
+    torch.manual_seed(0)
+    config = CONFIG.model_copy(update={"accumulation": 2, "average": 0.9})
+    loop = Loop(Line(config), processes)
+    told = curve(loop, 4)
+    loop.save(folder)
+    again = Loop(Line(config), loop.processes)
+    again.resume(folder)
+    torch.manual_seed(1)
+    first = curve(loop, 2)
+    torch.manual_seed(1)
+    assert curve(again, 2) == first
+    stages = {name: stage for name, stage in real_stages(2).items() if name == "generator" or not sharded}
+    print(json.dumps({"line": told} | {name: curve(Loop(stage, processes), 3) for name, stage in stages.items()}))
+
+main()
 """
 
 

@@ -16,9 +16,21 @@ same call resumes after an interruption. The table is printed and written as .md
 Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines, an offline reference), beat2
 (SMPL-X, EMAGE's measures; --corpus is your copy of BEAT2, --extractor a folder with EMAGE's weights as safetensors),
 dataset-composition (gesture, dance, both), layouts (order of the sequence; not in the paper), latency (stages, on
-this machine), alignment (no RL, DPO, GRPO, PPO).
+this machine), alignment (no RL, DPO, GRPO, PPO), codec and sound-labels (--corpus is a folder of recordings
+with a manifest.csv): what a reader finds in audio codes, those of --codec beside the default bundle's; how well such
+recordings are labelled.
 """
-TABLES = ("tokenizer-ablation", "main", "beat2", "dataset-composition", "layouts", "latency", "alignment")
+TABLES = (
+    "tokenizer-ablation",
+    "main",
+    "beat2",
+    "dataset-composition",
+    "layouts",
+    "latency",
+    "alignment",
+    "codec",
+    "sound-labels",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

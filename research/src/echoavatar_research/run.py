@@ -9,7 +9,17 @@ from typing import Any
 
 import torch
 
-from . import alignment, beat2, dataset_composition, latency, layouts, main, tokenizer_ablation
+from . import (
+    alignment,
+    beat2,
+    codec_probes,
+    dataset_composition,
+    latency,
+    layouts,
+    main,
+    sound_labels,
+    tokenizer_ablation,
+)
 from .beat2_experiment import Beat2Experiment
 from .experiment import Experiment
 from .table import Table, orderings
@@ -22,6 +32,8 @@ TABLES: dict[str, Callable[[Any], Table]] = {
     layouts.NAME: layouts.make,
     latency.NAME: latency.make,
     alignment.NAME: alignment.make,
+    codec_probes.NAME: codec_probes.make,
+    sound_labels.NAME: sound_labels.make,
 }
 NOTHING_LEARNED = "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."
 FOREIGN = "Numbers of the paper are the paper's, not comparable: other data and extractor. Only order can be compared."
@@ -34,7 +46,7 @@ def reproduce(name: str, experiment: Experiment, *, command: str) -> Table:
     experiment = Beat2Experiment.of(experiment) if name == beat2.NAME else experiment
     table = TABLES[name](experiment)
     notes = list(table.notes)
-    if name != latency.NAME:
+    if name not in (latency.NAME, codec_probes.NAME, sound_labels.NAME):  # these need no corpus of motion
         notes += [FOREIGN] if any(line.paper for line in table.lines) else []
         notes.append(INTERVALS)
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []

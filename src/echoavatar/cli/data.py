@@ -51,7 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="give new fingers to clips of the library whose fingers do not move",
     )
     rehearse.add_argument(
-        "--recordings", type=Path, help="folder of recorded audio; paths with 'music' are danced to, others are speech"
+        "--recordings",
+        type=Path,
+        help="folder of recorded speech and music for half of the sound; with a manifest.csv the clips that are held"
+        " out use its test files, without one paths with 'music' are music",
     )
     rehearse.add_argument("--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music")
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
@@ -104,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _rehearse(args: argparse.Namespace) -> int:
     from echoavatar.corpora.rehearsal.corpus import Plan, rehearse
+    from echoavatar.data import Corpus
 
     plan = Plan(
         args.hours,
@@ -117,6 +121,7 @@ def _rehearse(args: argparse.Namespace) -> int:
     with tqdm(total=plan.clips, unit="clip") as bar:
         made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))
     print(f"{made} clips, {plan.clips * plan.clip_seconds / 3600:.2f} hours in {plan.folder}")
+    print(f"fingerprint {Corpus(plan.folder).fingerprint}")
     return 0
 
 

@@ -28,7 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--corpus", type=Path, help="use the test clips of this corpus instead of generating some")
     parser.add_argument("--clips", type=int, default=10, help="number of held-out clips (default: %(default)s)")
     parser.add_argument(
-        "--recordings", type=Path, help="folder of recorded audio; paths with 'music' in them are music"
+        "--recordings",
+        type=Path,
+        help="folder of recorded audio: the test files of its manifest.csv; without one all, and paths with 'music' in"
+        " them are music",
     )
     parser.add_argument(
         "--seconds", type=float, default=30.0, help="length to use of each recording (default: %(default)s)"
@@ -57,6 +60,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="measure how much the body moves and varies instead, beside people: --clips sounds each of speech and"
         " music from --recordings, silence and listening",
+    )
+    parser.add_argument(
+        "--codes",
+        action="store_true",
+        help="measure the tokenizer instead: what its codes keep of the truth's timing, decoded and shown",
+    )
+    parser.add_argument(
+        "--tokenizer", type=Path, metavar="FOLDER", help="with --codes: another tokenizer than the bundle's"
     )
     parser.add_argument("--captured", type=Path, help="with --alive: folder of captured motion to compare with")
     parser.add_argument(
@@ -94,6 +105,8 @@ def run(args: argparse.Namespace) -> int:
     if args.alive:
         return _alive(args, bundle)
     clips = _clips(args)
+    if args.codes:
+        return _codes(args, bundle, clips)
     if args.beside:
         from echoavatar.evaluation.reliance import reliance_table, token_clips
         from echoavatar.models.generator import Generator
@@ -120,6 +133,19 @@ def _print_scores(scores: "Mapping[str, float]") -> None:
         print(f"{key:<44}{value:>12.4f}")
     found = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
     print(json.dumps(found))  # null: there was nothing to measure
+
+
+def _codes(args: argparse.Namespace, bundle: "Bundle", clips: list) -> int:  # type: ignore[type-arg]
+    from echoavatar.evaluation.true_codes import true_codes
+    from echoavatar.models.tokenizer import BodyTokenizer
+
+    tokenizer = BodyTokenizer.load(args.tokenizer) if args.tokenizer else bundle.tokenizer
+    with tqdm(unit="clip", disable=not sys.stderr.isatty()) as bar:
+        found = true_codes(tokenizer, clips, progress=lambda done, _: bar.update(done - bar.n))
+    for name, scores in found.items():
+        print(f"{name:<12}" + "  ".join(f"{key} {value:+.3f}" for key, value in scores.items()))
+    print(json.dumps({name: {key: round(value, 5) for key, value in scores.items()} for name, scores in found.items()}))
+    return 0
 
 
 def _face(args: argparse.Namespace, bundle: "Bundle") -> int:
@@ -229,19 +255,13 @@ def _clips(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
 
 
 def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
-    from echoavatar.corpora.rehearsal.corpus import AUDIO_SUFFIXES
     from echoavatar.evaluation.behaviour import MUSIC, SPEECH
     from echoavatar.evaluation.report import Recording
-    from echoavatar.models.audio import read_audio
+    from echoavatar.models.audio.recorded_files import decoded, recorded_files
 
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
-    if not paths:
-        raise EchoAvatarError(f"{folder} holds no audio ({', '.join(AUDIO_SUFFIXES)}); give another --recordings")
     found = []
-    for path in paths:
-        audio = read_audio(path)
-        wanted = int(seconds * 24_000)
-        audio = audio[-wanted:] if len(audio) > wanted else audio  # the end: training uses the beginning
-        kind = MUSIC if "music" in str(path.relative_to(folder)).lower() else SPEECH
-        found.append(Recording(path.name, kind, np.ascontiguousarray(audio)))
+    for file in recorded_files(folder, "test"):
+        audio = decoded(file.path)[-int(seconds * 24_000) :]  # the end: training may have used the beginning
+        kind = MUSIC if file.kind == "music" else SPEECH
+        found.append(Recording(file.path.name, kind, audio.astype(np.float32) / 32_768))
     return found

@@ -9,7 +9,13 @@ from .recipe import Options, Settings
 
 def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
     """Declare the arguments that only the codec has."""
-    parser.add_argument("--recordings", type=Path, help="folder of recorded audio to train on as well")
+    parser.add_argument(
+        "--recordings",
+        type=Path,
+        help="folder of recorded speech and music to train on as well, each as often as the corpus; what its"
+        " manifest.csv marks as test is left out",
+    )
+    parser.add_argument("--start", type=Path, help="trained codec of the same sizes (a run, or part of a bundle)")
     options.add("--minutes", "training.minutes", 40.0, type=float, help="training time, the schedule fitted to it")
 
 
@@ -17,17 +23,18 @@ BASE = {"training": {"steps": 100_000, "unquantized": 300, "learning_rate": 1.5e
 
 
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
-    """Train on all audio of the corpus."""
+    """Train on the audio of the corpus's train split and of the recordings."""
     from echoavatar.data import Corpus
-    from echoavatar.models.audio import CodecConfig
-    from echoavatar.models.audio.pool import AudioGroup, AudioPool, read_group
+    from echoavatar.models.audio import AudioCodec, CodecConfig
+    from echoavatar.models.audio.pool import AudioGroup, AudioPool, read_groups
     from echoavatar.models.audio.train import CodecTrainingConfig, train_codec
 
     codec = settings.checked(CodecConfig, "model")
     config = settings.checked(CodecTrainingConfig, "training", codec=codec)
     corpus = Corpus(args.source)
-    heard = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
+    heard = [entry.name for entry in corpus.entries("train", has_mirrored=False) if entry.has_sound]
     groups = [AudioGroup(args.source.name, tuple(corpus.sound(name) for name in heard))]
     if args.recordings:
-        groups.append(read_group(args.recordings, weight=0.5))
-    train_codec(config, args.output, AudioPool(groups), card=card, **how)
+        groups += read_groups(args.recordings)
+    start = AudioCodec.load(args.start) if args.start else None
+    train_codec(config, args.output, AudioPool(groups), card=card, start=start, **how)

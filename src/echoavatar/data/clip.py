@@ -22,6 +22,7 @@ DOMAINS = ("silence", "speech", "music")
 SPLITS = ("train", "val", "test")
 PCM = 32767.0
 _EVENT = "event."
+_LABEL = "label."
 _DAMAGE = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
@@ -37,6 +38,7 @@ class Clip:
         domain: (t,) uint8 per frame, an index into `DOMAINS`.
         events: sorted times in seconds by kind: "beats", "downbeats", "stress".
         split: "train", "val" or "test".
+        labels: what is known of the sound as text, such as who is heard.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Clip:
     domain: NDArray[np.uint8]
     events: Mapping[str, NDArray[np.float64]] = field(default_factory=lambda: MappingProxyType({}))
     split: str = "train"
+    labels: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         """Raises MotionError for shapes that do not fit, values that are not finite, or an unknown split."""
@@ -95,6 +98,7 @@ class Clip:
             "root": self.root.astype(np.float32),
             "domain": self.domain.astype(np.uint8),
             **{_EVENT + kind: np.asarray(times, np.float64) for kind, times in self.events.items()},
+            **{_LABEL + kind: np.array(text) for kind, text in self.labels.items()},
         }
         partial = path.with_name(path.name + ".part")
         try:
@@ -116,7 +120,13 @@ class Clip:
                 domain=stored["domain"],
                 events={key[len(_EVENT) :]: stored[key] for key in stored if key.startswith(_EVENT)},
                 split=str(stored["split"]),
+                labels=stored_labels(stored),
             )
+
+
+def stored_labels(stored: NpzArrays) -> dict[str, str]:
+    """The labels of an opened clip."""
+    return {key[len(_LABEL) :]: str(stored[key]) for key in stored if key.startswith(_LABEL)}
 
 
 class open_clip:  # noqa: N801  used like `open`

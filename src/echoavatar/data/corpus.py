@@ -4,6 +4,7 @@ Format 1, made by `data rehearse`, has one file per clip, `clips/*.npz`, with it
 prepare`, has memory-mapped `shards/*.npy` (`shards`) and mirror images that take no space on disk.
 """
 
+import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from functools import cached_property
@@ -22,7 +23,7 @@ from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.mirror import is_symmetric, mirror_positions, mirror_quaternions
 from echoavatar.timing import SAMPLES_PER_FRAME
 
-from .clip import DOMAINS, PCM, Clip, open_clip
+from .clip import DOMAINS, PCM, Clip, open_clip, stored_labels
 from .shards import Shard, ShardEntry, checksum
 
 MIRROR = ".mirror"  # suffix of a mirror image's name
@@ -112,6 +113,13 @@ class Corpus:
         return Skeleton(skeletons[0]) if skeletons else HUMANOID
 
     @property
+    def fingerprint(self) -> str:
+        """One checksum over all clips or shards; two corpora with the same one hold the same data."""
+        parts = [f"{entry.name} {entry.sha256}" for entry in self.manifest.clips]
+        parts += [str(entry.model_dump()) for entry in self.manifest.shards]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+    @property
     def can_mirror(self) -> bool:
         """Whether the rig is symmetric, so that clips can be mirrored."""
         return can_mirror(self.skeleton)
@@ -147,6 +155,7 @@ class Corpus:
             domain=self._shards[entry.shard].domain[span],
             events=MappingProxyType({kind: np.array(times) for kind, times in entry.events.items()}),
             split=entry.split,
+            labels=entry.labels,
         )
 
     def clips(self, split: str | None = None) -> Iterator[Clip]:
@@ -230,6 +239,7 @@ def _entry(path: Path) -> ClipEntry:
             frames=int(stored["root"].shape[0]),
             domains=count_domains(domain),
             sha256=checksum(path),
+            labels=stored_labels(stored),
         )
 
 

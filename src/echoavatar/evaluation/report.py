@@ -3,7 +3,7 @@
 Held-out rehearsal clips have true motion to compare with; recordings (without) show whether the behaviour carries over.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,6 +14,8 @@ from echoavatar.data import Clip
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Bundle, Pipeline
 from echoavatar.engine.pipeline.tokenize import clip_features
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.contact import planted, skate
 from echoavatar.motion.kinematics.features import from_features, travel_slice
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
@@ -54,7 +56,7 @@ def evaluate(
     Every clip is performed `repeats` times with different seeds, and the motion scores cover all performances.
     """
     say = progress or (lambda what, done, total: None)
-    scores = tokenizer_scores(bundle, clips)
+    scores = reconstruction_scores(bundle.tokenizer, clips)
     scores |= reliance(bundle.generator, token_clips(bundle, clips))
     pipeline = Pipeline(bundle)
     seeds = [seed + SEED_STRIDE * again + number for again in range(repeats) for number in range(len(clips))]
@@ -66,14 +68,14 @@ def evaluate(
     ]
     truth = [behaviour.track(bundle.skeleton, clip.rotations, clip.root, clip.domain) for clip in clips]
     scores |= behaviour_scores(bundle, made, truth)
-    scores |= beat_scores(bundle, clips, made, truth)
+    scores |= beat_scores(bundle.skeleton, clips, {"": made, "_truth": truth})
     scores |= recording_scores(pipeline, bundle, recordings, seed=seed, say=say)
     return scores
 
 
-def tokenizer_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
+def reconstruction_scores(tokenizer: BodyTokenizer, clips: Sequence[Clip]) -> dict[str, float]:
     """Reconstruction errors weighted by length, and the use of the least used layer-0 codebook."""
-    tokenizer, travel = bundle.tokenizer, travel_slice(bundle.skeleton)
+    skeleton, travel = tokenizer.skeleton, travel_slice(tokenizer.skeleton)
     rows, codes = [], []
     for clip in clips:
         features = clip_features(tokenizer, clip)
@@ -83,9 +85,9 @@ def tokenizer_scores(bundle: Bundle, clips: Sequence[Clip]) -> dict[str, float]:
         codes.append(coded[0])
         rows.append(
             reconstruction(
-                bundle.skeleton,
-                from_features(bundle.skeleton, features).rotations,
-                from_features(bundle.skeleton, rebuilt).rotations,
+                skeleton,
+                from_features(skeleton, features).rotations,
+                from_features(skeleton, rebuilt).rotations,
                 features[:, travel][:, :2],
                 rebuilt[:, travel][:, :2],
             )
@@ -133,16 +135,14 @@ def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
     }
 
 
-def beat_scores(
-    bundle: Bundle, clips: Sequence[Clip], made: Sequence[Track], truth: Sequence[Track]
-) -> dict[str, float]:
-    """BA on stressed syllables and on music beats, with chance levels and the truth's values."""
-    arms = bundle.skeleton.indices(ARM_JOINTS)
+def beat_scores(skeleton: Skeleton, clips: Sequence[Clip], motions: Mapping[str, Sequence[Track]]) -> dict[str, float]:
+    """BA on stressed syllables and on music beats, with chance levels; names end in the keys of `motions`."""
+    arms = skeleton.indices(ARM_JOINTS)
     onsets = [clip.events.get("stress", np.zeros(0)) + STROKE_DELAY_S for clip in clips]
     events = {"onset": onsets}
     events["beat"] = [clip.events.get("beats", np.zeros(0)) for clip in clips]
     scores: dict[str, float] = {}
-    for suffix, tracks in (("", made), ("_truth", truth)):
+    for suffix, tracks in motions.items():
         found = {
             "onset": [gesture_beats(track.positions[:, arms]) for track in tracks],
             "beat": [[dance_beats(track.positions)] for track in tracks],

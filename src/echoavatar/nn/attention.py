@@ -55,11 +55,6 @@ class CausalAttention(StreamingModule[AttentionState]):
         q, k, v = self._project(x).unbind(2)
         return self._attend(q, k, v, self._window(x.shape[1])[:, self.lookback :])
 
-    def attend_all(self, x: Float[Tensor, "b t c"], seen: Bool[Tensor, "t t"]) -> Float[Tensor, "b t c"]:
-        """A whole clip under any mask, such as one that looks ahead."""
-        q, k, v = self._project(x).unbind(2)
-        return self._attend(q, k, v, seen)
-
     def init_state(self, rows: int) -> AttentionState:
         """Nothing seen yet."""
         weight = self.qkv.weight.detach()

@@ -81,8 +81,13 @@ def cache_folder() -> Path:
     beside = PACKAGE / "__pycache__"
     if os.access(beside if beside.exists() else PACKAGE, os.W_OK):
         return beside / "kernels"
+    return user_cache() / "kernels"
+
+
+def user_cache() -> Path:
+    """The package's folder in the user's cache."""
     base = os.environ.get("XDG_CACHE_HOME") or ("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")
-    return Path(base).expanduser() / "echoavatar" / "kernels"
+    return Path(base).expanduser() / "echoavatar"
 
 
 def _global_names(code: CodeType) -> set[str]:

@@ -6,6 +6,7 @@ devices and wraps the modules for DDP. With `sharded` each process holds only it
 """
 
 import atexit
+import gc
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -126,8 +127,12 @@ class DistributedProcesses(Processes):
 
 
 def _leave_group() -> None:
-    """Leave the process group at exit; threads that still wait for other processes could abort the program."""
+    """Leave the process group at exit; its threads would abort the program if they outlived the interpreter.
+
+    The group ends its threads when nothing refers to it, so wrapped modules that wait in cycles are freed before.
+    """
     if torch.distributed.is_initialized():
+        gc.collect()
         torch.distributed.destroy_process_group()
 
 

@@ -40,9 +40,21 @@ def test_own_music_is_tracked_with_its_tempo_given(style):
     assert recall(piece.beats, found.beats) > 0.9
 
 
-def test_silence_has_no_beats():
-    found = track_beats(np.zeros(48000, np.float32))
-    assert len(found.beats) == len(found.downbeats) == 0
+def test_silence_and_noise_have_no_beats():
+    noise = 0.1 * np.random.default_rng(0).standard_normal(20 * 24000).astype(np.float32)
+    for audio in (np.zeros(48000, np.float32), noise):
+        found = track_beats(audio)
+        assert len(found.beats) == len(found.downbeats) == 0
+
+
+def test_a_loop_is_counted_by_its_length_though_the_loudest_strokes_lie_between_the_beats():
+    bar = np.zeros(48_000, np.float32)
+    for eighth, level in enumerate([0.1, 1, 0.1, 1, 0.1, 1, 0.1, 1]):
+        bar[6000 * eighth :][:2400] = level * np.random.default_rng(eighth).standard_normal(2400) * np.hanning(2400)
+    found = track_beats(np.tile(bar, 6), loop_s=2.0)
+    assert found.bpm == pytest.approx(120)
+    assert np.allclose(found.beats, 0.5 * np.arange(24))
+    assert np.allclose(found.downbeats, 2.0 * np.arange(6))
 
 
 def test_onset_strength_peaks_at_the_click():

@@ -1,3 +1,5 @@
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -6,6 +8,7 @@ import soundfile
 
 from echoavatar.corpora.rehearsal.corpus import TEST_EVERY, Plan, domains, make_clip, rehearse
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
+from echoavatar.corpora.rehearsal.track import compose_track
 from echoavatar.data import Corpus
 from echoavatar.errors import EchoAvatarError
 
@@ -42,17 +45,27 @@ def test_an_interrupted_run_continues_and_ends_with_a_manifest(tmp_path: Path) -
     assert "synthetic" in Corpus(tmp_path).manifest.info["kind"]
 
 
-def test_recordings_are_moved_to_by_their_kind(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
+def test_recordings_are_half_of_the_sound_and_named(tmp_path: Path, own_cache: Path) -> None:
     (tmp_path / "music").mkdir()
-    clicks = np.zeros(24_000 * 12, np.float32)
-    for start in range(0, len(clicks), 12_000):
-        clicks[start : start + 1200] = rng.standard_normal(1200) * np.exp(-np.arange(1200) / 200)
-    soundfile.write(tmp_path / "music" / "clicks.wav", clicks * 0.3, 24_000)
-    clip = make_clip(plan(tmp_path / "out", recordings=tmp_path), 1)
-    assert set(np.unique(clip.domain)) <= {0, 2}
-    assert (clip.domain == 2).any()
-    assert len(clip.events["beats"]) > 3
+    beat = np.zeros(12_000, np.float32)
+    beat[:1200] = 0.3 * np.exp(-np.arange(1200) / 200) * np.random.default_rng(0).standard_normal(1200)
+    soundfile.write(tmp_path / "music" / "clicks.wav", np.tile(beat, 24), 24_000)
+    heard = [compose_track(seed, 6.0, "music", recordings=tmp_path) for seed in range(20)]
+    names = [source.name for track in heard for source in track.sources if source.kind == "music"]
+    assert 0.25 < np.mean([name == "clicks" for name in names]) < 0.75
+    assert any(source.kind == "singing" for track in heard for source in track.sources)
+    clips = [make_clip(plan(tmp_path / "out", recordings=tmp_path), index) for index in (0, 0)]
+    assert np.array_equal(clips[0].audio, clips[1].audio)
+    assert all(start < end for start, end, *_ in json.loads(clips[0].labels["sources"]))
+
+
+def test_a_corpus_has_the_same_fingerprint_for_any_number_of_workers(tmp_path: Path) -> None:
+    tiny = [replace(plan(tmp_path / name), clip_seconds=2.0, hours=4 / 3600) for name in ("a", "b", "c")]
+    rehearse(tiny[0])
+    rehearse(tiny[1], workers=2)
+    rehearse(replace(tiny[2], seed=6))
+    first, again, other = (Corpus(one.folder).fingerprint for one in tiny)
+    assert first == again != other
 
 
 def test_frames_are_labelled_by_their_span() -> None:

@@ -1,8 +1,8 @@
 import numpy as np
 
 from echoavatar.corpora.rehearsal.gesture_cues import gesture_cues
-from echoavatar.corpora.rehearsal.idle import draw_manner
 from echoavatar.corpora.rehearsal.sound import SoundTrack
+from echoavatar.corpora.rehearsal.speakers import draw_manner
 
 
 def test_strokes_end_just_after_the_vowels_of_prominent_syllables(talk: SoundTrack):

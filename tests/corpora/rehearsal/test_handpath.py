@@ -31,7 +31,7 @@ def test_too_fast_a_move_takes_longer():
     aim[WRIST] = (0.0, 0.6, 0.0)
     path.move(0.0, 0.1, aim)
     speed = np.linalg.norm(np.diff(path.curve(60)[:, WRIST], axis=0), axis=-1) * 30
-    assert speed.max() == pytest.approx(1.45, rel=0.05)
+    assert speed.max() == pytest.approx(2.35, rel=0.05)
 
 
 def test_a_stroke_overshoots_and_settles():

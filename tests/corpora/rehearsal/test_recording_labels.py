@@ -23,6 +23,17 @@ def test_known_speech_labels_are_found_again():
     assert np.mean([np.min(np.abs(every - g)) < 0.1 for g in guess]) > 0.8
 
 
+def test_breath_rumble_and_clicks_are_no_phrases():
+    spoken = compose_track(4, 8.0, "speech", engine="own").audio
+    rng, time = np.random.default_rng(0), np.arange(24_000) / 24_000
+    breath = 0.01 * rng.standard_normal(24_000)
+    rumble = 0.2 * np.sin(2 * np.pi * 12 * time)
+    found = track_from_recording(np.concatenate([breath, rumble, spoken, rumble, breath]).astype(np.float32), "speech")
+    assert 1.9 < found.phrases[0][0] < 3.5
+    assert found.phrases[-1][1] < 10.1
+    assert all(2.0 < syllable.vowel < 10.0 for syllable in found.syllables)
+
+
 def test_known_music_labels_are_found_again():
     known = compose_track(11, 24.0, "music")
     found = track_from_recording(known.audio, "music")

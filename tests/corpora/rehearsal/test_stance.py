@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from echoavatar.corpora.rehearsal.controls import ANKLE_HEIGHT, STANDING_FEET
-from echoavatar.corpora.rehearsal.stance import Shift, Step, air, walked, weight_curve, weight_shifts
+from echoavatar.corpora.rehearsal.speakers import Manner
+from echoavatar.corpora.rehearsal.stance import Shift, Step, air, stances, walked, weight_curve
 
 
 def test_a_step_moves_one_foot_and_only_during_the_step():
@@ -29,10 +30,23 @@ def test_weight_arrives_with_each_shift():
 
 
 def test_a_stepping_foot_never_carries_the_weight():
-    rng = np.random.default_rng(5)
-    steps, shifts = weight_shifts(600.0, [], rng, pace=6.0, step_every=25.0)
-    assert 15 < len(steps) < 25  # 600 s with one step in about 30 s
+    steps, shifts = stances(600.0, [(0.0, 600.0)], np.random.default_rng(5), Manner(), 0.5)
     weight = weight_curve(18_000, shifts, 0.5)
     for step in steps:
         middle = weight[round((step.begin + step.end) / 2 * 30)]
         assert middle * (-1 if step.side == 0 else 1) > 0.4
+
+
+def test_speakers_step_and_listeners_hardly():
+    counts = [
+        len(stances(600.0, phrases, np.random.default_rng(5), Manner(), 0.5)[0]) for phrases in ([(0.0, 600.0)], [])
+    ]
+    assert counts[0] > 100
+    assert counts[1] < counts[0] / 5
+
+
+def test_stances_stay_near_the_middle_and_feet_apart():
+    steps, _ = stances(600.0, [(0.0, 600.0)], np.random.default_rng(2), Manner(roam=0.1), 0.5)
+    feet = walked(18_000, steps).position
+    assert np.abs(feet[..., [0, 2]]).max() < 0.55
+    assert np.linalg.norm(feet[::30, 0] - feet[::30, 1], axis=-1).min() > 0.09

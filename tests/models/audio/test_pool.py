@@ -3,7 +3,10 @@ import pytest
 
 from echoavatar.errors import AudioError
 from echoavatar.models.audio import write_wav
-from echoavatar.models.audio.pool import AudioGroup, AudioPool, read_group, to_int16
+from echoavatar.models.audio.pool import AudioGroup, AudioPool, read_groups
+from echoavatar.models.audio.recorded_files import to_int16
+
+pytestmark = pytest.mark.usefixtures("own_cache")
 
 
 def group(name: str, value: float, weight: float, samples: int = 24_000) -> AudioGroup:
@@ -24,25 +27,18 @@ def test_short_recordings_are_followed_by_silence():
     assert piece.tolist() == [0.5] * 10 + [0.0] * 20
 
 
-def test_folders_of_sound_and_of_clips(tmp_path):
+def test_a_folder_gives_a_group_of_speech_and_one_of_music(tmp_path):
     sound = np.linspace(-0.5, 0.5, 2_400).astype(np.float32)
     write_wav(tmp_path / "a.wav", sound)
-    (tmp_path / "clips").mkdir()
-    np.savez(tmp_path / "clips" / "b.npz", audio=sound)
-    (tmp_path / "notes.txt").write_text("not sound")
-    found = read_group(tmp_path, weight=2)
-    assert (found.name, found.weight, len(found.recordings)) == (tmp_path.name, 2, 2)
-    for recording in found.recordings:
-        np.testing.assert_allclose(recording / 32_768, sound, atol=1e-4)
-
-
-def test_clips_of_a_corpus_keep_their_loudness(tmp_path):
-    """Clips store 16-bit sound; read as if it were -1..1 it would clip to a square wave."""
-    sound = np.array([-16_000, -1, 0, 1, 8_000], np.int16)
-    np.savez(tmp_path / "clip.npz", audio=sound)
-    assert np.array_equal(read_group(tmp_path).recordings[0], sound)
+    write_wav(tmp_path / "music.wav", 0.5 * sound)
+    speech, music = read_groups(tmp_path)
+    assert (speech.name, music.name) == (f"{tmp_path.name}: speech", f"{tmp_path.name}: music")
+    for group_, wanted in ((speech, sound), (music, 0.5 * sound)):
+        np.testing.assert_allclose(group_.recordings[0] / 32_768, wanted, atol=1e-4)
 
 
 def test_no_sound_at_all_is_refused(tmp_path):
     with pytest.raises(AudioError, match="every folder given is empty"):
-        AudioPool([read_group(tmp_path)])
+        AudioPool([AudioGroup("nothing", ())])
+    with pytest.raises(AudioError, match="no sound"):
+        read_groups(tmp_path)

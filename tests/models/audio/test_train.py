@@ -6,7 +6,8 @@ from tests.models.runs import check_pieces, check_resume
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import CodecConfig
-from echoavatar.models.audio.pool import AudioGroup, AudioPool, to_int16
+from echoavatar.models.audio.pool import AudioGroup, AudioPool
+from echoavatar.models.audio.recorded_files import to_int16
 from echoavatar.models.audio.train import CodecTask, CodecTrainingConfig, make_batch, train_codec
 from echoavatar.training import Loop
 
@@ -88,3 +89,12 @@ def test_fresh_weights_answer_speech_with_unit_variance(pool):
         latents = codec.latents(audio, state, state.seen == 0)
     assert 0.7 < float(latents.std()) < 1.5
     assert 0.02 < float(codec.synthesize(latents).detach().std()) < 0.2
+
+
+def test_a_run_begins_with_a_trained_codec(pool, tmp_path):
+    start = train_codec(CONFIG, tmp_path / "a", pool)
+    still = CONFIG.model_copy(update={"learning_rate": 1e-12, "steps": 1})
+    again, fresh = (train_codec(still, tmp_path / name, pool, start=one) for name, one in (("b", start), ("c", None)))
+    for near, is_same in ((again, True), (fresh, False)):
+        assert torch.allclose(near.encoder.layers[0].conv.weight, start.encoder.layers[0].conv.weight) == is_same
+        assert (torch.dist(near.codebooks, start.codebooks) < 0.3 * start.codebooks.norm()) == is_same

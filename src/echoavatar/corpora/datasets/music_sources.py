@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from echoavatar.data.shards import checksum
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import stream_audio
+from echoavatar.models.audio.recorded_files import AUDIO_SUFFIXES
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 from ..rehearsal.augment import set_loudness
-from ..rehearsal.corpus import AUDIO_SUFFIXES
 from ..rehearsal.instruments import render
 from ..rehearsal.music import compose_piece
 from ..rehearsal.sound import FloatArray, whole_frames

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import maximum_filter1d
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
@@ -17,6 +18,7 @@ _HOP, _FFT = 240, 1024
 _FRAME_S = _HOP / SAMPLE_RATE_HZ
 _LAG_S = -0.007  # onset strength peaks this much before the note (measured on synthesised music)
 _TIGHTNESS = 300.0
+_LEAST_CONTRAST = 1.75  # noise and ambient music reach 1.6, the least rhythmic of 130 other pieces 2.1
 Array = np.ndarray
 
 
@@ -59,14 +61,21 @@ def _whiten(strength: Array) -> Array:
     return np.asarray(strength / (np.std(strength) + 1e-9))
 
 
-def estimate_bpm(onsets: Onsets) -> float:
-    """The tempo whose period and multiples correlate best, with a broad prior around 120 beats per minute."""
+def estimate_bpm(onsets: Onsets, loop_s: float = 0.0) -> float:
+    """The tempo whose period and multiples correlate best, with a broad prior around 118 beats per minute.
+
+    A loop that lasts `loop_s` has a power of two of beats, or three times that.
+    """
     x = onsets.full + 0.5 * onsets.low
     x = x - x.mean()
     size = 2 * len(x)
     power = np.abs(np.fft.rfft(x, size)) ** 2
     correlation = np.fft.irfft(power)[: len(x)] / (power.sum() / size + 1e-9)
     bpms = np.geomspace(45, 215, 320)
+    if loop_s > 0:
+        counts = np.array([times << power for times in (1, 3) for power in range(9)])
+        bpms = 60 * counts / loop_s
+        bpms = np.sort(bpms[(bpms >= 58) & (bpms <= 200)])
     lags = 60 / bpms / _FRAME_S
     index = np.arange(len(x))
     score = sum(w * np.interp(k * lags, index, correlation, right=0.0) for k, w in ((1, 1.0), (2, 0.6), (4, 0.4)))
@@ -74,16 +83,31 @@ def estimate_bpm(onsets: Onsets) -> float:
     return float(bpms[int(np.argmax(np.maximum(score, 0) * prior))])
 
 
-def track_beats(audio: FloatArray, bpm: float = 0.0) -> Beats:
-    """Beats of audio (s,); silence has none. A `bpm` above 0 is taken as the known tempo."""
+def track_beats(audio: FloatArray, bpm: float = 0.0, loop_s: float = 0.0) -> Beats:
+    """Beats of audio (s,); silence and music without a pulse have none.
+
+    A `bpm` above 0 is taken as the known tempo. With `loop_s` the audio is a loop of that length, played several times
+    from its first beat on, which tells the beats better than the ear can in syncopated music.
+    """
     if len(audio) < SAMPLE_RATE_HZ or float(np.max(np.abs(audio))) < 1e-4:
         return Beats(np.zeros(0), np.zeros(0), 0.0)
     onsets = onset_strength(audio)
-    tempo = bpm or estimate_bpm(onsets)
+    tempo = bpm or estimate_bpm(onsets, loop_s)
+    if loop_s > 0:
+        beats = np.arange(0.0, len(audio) / SAMPLE_RATE_HZ, 60 / tempo)
+        return Beats(beats, beats[:: 3 if round(loop_s * tempo / 60) % 3 == 0 else 4], tempo)
     period = 60 / tempo / _FRAME_S
     frames = _best_path(onsets.full, period)
+    if _contrast(onsets.full, frames) < _LEAST_CONTRAST:
+        return Beats(np.zeros(0), np.zeros(0), 0.0)
     beats = np.maximum(0.0, frames * _FRAME_S - _LAG_S)
     return Beats(beats, _downbeats(beats, frames, onsets.low), tempo)
+
+
+def _contrast(strength: Array, frames: npt.NDArray[np.int64]) -> float:
+    """Onset strength near the beats over that near any frame."""
+    near = maximum_filter1d(strength, 7)
+    return float(near[frames].mean() / (near.mean() + 1e-9)) if len(frames) else 0.0
 
 
 def _best_path(strength: Array, period: float) -> npt.NDArray[np.int64]:

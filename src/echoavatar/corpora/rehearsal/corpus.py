@@ -1,13 +1,15 @@
 """The rehearsal corpus: synthetic pairs of audio and motion, so that the whole pipeline can be trained offline.
 
 Each clip depends only on its own seed: the corpus is the same for any number of workers, and an interrupted run
-continues where it stopped. The manifest says that the corpus is synthetic.
+continues where it stopped. A clip's label "sources" is JSON: [start s, end s, kind, name, style] of each voice and
+piece in it. The manifest says that the corpus is synthetic.
 """
 
+import json
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, lru_cache
+from collections.abc import Callable, Iterator
+from dataclasses import astuple, dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -16,22 +18,17 @@ from numpy.typing import NDArray
 from echoavatar.data.clip import Clip
 from echoavatar.data.corpus import clip_path, write_manifest
 from echoavatar.errors import EchoAvatarError
-from echoavatar.models.audio.io import read_audio
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
-from .augment import set_loudness, treat
 from .choreography import choreograph
 from .recorded_motion import Library, blend_recordings, load_library
-from .recording_labels import track_from_recording
 from .solver import solve
-from .sound import SoundTrack, concatenate, cut, whole_frames
+from .sound import SoundTrack
 from .track import compose_track
 
 CLIP_SECONDS = 64.0
 TEST_EVERY = 16  # one clip in sixteen is held out
-RECORDING_EVERY = 3  # if recordings are given, one clip in three uses them
-AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
     """Make one clip from the plan's seed and the clip's index."""
     seed = int(np.random.SeedSequence([plan.seed, index]).generate_state(1)[0])
     split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
-    track = _track(plan, index, seed, split)
+    track = compose_track(seed, plan.clip_seconds, split=split, soundfont=plan.soundfont, recordings=plan.recordings)
     controls = choreograph(track, seed)
     rotations, root = solve(controls)
     if plan.library is not None:
@@ -114,6 +111,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
             "stress": np.array([s.vowel for s in track.syllables if s.prominence >= 0.45], np.float64),
         },
         split=split,
+        labels={"sources": json.dumps([[round(s.start, 2), round(s.end, 2), *astuple(s)[2:]] for s in track.sources])},
     )
 
 
@@ -126,48 +124,9 @@ def domains(track: SoundTrack, frames: int) -> NDArray[np.uint8]:
     return domain
 
 
-def _track(plan: Plan, index: int, seed: int, split: str) -> SoundTrack:
-    if plan.recordings is None or index % RECORDING_EVERY != 1:
-        return compose_track(seed, plan.clip_seconds, split=split, soundfont=plan.soundfont)
-    return _recorded_track(_recordings(plan.recordings), plan.clip_seconds, seed)
-
-
-def _recorded_track(recordings: Mapping[str, Sequence[Path]], seconds: float, seed: int) -> SoundTrack:
-    """Stretches of recorded speech and music with pauses between them, each augmented differently."""
-    rng = np.random.default_rng([seed, 0x2EC])
-    level_db = float(np.clip(rng.normal(-25, 6), -40, -14))
-    parts: list[SoundTrack] = []
-    while sum(part.seconds for part in parts) < seconds:
-        kind = str(rng.choice(sorted(recordings)))
-        audio = _read(recordings[kind][int(rng.integers(len(recordings[kind])))])
-        wanted = int(rng.uniform(10, 26) * SAMPLE_RATE_HZ)
-        start = int(rng.integers(0, max(1, len(audio) - wanted)))
-        heard = set_loudness(treat(audio[start : start + wanted], rng), level_db + float(rng.normal(0, 2)))
-        pause = compose_track(int(rng.integers(2**31)), float(rng.uniform(0.6, 4.5)), mix="silence")
-        parts += [track_from_recording(whole_frames(heard), kind, seed), pause]
-    return cut(concatenate(parts), seconds)
-
-
 @cache
 def _library(folder: Path, is_refined: bool) -> Library:
     return load_library(folder, is_refined=is_refined)
-
-
-@cache
-def _recordings(folder: Path) -> Mapping[str, Sequence[Path]]:
-    """Sound files by kind; a path that contains "music" counts as music, any other as speech."""
-    found: dict[str, list[Path]] = {}
-    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES):
-        kind = "music" if "music" in str(path.relative_to(folder)).lower() else "speech"
-        found.setdefault(kind, []).append(path)
-    if not found:
-        raise EchoAvatarError(f"{folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); give another --recordings")
-    return found
-
-
-@lru_cache(maxsize=4)
-def _read(path: Path) -> NDArray[np.float32]:
-    return read_audio(path)
 
 
 def _name(plan: Plan, index: int) -> str:

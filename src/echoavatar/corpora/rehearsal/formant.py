@@ -78,13 +78,22 @@ def say(words: tuple[Word, ...], delivery: Delivery, seed: int) -> Utterance:
     f0 = shape_pitch(
         plain, frame_s=_HOP / SAMPLE_RATE_HZ, syllables=syllables, delivery=delivery, is_question=words[-1].mark == "?"
     )
-    tracks = _tracks(phones, frames)
     scale = _VOICE[delivery.voice][1] * (1 + 1.2 * (0.42 - delivery.alpha))
-    raw = _synthesise(tracks, f0.astype(np.float64), scale, rng)[: round(total * SAMPLE_RATE_HZ)]
+    raw = synthesise(phones, f0.astype(np.float64), scale, rng)[: round(total * SAMPLE_RATE_HZ)]
     level = np.asarray(0.5 * raw / max(float(np.max(np.abs(raw))), 1e-9), dtype=np.float32)
     audio = lift_nuclei(level, SAMPLE_RATE_HZ, syllables, delivery.nucleus_db)
     spoken = tuple(phone for phone in phones if phone[2] != "pau")
     return Utterance(audio, spoken, syllables)
+
+
+def voice_of(name: str) -> tuple[float, float]:
+    """Pitch in Hz and formant scale of a voice."""
+    return _VOICE[name]
+
+
+def synthesise(phones: list[tuple[float, float, str]], f0: Array, scale: float, rng: np.random.Generator) -> Array:
+    """Phones (start s, end s, name) at the pitch f0 (t,) in Hz, a value every 5 ms: audio (120 t,)."""
+    return _synthesise(_tracks(phones, len(f0)), f0, scale, rng)
 
 
 def _timing(

@@ -12,14 +12,17 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from .controls import Array, Controls, critically_damped, wander
+from echoavatar.timing import FRAME_RATE_HZ
+
+from .controls import Array, Controls, critically_damped, smoothed, wander
 from .gesture_cues import Cue, gesture_cues
 from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
 from .head_motion import head_accents, speech_activity
-from .idle import Manner, draw_manner, finger_drift, hands_of, idle, resting_hands, with_hands
-from .lexicon import ACCENTS, MEANINGS, Form, aim_at, eased_reach, home_of, meant_form
+from .idle import finger_drift, hands_of, idle, resting_hands, with_hands
+from .lexicon import ACCENTS, MEANINGS, Form, aim_at, home_of, in_gesture_space, meant_form
 from .sound import SoundTrack
+from .speakers import Manner, arousal, draw_manner
 
 SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: the hands relax, then drop
 SHORTEST_SINK_GAP, SHORTEST_REST_GAP = (
@@ -28,8 +31,10 @@ SHORTEST_SINK_GAP, SHORTEST_REST_GAP = (
 )  # seconds: in shorter pauses the hands wait, in longer ones they sink or go to rest
 LOW = np.array([-0.045, -0.385, 0.190], np.float32)  # wrist of a raised hand that does not lead
 RISING, SINKING = np.array([0.03, 0.0, 0.05], np.float32), np.array([0.03, 0.0, 0.02], np.float32)
-LAUNCH_S = -0.04  # from the vowel's centre to the start of a stroke, which is about the start of the vowel
-BACK_S = 0.30  # duration of a beat's return, right after its stroke
+LAUNCH_S = -0.06  # from the vowel's centre to the start of a stroke, which is about the start of the vowel
+MINOR = 0.15  # prominence from which a syllable may set off a move between two strokes
+DRIFT_M = 0.013  # deviation of the hands' slow drift while they are raised
+BACK_S = 0.36  # duration of a beat's return, right after its stroke
 LEFT, RIGHT = 0, 1
 
 
@@ -42,15 +47,21 @@ def gesture(track: SoundTrack, seed: int) -> Controls:
     speaker = _Speaker(manner, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest)
     starts = [begin for begin, _ in track.phrases] + [np.inf]
     for phrase, following in zip(track.phrases, starts[1:], strict=True):
-        speaker.say(phrase, gesture_cues(track, phrase, manner, rng), following)
-    moved = np.stack([path.curve(frames) for path in speaker.hands], axis=1) - rest
+        excited = arousal(track, phrase)
+        eager = replace(manner, energy=manner.energy * excited, pace=manner.pace * excited**0.5)
+        minor = [s.vowel for s in track.syllables if phrase[0] <= s.vowel < phrase[1] and s.prominence > MINOR]
+        speaker.say(phrase, gesture_cues(track, phrase, eager, rng), following, eager, minor)
+    moved = smoothed(np.stack([path.curve(frames) for path in speaker.hands], axis=1), 0.03) - rest
     active = speech_activity(track, frames)
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
     moved[..., FINGERS] += finger_drift(frames, rng) * (0.4 + 0.8 * lively)
-    moved[..., :3] += wander(frames, 6, period=1.2, rng=rng).reshape(frames, 2, 3) * 0.004 * lively
+    drift = 0.6 * wander(frames, 6, period=1.1, rng=rng) + wander(frames, 6, period=2.4, rng=rng)
+    moved[..., :3] += drift.reshape(frames, 2, 3) * DRIFT_M * manner.energy * lively
     head, spine = head_accents(track, manner.nod, rng)
-    body = replace(body, head=body.head + head, spine=body.spine + spine)
-    return with_following_torso(with_hands(body, hands_of(body) + moved), hands_of(body), active)
+    posture, hinge = postures(track, manner, rng)
+    turned = body.pelvis_rotation + hinge * np.array([0.0, 1.0, 0.0], np.float32)
+    body = replace(body, head=body.head + head, spine=body.spine + spine + posture, pelvis_rotation=turned)
+    return with_following_torso(with_hands(body, hands_of(body) + moved), hands_of(body), active, manner.trunk)
 
 
 class _Speaker:
@@ -61,23 +72,27 @@ class _Speaker:
         self.lead = RIGHT if rng.random() < manner.handed else LEFT
         self.second = self._role()
         self.up = [False, False]
-        self.homes = [home_of(manner.space, rng), home_of(manner.space, rng)]
+        self.homes = [home_of(manner, rng), home_of(manner, rng)]
         taste = rng.dirichlet(np.full(len(ACCENTS), 1.4))
         self.taste = 0.5 * taste + 0.5 / len(ACCENTS)
         self.beat_way = self._beat_way()
         self.free_at = 0.0
 
-    def say(self, phrase: tuple[float, float], cues: list[Cue], following: float) -> None:
-        """Plan one gesture unit: rise, strokes, and retraction if the pause is long enough."""
+    def say(
+        self, phrase: tuple[float, float], cues: list[Cue], following: float, manner: Manner, minor: list[float]
+    ) -> None:
+        """Plan one gesture unit: rise, strokes with moves between them, and retraction before a long pause."""
         begin, end = phrase
+        self.manner = manner
         self._choose_hands()
-        if cues and self.rng.random() > 0.05:
+        if cues and self.rng.random() > 0.04:
             self._raise(begin, cues[0])
-            for cue in cues:
+            for cue, after in zip(cues, [*cues[1:], None], strict=True):
                 if cue.stroke_end > self.free_at:
                     self._do(cue, end)
+                    self._go_on(cue, min(after.vowel if after else end, end), minor)
         gap = following - end
-        if gap > SHORTEST_REST_GAP or (gap > SHORTEST_SINK_GAP and self.rng.random() < 0.3):
+        if gap > SHORTEST_REST_GAP or (gap > SHORTEST_SINK_GAP and self.rng.random() < 0.2):
             self._retract(end)
         elif gap > SHORTEST_SINK_GAP:
             self._sink(end, 0.28)
@@ -87,24 +102,33 @@ class _Speaker:
         rng = self.rng
         if rng.random() < 0.35:
             self.lead = RIGHT if rng.random() < self.manner.handed else LEFT
-        if rng.random() < 0.40:
+        if rng.random() < 0.50:
             self.second = self._role()
-        if rng.random() < 0.5:
-            self.homes = [home_of(self.manner.space, rng) for _ in self.hands]
-            self.homes[1 - self.lead][3:] = self.homes[self.lead][3:]
+        if rng.random() < 0.7:
+            self.homes = [home_of(self.manner, rng) for _ in self.hands]
+            if rng.random() < self.manner.mirror:
+                self.homes[1 - self.lead] = self.homes[self.lead] + rng.normal(0, 0.02, 14).astype(np.float32)
             self.beat_way = self._beat_way()
         if 0 < self.second < 0.4:
-            self.homes[1 - self.lead][WRIST] = LOW + rng.normal(0, 0.02, 3)
+            self.homes[1 - self.lead][WRIST] = LOW + rng.normal(0, 0.03, 3)
 
     def _role(self) -> float:
         """The share of the leading hand's movement that the second hand makes: most of it, a little, or none."""
-        kind = self.rng.random()
-        return float(self.rng.uniform(0.6, 1.0)) if kind < 0.55 else 0.3 if kind < 0.82 else 0.0
+        if self.rng.random() < self.manner.both:
+            return float(self.rng.uniform(0.7, 1.05))
+        return 0.35 if self.rng.random() < 0.6 else 0.0
 
     def _beat_way(self) -> Array:
-        """The direction of the next beats: mostly down, some outwards or inwards."""
-        ways = ((0.15, -1.0, 0.25), (0.6, -0.7, 0.35), (-0.35, -0.8, 0.25), (0.25, -0.45, 0.8))
-        way = np.array(ways[self.rng.choice(4, p=(0.45, 0.25, 0.12, 0.18))]) + self.rng.normal(0, 0.12, 3)
+        """The direction of the next beats: mostly down, some outwards, inwards, forwards or upwards."""
+        ways = (
+            (0.15, -1.0, 0.25),
+            (0.6, -0.7, 0.35),
+            (-0.35, -0.8, 0.25),
+            (0.25, -0.45, 0.8),
+            (0.9, -0.2, 0.3),
+            (0.3, 0.8, 0.4),
+        )
+        way = np.array(ways[self.rng.choice(6, p=(0.34, 0.20, 0.12, 0.14, 0.12, 0.08))]) + self.rng.normal(0, 0.18, 3)
         return np.asarray(way / np.linalg.norm(way), np.float32)
 
     def _raise(self, begin: float, first: Cue) -> None:
@@ -112,7 +136,7 @@ class _Speaker:
         sides = [self.lead, 1 - self.lead] if self.second else [self.lead]
         for delay, side in zip((0.0, float(self.rng.uniform(0.0, 0.12))), sides, strict=False):
             start = begin + float(self.rng.uniform(0.0, 0.10)) + delay
-            length = float(np.clip(first.stroke_end - start - 0.15, 0.50, 0.80))
+            length = float(np.clip(first.stroke_end - start - 0.15, 0.45, 0.75))
             arc = RISING if not self.up[side] else None
             self.hands[side].move(start, start + length, self.homes[side], arc)
             self.up[side] = True
@@ -120,41 +144,59 @@ class _Speaker:
     def _do(self, cue: Cue, phrase_end: float) -> None:
         if cue.meaning:
             self._mean(cue, phrase_end)
-        elif cue.weight >= 0.80 and self.rng.random() < 0.40:
+        elif self.rng.random() < 0.15 + 0.45 * cue.weight:
             self._accent(cue)
         else:
             self._beat(cue)
 
     def _beat(self, cue: Cue) -> None:
-        """Move down with the vowel and up again at once, where the hand waits for the next beat."""
-        size = (0.055 + 0.150 * cue.weight**1.5) * self.manner.energy * float(self.rng.uniform(0.75, 1.25))
+        """Move with the vowel, and partly back at once."""
+        size = (0.11 + 0.20 * cue.weight**1.3) * self.manner.energy * float(np.exp(self.rng.normal(0, 0.30)))
         for side in self._moving():
             share = size * (1.0 if side == self.lead else self.second * float(self.rng.uniform(0.7, 1.1)))
-            home, way = self.homes[side], self.beat_way + self.rng.normal(0, 0.10, 3)
+            home, way = self.homes[side], self.beat_way + self.rng.normal(0, 0.15, 3)
             high, low = home.copy(), home.copy()
-            high[WRIST] -= way * share * 0.50
+            high[WRIST] = in_gesture_space(high[WRIST] - way * share * 0.50)
             high[PALM] += (0.35 * share / 0.1 * -0.5, 0.10 * share / 0.1, 0.0)
             low[WRIST] += way * share * 0.50
-            low[WRIST] = eased_reach(low[WRIST])
+            low[WRIST] = in_gesture_space(low[WRIST])
             low[PALM] += self.rng.normal(0, 0.10, 3) + (0.08, -0.10 * share / 0.1, 0.0)
             low[FINGERS] += self.rng.normal(0, 0.05, 7)
             path, end = self.hands[side], cue.stroke_end
             path.move(cue.vowel + LAUNCH_S, end, low)
             path.move(end, end + BACK_S, high)
-        self.homes[self.lead][WRIST] += self.rng.normal(0, 0.012, 3)
+        self.homes[self.lead][WRIST] += self.rng.normal(0, 0.02, 3)
+
+    def _go_on(self, cue: Cue, until: float, minor: list[float]) -> None:
+        """After a stroke a raised hand may wait, or go on to new places: each move is set off by a lesser syllable."""
+        for side in range(2):
+            free = max(cue.stroke_end, self.free_at) + 0.7 * BACK_S
+            for vowel in minor:
+                if not (self.up[side] and free < vowel < until - 0.2) or self.rng.random() < self.manner.hold:
+                    continue
+                aim = self.homes[side].copy()
+                aim[WRIST] += self.rng.normal(0, (0.085, 0.085, 0.06)) * self.manner.spread * self.manner.energy
+                aim[WRIST] = in_gesture_space(aim[WRIST])
+                aim[PALM] += self.rng.normal(0, (0.15, 0.08, 0.25))
+                aim[FINGERS] += self.rng.normal(0, 0.05, 7)
+                end = vowel + float(self.rng.uniform(0.16, 0.32))
+                arc = self.rng.normal(0, 0.03, 3) * self.manner.arc
+                self.hands[side].move(vowel + LAUNCH_S, end, aim, arc.astype(np.float32))
+                self.homes[side][:6] = 0.6 * self.homes[side][:6] + 0.4 * aim[:6]
+                free = end + 0.10 / self.manner.pace
 
     def _accent(self, cue: Cue) -> None:
         """A larger gesture for the phrase's nucleus; the hand's home moves there."""
         names = list(ACCENTS)
         form = ACCENTS[names[self.rng.choice(len(names), p=self.taste)]]
-        size = self.manner.energy * self.manner.space * float(self.rng.uniform(0.8, 1.25))
+        size = 1.5 * self.manner.energy * float(np.exp(self.rng.normal(0, 0.25)))
         for side in self._moving() if self.second > 0.4 else [self.lead]:
             self._reach(side, cue, form, size * (1.0 if side == self.lead else self.second))
 
     def _mean(self, cue: Cue, phrase_end: float) -> None:
         """The gesture for a word's meaning, held for a moment."""
         name = meant_form(cue.meaning, cue.word)
-        form, size = MEANINGS[name], self.manner.space * float(self.rng.uniform(0.9, 1.15))
+        form, size = MEANINGS[name], self.manner.spread * float(self.rng.uniform(0.95, 1.25))
         two_handed = name in ("size", "small", "question") or (name == "negation" and self.rng.random() < 0.5)
         if name == "contrast":
             self.lead = 1 - self.lead
@@ -180,14 +222,14 @@ class _Speaker:
     def _reach(self, side: int, cue: Cue, form: Form, size: float) -> None:
         """A stroke along an arc from the hand's present place; it takes longer than planned if the way is long."""
         path = self.hands[side]
-        aim = aim_at(form, self.homes[side], size=size, space=self.manner.space, rng=self.rng)
+        aim = aim_at(form, self.homes[side], size=size, rng=self.rng)
         way = float(np.linalg.norm(aim[WRIST] - path.aim[WRIST]))
         begin = cue.vowel + LAUNCH_S
-        end = max(cue.stroke_end, begin + way / 1.0)
-        arc = np.array(form.arc, np.float32) * min(1.0, way / 0.12)
+        end = max(cue.stroke_end, begin + way / 2.0)
+        arc = np.array(form.arc, np.float32) * min(1.5, way / 0.12) * self.manner.arc
         path.stroke(begin, end, aim, overshoot=float(self.rng.uniform(0.06, 0.14)), arc=arc)
         self.up[side] = True
-        self.homes[side] = aim.copy()
+        self.homes[side] = (0.5 * aim + 0.5 * home_of(self.manner, self.rng)).astype(np.float32)
         self.homes[side][FINGERS] = 0.5 * aim[FINGERS] + 0.5 * hand_shape("relaxed")
 
     def _wave(self, cue: Cue, phrase_end: float) -> None:
@@ -206,7 +248,7 @@ class _Speaker:
 
     def _moving(self) -> list[int]:
         """The hands that make this stroke; sometimes the second one rests."""
-        if self.up[1 - self.lead] and self.second and self.rng.random() < 0.85:
+        if self.up[1 - self.lead] and self.second and self.rng.random() < 0.93:
             return [self.lead, 1 - self.lead]
         return [self.lead]
 
@@ -229,19 +271,39 @@ class _Speaker:
             self.up[side] = False
 
 
-def with_following_torso(controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"]) -> Controls:
+def postures(
+    track: SoundTrack, manner: Manner, rng: np.random.Generator
+) -> tuple[Float[Array, "t 3"], Float[Array, "t 1"]]:
+    """The trunk's posture: spine (yaw, pitch, roll) and pitch of the pelvis; a new one with every second phrase."""
+    frames = round(track.seconds * FRAME_RATE_HZ)
+    goal = np.zeros((frames, 4), np.float32)
+    for begin, end in track.phrases:
+        for time in np.arange(begin, end, 2.2):
+            if rng.random() < 0.75:
+                first = round(float(time) * FRAME_RATE_HZ)
+                goal[first:] = rng.normal(0, 1, 4) * np.array([0.10, 0.065, 0.040, 0.050]) * manner.trunk
+        goal[round((end + 0.5) * FRAME_RATE_HZ) :] *= 0.3
+    goal[:, 1] += 0.5 * goal[:, 3]
+    leaning = critically_damped(smoothed(np.clip(goal, -0.25, 0.25), 0.1), 0.75)
+    spine = leaning[:, :3] + np.array([0.0, manner.posture, 0.0], np.float32)
+    return spine, leaning[:, 3:]
+
+
+def with_following_torso(
+    controls: Controls, resting: Float[Array, "t 2 14"], active: Float[Array, " t"], share: float
+) -> Controls:
     """The same motion with clavicles and torso following the hands: shoulders lift and reach, the chest turns."""
     wrist, rest = controls.wrist, resting[..., WRIST]
     high = np.clip(wrist[..., 1] + 0.15, 0, 0.6)
     forward = np.clip(wrist[..., 2] - 0.28, -0.1, 0.3)
     clavicle = np.stack([0.45 * high + 0.10 * np.clip(wrist[..., 0] - 0.2, 0, 1), 0.6 * forward], axis=-1)
     shoulder = controls.shoulder + critically_damped(clavicle.astype(np.float32), 0.22)
-    moved = critically_damped((wrist - rest).astype(np.float32), 0.40)
-    turn = 0.22 * (moved[:, LEFT, 0] - moved[:, RIGHT, 0]) - 0.16 * (moved[:, LEFT, 2] - moved[:, RIGHT, 2])
+    moved = share * critically_damped((wrist - rest).astype(np.float32), 0.40)
+    turn = 0.27 * (moved[:, LEFT, 0] - moved[:, RIGHT, 0]) - 0.20 * (moved[:, LEFT, 2] - moved[:, RIGHT, 2])
     spine = controls.spine.copy()
     spine[:, 0] += turn
-    spine[:, 1] += 0.03 * critically_damped(active, 0.8)
-    spine[:, 2] -= 0.05 * (moved[:, LEFT, 1] - moved[:, RIGHT, 1])
+    spine[:, 1] += 0.03 * critically_damped(active, 0.8) + 0.10 * moved[..., 2].mean(1) - 0.06 * moved[..., 1].mean(1)
+    spine[:, 2] -= 0.09 * (moved[:, LEFT, 1] - moved[:, RIGHT, 1])
     head = controls.head.copy()
     head[:, 0] -= 0.6 * turn
     return replace(controls, shoulder=shoulder, spine=spine, head=head)

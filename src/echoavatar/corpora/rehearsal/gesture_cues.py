@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .idle import Manner
 from .sound import SoundTrack, Syllable
+from .speakers import Manner
 
-LEAST_SALIENCE = 0.40
+LEAST_SALIENCE = 0.36
 LAG_S = (0.14, 0.18)  # from a vowel's centre to the end of its stroke, drawn at random
 
 

@@ -17,7 +17,7 @@ Array = np.ndarray
 
 HAND_WIDTH = 14
 WRIST, PALM, SWING, FINGERS = slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 14)
-_LIMITS = ((WRIST, 1.45, 0.0), (PALM, 7.5, 0.03), (SWING, 3.5, 0.0), (FINGERS, 5.0, 0.05))  # top speed, lag
+_LIMITS = ((WRIST, 2.35, 0.0), (PALM, 8.5, 0.03), (SWING, 3.5, 0.0), (FINGERS, 5.0, 0.05))  # top speed, lag
 
 
 def pack_hand(

@@ -3,7 +3,7 @@
 Gestures are added to this motion, so breath and stance continue through speech.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -14,45 +14,23 @@ from .controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, neutral, 
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
 from .sound import SoundTrack
-from .stance import Feet, walked, weight_curve, weight_shifts
-
-
-@dataclass(frozen=True)
-class Manner:
-    """How one person moves, drawn once per performance."""
-
-    energy: float  # size of gestures
-    space: float  # distance of gestures from the body
-    handed: float  # probability that a one-handed gesture uses the right hand
-    pace: float  # above 1: more gestures
-    nod: float  # size of head accents
-    breath_hz: float
-    shift_every_s: float  # seconds between weight shifts
-    rest: str  # "sides" or "clasped"
-
-
-def draw_manner(seed: int) -> Manner:
-    """The manner that follows from a performance's seed."""
-    rng = np.random.default_rng([seed, 1])
-    is_right_handed = rng.random() < 0.85
-    return Manner(
-        energy=float(rng.uniform(0.8, 1.25)),
-        space=float(rng.uniform(0.88, 1.12)),
-        handed=float(rng.uniform(0.62, 0.88) if is_right_handed else rng.uniform(0.15, 0.38)),
-        pace=float(rng.uniform(0.85, 1.15)),
-        nod=float(rng.uniform(0.7, 1.3)),
-        breath_hz=float(rng.uniform(0.21, 0.30)),
-        shift_every_s=float(rng.uniform(4.5, 9.0)),
-        rest="clasped" if rng.random() < 0.3 else "sides",
-    )
+from .speakers import draw_manner
+from .stance import Feet, stances, walked, weight_curve
 
 
 def resting_hands(rest: str) -> Float[Array, "2 14"]:
-    """Both hands at rest: hanging at the sides, or clasped in front of the belly."""
+    """Both hands at rest: hanging, clasped in front of the belly, on the hips or behind the back."""
     if rest == "clasped":
         left = pack_hand((-0.095, -0.385, 0.190), (0.10, 0.05, 0.45), hand_shape("clasp"), 0.10)
         right = pack_hand((-0.095, -0.405, 0.235), (0.15, 0.05, 0.40), hand_shape("clasp"), 0.10)
         return np.stack([left, right])
+    if rest == "hips":
+        hips = pack_hand((0.065, -0.390, 0.075), (0.45, 0.05, 0.75), hand_shape("loose fist"), 0.55)
+        hanging = pack_hand(HANGING_WRIST, (0.08, 0.0, 0.35), hand_shape("relaxed"))
+        return np.stack([hips, hanging])
+    if rest == "behind":
+        hand = pack_hand((0.015, -0.455, -0.080), (0.10, 0.0, 0.20), hand_shape("relaxed"), 0.15)
+        return np.stack([hand, hand])
     hand = pack_hand(HANGING_WRIST, (0.08, 0.0, 0.35), hand_shape("relaxed"))
     return np.stack([hand, hand])
 
@@ -61,9 +39,8 @@ def idle(track: SoundTrack, seed: int) -> Controls:
     """Standing, breathing and listening for the whole track."""
     frames = round(track.seconds * FRAME_RATE_HZ)
     manner, rng = draw_manner(seed), np.random.default_rng([seed, 2])
-    cues = sorted([begin for begin, _ in track.phrases] + [span.start for span in track.spans])
-    steps, shifts = weight_shifts(track.seconds, cues, rng, pace=manner.shift_every_s, step_every=28.0)
     start = float(rng.choice([-0.5, 0.5]))
+    steps, shifts = stances(track.seconds, track.phrases, rng, manner, start)
     body = standing(walked(frames, steps), weight_curve(frames, shifts, start), rng)
     breath = breathing(frames, manner.breath_hz, rng)
     head = body.head + glances(track, rng) + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
@@ -102,8 +79,8 @@ def standing(feet: Feet, weight: Float[Array, " t"], rng: np.random.Generator) -
     across = smoothed(feet.position[:, 0] - feet.position[:, 1], 0.25)
     sway = wander(frames, 2, period=2.5, rng=rng) * (0.004, 0.003)
     pelvis = base.pelvis_position.copy()
-    pelvis[:, 0] = middle[:, 0] + across[:, 0] * 0.24 * weight + sway[:, 0]
-    pelvis[:, 2] = middle[:, 2] + 0.015 + across[:, 2] * 0.24 * weight + sway[:, 1]
+    pelvis[:, 0] = middle[:, 0] + across[:, 0] * 0.36 * weight + sway[:, 0]
+    pelvis[:, 2] = middle[:, 2] + 0.015 + across[:, 2] * 0.36 * weight + sway[:, 1]
     pelvis[:, 1] = STANDING_PELVIS[1] - 0.006 * weight**2
     heading = smoothed(feet.yaw.mean(axis=1), 0.3)
     rotation = base.pelvis_rotation.copy()

@@ -17,22 +17,26 @@ from .sound import FloatArray, Section, SoundTrack, Span, Syllable, merge_spans,
 
 _HOP = 240  # 10 ms
 _FRAME_S = _HOP / SAMPLE_RATE_HZ
+_SPEECH_FLOOR_DB = -27.0  # below loud speech; breath lies lower, ends of words higher
 Array = np.ndarray
 
 
-def track_from_recording(audio: FloatArray, kind: str, seed: int = 0) -> SoundTrack:
-    """Label a recording (s,) of 24 kHz mono "speech" or "music"; `seed` draws its loudness (-32..-18 dB)."""
+def track_from_recording(audio: FloatArray, kind: str, seed: int = 0, loop_s: float = 0.0) -> SoundTrack:
+    """Label a recording (s,) of 24 kHz mono "speech" or "music"; `seed` draws its loudness (-32..-18 dB).
+
+    With `loop_s` it is a musical loop of that length, played several times (`track_beats`).
+    """
     if kind not in ("speech", "music"):
         raise AudioError(f"a recording's kind is {kind!r}; pass 'speech' or 'music'")
     if audio.ndim != 1 or len(audio) < SAMPLE_RATE_HZ or not np.isfinite(audio).all():
         raise AudioError(f"recording of shape {audio.shape}; pass at least one second of finite mono samples")
     level = float(np.random.default_rng(seed).uniform(-32, -18))
     audio = whole_frames(set_loudness(audio.astype(np.float32), level))
-    return _label_speech(audio) if kind == "speech" else _label_music(audio)
+    return _label_speech(audio) if kind == "speech" else _label_music(audio, loop_s)
 
 
-def _label_music(audio: FloatArray) -> SoundTrack:
-    found = track_beats(audio)
+def _label_music(audio: FloatArray, loop_s: float) -> SoundTrack:
+    found = track_beats(audio, loop_s=loop_s)
     end = len(audio) / SAMPLE_RATE_HZ
     power = _frame_power(audio)
     loud = _active(power, floor_db=-42, bridge_s=1.5, shortest_s=2.0)
@@ -101,17 +105,25 @@ def _sections(power: Array, loud: list[tuple[float, float]]) -> tuple[Section, .
 
 
 def _label_speech(audio: FloatArray) -> SoundTrack:
-    band = sosfiltfilt(butter(2, (300, 3000), "bandpass", fs=SAMPLE_RATE_HZ, output="sos"), audio)
-    power = _frame_power(band.astype(np.float32))
-    phrases = _active(_frame_power(audio), floor_db=-34, bridge_s=0.2, shortest_s=0.15)
+    power = _frame_power(_band(audio, 300, 3000))
+    voice = _frame_power(_band(audio, 120, 6000))  # without steps, breath on the microphone and hiss
     level = 10 * np.log10(np.convolve(power, np.hanning(9)[1:-1] / np.hanning(9)[1:-1].sum(), mode="same"))
-    syllables = [s for a, b in phrases for s in _nuclei(audio, level, a, b)]
+    stretches = _active(voice, floor_db=_SPEECH_FLOOR_DB, bridge_s=0.2, shortest_s=0.15)
+    spoken = [(stretch, _nuclei(audio, level, *stretch)) for stretch in stretches]
+    spoken = [(stretch, syllables) for stretch, syllables in spoken if syllables]
+    phrases = [stretch for stretch, _ in spoken]
+    every = tuple(syllable for _, syllables in spoken for syllable in syllables)
     end = len(audio) / SAMPLE_RATE_HZ
-    return SoundTrack(audio, _as_spans(phrases, "speech", end), tuple(syllables), tuple(phrases))
+    return SoundTrack(audio, _as_spans(phrases, "speech", end), every, tuple(phrases))
+
+
+def _band(audio: FloatArray, low_hz: float, high_hz: float) -> FloatArray:
+    filtered = sosfiltfilt(butter(2, (low_hz, high_hz), "bandpass", fs=SAMPLE_RATE_HZ, output="sos"), audio)
+    return np.asarray(filtered, np.float32)
 
 
 def _nuclei(audio: FloatArray, level: Array, begin: float, end: float) -> list[Syllable]:
-    """Syllables of one phrase: energy peaks and the minima between them."""
+    """Syllables of one phrase: energy peaks and the minima between them; a breath or a click has none."""
     first, last = round(begin / _FRAME_S), min(len(level), round(end / _FRAME_S))
     part = level[first:last]
     if len(part) < 5:
@@ -123,6 +135,8 @@ def _nuclei(audio: FloatArray, level: Array, begin: float, end: float) -> list[S
     valleys = [first + a + int(np.argmin(part[a : b + 1])) for a, b in zip(peaks, peaks[1:], strict=False)]
     edges = [first, *valleys, last]
     pitch = np.array([_pitch(audio, int(first + p) * _HOP) for p in peaks])
+    if not pitch.any():
+        return []
     scores = _salience(part[peaks], pitch, np.diff(edges) * _FRAME_S)
     nuclear = _nuclear(scores, (first + peaks) * _FRAME_S)
     return [
@@ -156,6 +170,13 @@ def _nuclear(scores: Array, times: Array) -> set[int]:
         if len(chosen) < wanted and all(abs(times[i] - times[k]) > 1.1 for k in chosen):
             chosen.append(i)
     return set(chosen)
+
+
+def is_low_voice(audio: FloatArray) -> bool:
+    """Whether speech (s,), 24 kHz, of any level has a median pitch below 160 Hz."""
+    found = [_pitch(audio, sample) for sample in range(600, len(audio) - 600, 2400)]
+    voiced = [pitch for pitch in found if pitch > 0]
+    return bool(voiced) and float(np.median(voiced)) < 160
 
 
 def _pitch(audio: FloatArray, sample: int) -> float:

@@ -6,6 +6,7 @@ All times are seconds on the 24 kHz sample clock. Audio is mono float32 and alwa
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -45,6 +46,17 @@ class Span:
     kind: str
 
 
+@dataclass(frozen=True)
+class Source:
+    """Who or what is heard in a stretch: kind is "speech", "music" or "singing"; `name` and `style` describe it."""
+
+    start: float
+    end: float
+    kind: str
+    name: str
+    style: str
+
+
 def _no_times() -> TimeArray:
     return np.zeros(0)
 
@@ -63,6 +75,7 @@ class SoundTrack:
     sections: tuple[Section, ...] = ()
     style: str = ""
     bpm: float = 0.0
+    sources: tuple[Source, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -101,19 +114,23 @@ def whole_frames(audio: FloatArray) -> FloatArray:
     return np.concatenate([audio, np.zeros(missing)]).astype(np.float32)
 
 
-def shift(track: SoundTrack, seconds: float) -> SoundTrack:
-    """Move all labels later by `seconds`; the audio stays as it is."""
+def shift(track: SoundTrack, seconds: float, scale: float = 1.0) -> SoundTrack:
+    """Multiply the times of all labels by `scale`, then move them later by `seconds`; the audio stays as it is."""
+
+    def at(time: float) -> float:
+        return time * scale + seconds
+
     return replace(
         track,
-        spans=tuple(replace(s, start=s.start + seconds, end=s.end + seconds) for s in track.spans),
-        syllables=tuple(
-            replace(s, start=s.start + seconds, end=s.end + seconds, vowel=s.vowel + seconds) for s in track.syllables
-        ),
-        phrases=tuple((a + seconds, b + seconds) for a, b in track.phrases),
-        phones=tuple((a + seconds, b + seconds, name) for a, b, name in track.phones),
-        beats=track.beats + seconds,
-        downbeats=track.downbeats + seconds,
-        sections=tuple(replace(s, start=s.start + seconds, end=s.end + seconds) for s in track.sections),
+        spans=tuple(replace(s, start=at(s.start), end=at(s.end)) for s in track.spans),
+        syllables=tuple(replace(s, start=at(s.start), end=at(s.end), vowel=at(s.vowel)) for s in track.syllables),
+        phrases=tuple((at(a), at(b)) for a, b in track.phrases),
+        phones=tuple((at(a), at(b), name) for a, b, name in track.phones),
+        beats=track.beats * scale + seconds,
+        downbeats=track.downbeats * scale + seconds,
+        sections=tuple(replace(s, start=at(s.start), end=at(s.end)) for s in track.sections),
+        bpm=track.bpm / scale,
+        sources=tuple(replace(s, start=at(s.start), end=at(s.end)) for s in track.sources),
     )
 
 
@@ -135,6 +152,7 @@ def concatenate(tracks: Sequence[SoundTrack]) -> SoundTrack:
         sections=tuple(s for track in moved for s in track.sections),
         style=longest.style,
         bpm=longest.bpm,
+        sources=tuple(s for track in moved for s in track.sources),
     )
 
 
@@ -151,19 +169,30 @@ def merge_spans(spans: Sequence[Span]) -> tuple[Span, ...]:
     return tuple(merged)
 
 
-def cut(track: SoundTrack, seconds: float) -> SoundTrack:
-    """The first `seconds` of a track, rounded to whole frames; labels after the cut are dropped."""
+def cut(track: SoundTrack, seconds: float, start: float = 0.0) -> SoundTrack:
+    """`seconds` of a track from `start` on, both rounded to whole frames; labels outside are dropped."""
+    first = round(start * SAMPLE_RATE_HZ / SAMPLES_PER_FRAME) * SAMPLES_PER_FRAME
     frames = max(1, round(seconds * SAMPLE_RATE_HZ / SAMPLES_PER_FRAME))
-    audio = track.audio[: frames * SAMPLES_PER_FRAME]
+    audio = track.audio[first : first + frames * SAMPLES_PER_FRAME]
     end = len(audio) / SAMPLE_RATE_HZ
+    if first:
+        track = shift(track, -first / SAMPLE_RATE_HZ)
     return replace(
         track,
         audio=audio,
-        spans=tuple(replace(s, end=min(s.end, end)) for s in track.spans if s.start < end),
-        syllables=tuple(s for s in track.syllables if s.end <= end),
-        phrases=tuple((a, min(b, end)) for a, b in track.phrases if a < end),
-        phones=tuple((a, min(b, end), name) for a, b, name in track.phones if a < end),
-        beats=track.beats[track.beats < end],
-        downbeats=track.downbeats[track.downbeats < end],
-        sections=tuple(replace(s, end=min(s.end, end)) for s in track.sections if s.start < end),
+        spans=tuple(replace(s, start=max(s.start, 0.0), end=min(s.end, end)) for s in _inside(track.spans, end)),
+        syllables=tuple(s for s in track.syllables if s.start >= 0 and s.end <= end),
+        phrases=tuple((max(a, 0.0), min(b, end)) for a, b in track.phrases if b > 0 and a < end),
+        phones=tuple((max(a, 0.0), min(b, end), name) for a, b, name in track.phones if b > 0 and a < end),
+        beats=track.beats[(track.beats >= 0) & (track.beats < end)],
+        downbeats=track.downbeats[(track.downbeats >= 0) & (track.downbeats < end)],
+        sections=tuple(replace(s, start=max(s.start, 0.0), end=min(s.end, end)) for s in _inside(track.sections, end)),
+        sources=tuple(replace(s, start=max(s.start, 0.0), end=min(s.end, end)) for s in _inside(track.sources, end)),
     )
+
+
+Stretch = TypeVar("Stretch", Span, Section, Source)
+
+
+def _inside(stretches: Sequence[Stretch], end: float) -> list[Stretch]:
+    return [one for one in stretches if one.end > 0 and one.start < end]

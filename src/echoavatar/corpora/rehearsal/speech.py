@@ -44,14 +44,14 @@ def speak(
     for sentence in sentences:
         for group in _breaths(sentence):
             if tracks:
-                tracks.append(silence(_draw_pause(rng)))
+                tracks.append(silence(draw_pause(rng)))
             seed = int(rng.integers(2**31))
             said = flite().say(group, speaker, seed) if tool == "flite" else formant_say(group, speaker, seed)
             tracks.append(_as_track(said, group))
     return concatenate(tracks)
 
 
-def _draw_pause(rng: np.random.Generator) -> float:
+def draw_pause(rng: np.random.Generator) -> float:
     """Seconds of a pause: mostly short, sometimes longer, rarely very long."""
     low, high = ((0.25, 0.6), (0.6, 1.6), (1.6, 4.0))[rng.choice(3, p=[0.55, 0.35, 0.1])]
     return float(rng.uniform(low, high))

@@ -12,6 +12,9 @@ from jaxtyping import Float
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, minimum_jerk, through_keys
+from .speakers import Manner
+
+LONGEST_STEP_M = 0.24  # to each side; longer ones stretch the leg behind
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ def walked(frames: int, steps: Sequence[Step]) -> Feet:
     for step in steps:
         first = min(max(int(np.floor(step.begin * FRAME_RATE_HZ)), 0), frames)
         phase = (clock[first:] - step.begin) / (step.end - step.begin)
-        share, side = minimum_jerk(phase), step.side
+        share, side = minimum_jerk((phase - 0.06) / 0.88), step.side  # a foot is off the floor before it travels
         goal = np.array([step.x, ANKLE_HEIGHT, step.z], np.float32)
         position[first:, side] += (goal - position[first:, side]) * share[:, None]
         position[first:, side, 1] += step.lift * air(phase)
@@ -81,37 +84,59 @@ def weight_curve(frames: int, shifts: Sequence[Shift], start: float) -> Float[Ar
     return through_keys(np.array(times), np.array(values, np.float32), frames)
 
 
-def weight_shifts(
-    seconds: float, cues: Sequence[float], rng: np.random.Generator, *, pace: float, step_every: float
+def stances(
+    seconds: float, phrases: Sequence[tuple[float, float]], rng: np.random.Generator, manner: Manner, weight: float
 ) -> tuple[list[Step], list[Shift]]:
-    """Draw weight shifts and occasional small steps; each starts at a near cue (seconds), if there is one.
+    """Draw shifts of the weight and new stances; each starts with a phrase, if one begins soon.
 
-    `pace` is the mean time between shifts, `step_every` between steps. A stepping foot carries no weight.
+    In pauses both become rare. A stepping foot carries no weight. `weight` is that of the start.
     """
     steps: list[Step] = []
     shifts: list[Shift] = []
-    weight, time = float(rng.choice([-0.6, 0.6])), float(rng.uniform(0.5, pace))
-    next_step = float(rng.uniform(0.4, 1.4) * step_every)
+    middle = np.zeros(2)
+    time, next_stance = float(rng.uniform(0.5, manner.shift_every_s)), float(rng.uniform(0.3, 1) * manner.step_every_s)
     while time < seconds - 3.0:
-        near = [cue for cue in cues if time - 1.0 < cue < time + 3.0]
-        time = max(near[0], time - 1.0) if near else time
-        if time > next_step and abs(weight) > 0.3:
-            begin = time + 0.15
-            steps.append(_small_step(begin, side=1 if weight > 0 else 0, rng=rng))
-            shifts.append(Shift(time, time + 0.45, float(np.sign(weight))))
-            time, next_step = begin + 0.55, time + float(rng.uniform(0.6, 1.5) * step_every)
-        weight = float(rng.choice([-1, 1]) * rng.uniform(0.4, 1.0)) if rng.random() < 0.25 else -weight
-        weight = float(np.clip(weight * rng.uniform(0.8, 1.2), -1, 1))
-        length = float(rng.uniform(0.8, 1.5))
-        shifts.append(Shift(time, time + length, weight))
-        time += length + float(rng.gamma(4.0, pace / 4.0))
+        is_quiet = not any(begin - 0.5 < time < end for begin, end in phrases)
+        near = [begin for begin, _ in phrases if time - 0.3 < begin < time + 1.0]
+        time = max(near[0], time) if near else time
+        if time > next_stance and (not is_quiet or rng.random() < 0.15):
+            time, weight, middle = _new_stance(time, middle, manner, rng, steps, shifts)
+            next_stance = time + float(rng.uniform(0.5, 1.5) * manner.step_every_s)
+        else:
+            weight = float(np.clip(-np.sign(weight) * rng.uniform(0.4, 1.0), -1, 1)) if rng.random() < 0.8 else -weight
+            length = float(rng.uniform(0.6, 1.2))
+            shifts.append(Shift(time, time + length, weight))
+            time += length
+        time += float(rng.gamma(3.0, manner.shift_every_s * (2.5 if is_quiet else 1.0) / 3.0))
     return steps, shifts
 
 
-def _small_step(begin: float, *, side: int, rng: np.random.Generator) -> Step:
-    """A step to within a few centimetres of the foot's neutral position."""
-    x, _, z = STANDING_FEET[side]
-    outwards = 1 if side == 0 else -1
-    dx, dz = rng.uniform(-0.01, 0.05), rng.uniform(-0.05, 0.07)
-    yaw = STANDING_FOOT_YAW[side] + outwards * rng.uniform(-0.08, 0.16)
-    return Step(begin, begin + rng.uniform(0.42, 0.52), side, x + outwards * dx, z + dz, yaw)
+def _new_stance(
+    time: float, middle: Array, manner: Manner, rng: np.random.Generator, steps: list[Step], shifts: list[Shift]
+) -> tuple[float, float, Array]:
+    """Step to a new place, first with the foot on the side of the way; return time, weight and place after it."""
+    goal = np.clip(rng.normal(0, manner.roam, 2), -2.5 * manner.roam, 2.5 * manner.roam)
+    x, z = place = middle + np.clip(goal - middle, -LONGEST_STEP_M, LONGEST_STEP_M)
+    heading, half = float(np.clip(rng.normal(0, 0.16), -0.4, 0.4)), float(rng.uniform(0.085, 0.165))
+    stagger = float(rng.normal(0, 0.045))
+    first = 0 if x > middle[0] else 1
+    for turn, side in enumerate((first, 1 - first)):
+        outwards = 1 if side == 0 else -1
+        across, ahead = outwards * half, outwards * stagger
+        length = float(rng.uniform(0.38, 0.50))
+        shifts.append(Shift(time, time + 0.30, float(-outwards) * 0.95))
+        time += 0.22
+        steps.append(
+            Step(
+                begin=time,
+                end=time + length,
+                side=side,
+                x=float(x + across * np.cos(heading) + ahead * np.sin(heading)),
+                z=float(z - across * np.sin(heading) + ahead * np.cos(heading) + STANDING_FEET[0][2]),
+                yaw=heading + outwards * (abs(STANDING_FOOT_YAW[0]) + float(rng.uniform(-0.06, 0.12))),
+            )
+        )
+        time += length + (float(rng.uniform(0.0, 0.35)) if turn == 0 else 0.0)
+    weight = float(rng.uniform(-1, 1))
+    shifts.append(Shift(time, time + 0.6, weight))
+    return time + 0.6, weight, place

@@ -14,12 +14,28 @@ from .augment import add_background, background, fill_band, set_loudness, treat
 from .instruments import render
 from .music import compose_piece
 from .prosody import Delivery
+from .recorded_sound import RecordedSound, recorded_sound
 from .script import write_monologue
-from .sound import FloatArray, Section, SoundTrack, Span, TimeArray, concatenate, cut, merge_spans, shift, whole_frames
+from .singing import sing
+from .sound import (
+    FloatArray,
+    Section,
+    SoundTrack,
+    Source,
+    Span,
+    TimeArray,
+    concatenate,
+    cut,
+    merge_spans,
+    shift,
+    whole_frames,
+)
 from .soundfont import render_soundfont
 from .speech import draw_speaker, resolve_engine, speak
 
 _MIXES = ("mixed", "speech", "music", "silence")
+_SHARES = (0.0, 0.0, 0.5, 1.0, 1.0)  # of recorded parts in a track
+_SUNG = 0.2  # chance that a synthetic voice sings over music, if there are recordings
 
 
 def compose_track(
@@ -29,12 +45,14 @@ def compose_track(
     engine: str = "auto",
     split: str = "train",
     soundfont: Path | None = None,
+    recordings: Path | None = None,
 ) -> SoundTrack:
     """Compose `seconds` of sound (rounded to whole frames); equal arguments give identical samples.
 
     `mix` is "mixed", "speech", "music" or "silence"; `engine` (of speech) is "auto", "flite" or "own"; `split` (of the
-    scripts) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. Raises DependencyError if a
-    requested engine or player is missing.
+    scripts and recordings) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. With a folder
+    of `recordings`, half of the sound comes from there. Raises DependencyError if a requested engine or player is
+    missing, AudioError if the recordings cannot be read.
     """
     if mix not in _MIXES:
         raise ValueError(f"mix is {mix!r}; one of {', '.join(_MIXES)}")
@@ -45,6 +63,8 @@ def compose_track(
         split=split,
         level_db=float(np.clip(rng.normal(-25, 6), -40, -14)),
         soundfont=soundfont,
+        recorded=recorded_sound(recordings, split) if recordings else None,
+        share=float(rng.choice(_SHARES)) if recordings else 0.0,
     )
     speaker = draw_speaker(rng, settings.engine)
     parts: list[SoundTrack] = []
@@ -75,6 +95,8 @@ class _TrackSettings:
     split: str
     level_db: float
     soundfont: Path | None
+    recorded: RecordedSound | None
+    share: float  # of recorded parts
 
 
 def _next_kind(rng: np.random.Generator, mix: str, previous: str) -> str:
@@ -92,20 +114,37 @@ def _next_kind(rng: np.random.Generator, mix: str, previous: str) -> str:
 
 def _speech_part(settings: _TrackSettings, speaker: Delivery) -> SoundTrack:
     rng = settings.rng
-    said = speak(write_monologue(rng, int(rng.integers(2, 9)), settings.split), speaker, rng, settings.engine)
+    if settings.recorded and settings.recorded.voices and rng.random() < settings.share:
+        said = settings.recorded.speech(rng, float(rng.uniform(6, 25)))
+    else:
+        said = speak(write_monologue(rng, int(rng.integers(2, 9)), settings.split), speaker, rng, settings.engine)
+        said = replace(said, sources=(Source(0.0, said.seconds, "speech", speaker.voice, "synthetic"),))
     audio = treat(fill_band(said.audio, rng), rng)
     return replace(said, audio=set_loudness(audio, settings.level_db + float(rng.normal(0, 1.5))))
 
 
 def _music_part(settings: _TrackSettings, seconds: float) -> SoundTrack:
     rng = settings.rng
+    if settings.recorded and settings.recorded.music_files and rng.random() < settings.share:
+        music = settings.recorded.music(rng, seconds)
+    else:
+        music = _composed_part(settings, seconds)
+    if settings.recorded and rng.random() < _SUNG and len(music.beats) > 4:
+        voice, sung = sing(music.audio, music.beats, rng)
+        level = 10 ** (float(rng.uniform(-4, 4)) / 20) * float(np.std(music.audio)) / max(float(np.std(voice)), 1e-6)
+        music = replace(music, audio=music.audio + level * voice, sources=(*music.sources, sung))
+    audio = treat(music.audio, rng)
+    return replace(music, audio=whole_frames(set_loudness(audio, settings.level_db + float(rng.normal(1, 2)))))
+
+
+def _composed_part(settings: _TrackSettings, seconds: float) -> SoundTrack:
+    rng = settings.rng
     piece = compose_piece(rng, seconds)
     if settings.soundfont is not None and rng.random() < 0.5:
-        audio = render_soundfont(piece, rng, settings.soundfont)
+        audio, player = render_soundfont(piece, rng, settings.soundfont), settings.soundfont.name
     else:
-        audio = render(piece, rng)
-    audio = treat(audio, rng)
-    audio = whole_frames(set_loudness(audio, settings.level_db + float(rng.normal(1, 2))))
+        audio, player = render(piece, rng), "synthetic"
+    audio = whole_frames(audio)
     return SoundTrack(
         audio=audio,
         spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "music"),),
@@ -114,6 +153,7 @@ def _music_part(settings: _TrackSettings, seconds: float) -> SoundTrack:
         sections=piece.sections,
         style=piece.style,
         bpm=piece.bpm,
+        sources=(Source(0.0, len(audio) / SAMPLE_RATE_HZ, "music", player, piece.style),),
     )
 
 
@@ -143,6 +183,7 @@ def _speech_over_music(settings: _TrackSettings, speaker: Delivery, seconds: flo
         sections=_sections_outside(music.sections, start, stop),
         style=music.style,
         bpm=music.bpm,
+        sources=(*voice.sources, *music.sources),
     )
 
 

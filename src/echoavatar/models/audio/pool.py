@@ -1,9 +1,8 @@
 """Training sound: groups of recordings in memory, drawn by weight.
 
-May import `io`, `timing` and `errors`.
+May import `recorded_files`, `timing` and `errors`.
 """
 
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -12,11 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int16
 
 from echoavatar.errors import AudioError
-from echoavatar.motion.kinematics.tables import NpzArrays
 
-from .io import read_audio
-
-_SOUND = {".wav", ".ogg", ".flac", ".mp3", ".m4a", ".opus"}
+from .recorded_files import decoded, recorded_files
 
 
 class AudioGroup(NamedTuple):
@@ -53,27 +49,14 @@ class AudioPool:
         return np.pad(piece, (0, samples - len(piece)))
 
 
-def read_group(folder: Path, *, weight: float = 1.0) -> AudioGroup:
-    """Every sound file of a folder, or the clips of a corpus (`clips/*.npz`, key `audio`).
+def read_groups(folder: Path) -> list[AudioGroup]:
+    """The recordings of a folder that may be trained on: speech and music, each of weight 1.
 
     Raises:
-        AudioError: a file cannot be read.
+        AudioError: a file cannot be read, or there is none.
     """
-    found = sorted(path for path in folder.rglob("*") if path.suffix.lower() in _SOUND | {".npz"})
-    return AudioGroup(folder.name, tuple(to_int16(_read(path)) for path in found), weight)
-
-
-def to_int16(audio: Float[np.ndarray, " s"]) -> Int16[np.ndarray, " s"]:
-    """-1..1 to 16 bit."""
-    return np.asarray(np.clip(np.round(audio * 32_768), -32_768, 32_767), np.int16)
-
-
-def _read(path: Path) -> Float[np.ndarray, " s"]:
-    if path.suffix.lower() != ".npz":
-        return read_audio(path)
-    try:
-        with NpzArrays(path, AudioError) as clip:
-            audio = clip["audio"]
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise AudioError(f"{path} is not a clip with sound ({error}); make the corpus again") from error
-    return np.asarray(audio, np.float32) / (32_768 if audio.dtype == np.int16 else 1)
+    files = recorded_files(folder, "train")
+    return [
+        AudioGroup(f"{folder.name}: {kind}", tuple(decoded(file.path) for file in files if file.kind == kind))
+        for kind in ("speech", "music")
+    ]

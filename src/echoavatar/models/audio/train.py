@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.timing import SAMPLES_PER_AUDIO_TOKEN
-from echoavatar.training import Gather, Loss, Progress, TrainingConfig, TrainingTask, adamw, train
+from echoavatar.training import Gather, Loss, Progress, TrainingConfig, TrainingTask, adamw, has_state, train
 
 from ..quantize import ResidualVectorQuantizer, Share, code_usage
 from .augment import augment, source_samples
@@ -79,6 +79,16 @@ class CodecTask(TrainingTask[Sounds]):
         super().__init__(config, {"codec": self.codec, "probe": self.probe, "quantizer": self.quantizer})
         self.pool, self._card = pool, dict(card or {})
 
+    def begin_with(self, start: AudioCodec) -> None:
+        """Take over a trained codec; only the probe begins anew.
+
+        Raises:
+            CheckpointError: it is of other sizes.
+        """
+        checkpoint.load_into(self.codec, start.state_dict(), origin="the codec to start from")
+        books = {f"layers.{q}.codebook": book for q, book in enumerate(start.codebooks)}
+        self.quantizer.load_state_dict(books)
+
     def identity(self) -> dict[str, CodecConfig]:
         """Sizes only: a resumed run may be given more minutes."""
         return {"codec": self.config.codec}
@@ -108,7 +118,7 @@ class CodecTask(TrainingTask[Sounds]):
         latents = self._latents(batch.heard)
         terms: dict[str, Tensor] = {}
         told: dict[str, Tensor | float] = {}
-        if step >= config.unquantized:
+        if self.quantizer.is_ready:
             share = Share(int(batch.row[0]), config.batch)
             quantized = self.quantizer(latents, dropout=config.dropout, generator=config.noise(step), share=share)
             latents, terms["commitment"] = quantized.latents, config.commitment * quantized.commitment
@@ -186,6 +196,7 @@ def train_codec(
     pool: AudioPool,
     *,
     card: Mapping[str, object] | None = None,
+    start: AudioCodec | None = None,
     device: str = "cpu",
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
@@ -194,9 +205,13 @@ def train_codec(
 
     `folder` gets the codec's checkpoint, `training.safetensors` (to go on) and `metrics.jsonl`.
 
+    A new run begins with the weights and codebooks of `start`, where given.
+
     Raises:
-        CheckpointError: the folder holds a run of other sizes.
+        CheckpointError: the folder holds a run of other sizes, or `start` is of other sizes.
     """
     stage = CodecTask(config, pool, card=card)
+    if start is not None and not has_state(folder):
+        stage.begin_with(start)
     train(stage, folder, device=device, trackers=trackers, progress=progress)
     return stage.codec.eval()
