@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.spatial.distance import cdist
 
 from echoavatar.corpora.rehearsal.controls import (
     ANKLE_HEIGHT,
@@ -42,7 +43,6 @@ STEPPING = 0.5  # of the joins of a lively body are made by steps
 QUIET = 0.5  # below this liveliness nothing is chosen
 SIZES = {"sway": (0.7, 1.4), "lean": (0.7, 2.5), "turn": (0.7, 1.4)}  # by which a stretch is scaled
 FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
-ARMS = ("wrist", "palm", "elbow_swing", "shoulder", "fingers")
 
 
 @dataclass(frozen=True)
@@ -56,39 +56,45 @@ class Place:
 class MotionGraph:
     """Clips and their mirror images, with the pose, the velocity and the liveliness of every place in them."""
 
-    def __init__(self, clips: Sequence[Controls], *, has_arms: bool = True) -> None:
+    def __init__(self, clips: Sequence[Controls], waiting: Sequence[bool] = ()) -> None:
+        """`waiting` tells of each clip whether bodies that wait may do what it shows; all may by default."""
         self.clips = [side for clip in clips for side in (clip, mirrored(clip))]
-        self.has_arms = has_arms
-        table = [_described(clip, has_arms) for clip in self.clips]
+        table = [_described(clip) for clip in self.clips]
+        waits = [wait for wait in (waiting or [True] * len(clips)) for _ in range(2)]
         frames = [np.arange(len(clip))[::EVERY] for clip in self.clips]
         self.clip = np.concatenate([np.full(len(f), i) for i, f in enumerate(frames)])
         self.frame = np.concatenate(frames)
         self.poses = np.concatenate([t.poses[::EVERY] for t in table])
+        self.arms = np.concatenate([t.arms[::EVERY] for t in table])
+        self.waits = np.concatenate([np.full(len(f), w) for f, w in zip(frames, waits, strict=True)])
         self.stands = np.concatenate([t.stands[::EVERY] for t in table])
         self.alive = np.concatenate([t.alive[::EVERY] for t in table])
         self.left = np.concatenate([len(c) - f for c, f in zip(self.clips, frames, strict=True)])
 
-    def entries(self, seconds: float) -> Bool[Array, " n"]:
+    def entries(self, wanted: float, seconds: float) -> Int[Array, " k"]:
         """Places where both feet stand, nothing wild follows, and the clip goes on for some seconds."""
-        return self.stands & np.isfinite(self.alive).all(1) & (self.left > seconds * FRAME_RATE_HZ)
+        fits = self.stands & np.isfinite(self.alive).all(1) & (self.left > seconds * FRAME_RATE_HZ)
+        return np.flatnonzero(fits & self.waits if wanted < QUIET else fits)
 
     def best_joins(
-        self, here: Int[np.ndarray, " m"], there: Int[np.ndarray, " k"]
+        self, here: Int[np.ndarray, " m"], there: Int[np.ndarray, " k"], *, has_arms: bool
     ) -> tuple[Float[Array, " k"], Int[Array, " k"]]:
         """For each place `there` the least distance from a place `here`, and which it is."""
-        a, b = self.poses[here], self.poses[there]
-        apart = ((a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T).clip(0)
+        apart = cdist(self.poses[here], self.poses[there], "sqeuclidean")
+        if has_arms:
+            apart += cdist(self.arms[here], self.arms[there], "sqeuclidean")
         return np.sqrt(apart.min(0)), here[apart.argmin(0)]
 
 
 @dataclass(frozen=True)
 class _Description:
     poses: Float[Array, "t d"]
+    arms: Float[Array, "t a"]
     stands: Bool[Array, " t"]
     alive: Float[Array, "t 4"]
 
 
-def _described(controls: Controls, has_arms: bool) -> _Description:
+def _described(controls: Controls) -> _Description:
     """Pose and velocity in metres, seen from the hips and the floor below them; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]
     feet = _turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
@@ -101,14 +107,16 @@ def _described(controls: Controls, has_arms: bool) -> _Description:
         0.4 * controls.spine,
         0.15 * controls.head,
     ]
-    if has_arms:
-        parts += [controls.wrist.reshape(len(feet), -1), 0.1 * controls.elbow_swing]
-    pose = np.concatenate(parts, 1)
-    velocity = np.gradient(smoothed(pose, 0.03), axis=0) * FRAME_RATE_HZ
+    arms = np.concatenate([controls.wrist.reshape(len(feet), -1), 0.1 * controls.elbow_swing], 1)
     steps = np.linalg.norm(np.gradient(controls.foot_position, axis=0), axis=-1) * FRAME_RATE_HZ
     stands = ((controls.foot_position[..., 1] < ANKLE_HEIGHT + 0.012) & (steps < 0.06)).all(1)
-    poses = np.concatenate([pose, VELOCITY_S * velocity], 1).astype(np.float32)
-    return _Description(poses, stands, _liveliness(controls, yaw, steps))
+    poses = _with_velocity(np.concatenate(parts, 1))
+    return _Description(poses, _with_velocity(arms), stands, _liveliness(controls, yaw, steps))
+
+
+def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
+    velocity = np.gradient(smoothed(pose, 0.03), axis=0) * FRAME_RATE_HZ
+    return np.concatenate([pose, VELOCITY_S * velocity], 1).astype(np.float32)
 
 
 def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t 4"]:
@@ -140,7 +148,7 @@ def walk(
     stretch_s: tuple[float, float] = (4.0, 11.0),
 ) -> Controls:
     """A walk of `len(liveliness)` frames near the origin that mostly faces +Z; follows the wanted liveliness."""
-    frames, entries = len(liveliness), np.flatnonzero(graph.entries(2.0))
+    frames, entries = len(liveliness), graph.entries(float(liveliness[0]), 2.0)
     body, at = None, 0
     here = int(rng.choice(entries, p=_appeal(graph, entries, float(liveliness[0]))))
     while at < frames:
@@ -177,9 +185,9 @@ def _next_join(
     late = np.abs((graph.frame[rest] - graph.frame[here]) - length)
     stands = graph.stands[rest] & (graph.frame[rest] - graph.frame[here] >= FRAME_RATE_HZ)
     ways_out = rest[stands][np.argsort(late[stands])[:8]] if stands.any() else rest[-1:]
-    entries = np.flatnonzero(graph.entries(2.5))
+    entries = graph.entries(wanted, 2.5)
     there = rng.choice(entries, size=SAMPLED, p=_appeal(graph, entries, wanted))
-    apart, leaves = graph.best_joins(ways_out, there)
+    apart, leaves = graph.best_joins(ways_out, there, has_arms=wanted < QUIET)
     apart = apart + np.where((graph.clip[there] == graph.clip[here]) & (np.abs(there - here) < 60), 1.0, 0.0)
     best = int(rng.choice(np.argsort(apart)[:GOOD_JOINS]))
     return int(leaves[best]), int(there[best])
