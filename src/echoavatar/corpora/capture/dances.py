@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from echoavatar.corpora.rehearsal.controls import Array, Controls, mirrored, moved
 from echoavatar.corpora.rehearsal.solver import solve
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .footfalls import with_footfalls
@@ -24,17 +25,17 @@ from .motion_graph import joined, poses_of, varied
 
 SHORTEST_S = 5.0
 COUNT_S = (0.30, 0.42)  # from step to step
-RATES = (0.50, 1.0)  # of playback
+RATES = (0.60, 1.05)  # of playback
 LOWEST_PELVIS_M, DEEPEST_LEAN = 0.70, 0.75  # a dancer who is lower or leans further is on the floor or in a flip
 FASTEST_DEG_S = 1000.0  # of any joint at the captured tempo
 STRETCH = (12, 33)  # counts from one join to the next
 COMPARED, GOOD = 250, 3  # entries compared for a join, of which one of the best is drawn
 AWAY = 0.25  # weight of a metre away from the middle against a metre of distance between poses
-ANSWER_S = 0.05  # from a beat to its count, so that the body slows down when the beat is heard
+ANSWER_S = 0.02  # from a beat to its count
 USUAL_FRAMES = 11  # from step to step, about 0.37 s
 SIZES = (0.9, 1.2)
 SLOWEST_FEET_M_S = 0.3  # slower dances have no steps to count
-SPINNING = ("whirl",)  # feet that turn on the floor all the time can only slide
+LEFT_OUT = ("whirl", "modern")  # the one turns on its feet all the time, the other has no counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ def _by_group(library: CapturedLibrary) -> dict[str, list[CountedDance]]:
     """All dances that can be used, by group, each with its mirror image."""
     parts: dict[str, list[Controls]] = defaultdict(list)
     for clip in library.of("dance"):
-        if clip.group in SPINNING:
+        if clip.group in LEFT_OUT:
             continue
         parts[clip.group] += _upright(clip.controls)
     found: dict[str, list[CountedDance]] = defaultdict(list)
@@ -206,14 +207,14 @@ def _upright(controls: Controls) -> list[Controls]:
 
 
 def _pulse(controls: Controls) -> Float[Array, " t"]:
-    """Of unit deviation, high where feet, hips and hands slow down together."""
-    feet, hands = (
-        np.linalg.norm(np.gradient(x, axis=0), axis=-1).sum(1) for x in (controls.foot_position, controls.wrist)
+    """Deceleration of the whole body, of unit deviation: where it is high, the body arrives somewhere."""
+    rotations, root = solve(controls)
+    places = gaussian_filter1d(
+        Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ)).pose().positions.numpy(), 1.2, axis=0
     )
-    hips = np.linalg.norm(np.gradient(controls.pelvis_position, axis=0), axis=-1)
-    speed = gaussian_filter1d(feet + 2 * hips + 0.5 * hands, 1.5)
-    wave = gaussian_filter1d(speed, 12) - speed
-    return np.asarray(wave / (wave.std() + 1e-9))
+    speed = np.linalg.norm(np.diff(places, axis=0), axis=-1).mean(1)
+    braking = np.maximum(-np.diff(speed, prepend=speed[:1], append=speed[-1:]), 0.0)
+    return np.asarray(braking / (braking.std() + 1e-9))
 
 
 def find_period(pulses: Sequence[Float[Array, " t"]]) -> float:

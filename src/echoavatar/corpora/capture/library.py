@@ -4,6 +4,7 @@ Each clip starts at the origin and faces +Z, stands on the floor at y = 0, and h
 """
 
 import csv
+import hashlib
 import io
 import json
 import zlib
@@ -23,11 +24,14 @@ from echoavatar.motion.kinematics.resample import align_signs, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import known_bones
 from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of, write_whole
+from echoavatar.nn.kernels import user_cache
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
+from .footing import stepping
 
+VERSION = 1  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
 STILL_M_S = 0.06  # mean speed of the body's joints below which a dance has not begun
 LEAD_IN_S = 0.3
@@ -94,13 +98,17 @@ class CapturedLibrary:
 
 
 def open_library(path: Path) -> CapturedLibrary:
-    """The library in an npz of `CapturedLibrary.save`, or in a folder of BVH.
+    """The library in an npz of `CapturedLibrary.save`, or in a folder of BVH, whose library is kept in the user's cache.
 
     Raises:
         MotionError: there is neither, or it is damaged.
     """
     if path.is_dir():
-        return read_folder(path)
+        kept = user_cache() / f"captured-{_digest(path)}.npz"
+        if not kept.exists():
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            read_folder(path).save(kept)
+        path = kept
     try:
         stored = arrays_of(path, MotionError)
         curves, frames, about = stored["curves"], stored["frames"], json.loads(str(stored["clips"]))
@@ -149,7 +157,16 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
             piece = _without_stillness(piece)
         is_whole = len(good) == 1 and not bad
         if piece.frames >= SHORTEST_S * FRAME_RATE_HZ or (is_whole and piece.frames > FRAME_RATE_HZ / 2):
-            yield _with_finger_drift(_at_origin(controls_from_motion(piece)))
+            controls = controls_from_motion(piece)
+            controls = stepping(controls) if entry.kind in ("standing", "speech", "gesture") else controls
+            yield _with_finger_drift(_at_origin(controls))
+
+
+def _digest(folder: Path) -> str:
+    """Changes with every file of the folder and with this package's way of reading them."""
+    files = [path for path in sorted(folder.rglob("*")) if path.suffix in (".bvh", ".csv")]
+    stats = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in files]
+    return hashlib.sha256(repr((VERSION, stats)).encode()).hexdigest()[:16]
 
 
 def bad_spans(path: Path) -> list[tuple[float, float]]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+from scipy.spatial.distance import cdist
 
 from echoavatar.corpora.rehearsal.controls import (
     ANKLE_HEIGHT,
@@ -35,8 +36,13 @@ FADE_S, STEP_S = 0.9, 0.46
 KEPT_M, KEPT_RAD = 0.07, 0.25  # a foot that is off by less keeps its place
 NEAR_M, FRONT_RAD = 0.25, 0.45  # a body further off is brought back by steps
 TALKING = {"sway": 0.084, "lean": 0.077, "turn": 0.082, "feet": 0.08}  # people talking: metres, radians, m/s
+LEVEL = 0.7  # of a larger lean is taken back by the head, which looks ahead
+WEIGHTS = {"sway": 0.3, "lean": 0.4, "turn": 0.2, "feet": 0.3}  # of these in the choice of what comes next
+CHOICE, LEAST = 0.35, 0.05  # width of the choice, in powers of e
+STEPPING = 0.5  # of the joins of a lively body are made by steps
+QUIET = 0.5  # below this liveliness nothing is chosen
+SIZES = {"sway": (0.7, 1.4), "lean": (0.7, 2.5), "turn": (0.7, 1.4)}  # by which a stretch is scaled
 FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
-ARMS = ("wrist", "palm", "elbow_swing", "shoulder", "fingers")
 
 
 @dataclass(frozen=True)
@@ -50,44 +56,51 @@ class Place:
 class MotionGraph:
     """Clips and their mirror images, with the pose, the velocity and the liveliness of every place in them."""
 
-    def __init__(self, clips: Sequence[Controls], *, has_arms: bool = True) -> None:
+    def __init__(self, clips: Sequence[Controls], waiting: Sequence[bool] = ()) -> None:
+        """`waiting` tells of each clip whether bodies that wait may do what it shows; all may by default."""
         self.clips = [side for clip in clips for side in (clip, mirrored(clip))]
-        self.has_arms = has_arms
-        table = [_described(clip, has_arms) for clip in self.clips]
+        table = [_described(clip) for clip in self.clips]
+        waits = [wait for wait in (waiting or [True] * len(clips)) for _ in range(2)]
         frames = [np.arange(len(clip))[::EVERY] for clip in self.clips]
         self.clip = np.concatenate([np.full(len(f), i) for i, f in enumerate(frames)])
         self.frame = np.concatenate(frames)
         self.poses = np.concatenate([t.poses[::EVERY] for t in table])
+        self.arms = np.concatenate([t.arms[::EVERY] for t in table])
+        self.waits = np.concatenate([np.full(len(f), w) for f, w in zip(frames, waits, strict=True)])
         self.stands = np.concatenate([t.stands[::EVERY] for t in table])
         self.alive = np.concatenate([t.alive[::EVERY] for t in table])
         self.left = np.concatenate([len(c) - f for c, f in zip(self.clips, frames, strict=True)])
 
-    def entries(self, seconds: float) -> Bool[Array, " n"]:
+    def entries(self, wanted: float, seconds: float) -> Int[Array, " k"]:
         """Places where both feet stand, nothing wild follows, and the clip goes on for some seconds."""
-        return self.stands & np.isfinite(self.alive) & (self.left > seconds * FRAME_RATE_HZ)
+        fits = self.stands & np.isfinite(self.alive).all(1) & (self.left > seconds * FRAME_RATE_HZ)
+        return np.flatnonzero(fits & self.waits if wanted < QUIET else fits)
 
     def best_joins(
-        self, here: Int[np.ndarray, " m"], there: Int[np.ndarray, " k"]
+        self, here: Int[np.ndarray, " m"], there: Int[np.ndarray, " k"], *, has_arms: bool
     ) -> tuple[Float[Array, " k"], Int[Array, " k"]]:
         """For each place `there` the least distance from a place `here`, and which it is."""
-        a, b = self.poses[here], self.poses[there]
-        apart = ((a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T).clip(0)
+        apart = cdist(self.poses[here], self.poses[there], "sqeuclidean")
+        if has_arms:
+            apart += cdist(self.arms[here], self.arms[there], "sqeuclidean")
         return np.sqrt(apart.min(0)), here[apart.argmin(0)]
 
 
 @dataclass(frozen=True)
 class _Description:
     poses: Float[Array, "t d"]
+    arms: Float[Array, "t a"]
     stands: Bool[Array, " t"]
-    alive: Float[Array, " t"]
+    alive: Float[Array, "t 4"]
 
 
 def poses_of(controls: Controls) -> Float[Array, "t d"]:
     """Pose and velocity of each frame, in metres, seen from the hips; the distance of two says how well they join."""
-    return _described(controls, True).poses
+    found = _described(controls)
+    return np.concatenate([found.poses, found.arms], 1)
 
 
-def _described(controls: Controls, has_arms: bool) -> _Description:
+def _described(controls: Controls) -> _Description:
     """Pose and velocity in metres, seen from the hips and the floor below them; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]
     feet = _turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
@@ -100,25 +113,24 @@ def _described(controls: Controls, has_arms: bool) -> _Description:
         0.4 * controls.spine,
         0.15 * controls.head,
     ]
-    if has_arms:
-        parts += [controls.wrist.reshape(len(feet), -1), 0.1 * controls.elbow_swing]
-    pose = np.concatenate(parts, 1)
-    velocity = np.gradient(smoothed(pose, 0.03), axis=0) * FRAME_RATE_HZ
+    arms = np.concatenate([controls.wrist.reshape(len(feet), -1), 0.1 * controls.elbow_swing], 1)
     steps = np.linalg.norm(np.gradient(controls.foot_position, axis=0), axis=-1) * FRAME_RATE_HZ
     stands = ((controls.foot_position[..., 1] < ANKLE_HEIGHT + 0.012) & (steps < 0.06)).all(1)
-    poses = np.concatenate([pose, VELOCITY_S * velocity], 1).astype(np.float32)
-    return _Description(poses, stands, _liveliness(controls, yaw, steps))
+    poses = _with_velocity(np.concatenate(parts, 1))
+    return _Description(poses, _with_velocity(arms), stands, _liveliness(controls, yaw, steps))
 
 
-def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, " t"]:
-    """How lively the next seconds are, 1 like people who talk; infinite where the body bends double or walks off."""
+def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
+    velocity = np.gradient(smoothed(pose, 0.03), axis=0) * FRAME_RATE_HZ
+    return np.concatenate([pose, VELOCITY_S * velocity], 1).astype(np.float32)
+
+
+def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t 4"]:
+    """Sway, lean, turn and steps of the next seconds, 1 like people's who talk; infinite where the body bends double or
+    walks off."""
     place = controls.pelvis_position
-    lean = controls.pelvis_rotation[:, 1] + controls.spine[:, 1]
-    curves = {
-        "sway": place[:, 0] - gaussian_filter1d(place[:, 0], 4 * FRAME_RATE_HZ),
-        "lean": lean,
-        "turn": controls.spine[:, 0],
-    }
+    lean = _lean(controls)
+    curves = _sway_lean_turn(controls)
     window = min(round(AHEAD_S * FRAME_RATE_HZ), len(yaw))
 
     def ahead(values: Array) -> Array:
@@ -127,11 +139,11 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, " 
 
     found = [np.sqrt((ahead(c**2) - ahead(c) ** 2).clip(0)) / TALKING[name] for name, c in curves.items()]
     found.append(ahead(steps.mean(1)) / TALKING["feet"])
-    score = np.mean(np.minimum(found, 1.8), axis=0)
     wild = (np.abs(lean) > 0.45) | (place[:, 1] < 0.82) | (np.abs(controls.spine[:, 0]) > 0.7)
     away = np.stack([np.sin(yaw[:, 0]), np.cos(yaw[:, 0]), place[:, 0], place[:, 2]])
     spread = sum(ahead(c**2) - ahead(c) ** 2 for c in away)
-    return np.where((ahead(wild.astype(float)) > 0) | (spread > 0.12), np.inf, score + 0.02)
+    is_out = (ahead(wild.astype(float)) > 0) | (spread > 0.12)
+    return np.where(is_out[:, None], np.inf, np.stack(found, 1))
 
 
 def walk(
@@ -140,10 +152,9 @@ def walk(
     rng: np.random.Generator,
     *,
     stretch_s: tuple[float, float] = (4.0, 11.0),
-    sizes: tuple[float, float] = (0.7, 1.4),
 ) -> Controls:
     """A walk of `len(liveliness)` frames near the origin that mostly faces +Z; follows the wanted liveliness."""
-    frames, entries = len(liveliness), np.flatnonzero(graph.entries(2.0))
+    frames, entries = len(liveliness), graph.entries(float(liveliness[0]), 2.0)
     body, at = None, 0
     here = int(rng.choice(entries, p=_appeal(graph, entries, float(liveliness[0]))))
     while at < frames:
@@ -152,8 +163,10 @@ def walk(
         length = int(change[0]) + 1 if len(change) else length
         leaves, here_next = _next_join(graph, here, max(length, FRAME_RATE_HZ), liveliness, at, rng)
         clip, first = graph.clips[graph.clip[here]], int(graph.frame[here])
-        piece = varied(clip[first : graph.frame[leaves]], float(rng.uniform(*sizes)))
-        body = piece if body is None else joined(body, piece)
+        piece = _sized(clip[first : graph.frame[leaves]], float(liveliness[min(at, frames - 1)]), rng)
+        is_stepping = liveliness[min(at, frames - 1)] > QUIET and rng.random() < STEPPING
+        spot = rng.normal(0.0, (0.10, 0.06, 0.15)) if is_stepping else None
+        body = piece if body is None else joined(body, piece, spot)
         body = _home(body) if at == 0 else body
         at, here = len(body), here_next
     assert body is not None
@@ -161,8 +174,11 @@ def walk(
 
 
 def _appeal(graph: MotionGraph, places: Array, wanted: float) -> Float[Array, " n"]:
-    """Probability of each place: near the wanted liveliness."""
-    odds = np.exp(-0.5 * (np.log(graph.alive[places] / max(wanted, 0.03)) / 0.35) ** 2) + 1e-9
+    """Probability of each place: near the wanted liveliness; as often as captured for bodies that wait."""
+    if wanted < QUIET:
+        return np.full(len(places), 1 / len(places))
+    off = np.log((graph.alive[places] + LEAST) / (wanted + LEAST)) / CHOICE
+    odds = np.exp(-0.5 * (off**2) @ np.array(list(WEIGHTS.values()))) + 1e-12
     return np.asarray(odds / odds.sum())
 
 
@@ -175,33 +191,69 @@ def _next_join(
     late = np.abs((graph.frame[rest] - graph.frame[here]) - length)
     stands = graph.stands[rest] & (graph.frame[rest] - graph.frame[here] >= FRAME_RATE_HZ)
     ways_out = rest[stands][np.argsort(late[stands])[:8]] if stands.any() else rest[-1:]
-    entries = np.flatnonzero(graph.entries(2.5))
+    entries = graph.entries(wanted, 2.5)
     there = rng.choice(entries, size=SAMPLED, p=_appeal(graph, entries, wanted))
-    apart, leaves = graph.best_joins(ways_out, there)
+    apart, leaves = graph.best_joins(ways_out, there, has_arms=wanted < QUIET)
     apart = apart + np.where((graph.clip[there] == graph.clip[here]) & (np.abs(there - here) < 60), 1.0, 0.0)
     best = int(rng.choice(np.argsort(apart)[:GOOD_JOINS]))
     return int(leaves[best]), int(there[best])
 
 
-def varied(controls: Controls, size: float) -> Controls:
-    """The same stretch with a larger or smaller sway, lean, turn of the trunk and head; feet as they are."""
+def _sized(controls: Controls, wanted: float, rng: np.random.Generator) -> Controls:
+    """A stretch scaled towards people who talk if it is to be lively, and by chance otherwise."""
+    if wanted < QUIET:
+        size = float(rng.uniform(*SIZES["sway"]))
+        return varied(controls, sway=size, lean=size, turn=size)
+    own = _spread(controls)
+    goal = {name: wanted * float(rng.uniform(0.8, 1.25)) for name in SIZES}
+    return varied(controls, **{n: float(np.clip(goal[n] / (own[n] + 1e-3), *SIZES[n])) for n in SIZES})
+
+
+def varied(controls: Controls, *, sway: float, lean: float, turn: float) -> Controls:
+    """The same stretch with a larger or smaller sway, lean, and turn of trunk and head; feet as they are."""
     middle = smoothed(controls.foot_position.mean(1), 0.3)
-    over = controls.pelvis_position - middle
-    over[:, [0, 2]] += (size - 1) * (over - over.mean(0))[:, [0, 2]]
-    rotation = controls.pelvis_rotation.copy()
-    rotation[:, 1:] += (size - 1) * (rotation - rotation.mean(0))[:, 1:]
+    over = (controls.pelvis_position - middle).astype(np.float64)
+    over[:, [0, 2]] += (sway - 1) * (over - over.mean(0))[:, [0, 2]]
+    pelvis, spine, head = (
+        curve + (curve - curve.mean(0)) * (np.array(sizes) - 1)
+        for curve, sizes in (
+            (controls.pelvis_rotation, (1.0, lean, sway)),
+            (controls.spine, (turn, lean, sway)),
+            (controls.head, (turn, 1.0, sway)),
+        )
+    )
+    head[:, 1] -= (lean - 1) * (_lean(controls) - _lean(controls).mean()) * LEVEL
     return replace(
         controls,
         pelvis_position=(middle + over).astype(np.float32),
-        pelvis_rotation=rotation,
-        spine=controls.spine + (size - 1) * (controls.spine - controls.spine.mean(0)),
-        head=controls.head + (size - 1) * (controls.head - controls.head.mean(0)),
+        pelvis_rotation=pelvis.astype(np.float32),
+        spine=spine.astype(np.float32),
+        head=head.astype(np.float32),
     )
 
 
-def joined(before: Controls, after: Controls) -> Controls:
-    """`before`, then `after` moved to where the body stands; pose and velocity stay continuous, feet do not slide."""
-    after = _brought(before, after)
+def _spread(controls: Controls) -> dict[str, float]:
+    """Sway, lean and turn of a stretch, 1 like people who talk."""
+    return {name: float(curve.std()) / TALKING[name] for name, curve in _sway_lean_turn(controls).items()}
+
+
+def _sway_lean_turn(controls: Controls) -> dict[str, Float[Array, " t"]]:
+    side = controls.pelvis_position[:, 0]
+    sway = side - gaussian_filter1d(side, 4 * FRAME_RATE_HZ)
+    return {"sway": sway, "lean": _lean(controls), "turn": controls.spine[:, 0]}
+
+
+def _lean(controls: Controls) -> Float[Array, " t"]:
+    """Angle of the line from the hips to the shoulders; the spine bends along its length."""
+    return np.asarray(controls.pelvis_rotation[:, 1] + 0.55 * controls.spine[:, 1])
+
+
+def joined(before: Controls, after: Controls, spot: Float[np.ndarray, " 3"] | None = None) -> Controls:
+    """`before`, then `after` moved to where the body stands; pose and velocity stay continuous, feet do not slide.
+
+    With a `spot` (x, z, yaw) the body steps to it instead, as far as two steps lead.
+    """
+    after = _brought(before, after, spot)
     curves: dict[str, Array] = {}
     for field in fields(Controls):
         if field.name not in FEET:
@@ -215,7 +267,7 @@ def joined(before: Controls, after: Controls) -> Controls:
     return concatenated([before, replace(after, **curves)])
 
 
-def _brought(before: Controls, after: Controls) -> Controls:
+def _brought(before: Controls, after: Controls, spot: Array | None) -> Controls:
     """`after` where `before` ends, by the best fit of ankles, toes and hips on the floor, and then towards home."""
     old, new = _floor_points(before[-1:]), _floor_points(after[:1])
     a, b = old - old.mean(0), new - new.mean(0)
@@ -223,9 +275,11 @@ def _brought(before: Controls, after: Controls) -> Controls:
     placed = moved(after, -new.mean(0))
     placed = moved(placed, np.zeros(2), turn=turn)
     placed = _unwound(moved(placed, old.mean(0)), before)
-    off, yaw = placed.pelvis_position[:, [0, 2]].mean(0), float(placed.pelvis_rotation[:, 0].mean())
+    goal = np.zeros(3) if spot is None else spot
+    off = placed.pelvis_position[:, [0, 2]].mean(0) - goal[:2]
+    yaw = float(placed.pelvis_rotation[:, 0].mean() - goal[2])
     far = float(np.hypot(*off))
-    is_lost = far > NEAR_M or abs(yaw) > FRONT_RAD
+    is_lost = spot is not None or far > NEAR_M or abs(yaw) > FRONT_RAD
     shift, angle = (0.35, 0.7) if is_lost else (0.03, 0.05)
     centre = placed.pelvis_position[0, [0, 2]]
     placed = moved(moved(placed, -centre), np.zeros(2), turn=-float(np.clip(yaw, -angle, angle)))
@@ -268,7 +322,7 @@ def _feet(before: Controls, after: Controls) -> dict[str, Array]:
         begin = (2 if side == lead or not all(must) else step + 4) if must[side] else _first_lift(after, side)
         length = step if must[side] else max(_landing(after, side, begin) - begin, round(0.25 * FRAME_RATE_HZ))
         phase = (np.arange(frames) - begin) / length
-        stay = 1 - minimum_jerk(phase)
+        stay = 1 - minimum_jerk((phase - 0.12) / 0.76)
         fade = 1 - minimum_jerk(np.arange(frames) / (0.3 * FRAME_RATE_HZ))
         flat = np.array([way[side][0], 0.0, way[side][2]], np.float32)
         held = np.arange(frames) < begin

@@ -10,6 +10,7 @@ from dataclasses import fields, replace
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .clearance import keep_hands_clear
@@ -26,9 +27,9 @@ SHORTEST_DANCE_S = 1.5
 _FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
-def choreograph(track: SoundTrack, seed: int) -> Controls:
-    """Controls for a whole track; deterministic for a track and seed."""
-    motion = gesture(track, seed)
+def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
+    """Controls for a whole track; deterministic for a track and seed. Bodies are captured if there is a library."""
+    motion = gesture(track, seed, library)
     spans = [s for s in track.spans if s.kind == "music" and s.end - s.start >= SHORTEST_DANCE_S]
     if spans:
         standing, dancing = motion, dance(track, seed)

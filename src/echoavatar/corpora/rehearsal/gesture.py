@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .controls import Array, Controls, critically_damped, smoothed, wander
@@ -35,13 +36,14 @@ LAUNCH_S = -0.06  # from the vowel's centre to the start of a stroke, which is a
 MINOR = 0.15  # prominence from which a syllable may set off a move between two strokes
 DRIFT_M = 0.013  # deviation of the hands' slow drift while they are raised
 BACK_S = 0.36  # duration of a beat's return, right after its stroke
+CAPTURED_POSTURE = 0.3  # of the postures by rule, over a captured body that leans and turns by itself
 LEFT, RIGHT = 0, 1
 
 
-def gesture(track: SoundTrack, seed: int) -> Controls:
-    """Idle motion for the whole track with gesture units over every phrase."""
+def gesture(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
+    """Idle motion for the whole track with gesture units over every phrase; captured bodies if there is a library."""
     manner, rng = draw_manner(seed), np.random.default_rng([seed, 3])
-    body = idle(track, seed)
+    body = idle(track, seed, library)
     frames = len(body)
     rest = resting_hands(manner.rest)
     speaker = _Speaker(manner, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest)
@@ -58,7 +60,7 @@ def gesture(track: SoundTrack, seed: int) -> Controls:
     drift = 0.6 * wander(frames, 6, period=1.1, rng=rng) + wander(frames, 6, period=2.4, rng=rng)
     moved[..., :3] += drift.reshape(frames, 2, 3) * DRIFT_M * manner.energy * lively
     head, spine = head_accents(track, manner.nod, rng)
-    posture, hinge = postures(track, manner, rng)
+    posture, hinge = postures(track, manner, rng, size=1.0 if library is None else CAPTURED_POSTURE)
     turned = body.pelvis_rotation + hinge * np.array([0.0, 1.0, 0.0], np.float32)
     body = replace(body, head=body.head + head, spine=body.spine + spine + posture, pelvis_rotation=turned)
     return with_following_torso(with_hands(body, hands_of(body) + moved), hands_of(body), active, manner.trunk)
@@ -272,7 +274,7 @@ class _Speaker:
 
 
 def postures(
-    track: SoundTrack, manner: Manner, rng: np.random.Generator
+    track: SoundTrack, manner: Manner, rng: np.random.Generator, size: float = 1.0
 ) -> tuple[Float[Array, "t 3"], Float[Array, "t 1"]]:
     """The trunk's posture: spine (yaw, pitch, roll) and pitch of the pelvis; a new one with every second phrase."""
     frames = round(track.seconds * FRAME_RATE_HZ)
@@ -281,7 +283,7 @@ def postures(
         for time in np.arange(begin, end, 2.2):
             if rng.random() < 0.75:
                 first = round(float(time) * FRAME_RATE_HZ)
-                goal[first:] = rng.normal(0, 1, 4) * np.array([0.10, 0.065, 0.040, 0.050]) * manner.trunk
+                goal[first:] = rng.normal(0, 1, 4) * np.array([0.10, 0.065, 0.040, 0.050]) * manner.trunk * size
         goal[round((end + 0.5) * FRAME_RATE_HZ) :] *= 0.3
     goal[:, 1] += 0.5 * goal[:, 3]
     leaning = critically_damped(smoothed(np.clip(goal, -0.25, 0.25), 0.1), 0.75)

@@ -1,6 +1,7 @@
 """Motion in silence and while listening: breath, slow weight shifts, head movement, hands at rest.
 
-Gestures are added to this motion, so breath and stance continue through speech.
+Gestures are added to this motion, so breath and stance continue through speech. With a captured library the body is a
+captured person's: one who waits, arms included, and one who talks while there is speech, with the arms at rest.
 """
 
 from dataclasses import replace
@@ -8,14 +9,21 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.corpora.capture.library import CapturedLibrary
+from echoavatar.corpora.capture.standing import IDLE, TALKING
+from echoavatar.corpora.capture.standing import standing as captured_standing
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, neutral, smoothed, wander
+from .controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, critically_damped, neutral, smoothed, wander
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
 from .sound import SoundTrack
 from .speakers import draw_manner
 from .stance import Feet, stances, walked, weight_curve
+
+
+REACTION_S, ARMS_S = 0.15, 0.6  # from the sound to the body's answer; for the arms to come to rest
+PAUSE_S = 3.0  # the body of a speaker goes on through shorter pauses
 
 
 def resting_hands(rest: str) -> Float[Array, "2 14"]:
@@ -35,8 +43,10 @@ def resting_hands(rest: str) -> Float[Array, "2 14"]:
     return np.stack([hand, hand])
 
 
-def idle(track: SoundTrack, seed: int) -> Controls:
+def idle(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
     """Standing, breathing and listening for the whole track."""
+    if library is not None:
+        return _captured(track, seed, library)
     frames = round(track.seconds * FRAME_RATE_HZ)
     manner, rng = draw_manner(seed), np.random.default_rng([seed, 2])
     start = float(rng.choice([-0.5, 0.5]))
@@ -52,6 +62,38 @@ def idle(track: SoundTrack, seed: int) -> Controls:
     shoulder = body.shoulder + 0.022 * breath[:, None, None] * np.array([1.0, -0.4])
     head[:, 1] += 0.009 * breath
     return with_hands(replace(body, head=_f32(head), spine=_f32(spine), shoulder=_f32(shoulder)), hands)
+
+
+def _captured(track: SoundTrack, seed: int, library: CapturedLibrary) -> Controls:
+    """A captured person who waits, and sways like people who talk from shortly after speech begins until it ends."""
+    frames, manner = round(track.seconds * FRAME_RATE_HZ), draw_manner(seed)
+    rng = np.random.default_rng([seed, 4])
+    wanted, resting = np.full(frames, IDLE), np.zeros(frames, np.float32)
+    for begin, end in _talks(track):
+        first, last = (round((time + REACTION_S) * FRAME_RATE_HZ) for time in (begin, end))
+        wanted[first:last] = TALKING * rng.uniform(0.75, 1.25)
+        resting[first:last] = 1.0
+    body = captured_standing(library, frames, rng, liveliness=wanted)
+    share = critically_damped(resting, ARMS_S)[:, None, None]
+    captured, rest = hands_of(body), resting_hands(manner.rest)
+    hands = captured + share * (rest - captured)
+    hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
+    breath = breathing(frames, manner.breath_hz, rng)
+    spine, shoulder = body.spine.copy(), body.shoulder * (1 - share)
+    spine[:, 1] -= 0.012 * breath
+    shoulder += 0.022 * breath[:, None, None] * np.array([1.0, -0.4])
+    return with_hands(replace(body, spine=_f32(spine), shoulder=_f32(shoulder)), hands)
+
+
+def _talks(track: SoundTrack) -> list[tuple[float, float]]:
+    """Phrases, joined across pauses that are too short to rest in."""
+    talks: list[tuple[float, float]] = []
+    for begin, end in track.phrases:
+        if talks and begin - talks[-1][1] < PAUSE_S:
+            talks[-1] = (talks[-1][0], end)
+        else:
+            talks.append((begin, end))
+    return talks
 
 
 def with_hands(body: Controls, hands: Float[Array, "t 2 14"]) -> Controls:

@@ -23,6 +23,7 @@ BLOCK_FRAMES = 8192
 SPINE_SHARE = (0.30, 0.35, 0.35)
 NECK_SHARE = 0.45
 REACH = 0.992  # of a limb's length
+TOES_BEND = 1.0
 PALM_LIMITS = ((-1.15, 1.15), (-0.55, 0.38), (-1.65, 1.55))
 CURL_RANGE = (1.45, 1.70, 1.15)  # proximal, intermediate, distal, radians at curl 1
 SPREAD_RANGE = (0.24, 0.05, -0.13, -0.27)  # index .. little, radians at spread 1
@@ -82,7 +83,7 @@ def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t
         local[:, HUMANOID.index(f"{name}UpperLeg")] = pelvis.mT @ upper
         local[:, HUMANOID.index(f"{name}LowerLeg")] = upper.mT @ lower
         local[:, HUMANOID.index(f"{name}Foot")] = lower.mT @ foot
-        local[:, HUMANOID.index(f"{name}Toes")] = _about("x", -pitch.clamp_min(0.0))
+        local[:, HUMANOID.index(f"{name}Toes")] = _about("x", -_soft_bend(pitch))
     return root
 
 
@@ -220,6 +221,11 @@ def _soft_clamp(angle: Tensor, low: float, high: float) -> Tensor:
     scaled = (angle - middle) / half
     over = (scaled.abs() - 0.8).clamp_min(0)
     return middle + half * scaled.sign() * (scaled.abs() - over + 0.2 * torch.tanh(over / 0.2))
+
+
+def _soft_bend(pitch: Float[Tensor, " t"]) -> Float[Tensor, " t"]:
+    """Bend of the toes of a lifted heel: all of its pitch at first, never more than `TOES_BEND`."""
+    return TOES_BEND * torch.tanh(pitch.clamp_min(0.0) / TOES_BEND)
 
 
 def _soft_min(values: Float[Tensor, "k t"], width: float) -> Float[Tensor, " t"]:
