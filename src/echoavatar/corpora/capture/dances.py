@@ -1,4 +1,4 @@
-"""Captured dances to any music: their own counts are laid on the music's beats. Not in the paper, which trains on pairs.
+"""Captured dances to any music: their own counts are laid on the music's beats. Not in the paper.
 
 A clip's counts are where the dancing body slows down, evenly spaced as far as the clip is. Stretches of whole counts
 are played so that counts meet beats, at a rate near the captured one, and joined where bodies match (`motion_graph`).
@@ -25,17 +25,18 @@ from .motion_graph import joined, poses_of, varied
 
 SHORTEST_S = 5.0
 COUNT_S = (0.30, 0.42)  # from step to step
-RATES = (0.60, 1.05)  # of playback
-LOWEST_PELVIS_M, DEEPEST_LEAN = 0.70, 0.75  # a dancer who is lower or leans further is on the floor or in a flip
+RATES, USUAL_RATE = (0.55, 1.15), 0.8  # of playback; captured dancers are livelier than most music asks for
+LOWEST_PELVIS_M, DEEPEST_LEAN = 0.78, 0.50  # a dancer who is lower or leans further is on the floor or in a flip
 FASTEST_DEG_S = 1000.0  # of any joint at the captured tempo
 STRETCH = (12, 33)  # counts from one join to the next
 COMPARED, GOOD = 250, 3  # entries compared for a join, of which one of the best is drawn
 AWAY = 0.25  # weight of a metre away from the middle against a metre of distance between poses
+BACK = 0.35  # weight of a dancer who ends with the back to the front
 ANSWER_S = 0.02  # from a beat to its count
 USUAL_FRAMES = 11  # from step to step, about 0.37 s
 SIZES = (0.9, 1.2)
 SLOWEST_FEET_M_S = 0.3  # slower dances have no steps to count
-LEFT_OUT = ("whirl", "modern")  # the one turns on its feet all the time, the other has no counts
+LEFT_OUT = ("whirl", "modern", "street")  # they turn on their feet, or have no steady steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +63,7 @@ def captured_dance(
     if not wanted or frames < 2 * FRAME_RATE_HZ:
         return None
     group, ratio = wanted[rng.integers(len(wanted))]
+    size = float(rng.uniform(*SIZES))
     dances, times = _by_group(library)[group], _count_times(beats, ratio, begin, end)
     body: Controls | None = None
     at, now = begin, 0
@@ -77,7 +79,7 @@ def captured_dance(
         where = source(clock)
         if len(where) < 6 or where.min() < 0 or where.max() > len(dance.controls) - 1:
             where = np.clip(where, 0, len(dance.controls) - 1)
-        piece = varied(_sampled(dance.controls, where), float(rng.uniform(*SIZES)))
+        piece = varied(_sampled(dance.controls, where), sway=size, lean=size, turn=size)
         body = _at_home(piece) if body is None else joined(body, _nearest_swing(body, piece))
         at = begin + len(body) / FRAME_RATE_HZ
     return _slowed(with_footfalls(body[:frames]))
@@ -88,8 +90,9 @@ def _fitting(library: CapturedLibrary, beat: float) -> list[tuple[str, float]]:
     found = []
     for group, dances in _by_group(library).items():
         period = float(np.median([dance.period for dance in dances]))
-        ratio = min((0.5, 1.0, 2.0), key=lambda r: abs(np.log(period * r / beat)))
-        if RATES[0] < period * ratio / beat < RATES[1]:
+        rates = {ratio: period * ratio / beat for ratio in (0.5, 1.0, 2.0)}
+        ratio = min(rates, key=lambda r: abs(np.log(rates[r] / USUAL_RATE)))
+        if RATES[0] < rates[ratio] < RATES[1]:
             seconds = sum(len(dance.controls) for dance in dances) / FRAME_RATE_HZ
             found += [(group, ratio)] * max(1, round(np.sqrt(seconds) / 4))
     return found
@@ -126,7 +129,9 @@ def _entry(dances: list[CountedDance], body: Controls | None, rng: np.random.Gen
         way = (dance.controls.pelvis_position[ahead] - dance.controls.pelvis_position[start])[[0, 2]]
         turn = heading - float(dance.controls.pelvis_rotation[start, 0])
         goes = np.array([np.cos(turn) * way[0] + np.sin(turn) * way[1], np.cos(turn) * way[1] - np.sin(turn) * way[0]])
-        costs.append(float(np.linalg.norm(dance.poses[first] - here)) + AWAY * float(np.linalg.norm(place + goes)))
+        faces = turn + float(dance.controls.pelvis_rotation[ahead, 0])
+        cost = float(np.linalg.norm(dance.poses[first] - here)) + AWAY * float(np.linalg.norm(place + goes))
+        costs.append(cost + BACK * (1 - float(np.cos(faces))))
     return options[int(rng.choice(np.argsort(costs)[:GOOD]))]
 
 
@@ -178,7 +183,7 @@ def _slowed(controls: Controls) -> Controls:
             break
         share = gaussian_filter1d(fast, 2.0)
         curves = {}
-        for name in ("wrist", "elbow_swing", "palm", "shoulder", "knee_swing", "spine", "head"):
+        for name in ("wrist", "elbow_swing", "palm", "shoulder", "knee_swing", "spine", "head", "pelvis_rotation"):
             old = getattr(controls, name)
             soft = gaussian_filter1d(old, 3.0, axis=0, mode="nearest")
             curves[name] = (old + share.reshape(-1, *([1] * (old.ndim - 1))) * (soft - old)).astype(np.float32)

@@ -14,9 +14,9 @@ from echoavatar.corpora.rehearsal.controls import ANKLE_HEIGHT, Array, Controls
 from echoavatar.timing import FRAME_RATE_HZ
 
 BALL_M = 0.13  # from the ankle to the ball of the foot
-STILL_M_S = 0.28  # a low foot whose ball is slower than this stands
+STILL_M_S = 0.40  # a low foot whose ball is slower than this stands
 LOW_M = 0.045
-LIFT_M = 0.045  # at the middle of a step of 15 cm or more
+LIFT_M = 0.07  # at the middle of a step of 15 cm or more
 
 
 def with_footfalls(controls: Controls) -> Controls:
@@ -52,5 +52,5 @@ def _stepped(ball: Float[Array, "t 2"], stands: Bool[Array, " t"]) -> tuple[Floa
         after = out[b] - ball[b] if b < len(ball) else np.zeros(2)
         out[a:b] += before + (after - before) * phase[:, None]
         far = float(np.linalg.norm(out[min(b, len(ball) - 1)] - out[max(a - 1, 0)]))
-        lift[a:b] = LIFT_M * min(1.0, far / 0.15 + 0.3) * np.sin(np.pi * phase) ** 0.7
+        lift[a:b] = LIFT_M * min(1.0, far / 0.15 + 0.4) * np.sin(np.pi * phase) ** 0.5
     return out, lift

@@ -127,7 +127,8 @@ def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
 
 def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t 4"]:
     """Sway, lean, turn and steps of the next seconds, 1 like people's who talk; infinite where the body bends double or
-    walks off."""
+    walks off.
+    """
     place = controls.pelvis_position
     lean = _lean(controls)
     curves = _sway_lean_turn(controls)

@@ -21,7 +21,6 @@ from .sound import SoundTrack
 from .speakers import draw_manner
 from .stance import Feet, stances, walked, weight_curve
 
-
 REACTION_S, ARMS_S = 0.15, 0.6  # from the sound to the body's answer; for the arms to come to rest
 PAUSE_S = 3.0  # the body of a speaker goes on through shorter pauses
 
