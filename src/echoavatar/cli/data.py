@@ -44,11 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rehearse.add_argument("--hours", type=float, default=0.2, help="length of the corpus (default: %(default)s)")
     rehearse.add_argument("--seed", type=int, default=0, help="random seed of the corpus (default: %(default)s)")
     rehearse.add_argument("-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)")
-    rehearse.add_argument("--library", type=Path, help="folder of recorded BVH clips to blend in")
     rehearse.add_argument(
-        "--refine-fingers",
-        action="store_true",
-        help="give new fingers to clips of the library whose fingers do not move",
+        "--library",
+        type=Path,
+        help="library of `data capture`, or its folder of BVH: captured people give the bodies and most of the dances",
     )
     rehearse.add_argument(
         "--recordings",
@@ -110,13 +109,7 @@ def _rehearse(args: argparse.Namespace) -> int:
     from echoavatar.data import Corpus
 
     plan = Plan(
-        args.hours,
-        args.seed,
-        args.output,
-        library=args.library,
-        recordings=args.recordings,
-        soundfont=args.soundfont,
-        refine_fingers=args.refine_fingers,
+        args.hours, args.seed, args.output, library=args.library, recordings=args.recordings, soundfont=args.soundfont
     )
     with tqdm(total=plan.clips, unit="clip") as bar:
         made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))

@@ -1,4 +1,4 @@
-"""Walks through captured clips: stretches joined where pose and velocity match (after Kovar et al., Motion Graphs, 2002).
+"""Walks through captured clips: stretches joined where pose and velocity match (Kovar et al., Motion Graphs, 2002).
 
 A join may happen while both feet stand. The new stretch is turned and shifted on the floor so that the bodies coincide;
 what still differs fades out (inertialisation). A foot that lands a little beside its place stays there until the new
@@ -101,7 +101,7 @@ def poses_of(controls: Controls) -> Float[Array, "t d"]:
 
 
 def _described(controls: Controls) -> _Description:
-    """Pose and velocity in metres, seen from the hips and the floor below them; standing; liveliness of what follows."""
+    """Pose and velocity in metres, seen from the hips and the floor below; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]
     feet = _turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
     toes = controls.foot_yaw - yaw
