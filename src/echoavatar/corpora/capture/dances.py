@@ -58,8 +58,8 @@ def captured_dance(
     library: CapturedLibrary, beats: Float[np.ndarray, " n"], begin: float, end: float, rng: np.random.Generator
 ) -> Controls | None:
     """Dance to these beats (seconds) from `begin` to `end`; None if no dance of the library fits their tempo."""
-    wanted = [(group, ratio) for group, ratio in _fitting(library, float(np.median(np.diff(beats))))]
     frames = round((end - begin) * FRAME_RATE_HZ)
+    wanted = _fitting(library, float(np.median(np.diff(beats)))) if len(beats) > 3 else []
     if not wanted or frames < 2 * FRAME_RATE_HZ:
         return None
     group, ratio = wanted[rng.integers(len(wanted))]
