@@ -44,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rehearse.add_argument("--hours", type=float, default=0.2, help="length of the corpus (default: %(default)s)")
     rehearse.add_argument("--seed", type=int, default=0, help="random seed of the corpus (default: %(default)s)")
     rehearse.add_argument("-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)")
-    rehearse.add_argument("--library", type=Path, help="folder of recorded BVH clips to blend in")
+    rehearse.add_argument(
+        "--library", type=Path, help="captured people: a library of `data capture`, or a folder of BVH"
+    )
     rehearse.add_argument(
         "--refine-fingers",
         action="store_true",

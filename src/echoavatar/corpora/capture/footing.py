@@ -1,7 +1,7 @@
 """Feet that stand still between steps: a foot moves over the floor only while it is lifted. Not in the paper.
 
-Retargeting keeps planted feet still as far as the take allows. Here what is left (shuffles, low steps, feet that turn on
-the floor) becomes steps of enough height, for bodies that talk or wait.
+Retargeting keeps planted feet still as far as the take allows. Here what is left (shuffles, low steps, feet that turn
+on the floor) becomes steps of enough height, for bodies that talk or wait.
 """
 
 from dataclasses import replace
@@ -56,7 +56,7 @@ def _effort(place: Float[Array, "t 3"], yaw: Float[Array, " t"]) -> Float[Array,
     flat = smoothed(np.concatenate([place[:, [0, 2]], yaw[:, None]], 1), 0.05)
     speed = np.abs(np.gradient(flat, axis=0)) * FRAME_RATE_HZ
     up = (place[:, 1] - ANKLE_HEIGHT) / UP_M
-    return np.max([up, np.hypot(*speed[:, :2].T) / FAST_M_S, speed[:, 2] / FAST_RAD_S], axis=0)
+    return np.asarray(np.max([up, np.hypot(*speed[:, :2].T) / FAST_M_S, speed[:, 2] / FAST_RAD_S], axis=0))
 
 
 def _rests(effort: Float[Array, " t"]) -> list[int]:

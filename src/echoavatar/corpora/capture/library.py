@@ -101,7 +101,7 @@ class CapturedLibrary:
 
 
 def open_library(path: Path) -> CapturedLibrary:
-    """The library in an npz of `CapturedLibrary.save`, or in a folder of BVH, whose library is kept in the user's cache.
+    """The library in an npz of `CapturedLibrary.save`, or of a folder of BVH, which is kept in the user's cache.
 
     Raises:
         MotionError: there is neither, or it is damaged.

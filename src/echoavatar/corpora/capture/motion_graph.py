@@ -1,4 +1,4 @@
-"""Walks through captured clips: stretches joined where pose and velocity match (after Kovar et al., Motion Graphs, 2002).
+"""Walks through captured clips: stretches joined where pose and velocity match (after Kovar et al., 2002).
 
 A join may happen while both feet stand. The new stretch is turned and shifted on the floor so that the bodies coincide;
 what still differs fades out (inertialisation). A foot that lands a little beside its place stays there until the new
@@ -39,6 +39,7 @@ TALKING = {"sway": 0.084, "lean": 0.077, "turn": 0.082, "feet": 0.08}  # people 
 LEVEL = 0.7  # of a larger lean is taken back by the head, which looks ahead
 WEIGHTS = {"sway": 0.3, "lean": 0.4, "turn": 0.2, "feet": 0.3}  # of these in the choice of what comes next
 CHOICE, LEAST = 0.35, 0.05  # width of the choice, in powers of e
+LEAN, LEAN_ASIDE = 0.35, 0.18  # radians; a body that leans further is left out
 FOOT_M = 0.03  # from the middle of a foot to its outer edge
 USED = 0.2  # odds of a clip each time that it was used in the same walk
 STEPPING = 0.5  # of the joins of a lively body are made by steps
@@ -97,7 +98,7 @@ class _Description:
 
 
 def _described(controls: Controls) -> _Description:
-    """Pose and velocity in metres, seen from the hips and the floor below them; standing; liveliness of what follows."""
+    """Pose and velocity in metres, seen from the hips over the floor; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]
     feet = _turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
     toes = controls.foot_yaw - yaw
@@ -122,8 +123,7 @@ def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
 
 
 def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t 4"]:
-    """Sway, lean, turn and steps of the next seconds, 1 like people's who talk; infinite where the body bends double or
-    walks off."""
+    """Sway, lean, turn and steps of the next seconds, 1 like people who talk; infinite before wild or far moves."""
     place = controls.pelvis_position
     lean = _lean(controls)
     curves = _sway_lean_turn(controls)
@@ -135,7 +135,9 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t
 
     found = [np.sqrt((ahead(c**2) - ahead(c) ** 2).clip(0)) / TALKING[name] for name, c in curves.items()]
     found.append(ahead(steps.mean(1)) / TALKING["feet"])
-    wild = (np.abs(lean) > 0.45) | (place[:, 1] < 0.82) | (np.abs(controls.spine[:, 0]) > 0.7)
+    aside = controls.pelvis_rotation[:, 2] + 0.55 * controls.spine[:, 2]
+    wild = (np.abs(lean) > LEAN) | (np.abs(aside) > LEAN_ASIDE) | (place[:, 1] < 0.82)
+    wild |= np.abs(controls.spine[:, 0]) > 0.7
     wild |= overhang(controls) > 1.15
     away = np.stack([np.sin(yaw[:, 0]), np.cos(yaw[:, 0]), place[:, 0], place[:, 2]])
     spread = sum(ahead(c**2) - ahead(c) ** 2 for c in away)
@@ -174,9 +176,7 @@ def walk(
     return body[:frames]
 
 
-def _appeal(
-    graph: MotionGraph, places: Array, wanted: float, fresh: Float[Array, " clips"]
-) -> Float[Array, " n"]:
+def _appeal(graph: MotionGraph, places: Array, wanted: float, fresh: Float[Array, " clips"]) -> Float[Array, " n"]:
     """Probability of each place: near the wanted liveliness; as often as captured for bodies that wait."""
     odds = fresh[graph.clip[places]]
     if wanted < QUIET:
@@ -218,6 +218,8 @@ def _sized(controls: Controls, wanted: float, rng: np.random.Generator) -> Contr
     goal = {name: wanted * float(rng.uniform(0.8, 1.25)) for name in SIZES}
     sizes = {n: float(np.clip(goal[n] / (own[n] + 1e-3), *SIZES[n])) for n in SIZES}
     sizes["sway"] = min(sizes["sway"], max(0.7, 1 / max(float(overhang(controls).max()), 1e-3)))
+    farthest = float(np.abs(_lean(controls) - _lean(controls).mean()).max())
+    sizes["lean"] = min(sizes["lean"], max(0.7, 0.8 * LEAN / max(farthest, 1e-3)))
     return varied(controls, **sizes)
 
 
@@ -250,7 +252,7 @@ def overhang(controls: Controls) -> Float[Array, " t"]:
     across = (feet[:, 0] - feet[:, 1]) / 2
     half = np.linalg.norm(across, axis=1)
     off = ((controls.pelvis_position[:, [0, 2]] - feet.mean(1)) * across).sum(1) / np.maximum(half, 1e-3)
-    return np.abs(smoothed(off, 0.1)) / (half + FOOT_M)
+    return np.asarray(np.abs(smoothed(off, 0.1)) / (half + FOOT_M))
 
 
 def _spread(controls: Controls) -> dict[str, float]:

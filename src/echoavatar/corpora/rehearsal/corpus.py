@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from echoavatar.corpora.capture.library import CapturedLibrary, open_library
 from echoavatar.data.clip import Clip
 from echoavatar.data.corpus import clip_path, write_manifest
 from echoavatar.errors import EchoAvatarError
@@ -79,6 +80,7 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
             "seed": plan.seed,
             "clip_seconds": plan.clip_seconds,
             "library": plan.library.name if plan.library else None,
+            "library_licences": _captured(plan.library).credits() if plan.library else None,
             "refine_fingers": plan.refine_fingers,
             "soundfont": plan.soundfont.name if plan.soundfont else None,
             "recordings": plan.recordings.name if plan.recordings else None,
@@ -92,9 +94,9 @@ def make_clip(plan: Plan, index: int) -> Clip:
     seed = int(np.random.SeedSequence([plan.seed, index]).generate_state(1)[0])
     split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
     track = compose_track(seed, plan.clip_seconds, split=split, soundfont=plan.soundfont, recordings=plan.recordings)
-    controls = choreograph(track, seed)
+    controls = choreograph(track, seed, None if plan.library is None else _captured(plan.library))
     rotations, root = solve(controls)
-    if plan.library is not None:
+    if plan.library is not None and plan.library.is_dir():
         motion = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
         blended = blend_recordings(_library(plan.library, plan.refine_fingers), track, motion, seed)
         rotations, root = blended.rotations, blended.root
@@ -122,6 +124,11 @@ def domains(track: SoundTrack, frames: int) -> NDArray[np.uint8]:
     for span in track.spans:
         domain[round(span.start * FRAME_RATE_HZ) : round(span.end * FRAME_RATE_HZ)] = codes[span.kind]
     return domain
+
+
+@cache
+def _captured(path: Path) -> CapturedLibrary:
+    return open_library(path)
 
 
 @cache

@@ -21,7 +21,6 @@ from .sound import SoundTrack
 from .speakers import draw_manner
 from .stance import Feet, stances, walked, weight_curve
 
-
 REACTION_S, ARMS_S = 0.15, 0.6  # from the sound to the body's answer; for the arms to come to rest
 PAUSE_S = 3.0  # the body of a speaker goes on through shorter pauses
 
@@ -45,7 +44,7 @@ def resting_hands(rest: str) -> Float[Array, "2 14"]:
 
 def idle(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
     """Standing, breathing and listening for the whole track."""
-    if library is not None:
+    if library is not None and library.of("standing"):
         return _captured(track, seed, library)
     frames = round(track.seconds * FRAME_RATE_HZ)
     manner, rng = draw_manner(seed), np.random.default_rng([seed, 2])
