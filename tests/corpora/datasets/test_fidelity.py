@@ -50,3 +50,27 @@ def test_real_recordings_keep_contacts_arms_and_hands(path, contacts):
     assert numbers["skate_cm_s"] < 0.6 * numbers["skate_source_cm_s"] + 0.1
     assert numbers["hands_together_error"] < 0.02
     assert numbers["arm_angle_deg"] < 6.5
+
+
+@pytest.mark.parametrize(("bone", "part"), [("spine", "trunk"), ("leftUpperLeg", "leg"), ("upperChest", "shoulders")])
+def test_a_turned_part_shows_in_its_own_angle(bone, part):
+    motion = gesture()
+    straight = np.zeros_like(motion.rotations)
+    straight[..., 0] = 1
+    turned = straight.copy()
+    turned[:, HUMANOID.index(bone)] = [np.cos(0.5), 0, 0, np.sin(0.5)]
+    numbers = fidelity(replace(motion, rotations=straight), replace(motion, rotations=turned))
+    assert numbers[f"{part}_angle_deg"] > 20
+    assert numbers["arm_angle_deg" if part == "leg" else "leg_angle_deg"] < 30
+
+
+@pytest.mark.parametrize("name", ["Male1_A2_Sway", "Male2_A4_LookAround", "Female1_A04_Look"])
+def test_captured_rigs_whose_zero_pose_is_none_keep_trunk_and_shoulders(name):
+    """ACCAD's men rest with their bones along X: the trunk came out 80 degrees off and the shoulders reversed."""
+    path = SHARED.parent / f"motion_permissive/accad_cc_by/{name}.bvh"
+    if not path.exists():
+        pytest.skip("needs ../shared/data, which only a checkout with the authors' recordings has")
+    source = read_bvh(path)
+    numbers = fidelity(source, retarget(source))
+    assert numbers["trunk_angle_deg"] < 5
+    assert numbers["shoulders_angle_deg"] < 4

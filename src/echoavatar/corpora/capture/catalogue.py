@@ -1,6 +1,7 @@
 """What the files of known captured sets show, how much they shake, and what is cut off. Not in the paper.
 
-A file of no known set counts if one of the folders on its way is named after a kind, such as `dance/mine.bvh`.
+A file of no known set counts if one of the folders on its way is named after a kind, such as `dance/mine.bvh`, or if
+its name tells that somebody talks or dances.
 """
 
 from collections.abc import Sequence
@@ -10,6 +11,7 @@ from pathlib import PurePath
 from typing import Literal
 
 Kind = Literal["standing", "speech", "gesture", "dance", "action"]
+WORDS: dict[str, Kind] = {"talk": "speech", "conversation": "speech", "dance": "dance"}
 KINDS: tuple[Kind, ...] = ("standing", "speech", "gesture", "dance", "action")
 
 
@@ -78,5 +80,6 @@ def entry_of(path: PurePath, entries: Sequence[Entry] = ENTRIES) -> Entry | None
     found = next((entry for entry in entries if fnmatch(name, entry.pattern)), None)
     if found is None:
         kind = next((kind for kind in KINDS if kind in path.parts[:-1]), None)
+        kind = kind or next((kind for word, kind in WORDS.items() if word in path.stem), None)
         found = Entry(name, kind, path.parent.name) if kind else None
     return found

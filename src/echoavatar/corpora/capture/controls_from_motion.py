@@ -22,6 +22,7 @@ from echoavatar.motion.kinematics.rotations import (
 
 ROUNDS = 4
 CERTAIN_BEND = 0.012  # metres: with less bend the elbow's direction is read from the twist of the upper arm
+CERTAIN_KNEE = 0.03  # metres: with less bend the knee points where it does by default
 FARTHEST = 3.0  # of the width over which the solver stretches a limb softly
 Rotations = Float[Tensor, "t 3 3"]
 
@@ -87,7 +88,7 @@ def _arm(world: Tensor, places: Tensor, chest: Rotations, side: int) -> dict[str
     distance = reach.norm(dim=-1, keepdim=True).clamp_min(1e-6)
     line = reach / distance
     aside = bend - (bend * line).sum(-1, keepdim=True) * line
-    hinge = solver._for_side(chest.mT @ world[:, upper], side)[..., 1]
+    hinge = solver.for_side(chest.mT @ world[:, upper], side)[..., 1]
     twisted = torch.linalg.cross(hinge, line)
     swing = _swing(line, aside + CERTAIN_BEND * twisted)
     lengths = [float(HUMANOID.offsets[HUMANOID.index(f"left{bone}")].norm()) for bone in ("LowerArm", "Hand")]
@@ -96,22 +97,22 @@ def _arm(world: Tensor, places: Tensor, chest: Rotations, side: int) -> dict[str
         "shoulder": np.stack([_array(lift), _array(forward)], -1),
         "wrist": _array(wrist),
         "swing": swing,
-        "palm": _palm(line, swing, distance, lengths, solver._for_side(chest.mT @ world[:, hand], side)),
+        "palm": _palm(line, swing, distance, lengths, solver.for_side(chest.mT @ world[:, hand], side)),
     }
 
 
 def _swing(line: Tensor, elbow: Tensor) -> Array:
     """The angle by which the elbow is lifted about the line from shoulder to wrist."""
-    easy = solver._elbow_direction(line, torch.zeros(len(line), dtype=line.dtype))
+    easy = solver.elbow_direction(line, torch.zeros(len(line), dtype=line.dtype))
     lifted = torch.linalg.cross(line, easy)
     return _continuous(_array(torch.atan2((elbow * lifted).sum(-1), (elbow * easy).sum(-1))))
 
 
 def _palm(line: Tensor, swing: Array, distance: Tensor, lengths: list[float], hand: Rotations) -> Array:
     """Flex, deviation and pronation of the hand against the forearm as the solver places it."""
-    bend = solver._elbow_direction(line, torch.from_numpy(swing).double())
+    bend = solver.elbow_direction(line, torch.from_numpy(swing).double())
     distance = distance.clamp_max(solver.REACH * sum(lengths))
-    _, lower = solver._two_bones(line, bend, distance, *lengths)
+    _, lower = solver.two_bones(line, bend, distance, *lengths)
     hinge = torch.linalg.cross(line, bend)
     forearm = torch.stack([lower, hinge, torch.linalg.cross(lower, hinge)], -1)
     angles = _continuous(_array(euler_from_matrix(forearm.mT @ hand, "xyz")))
@@ -128,11 +129,11 @@ def _leg(world: Tensor, places: Tensor, side: int) -> dict[str, Array]:
     ball = HUMANOID.offsets[HUMANOID.index("leftToes")].double()
     heel = torch.tensor([0.0, float(ball[1]), -0.045], dtype=torch.float64)
     pivot = torch.where(pitch[:, None] > 0, ball, heel)
-    place = places[:, ankle] - ((solver._about("y", yaw) - world[:, ankle]) @ pivot[..., None]).squeeze(-1)
+    place = places[:, ankle] - ((solver.about("y", yaw) - world[:, ankle]) @ pivot[..., None]).squeeze(-1)
     line = F.normalize(places[:, ankle] - places[:, hip], dim=-1)
-    easy = solver._knee_direction(line, yaw, world[:, 0], torch.zeros_like(yaw))
+    easy = solver.knee_direction(line, yaw, world[:, 0], torch.zeros_like(yaw))
     aside = places[:, knee] - places[:, hip]
-    aside = aside - (aside * line).sum(-1, keepdim=True) * line + CERTAIN_BEND * easy
+    aside = aside - (aside * line).sum(-1, keepdim=True) * line + CERTAIN_KNEE * easy
     swing = torch.atan2((aside * torch.linalg.cross(easy, line)).sum(-1), (aside * easy).sum(-1))
     return {
         "position": _array(place),
@@ -158,7 +159,7 @@ def _fingers(local: Tensor, side: int) -> Array:
         return np.broadcast_to(np.array(RELAXED_FINGERS, np.float32), out.shape).copy()
 
     def turn(bone: str) -> Array:
-        matrix = solver._for_side(local[:, HUMANOID.index(name + bone)], side)
+        matrix = solver.for_side(local[:, HUMANOID.index(name + bone)], side)
         return np.asarray(axis_angle_from_quaternion(quaternion_from_matrix(matrix)).numpy())
 
     most, spreads = np.array(solver.CURL_RANGE), []
@@ -168,7 +169,7 @@ def _fingers(local: Tensor, side: int) -> Array:
         spreads.append(-bones[0][:, 1] / (1 - 0.8 * np.clip(out[:, i + 1], 0, 1)))
     wide = np.array(solver.SPREAD_RANGE)
     out[:, 5] = np.clip(np.stack(spreads, 1) @ wide / (wide**2).sum(), -1, 1)
-    hinge, away = solver._THUMB_HINGE.numpy(), 0.75 * solver._THUMB_AWAY.numpy() + 0.55 * solver._THUMB.numpy()
+    hinge, away = solver.THUMB_HINGE.numpy(), 0.75 * solver.THUMB_AWAY.numpy() + 0.55 * solver.THUMB.numpy()
     base, *rest = (turn("Thumb" + bone) for bone in ("Metacarpal", "Proximal", "Distal"))
     most = np.array(solver.THUMB_CURL[1:])
     out[:, 0] = np.clip(sum(b @ hinge * m for b, m in zip(rest, most, strict=True)) / (most**2).sum(), -0.12, 1)

@@ -56,8 +56,7 @@ def _effort(place: Float[Array, "t 3"], yaw: Float[Array, " t"]) -> Float[Array,
     flat = smoothed(np.concatenate([place[:, [0, 2]], yaw[:, None]], 1), 0.05)
     speed = np.abs(np.gradient(flat, axis=0)) * FRAME_RATE_HZ
     up = (place[:, 1] - ANKLE_HEIGHT) / UP_M
-    most: Array = np.max([up, np.hypot(*speed[:, :2].T) / FAST_M_S, speed[:, 2] / FAST_RAD_S], axis=0)
-    return most
+    return np.asarray(np.max([up, np.hypot(*speed[:, :2].T) / FAST_M_S, speed[:, 2] / FAST_RAD_S], axis=0))
 
 
 def _rests(effort: Float[Array, " t"]) -> list[int]:

@@ -31,12 +31,15 @@ from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
 from .footing import stepping
 
-VERSION = 1  # of the cached libraries: raise it with every change of what a file becomes
+VERSION = 2  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
 STILL_M_S = 0.06  # mean speed of the body's joints below which a dance has not begun
 LEAD_IN_S = 0.3
 SPAN_MARGIN_S = 0.04
 FACING_S = 0.5
+UPRIGHT_M = 0.12  # a body whose hips are lower by more is not upright
+PELVIS_TILT, HEAD_ROLL = 0.10, 0.05  # radians; a take's median beyond this is taken for the rig's
+GAZE = (-0.08, 0.10)
 MAY_TRAIN = "may train shipped weights"  # column `use` of a manifest
 _FINGER_DRIFT = np.array([0.02, 0.03, 0.03, 0.03, 0.03, 0.04, 0.03], np.float32)
 
@@ -98,7 +101,7 @@ class CapturedLibrary:
 
 
 def open_library(path: Path) -> CapturedLibrary:
-    """The library in an npz of `CapturedLibrary.save`, or in a folder of BVH: that one is kept in the user's cache.
+    """The library in an npz of `CapturedLibrary.save`, or of a folder of BVH, which is kept in the user's cache.
 
     Raises:
         MotionError: there is neither, or it is damaged.
@@ -150,6 +153,7 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
     good = _good_frames(motion, entry, bad)
     smooth = _smoothed(motion, entry, good)
     ours = resample(retarget(smooth), FRAME_RATE_HZ)
+    shift = _level_shift(controls_from_motion(ours))
     ratio = FRAME_RATE_HZ / motion.fps
     for start, stop in good:
         piece = ours.cut(round(start * ratio), min(round(stop * ratio), ours.frames))
@@ -157,7 +161,7 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
             piece = _without_stillness(piece)
         is_whole = len(good) == 1 and not bad
         if piece.frames >= SHORTEST_S * FRAME_RATE_HZ or (is_whole and piece.frames > FRAME_RATE_HZ / 2):
-            controls = controls_from_motion(piece)
+            controls = _shifted(controls_from_motion(piece), shift)
             controls = stepping(controls) if entry.kind in ("standing", "speech", "gesture") else controls
             yield _with_finger_drift(_at_origin(controls))
 
@@ -246,6 +250,31 @@ def _at_origin(controls: Controls) -> Controls:
     centred = moved(controls, -first.pelvis_position.mean(0)[[0, 2]])
     yaw = first.pelvis_rotation[:, 0]
     return moved(centred, np.zeros(2), turn=-float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean())))
+
+
+def _level_shift(controls: Controls) -> dict[str, Float[np.ndarray, " 3"]]:
+    """What makes an upright body's pelvis and gaze level in the median of a take, for rigs whose zero pose is not.
+
+    CMU's hips are pitched by 20 degrees while the back makes up for it, and FreeMoCap's faces look at the floor.
+    """
+    upright = controls.pelvis_position[:, 1] > np.percentile(controls.pelvis_position[:, 1], 90) - UPRIGHT_M
+    pelvis, spine, head = (
+        np.median(curve[upright], axis=0) for curve in (controls.pelvis_rotation, controls.spine, controls.head)
+    )
+    tilt, gaze, side = float(pelvis[1]), float(pelvis[1] + spine[1] + head[1]), float(pelvis[2] + spine[2] + head[2])
+    turned = np.clip(tilt, -PELVIS_TILT, PELVIS_TILT) - tilt
+    raised = np.clip(gaze, *GAZE) - gaze
+    upright_head = np.clip(side, -HEAD_ROLL, HEAD_ROLL) - side
+    return {
+        "pelvis_rotation": np.array([0.0, turned, 0.0]),
+        "spine": np.array([0.0, -turned, 0.0]),
+        "head": np.array([0.0, raised, upright_head]),
+    }
+
+
+def _shifted(controls: Controls, shift: dict[str, Float[np.ndarray, " 3"]]) -> Controls:
+    curves = {name: np.asarray(getattr(controls, name) + by, np.float32) for name, by in shift.items()}
+    return replace(controls, **curves)
 
 
 def _with_finger_drift(controls: Controls) -> Controls:

@@ -1,4 +1,4 @@
-"""Walks through captured clips: stretches joined where pose and velocity match (Kovar et al., Motion Graphs, 2002).
+"""Walks through captured clips: stretches joined where pose and velocity match (after Kovar et al., 2002).
 
 A join may happen while both feet stand. The new stretch is turned and shifted on the floor so that the bodies coincide;
 what still differs fades out (inertialisation). A foot that lands a little beside its place stays there until the new
@@ -39,6 +39,9 @@ TALKING = {"sway": 0.084, "lean": 0.077, "turn": 0.082, "feet": 0.08}  # people 
 LEVEL = 0.7  # of a larger lean is taken back by the head, which looks ahead
 WEIGHTS = {"sway": 0.3, "lean": 0.4, "turn": 0.2, "feet": 0.3}  # of these in the choice of what comes next
 CHOICE, LEAST = 0.35, 0.05  # width of the choice, in powers of e
+LEAN, LEAN_ASIDE = 0.35, 0.18  # radians; a body that leans further is left out
+FOOT_M = 0.03  # from the middle of a foot to its outer edge
+USED = 0.2  # odds of a clip each time that it was used in the same walk
 STEPPING = 0.5  # of the joins of a lively body are made by steps
 QUIET = 0.5  # below this liveliness nothing is chosen
 SIZES = {"sway": (0.7, 1.4), "lean": (0.7, 2.5), "turn": (0.7, 1.4)}  # by which a stretch is scaled
@@ -101,7 +104,7 @@ def poses_of(controls: Controls) -> Float[Array, "t d"]:
 
 
 def _described(controls: Controls) -> _Description:
-    """Pose and velocity in metres, seen from the hips and the floor below; standing; liveliness of what follows."""
+    """Pose and velocity in metres, seen from the hips over the floor; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]
     feet = _turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
     toes = controls.foot_yaw - yaw
@@ -126,9 +129,7 @@ def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
 
 
 def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t 4"]:
-    """Sway, lean, turn and steps of the next seconds, 1 like people's who talk; infinite where the body bends double or
-    walks off.
-    """
+    """Sway, lean, turn and steps of the next seconds, 1 like people who talk; infinite before wild or far moves."""
     place = controls.pelvis_position
     lean = _lean(controls)
     curves = _sway_lean_turn(controls)
@@ -140,7 +141,10 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t
 
     found = [np.sqrt((ahead(c**2) - ahead(c) ** 2).clip(0)) / TALKING[name] for name, c in curves.items()]
     found.append(ahead(steps.mean(1)) / TALKING["feet"])
-    wild = (np.abs(lean) > 0.45) | (place[:, 1] < 0.82) | (np.abs(controls.spine[:, 0]) > 0.7)
+    aside = controls.pelvis_rotation[:, 2] + 0.55 * controls.spine[:, 2]
+    wild = (np.abs(lean) > LEAN) | (np.abs(aside) > LEAN_ASIDE) | (place[:, 1] < 0.82)
+    wild |= np.abs(controls.spine[:, 0]) > 0.7
+    wild |= overhang(controls) > 1.15
     away = np.stack([np.sin(yaw[:, 0]), np.cos(yaw[:, 0]), place[:, 0], place[:, 2]])
     spread = sum(ahead(c**2) - ahead(c) ** 2 for c in away)
     is_out = (ahead(wild.astype(float)) > 0) | (spread > 0.12)
@@ -157,12 +161,16 @@ def walk(
     """A walk of `len(liveliness)` frames near the origin that mostly faces +Z; follows the wanted liveliness."""
     frames, entries = len(liveliness), graph.entries(float(liveliness[0]), 2.0)
     body, at = None, 0
-    here = int(rng.choice(entries, p=_appeal(graph, entries, float(liveliness[0]))))
+    fresh = np.ones(len(graph.clips))
+    here = int(rng.choice(entries, p=_appeal(graph, entries, float(liveliness[0]), fresh)))
     while at < frames:
         length = round(float(rng.uniform(*stretch_s)) * FRAME_RATE_HZ)
         change = np.flatnonzero(np.diff(liveliness[at : at + length]))
         length = int(change[0]) + 1 if len(change) else length
-        leaves, here_next = _next_join(graph, here, max(length, FRAME_RATE_HZ), liveliness, at, rng)
+        own = graph.clip[here] // 2 * 2
+        fresh = np.minimum(1.0, fresh**0.8)  # what was seen some stretches ago may come again
+        fresh[own : own + 2] *= USED
+        leaves, here_next = _next_join(graph, here, max(length, FRAME_RATE_HZ), liveliness, at, fresh, rng)
         clip, first = graph.clips[graph.clip[here]], int(graph.frame[here])
         piece = _sized(clip[first : graph.frame[leaves]], float(liveliness[min(at, frames - 1)]), rng)
         is_stepping = liveliness[min(at, frames - 1)] > QUIET and rng.random() < STEPPING
@@ -174,17 +182,24 @@ def walk(
     return body[:frames]
 
 
-def _appeal(graph: MotionGraph, places: Array, wanted: float) -> Float[Array, " n"]:
+def _appeal(graph: MotionGraph, places: Array, wanted: float, fresh: Float[Array, " clips"]) -> Float[Array, " n"]:
     """Probability of each place: near the wanted liveliness; as often as captured for bodies that wait."""
+    odds = fresh[graph.clip[places]]
     if wanted < QUIET:
-        return np.full(len(places), 1 / len(places))
+        return np.asarray(odds / odds.sum())
     off = np.log((graph.alive[places] + LEAST) / (wanted + LEAST)) / CHOICE
-    odds = np.exp(-0.5 * (off**2) @ np.array(list(WEIGHTS.values()))) + 1e-12
+    odds = odds * (np.exp(-0.5 * (off**2) @ np.array(list(WEIGHTS.values()))) + 1e-12)
     return np.asarray(odds / odds.sum())
 
 
 def _next_join(
-    graph: MotionGraph, here: int, length: int, liveliness: Array, at: int, rng: np.random.Generator
+    graph: MotionGraph,
+    here: int,
+    length: int,
+    liveliness: Array,
+    at: int,
+    fresh: Float[Array, " clips"],
+    rng: np.random.Generator,
 ) -> tuple[int, int]:
     """Where to leave the present clip and where to go: among places of the wanted kind, one of the nearest."""
     wanted = float(liveliness[min(at + length, len(liveliness) - 1)])
@@ -193,7 +208,7 @@ def _next_join(
     stands = graph.stands[rest] & (graph.frame[rest] - graph.frame[here] >= FRAME_RATE_HZ)
     ways_out = rest[stands][np.argsort(late[stands])[:8]] if stands.any() else rest[-1:]
     entries = graph.entries(wanted, 2.5)
-    there = rng.choice(entries, size=SAMPLED, p=_appeal(graph, entries, wanted))
+    there = rng.choice(entries, size=SAMPLED, p=_appeal(graph, entries, wanted, fresh))
     apart, leaves = graph.best_joins(ways_out, there, has_arms=wanted < QUIET)
     apart = apart + np.where((graph.clip[there] == graph.clip[here]) & (np.abs(there - here) < 60), 1.0, 0.0)
     best = int(rng.choice(np.argsort(apart)[:GOOD_JOINS]))
@@ -207,7 +222,11 @@ def _sized(controls: Controls, wanted: float, rng: np.random.Generator) -> Contr
         return varied(controls, sway=size, lean=size, turn=size)
     own = _spread(controls)
     goal = {name: wanted * float(rng.uniform(0.8, 1.25)) for name in SIZES}
-    return varied(controls, **{n: float(np.clip(goal[n] / (own[n] + 1e-3), *SIZES[n])) for n in SIZES})
+    sizes = {n: float(np.clip(goal[n] / (own[n] + 1e-3), *SIZES[n])) for n in SIZES}
+    sizes["sway"] = min(sizes["sway"], max(0.7, 1 / max(float(overhang(controls).max()), 1e-3)))
+    farthest = float(np.abs(_lean(controls) - _lean(controls).mean()).max())
+    sizes["lean"] = min(sizes["lean"], max(0.7, 0.8 * LEAN / max(farthest, 1e-3)))
+    return varied(controls, **sizes)
 
 
 def varied(controls: Controls, *, sway: float, lean: float, turn: float) -> Controls:
@@ -231,6 +250,15 @@ def varied(controls: Controls, *, sway: float, lean: float, turn: float) -> Cont
         spine=spine.astype(np.float32),
         head=head.astype(np.float32),
     )
+
+
+def overhang(controls: Controls) -> Float[Array, " t"]:
+    """How far the hips are from the middle between the feet along their line, 1 above the outer edge of a foot."""
+    feet = controls.foot_position[:, :, [0, 2]]
+    across = (feet[:, 0] - feet[:, 1]) / 2
+    half = np.linalg.norm(across, axis=1)
+    off = ((controls.pelvis_position[:, [0, 2]] - feet.mean(1)) * across).sum(1) / np.maximum(half, 1e-3)
+    return np.asarray(np.abs(smoothed(off, 0.1)) / (half + FOOT_M))
 
 
 def _spread(controls: Controls) -> dict[str, float]:

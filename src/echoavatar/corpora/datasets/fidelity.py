@@ -1,18 +1,25 @@
-"""How close a retargeted recording is to its source: foot contacts, distance of the hands, arm directions.
+"""How close a retargeted recording is to its source: foot contacts, distance of the hands, directions of the body.
 
 Proportions differ between rigs, so hand distances are in arm lengths and feet are compared by their contacts.
 """
 
 import numpy as np
-import torch
 
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
+from echoavatar.motion.kinematics.retarget import with_wrists
 from echoavatar.motion.kinematics.rigs import bone_map
 
 from .hand_contact import NEAR_ARMS, arm_length
 
+_SIDES = ("left", "right")
+LINES: dict[str, tuple[tuple[str, str], ...]] = {
+    "arm": tuple((s + a, s + b) for s in _SIDES for a, b in (("UpperArm", "LowerArm"), ("LowerArm", "Hand"))),
+    "leg": tuple((s + a, s + b) for s in _SIDES for a, b in (("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot"))),
+    "trunk": (("hips", "head"),),
+    "shoulders": (("rightUpperArm", "leftUpperArm"),),
+}
 _Array = np.ndarray
 
 
@@ -22,11 +29,12 @@ def fidelity(source: Motion, result: Motion) -> dict[str, float]:
     `contacts_agree` is the share of frames and feet in which both bodies or neither have contact with heel or toes
     (`footing.foot_contacts`). `hands_apart_error` is the mean difference of the distance between the wrists, in arm
     lengths of each body; `hands_together_error` is the same over frames in which the source's wrists are close.
-    `arm_angle_deg` is the mean angle between the directions of upper arms and forearms. Skating is in centimetres per
-    second.
+    `arm_angle_deg` is the mean angle between the directions of upper arms and forearms, `leg_angle_deg` of thighs and
+    shins, `trunk_angle_deg` of the line from hips to head, `shoulders_angle_deg` of the line between the shoulders;
+    rigs differ by some degrees in trunk and shoulders. Skating is in centimetres per second.
     """
     frames = min(source.frames, result.frames)
-    a, b = source.cut(0, frames), result.cut(0, frames)
+    a, b = with_wrists(source).cut(0, frames), result.cut(0, frames)
     stands_a, stands_b = foot_contacts(a)[..., 1], foot_contacts(b)[..., 1]
     hands_a, hands_b = _hands_apart(a), _hands_apart(b)
     together = hands_a < NEAR_ARMS
@@ -39,7 +47,7 @@ def fidelity(source: Motion, result: Motion) -> dict[str, float]:
         "hands_apart_error": float(np.abs(hands_a - hands_b).mean()),
         "hands_together": float(together.mean()),
         "hands_together_error": float(np.abs(hands_a - hands_b)[together].mean()) if together.any() else 0.0,
-        "arm_angle_deg": float(np.degrees(_angle(_arms(a), _arms(b)).mean())),
+        **{f"{part}_angle_deg": _angle_deg(a, b, lines) for part, lines in LINES.items()},
     }
     return {name: round(value, 4) for name, value in numbers.items()}
 
@@ -63,14 +71,9 @@ def _hands_apart(motion: Motion) -> _Array:
     return apart
 
 
-def _arms(motion: Motion) -> _Array:
-    """Unit vectors along both upper arms and forearms."""
-    names = tuple(f"{side}{bone}" for side in ("left", "right") for bone in ("UpperArm", "LowerArm", "Hand"))
-    places = torch.from_numpy(_places(motion, names)).reshape(motion.frames, 2, 3, 3)
-    bones = torch.nn.functional.normalize(places[:, :, 1:] - places[:, :, :-1], dim=-1)
-    return np.asarray(bones.numpy())
-
-
-def _angle(a: _Array, b: _Array) -> _Array:
-    angle: _Array = np.arccos(np.clip((a * b).sum(-1), -1, 1))
-    return angle
+def _angle_deg(a: Motion, b: Motion, lines: tuple[tuple[str, str], ...]) -> float:
+    """Mean angle between the directions of some lines of two bodies."""
+    names = tuple(name for line in lines for name in line)
+    ways = [np.diff(_places(motion, names).reshape(motion.frames, -1, 2, 3), axis=2)[:, :, 0] for motion in (a, b)]
+    one, other = (way / np.linalg.norm(way, axis=-1, keepdims=True) for way in ways)
+    return float(np.degrees(np.arccos(np.clip((one * other).sum(-1), -1, 1))).mean())

@@ -77,6 +77,7 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
             "seed": plan.seed,
             "clip_seconds": plan.clip_seconds,
             "library": plan.library.name if plan.library else None,
+            "library_licences": _library(plan.library).credits() if plan.library else None,
             "soundfont": plan.soundfont.name if plan.soundfont else None,
             "recordings": plan.recordings.name if plan.recordings else None,
         },

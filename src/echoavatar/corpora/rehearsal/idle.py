@@ -44,7 +44,7 @@ def resting_hands(rest: str) -> Float[Array, "2 14"]:
 
 def idle(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
     """Standing, breathing and listening for the whole track."""
-    if library is not None:
+    if library is not None and library.of("standing"):
         return _captured(track, seed, library)
     frames = round(track.seconds * FRAME_RATE_HZ)
     manner, rng = draw_manner(seed), np.random.default_rng([seed, 2])

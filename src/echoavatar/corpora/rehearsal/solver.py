@@ -74,31 +74,31 @@ def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t
         distance = reach.norm(dim=-1, keepdim=True)
         line = reach / distance
         yaw, swing = (_tensor(curve[:, side]) for curve in (controls.foot_yaw, controls.knee_swing))
-        knee = _knee_direction(line, yaw, pelvis, swing if side == 0 else -swing)
+        knee = knee_direction(line, yaw, pelvis, swing if side == 0 else -swing)
         hinge = torch.linalg.cross(knee, line)
-        first, second = _two_bones(line, knee, distance, float(thigh.norm()), float(shin.norm()))
+        first, second = two_bones(line, knee, distance, float(thigh.norm()), float(shin.norm()))
         upper = _hinged(hinge, first) @ _hinged(_X, F.normalize(thigh, dim=-1)).mT
         lower = _hinged(hinge, second) @ _hinged(_X, F.normalize(shin, dim=-1)).mT
         pitch = _tensor(controls.foot_pitch[:, side])
         local[:, HUMANOID.index(f"{name}UpperLeg")] = pelvis.mT @ upper
         local[:, HUMANOID.index(f"{name}LowerLeg")] = upper.mT @ lower
         local[:, HUMANOID.index(f"{name}Foot")] = lower.mT @ foot
-        local[:, HUMANOID.index(f"{name}Toes")] = _about("x", -_soft_bend(pitch))
+        local[:, HUMANOID.index(f"{name}Toes")] = about("x", -_soft_bend(pitch))
     return root
 
 
 def _ankle(controls: Controls, side: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3 3"]]:
     """World position and rotation of an ankle; the heel lifts about the ball, the toes lift about the heel."""
     place, pitch = _tensor(controls.foot_position[:, side]), _tensor(controls.foot_pitch[:, side])
-    heading, roll = _about("y", _tensor(controls.foot_yaw[:, side])), _tensor(controls.foot_roll[:, side])
-    foot = heading @ _about("x", pitch) @ _about("z", roll if side == 0 else -roll)
+    heading, roll = about("y", _tensor(controls.foot_yaw[:, side])), _tensor(controls.foot_roll[:, side])
+    foot = heading @ about("x", pitch) @ about("z", roll if side == 0 else -roll)
     ball = _offset("leftToes")
     heel = torch.tensor([0.0, float(ball[1]), -0.045], dtype=torch.float64)
     pivot = torch.where(pitch[:, None] > 0, ball, heel)
     return place + ((heading - foot) @ pivot[..., None]).squeeze(-1), foot
 
 
-def _knee_direction(
+def knee_direction(
     line: Float[Tensor, "t 3"],
     foot_yaw: Float[Tensor, " t"],
     pelvis: Float[Tensor, "t 3 3"],
@@ -127,22 +127,22 @@ class ArmFrames(NamedTuple):
 def arm_frames(controls: Controls, side: int) -> ArmFrames:
     """Solve one arm; `elbow` and `wrist` are measured from the shoulder joint."""
     lift, forward = _tensor(controls.shoulder[:, side]).clamp(-0.5, 0.7).unbind(-1)
-    clavicle = _about("z", lift) @ _about("y", -forward)
+    clavicle = about("z", lift) @ about("y", -forward)
     reach = _tensor(controls.wrist[:, side])
     upper_length, lower_length = (float(_offset(f"left{bone}").norm()) for bone in ("LowerArm", "Hand"))
     distance = reach.norm(dim=-1, keepdim=True).clamp_min(1e-6)
     line = reach / distance
     distance = _soft_reach(distance, upper_length + lower_length)
-    elbow = _elbow_direction(line, _tensor(controls.elbow_swing[:, side]))
-    first, second = _two_bones(line, elbow, distance, upper_length, lower_length)
+    elbow = elbow_direction(line, _tensor(controls.elbow_swing[:, side]))
+    first, second = two_bones(line, elbow, distance, upper_length, lower_length)
     hinge = torch.linalg.cross(line, elbow)
     upper, lower = (torch.stack([bone, hinge, torch.linalg.cross(bone, hinge)], -1) for bone in (first, second))
     flex, deviation, pronation = (
         _soft_clamp(angle, *limits)
         for angle, limits in zip(_tensor(controls.palm[:, side]).unbind(-1), PALM_LIMITS, strict=True)
     )
-    half = _about("x", pronation / 2)
-    hand = half @ _about("y", -deviation) @ _about("z", -flex)
+    half = about("x", pronation / 2)
+    hand = half @ about("y", -deviation) @ about("z", -flex)
     return ArmFrames(clavicle, upper, lower, half, hand, first * upper_length, distance * line)
 
 
@@ -156,10 +156,10 @@ def _arm(controls: Controls, side: int, local: Tensor) -> None:
         "Hand": arm.hand,
     }
     for bone, rotation in chain.items():
-        local[:, HUMANOID.index(SIDES[side] + bone)] = _for_side(rotation, side)
+        local[:, HUMANOID.index(SIDES[side] + bone)] = for_side(rotation, side)
 
 
-def _elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> Float[Tensor, "t 3"]:
+def elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> Float[Tensor, "t 3"]:
     """Unit vector from the shoulder-wrist line to the elbow.
 
     The smallest rotation carries a relaxed pose to the new line; its only singular direction is up behind the neck.
@@ -176,7 +176,7 @@ def _elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> 
     return turned
 
 
-def _two_bones(
+def two_bones(
     line: Tensor, bend: Tensor, distance: Tensor, upper: float, lower: float
 ) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
     """Directions of the two bones of a limb whose middle joint points along `bend`."""
@@ -191,19 +191,19 @@ def _fingers(fingers: Float[Tensor, "t 7"], side: int, local: Tensor) -> None:
     spread = fingers[:, 5].clamp(-1.0, 1.0)
     for i, finger in enumerate(FINGERS):
         bend = curl[:, i + 1]
-        aside = _about("y", -SPREAD_RANGE[i] * spread * (1 - 0.8 * bend.clamp_min(0)))
+        aside = about("y", -SPREAD_RANGE[i] * spread * (1 - 0.8 * bend.clamp_min(0)))
         for bone, most in zip(("Proximal", "Intermediate", "Distal"), CURL_RANGE, strict=True):
             share = bend if bone == "Proximal" else bend.clamp_min(-0.02)
-            turn = _about("z", -most * share)
+            turn = about("z", -most * share)
             index = HUMANOID.index(f"{SIDES[side]}{finger}{bone}")
-            local[:, index] = _for_side(aside @ turn if bone == "Proximal" else turn, side)
+            local[:, index] = for_side(aside @ turn if bone == "Proximal" else turn, side)
     opposed = fingers[:, 6].clamp(0.0, 1.0)
     for bone, most in zip(("Metacarpal", "Proximal", "Distal"), THUMB_CURL, strict=True):
-        turn = matrix_from_axis_angle(curl[:, :1] * most * _THUMB_HINGE)
+        turn = matrix_from_axis_angle(curl[:, :1] * most * THUMB_HINGE)
         if bone == "Metacarpal":
-            away = matrix_from_axis_angle(opposed[:, None] * 0.75 * _THUMB_AWAY)
-            turn = away @ matrix_from_axis_angle(opposed[:, None] * 0.55 * _THUMB) @ turn
-        local[:, HUMANOID.index(f"{SIDES[side]}Thumb{bone}")] = _for_side(turn, side)
+            away = matrix_from_axis_angle(opposed[:, None] * 0.75 * THUMB_AWAY)
+            turn = away @ matrix_from_axis_angle(opposed[:, None] * 0.55 * THUMB) @ turn
+        local[:, HUMANOID.index(f"{SIDES[side]}Thumb{bone}")] = for_side(turn, side)
 
 
 def _soft_reach(distance: Tensor, length: float) -> Tensor:
@@ -241,12 +241,12 @@ def _turn(angles: Float[Tensor, "t 3"]) -> Float[Tensor, "t 3 3"]:
     return matrix_from_euler(angles, "yxz")
 
 
-def _about(axis: str, angle: Float[Tensor, " t"]) -> Float[Tensor, "t 3 3"]:
+def about(axis: str, angle: Float[Tensor, " t"]) -> Float[Tensor, "t 3 3"]:
     unit = {"x": _X, "y": _Y, "z": _Z}[axis]
     return matrix_from_axis_angle(angle[:, None] * unit)
 
 
-def _for_side(rotation: Tensor, side: int) -> Tensor:
+def for_side(rotation: Tensor, side: int) -> Tensor:
     """A rotation of the left side for the given side: mirrored in x for the right."""
     return rotation if side == 0 else rotation * _MIRROR
 
@@ -263,7 +263,7 @@ _X, _Y, _Z = torch.eye(3, dtype=torch.float64)
 _FLAT = torch.tensor([1.0, 0.0, 1.0], dtype=torch.float64)
 _MIRROR = torch.tensor([[1.0, -1, -1], [-1, 1, 1], [-1, 1, 1]], dtype=torch.float64)
 _FOOT = HUMANOID.index("leftFoot")
-_THUMB = F.normalize(_offset("leftThumbProximal"), dim=-1)
+THUMB = F.normalize(_offset("leftThumbProximal"), dim=-1)
 _FOLD = torch.tensor([0.30, -0.45, -0.80], dtype=torch.float64)
-_THUMB_HINGE = F.normalize(torch.linalg.cross(_THUMB, _FOLD), dim=-1)
-_THUMB_AWAY = F.normalize(torch.linalg.cross(_THUMB, -_Y), dim=-1)
+THUMB_HINGE = F.normalize(torch.linalg.cross(THUMB, _FOLD), dim=-1)
+THUMB_AWAY = F.normalize(torch.linalg.cross(THUMB, -_Y), dim=-1)
