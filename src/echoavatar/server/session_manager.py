@@ -266,7 +266,7 @@ class SessionManager:
             session.pump(now, self.engine.step_seconds, early=early)
             self._collect(session)
         except Exception:
-            _LOG.exception("session %s failed", session.name)
+            _LOG.exception("session %s failed", session.name, extra={"session": session.name})
             self.metrics.faults.inc()
             for outbox in list(session.listeners):
                 outbox.fail(ProtocolError("internal", "the session is lost; begin a new one", retry_after=1.0))
