@@ -8,7 +8,7 @@ import time
 class JsonFormatter(logging.Formatter):
     """One object a line: time in UTC, level, logger, message, and where there are any, session and traceback."""
 
-    converter = staticmethod(time.gmtime)  # type: ignore[assignment]
+    converter = staticmethod(time.gmtime)
 
     def format(self, record: logging.LogRecord) -> str:
         """The line of a record; `extra={"session": name}` names a session."""

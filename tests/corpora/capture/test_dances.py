@@ -5,8 +5,10 @@ import pytest
 
 from echoavatar.corpora.capture.dances import captured_dance, find_counts, find_period
 from echoavatar.corpora.capture.library import CapturedClip, CapturedLibrary
+from echoavatar.corpora.rehearsal.choreography import choreograph
 from echoavatar.corpora.rehearsal.controls import Controls, neutral
 from echoavatar.corpora.rehearsal.solver import solve
+from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
 from echoavatar.evaluation import behaviour
 from echoavatar.evaluation.metrics.dance_alignment import dance_alignment, dance_beats
 from echoavatar.motion.kinematics import HUMANOID
@@ -65,3 +67,17 @@ def test_the_same_seed_is_the_same_dance_and_no_dance_is_played_at_a_strange_tem
     np.testing.assert_array_equal(one.packed(), two.packed())
     assert captured_dance(library, np.arange(0, 20, 2.5), 0.0, 20.0, np.random.default_rng(3)) is None
     assert captured_dance(library, np.zeros(0), 0.0, 20.0, np.random.default_rng(3)) is None
+
+
+def test_a_captured_dance_starts_and_stops_without_a_jolt(people: CapturedLibrary, library: CapturedLibrary):
+    """Silence, music, silence: the body goes into the dance from where it stands, and stands where the dance ends."""
+    both = CapturedLibrary((*people.clips, *library.clips))
+    spans = (Span(0.0, 4.0, "silence"), Span(4.0, 16.0, "music"), Span(16.0, 20.0, "silence"))
+    track = SoundTrack(np.zeros(20 * 24_000, np.float32), spans=spans, beats=np.arange(4.2, 16.0, 0.45))
+    danced = [choreograph(track, seed, both) for seed in range(3)]
+    for controls in danced:
+        rotations, root = solve(controls)
+        cosine = np.abs((rotations[1:] * rotations[:-1]).sum(-1)).clip(0, 1)
+        assert np.degrees(2 * np.arccos(cosine)).max() * 30 < 1200
+        assert np.abs(np.diff(root, axis=0)).max() * 30 < 2.0
+    assert any(np.abs(np.diff(controls.foot_position[150:450, 0, 1])).max() > 0.01 for controls in danced)

@@ -52,8 +52,9 @@ def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = 
 
 
 def _inserted(piece: Controls, around: Controls, begin: int) -> Controls:
-    """`around` with the piece from frame `begin` on; after the piece its last frame."""
-    table, own = around.packed().copy(), piece.packed()[: len(around) - begin]
+    """The piece from frame `begin` on, as long as `around`; before it what its first speed comes from, then its end."""
+    own = piece.packed()[: len(around) - begin]
+    table = np.tile(2 * own[0] - own[1], (len(around), 1))
     table[begin : begin + len(own)] = own
     table[begin + len(own) :] = own[-1]
     return Controls.unpacked(table)
@@ -66,12 +67,22 @@ def _brought(controls: Controls, to: Controls, at: int) -> Controls:
     return moved(placed, to.pelvis_position[at, [0, 2]])
 
 
+def _unwound(after: Controls, before: Controls, at: int) -> Controls:
+    """`after` with its angles shifted by whole turns, so that none of them spins when `before` gives way to it."""
+    curves = {}
+    for name in ("pelvis_rotation", "foot_yaw", "elbow_swing", "palm"):
+        old, new = getattr(before, name), getattr(after, name)
+        curves[name] = (new + 2 * np.pi * np.round((old[at] - new[at]) / (2 * np.pi))).astype(np.float32)
+    return replace(after, **curves)
+
+
 def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> Controls:
     """`before` until frame `at`, then `after`; position and velocity stay continuous over `seconds`."""
     frames = len(before)
     at = int(np.clip(at, 1, max(frames - 2, 1)))
     if frames < 4 or at >= frames - 2:
         return before
+    after = _unwound(after, before, at)
     curves: dict[str, Array] = {}
     for field in fields(Controls):
         if field.name not in _FEET:
