@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import binary_dilation, gaussian_filter1d, maximum_filter1d
 
 from echoavatar.corpora.rehearsal.controls import Array, Controls, mirrored, moved
 from echoavatar.corpora.rehearsal.solver import solve
@@ -35,6 +35,7 @@ BACK = 0.35  # weight of a dancer who ends with the back to the front
 ANSWER_S = 0.02  # from a beat to its count
 USUAL_FRAMES = 11  # from step to step, about 0.37 s
 SIZES = (0.9, 1.2)
+MOST_TILT = 0.85  # of a foot, radians; near a quarter turn its angles flip
 SLOWEST_FEET_M_S = 0.3  # slower dances have no steps to count
 LEFT_OUT = ("whirl", "modern", "street")  # they turn on their feet, or have no steady steps
 
@@ -204,6 +205,8 @@ def _upright(controls: Controls) -> list[Controls]:
     lean = np.abs(controls.pelvis_rotation[:, 1:]).max(1)
     good = (controls.pelvis_position[:, 1] > LOWEST_PELVIS_M) & (lean < DEEPEST_LEAN)
     good &= _joint_speed(controls) < FASTEST_DEG_S
+    tilt = np.maximum(np.abs(controls.foot_roll), np.abs(controls.foot_pitch) / 1.3).max(1)
+    good &= binary_dilation(tilt > MOST_TILT, np.ones(7)) == 0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]]))).reshape(-1, 2)
     steps = np.linalg.norm(np.gradient(controls.foot_position, axis=0), axis=-1).mean(1) * FRAME_RATE_HZ
     return [
