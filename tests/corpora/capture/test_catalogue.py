@@ -1,16 +1,31 @@
 from pathlib import Path
 
+import pytest
+
 from echoavatar.corpora.capture.catalogue import entry_of
 
 
-def test_known_sets_are_told_by_their_folder_and_name():
-    assert entry_of(Path("x/cmu_dance/60_06.bvh")).is_head_frozen
-    assert entry_of(Path("x/cmu_dance/61_01.bvh")).group == "salsa_follow"
-    assert entry_of(Path("x/reactidle_mit/003_acted.bvh")).kind == "standing"
-    assert entry_of(Path("accad_cc_by/Female1_D3_ConversationGestures.bvh")).last_s > 1
+@pytest.mark.parametrize(
+    ("path", "kind", "group"),
+    [
+        ("motion/cmu_dance/61_03.bvh", "dance", "salsa_follow"),
+        ("motion/cmu_gesture/141_16.bvh", "gesture", "waves"),
+        ("motion/accad_cc_by/Male1_A1_Stand.bvh", "standing", "stands"),
+        ("motion/reactidle_mit/002_acted.bvh", "standing", "acted"),
+        ("mine/dance/shuffle.bvh", "dance", "dance"),
+        ("mine/my_talk.bvh", "speech", "mine"),
+    ],
+)
+def test_files_are_known_by_set_folder_or_name(path, kind, group):
+    entry = entry_of(Path(path))
+    assert entry is not None
+    assert (entry.kind, entry.group) == (kind, group)
 
 
-def test_other_files_count_by_the_folder_they_lie_in():
-    mine = entry_of(Path("captured/dance/mine.bvh"))
-    assert (mine.kind, mine.group) == ("dance", "dance")
-    assert entry_of(Path("captured/holidays/mine.bvh")) is None
+def test_the_first_fitting_entry_counts_and_strangers_are_left_out():
+    lost, kept = (entry_of(Path(f"cmu_dance/60_{number}.bvh")) for number in ("06", "05"))
+    assert lost is not None
+    assert kept is not None
+    assert lost.is_head_frozen
+    assert not kept.is_head_frozen
+    assert entry_of(Path("somewhere/walk.bvh")) is None

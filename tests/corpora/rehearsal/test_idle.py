@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from tests.corpora.capture.people import library
 
 from echoavatar.corpora.rehearsal.idle import breathing, hands_of, idle, resting_hands, with_hands
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
+from echoavatar.corpora.rehearsal.speakers import draw_manner
 
 FRAMES = 900
 QUIET = SoundTrack(np.zeros(FRAMES * 800, np.float32), spans=(Span(0.0, 30.0, "silence"),))
@@ -35,3 +37,15 @@ def test_with_hands_inverts_hands_of():
     controls = idle(QUIET, 1)
     np.testing.assert_array_equal(with_hands(controls, hands_of(controls)).packed(), controls.packed())
     assert not np.array_equal(resting_hands("sides"), resting_hands("clasped"))
+
+
+def test_a_captured_body_waits_in_silence_and_sways_from_when_speech_is_heard(talk: SoundTrack):
+    """The talk's phrases begin at 2.0 s and 7.24 s, so that one stretch of talking lasts from 2.15 s on."""
+    people = library()
+    body = idle(talk, 5, people)
+    assert len(body) == 456
+    speed = np.abs(np.diff(body.pelvis_position[:, 0])) * 30
+    assert speed[90:280].mean() > 2 * speed[:60].mean()
+    rest = resting_hands(draw_manner(5).rest)
+    np.testing.assert_allclose(hands_of(body)[120:270, :, :7], np.broadcast_to(rest[:, :7], (150, 2, 7)), atol=0.02)
+    np.testing.assert_array_equal(idle(talk, 5, people).packed(), body.packed())

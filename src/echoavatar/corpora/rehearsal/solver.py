@@ -242,7 +242,7 @@ def _turn(angles: Float[Tensor, "t 3"]) -> Float[Tensor, "t 3 3"]:
 
 
 def about(axis: str, angle: Float[Tensor, " t"]) -> Float[Tensor, "t 3 3"]:
-    """Rotations about the axis x, y or z."""
+    """Rotation about one axis, "x", "y" or "z", by an angle in radians."""
     unit = {"x": _X, "y": _Y, "z": _Z}[axis]
     return matrix_from_axis_angle(angle[:, None] * unit)
 
