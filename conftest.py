@@ -5,9 +5,25 @@ all tests without it, and then a part of them with it (`SHAPED` in the Makefile)
 """
 
 import os
+from collections.abc import Iterator
+
+import pytest
 
 if os.environ.get("CHECK_SHAPES"):
     import tests.shapes  # noqa: F401  the hook looks its checker up by name
     from jaxtyping import install_import_hook
 
     install_import_hook(["echoavatar", "echoavatar_studio", "echoavatar_research"], "tests.shapes.checked")
+
+
+@pytest.fixture(autouse=True)
+def _torch_threads() -> Iterator[None]:
+    """A command that sets torch's threads must not set those of the tests after it: two workers would spin in each
+    other's way.
+    """
+    import torch
+
+    before = torch.get_num_threads()
+    yield
+    if torch.get_num_threads() != before:
+        torch.set_num_threads(before)
