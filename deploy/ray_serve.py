@@ -53,7 +53,7 @@ class Avatars:
 
     def check_health(self) -> None:
         """Ray replaces a replica whose engine has failed."""
-        if self._manager is not None and self._manager.has_failed:
+        if self._manager is not None and self._manager.failure is not None:
             raise RuntimeError("the engine has failed")
 
 

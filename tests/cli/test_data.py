@@ -24,5 +24,7 @@ def test_a_corpus_can_be_measured_and_looked_at(tmp_path: Path, capsys: pytest.C
     table = capsys.readouterr().out.splitlines()
     assert table[0].split() == ["speech", "music", "silence"]
     assert any(line.startswith("wrist_speed_mean_m_s") for line in table)
+    alive = next(line for line in table if line.startswith("hand_speed"))
+    assert "0.94 (0.57 to 1.12)" in alive
     assert main(["data", "preview", str(tmp_path), "-o", str(tmp_path / "p"), "--clips", "1", "--seconds", "0.5"]) == 0
     assert sorted(path.suffix for path in (tmp_path / "p").iterdir()) == [".mp4", ".png"]

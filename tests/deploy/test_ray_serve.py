@@ -41,6 +41,15 @@ def test_a_killed_replica_moves_its_sessions_and_nobody_hears_it() -> None:
         assert report["other"]["moved"] == 0
 
 
+def test_its_health_check_asks_what_the_server_can_say() -> None:
+    """Ray is rarely installed where tests run, so the names are checked."""
+    from echoavatar.server.session_manager import SessionManager
+
+    asked = re.findall(r"_manager\.(\w+)", (ROOT / "deploy" / "ray_serve.py").read_text())
+    assert asked == ["failure"]
+    assert all(hasattr(SessionManager, name) for name in asked)
+
+
 def test_the_extra_that_its_page_names_is_there() -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     named = re.findall(r"echoavatar\[(\w+)\]", (ROOT / "deploy" / "ray_serve.py").read_text())

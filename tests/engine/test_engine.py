@@ -137,3 +137,40 @@ def test_neighbours_in_other_workers_change_nothing(tiny_bundle: Path) -> None:
             assert np.array_equal(made.rotations, witness.rotations)
             assert np.array_equal(made.root, witness.root)
         assert session.made == alone.made == len(whole)
+
+
+def test_a_fault_in_any_stage_is_taken_back_and_the_chunk_made_again(tiny_bundle: Path, voice: np.ndarray) -> None:
+    """To the bit: each stage in turn runs out of memory once, amid the step of one chunk."""
+
+    def run(stages: list[str]) -> list[MotionChunk]:
+        pipeline = Pipeline(load_bundle(tiny_bundle), precision="float32")
+        machine = Engine(pipeline, workers=1)
+
+        is_armed = False
+
+        def fail(stage: str) -> None:
+            nonlocal is_armed
+            if is_armed and stages and stage == stages[0]:
+                is_armed = False
+                raise MemoryError(stages.pop(0))
+
+        session = machine.open(seed=3)
+        session.push(np.tile(voice, 2)[:128_000])
+        made = []
+        while machine.work():
+            is_armed, pipeline.on_stage = True, fail  # from the second chunk on
+            made += list(iter(session.core.take, None))
+        assert machine.restarts == 0
+        return [delivery.motion for delivery in made]
+
+    passed: list[str] = []
+    pipeline = Pipeline(load_bundle(tiny_bundle))
+    pipeline.on_stage = passed.append
+    pipeline.step(torch.zeros(1, 6_400), pipeline.init_state(1), torch.ones(1, dtype=torch.bool))
+    todo = list(dict.fromkeys(passed))
+    faulty, sound = run(todo), run([])
+    assert not todo
+    assert len(faulty) == len(sound) > 8
+    for one, other in zip(faulty, sound, strict=True):
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+        np.testing.assert_array_equal(one.root, other.root)

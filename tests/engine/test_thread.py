@@ -7,8 +7,17 @@ import pytest
 import torch
 from tests.engine.fakes import FakePipeline, Heard, engine
 
-from echoavatar.engine import Engine, EngineThread
+from echoavatar.engine import Engine, EngineThread, SessionCore
 from echoavatar.motion.motion_chunk import MotionChunk
+
+
+def soon(condition: Callable[[], bool]) -> bool:
+    until = time.monotonic() + 30
+    while time.monotonic() < until:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return False
 
 
 def test_motion_comes_without_anyone_ticking_and_the_thread_ends_when_told() -> None:
@@ -18,24 +27,112 @@ def test_motion_comes_without_anyone_ticking_and_the_thread_ends_when_told() -> 
         session = machine.open_core()
         session.on_motion = lambda: came.append(1)
         session.push(np.ones(12_800, np.float32))
-        until = time.monotonic() + 5
-        while len(came) < 2 and time.monotonic() < until:
-            time.sleep(0.005)
+        assert soon(lambda: len(came) == 2)
         assert thread.is_alive
-    assert len(came) == 2
     assert session.take() is not None
     assert not thread.is_alive
 
 
-def test_a_tick_that_fails_is_logged_and_told(caplog: pytest.LogCaptureFixture) -> None:
+class Faulty(FakePipeline):
+    """Half of a step is done when it fails: for a row that hears 13, as often as `faults` says, or while `broken`."""
+
+    faults, broken = 0, False
+
+    def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
+        chunks = super().step(audio, state, active)
+        if self.broken or self.faults or (audio == 13).any():
+            self.faults = max(0, self.faults - 1)
+            raise MemoryError("no room")
+        return chunks
+
+
+def shown(core: SessionCore, chunks: int) -> list[float]:
+    """The root of so many chunks: the sum of what the row heard."""
+    heights: list[float] = []
+
+    def all_came() -> bool:
+        while (delivery := core.take()) is not None:
+            heights.append(round(float(delivery.motion.root[-1, 0]), -1))  # idle motion adds some millimetres
+        return len(heights) >= chunks
+
+    assert soon(all_came)
+    return heights
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_fault_that_a_session_causes_ends_that_session_alone(workers: int) -> None:
+    machine = Engine(Faulty(), seats=2, workers=workers)  # type: ignore[arg-type]
+    bad, good = machine.open_core(), machine.open_core()
+    bad.push(np.full(6_400, 13, np.float32))
+    good.push(np.full(12_800, 1, np.float32))
+    with EngineThread(machine) as thread:
+        assert shown(good, 2) == [6_400, 12_800]
+        assert soon(lambda: isinstance(bad.error, MemoryError))
+        bad.close()
+        heir = machine.open_core()
+        heir.push(np.full(6_400, 2, np.float32))
+        assert shown(heir, 1) == [12_800]  # from a fresh row
+        assert thread.is_alive
+    assert machine.restarts == 0
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_passing_fault_costs_nothing(workers: int) -> None:
+    pipeline = Faulty()
+    machine = Engine(pipeline, seats=2, workers=workers)  # type: ignore[arg-type]
+    first, second = machine.open_core(), machine.open_core()
+    pipeline.faults = 1
+    for core in (first, second):
+        core.push(np.ones(12_800, np.float32))
+    with EngineThread(machine):
+        assert [shown(core, 2) for core in (first, second)] == [[6_400, 12_800]] * 2
+    assert machine.restarts == 0
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_an_engine_that_breaks_is_loaded_again_and_the_sessions_go_on(workers: int) -> None:
+    """Also one that is interrupted meanwhile: its second chunk is made again, from the sound that it has now."""
+    pipeline = Faulty()
+    machine = Engine(pipeline, seats=2, workers=workers, reload=Faulty)  # type: ignore[arg-type]
+    first, second = machine.open_core(), machine.open_core()
+    for core in (first, second):
+        core.push(np.ones(12_800, np.float32))
+    machine.tick()
+    pipeline.broken = True
+    assert machine.work()
+    assert isinstance(machine.fault, MemoryError)
+    second.interrupt(6_400)
+    second.push(np.full(6_400, 2, np.float32))
+    with EngineThread(machine) as thread:
+        assert shown(first, 2) == [6_400, 12_800]
+        assert len(shown(second, 2)) == 2
+        assert machine._state.total.tolist() == [12_800, 6_400 + 12_800]  # type: ignore[attr-defined]
+        assert thread.is_alive
+    assert machine.restarts == 1
+
+
+def test_motion_that_is_not_finite_ends_its_session() -> None:
+    machine = engine(2)
+    bad, good = machine.open_core(seed=1), machine.open_core()
+    with EngineThread(machine):
+        for core in (bad, good):
+            core.push(np.ones(6_400, np.float32))
+            shown(core, 1)
+        machine._state.total[bad.seat] = torch.nan  # type: ignore[attr-defined]
+        for core in (bad, good):
+            core.push(np.ones(6_400, np.float32))
+        assert shown(good, 1) == [12_800]
+        assert soon(lambda: isinstance(bad.error, FloatingPointError))
+
+
+def test_an_engine_that_breaks_again_and_again_stops(caplog: pytest.LogCaptureFixture) -> None:
     machine = engine()
     machine.pipeline.step = None  # type: ignore[assignment]
     with EngineThread(machine) as thread:
         machine.open_core().push(np.ones(6_400, np.float32))
-        until = time.monotonic() + 5
-        while thread.is_alive and time.monotonic() < until:
-            time.sleep(0.005)
+        assert soon(lambda: not thread.is_alive)
     assert isinstance(thread.error, TypeError)
+    assert machine.restarts == 2
     assert "the engine stopped" in caplog.text
 
 
@@ -51,15 +148,6 @@ class Gated(FakePipeline):
         self.inside.append(heard)
         self.gates[heard].wait(10)
         return super().step(audio, state, active)
-
-
-def soon(condition: Callable[[], bool]) -> bool:
-    until = time.monotonic() + 5
-    while time.monotonic() < until:
-        if condition():
-            return True
-        time.sleep(0.005)
-    return False
 
 
 def test_a_free_worker_takes_what_comes_while_the_other_is_busy() -> None:

@@ -45,12 +45,56 @@ def test_a_server_that_stops_lets_the_sentence_end() -> None:
     assert np.count_nonzero(np.concatenate(sounds)) == 24_000
 
 
-def test_a_failing_engine_is_told_and_not_hidden(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_engine_that_breaks_is_restarted_and_its_clients_are_told() -> None:
+    """Health is red meanwhile; motion goes on without a hole."""
+    loading = threading.Event()
+
+    def load() -> Any:
+        loading.wait(10)
+        return Body()
+
+    with serving() as server, server.call(Hello()) as caller:
+        caller.until(Motion)
+        server.manager.engine._reload = load
+        server.manager.engine.pipeline.seconds = "not a number of seconds"
+        end = time.monotonic() + 5
+        while server.http("/health")[0] == 200 and time.monotonic() < end:
+            time.sleep(0.02)
+        status, facts = server.http("/health")
+        assert (status, facts["status"]) == (503, "restarting")
+        loading.set()
+        told = caller.until(Error)
+        at = caller.until(Motion).at
+        assert (told.code, told.fatal) == ("internal", False)
+        assert "resumed" in told.message
+        caller.until(Motion, lambda motion: motion.at > at)
+        assert np.all(np.diff([message.at for message in caller.heard if isinstance(message, Sound)]) == 6_400)
+        assert server.http("/health")[0] == 200
+        assert "echoavatar_engine_restarts_total 1.0" in server.http("/metrics")[1]
+
+
+def test_a_session_with_a_fault_is_lost_alone() -> None:
+    with serving() as server, server.call(Hello()) as caller, server.call(Hello()) as neighbour:
+        caller.until(Motion)
+        server.manager.find(caller.ready.session).core._gaze = None  # a stage of this session alone
+        code, error = caller.closing()
+        at = neighbour.until(Motion).at
+        neighbour.until(Motion, lambda motion: motion.at > at + 12_800)
+        assert server.manager.is_well
+        assert "echoavatar_session_faults_total 1.0" in server.http("/metrics")[1]
+    assert code == 1011
+    assert error is not None
+    assert "lost" in error.message
+
+
+def test_an_engine_that_cannot_be_healed_ends_the_server(caplog: pytest.LogCaptureFixture) -> None:
     with serving() as server, server.call(Hello()) as caller:
         caller.until(Motion)
         server.manager.engine.pipeline.seconds = "not a number of seconds"
         assert caller.closing()[0] == 1011
-        assert not server.manager.is_well
+        server.thread.join(10)
+        assert not server.thread.is_alive()
+        assert isinstance(server.manager.failure, TypeError)
     assert "the engine stopped" in caplog.text
 
 

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import logging
 import socket
+import struct
 import time
 from collections.abc import Iterator
 
@@ -13,7 +14,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from echoavatar.server import connection, run, transport
 from echoavatar.server.transport import ConnectionGuard, RepeatFilter, raise_file_limit
-from echoavatar.wire import Hello, Motion, Ping, encode
+from echoavatar.wire import Hello, Motion, Ping, Pong, encode
 
 LIMIT = 40
 
@@ -169,3 +170,22 @@ def test_one_address_does_not_take_all_places_whatever_it_says_its_address_is() 
         for number in range(4):
             forwarded = {"X-Forwarded-For": f"203.0.113.{number}"}
             stack.enter_context(place.call(Hello(), additional_headers=forwarded)).until(Motion)
+
+
+def test_nothing_is_written_to_a_client_that_is_gone(caplog: pytest.LogCaptureFixture) -> None:
+    """A reset shows at the first write; what waits for the client is not written after it."""
+    logging.getLogger("asyncio").filters.clear()  # of repeats
+    with serving(settings=FAST) as server, server.call(Hello()) as caller:
+        caller.until(Motion)
+        outbox = server.manager.find(caller.ready.session).source
+
+        def vanish() -> None:
+            caller.line.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            caller.line.socket.close()
+            for _ in range(50):
+                outbox.put(Pong(nonce=1, at=0))
+
+        server.uvicorn.servers[0].get_loop().call_soon_threadsafe(vanish)
+        time.sleep(0.3)
+        assert server.manager.find(caller.ready.session).source is None
+    assert "socket.send() raised exception" not in caplog.text

@@ -76,6 +76,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     proxy.add_argument("--model", default="default", help="bundle of the avatar (default: %(default)s)")
     proxy.add_argument("--avatar", metavar="URL", help="a running server instead of a new one")
 
+    soak = kinds.add_parser(
+        "soak",
+        help="does a server stay whole and flat under load and faults",
+        description=(
+            "Serve sessions and a coming and going visitor from a process of its own; check that nothing is missing, "
+            "doubled or stale, and that memory stays flat. Fails if something is. Linux only."
+        ),
+        epilog="example: echoavatar bench soak --sessions 4 --minutes 60 --faults",
+    )
+    soak.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    soak.add_argument("--sessions", type=int, default=4, help="speaking sessions (default: %(default)s)")
+    soak.add_argument("--minutes", type=float, default=5.0, help="length (default: %(default)s)")
+    soak.add_argument(
+        "--faults", action="store_true", help="clients drop, stall, flood and vanish; the engine breaks once a minute"
+    )
     graphs = kinds.add_parser(
         "graphs",
         help="a bundle's live step on a GPU, its generator a captured CUDA graph",
@@ -218,6 +233,27 @@ def _proxy(args: argparse.Namespace) -> int:
     return 0
 
 
+def _soak(args: argparse.Namespace) -> int:
+    from echoavatar.evaluation.soak_bench import bench_soak
+
+    with tqdm(total=args.minutes, unit="min", leave=False) as bar:
+        report = bench_soak(
+            args.model,
+            sessions=args.sessions,
+            minutes=args.minutes,
+            faults=args.faults,
+            progress=lambda minutes: bar.update(minutes - bar.n) and None,
+        )
+    is_whole = not any(report[name] for name in ("stale", "doubled", "missing"))
+    is_whole = is_whole and report["lost"] <= report["failed_by_us"]
+    for name, value in report.items():
+        if name != "memory_mb":
+            print(f"{name:<20}{value}")
+    print(f"the sessions {'stayed whole' if is_whole else 'did NOT stay whole'}")
+    print(json.dumps(report))
+    return 0 if is_whole else 1
+
+
 def _face(args: argparse.Namespace) -> int:
     import torch
 
@@ -265,6 +301,8 @@ def _train(args: argparse.Namespace) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
+    if args.kind == "soak":
+        return _soak(args)
     if args.kind == "train":
         return _train(args)
     if args.kind == "face":

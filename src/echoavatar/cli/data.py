@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from echoavatar.data import Clip
     from echoavatar.motion.kinematics import Motion, Skeleton
 
+SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 15.0, 30.0
 ROWS = (
     "wrist_speed_mean_m_s",
     "wrist_speed_p95_m_s",
@@ -45,12 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rehearse.add_argument("--seed", type=int, default=0, help="random seed of the corpus (default: %(default)s)")
     rehearse.add_argument("-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)")
     rehearse.add_argument(
-        "--library", type=Path, help="captured people: a library of `data capture`, or a folder of BVH"
-    )
-    rehearse.add_argument(
-        "--refine-fingers",
-        action="store_true",
-        help="give new fingers to clips of the library whose fingers do not move",
+        "--library",
+        type=Path,
+        help="library of `data capture`, or its folder of BVH: captured people give the bodies and most of the dances",
     )
     rehearse.add_argument(
         "--recordings",
@@ -112,13 +110,7 @@ def _rehearse(args: argparse.Namespace) -> int:
     from echoavatar.data import Corpus
 
     plan = Plan(
-        args.hours,
-        args.seed,
-        args.output,
-        library=args.library,
-        recordings=args.recordings,
-        soundfont=args.soundfont,
-        refine_fingers=args.refine_fingers,
+        args.hours, args.seed, args.output, library=args.library, recordings=args.recordings, soundfont=args.soundfont
     )
     with tqdm(total=plan.clips, unit="clip") as bar:
         made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))
@@ -164,7 +156,35 @@ def _describe(args: argparse.Namespace) -> int:
     print(f"{'':<26}" + "".join(f"{name[:18]:>20}" for name in columns))
     for row in ROWS:
         print(f"{row:<26}" + "".join(f"{values.get(row, float('nan')):>20.3f}" for values in columns.values()))
+    _print_liveliness({domain: _stretches(clips, domain, corpus.skeleton) for domain in (1, 2, 0)})
     return 0
+
+
+def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
+    """A second table: windows of 15 to 30 s of one kind of sound beside captured people (docs/metrics.md)."""
+    import numpy as np
+
+    from echoavatar.data import DOMAINS
+    from echoavatar.evaluation.captured_people import PEOPLE
+    from echoavatar.evaluation.metrics.liveliness import STATISTICS, body_points, liveliness, windows
+
+    found = {
+        DOMAINS[domain]: [
+            liveliness(window, motion.fps)
+            for motion in long
+            if motion.seconds >= SHORTEST_WINDOW_S
+            for window in windows(body_points(motion), motion.fps, LONGEST_WINDOW_S)
+        ]
+        for domain, long in motions.items()
+    }
+    print(f"{'how alive':<26}" + "".join(f"{name:>16}{'people':>24}" for name in found))
+    for name in STATISTICS:
+        cells = ""
+        for kind, rows in found.items():
+            mean, low, high = PEOPLE[kind][name]
+            own = float(np.mean([row[name] for row in rows])) if rows else float("nan")
+            cells += f"{own:>16.3f}{f'{mean:g} ({low:g} to {high:g})':>24}"
+        print(f"{name:<26}{cells}")
 
 
 def _stretches(clips: "list[Clip]", domain: int, skeleton: "Skeleton") -> "list[Motion]":

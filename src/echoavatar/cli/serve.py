@@ -71,6 +71,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
+    parser.add_argument(
+        "--log", choices=("text", "json"), default="text", help="form of log lines (default: %(default)s)"
+    )
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", metavar="PEM", help="private key of --certificate")
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
@@ -94,6 +97,7 @@ def run(args: argparse.Namespace) -> int:
         return _unity(args, legacy[0])
     try:
         from echoavatar.server import ServerSettings, create_app, serve
+        from echoavatar.server.log_format import log_json
         from echoavatar.wire.guard import is_loopback
     except ModuleNotFoundError as error:
         raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error
@@ -102,6 +106,8 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.engine import load
 
     _check(args)
+    if args.log == "json":
+        log_json()
     if args.threads:
         torch.set_num_threads(args.threads)
     token = os.environ.get(TOKEN, "") if args.token is None else args.token

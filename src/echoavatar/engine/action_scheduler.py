@@ -161,7 +161,7 @@ class ActionScheduler:
         if status.id not in self._quiet and (status.id, status.status) not in self._reported:
             self._reported.add((status.id, status.status))
             self._statuses.append(status)
-        if len(self._reported) > 16 * KEPT:
+        if len(self._reported) + len(self._quiet) > 16 * KEPT:
             live = {act.id for act in self._actions}
             self._reported = {known for known in self._reported if known[0] in live}
             self._quiet &= live

@@ -1,13 +1,20 @@
 """Many sessions over one pipeline: each owns one row of its state. Chunks are made in `tick` and `work` only.
 
 A worker claims a session's seat before it steps it, so several threads may call either at once.
+
+A step that fails leaves each row as it was before. `tick` raises the fault. `work` finds out whose it is. If the
+pipeline cannot step silence either, `fault` holds it, and nobody is stepped until `restart`. Else each session is tried
+once more by itself, and one that fails again has an `error` and takes no further part.
 """
 
+import logging
 import threading
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,6 +32,7 @@ from .session import Session
 from .session_core import SessionCore
 from .undo import changes, undo
 
+_LOG = logging.getLogger(__name__)
 _HOST = torch.device("cpu")
 REWIND = 15  # chunks, 4 s at the paper's step: how far a session can go back
 
@@ -40,6 +48,7 @@ class Engine:
         look_ahead: int | None = None,
         rewind: int = REWIND,
         workers: int | None = None,
+        reload: Callable[[], Pipeline] | None = None,
     ) -> None:
         """`look_ahead` bounds the chunks made ahead of the player, or of the reader if the player does not report.
 
@@ -49,6 +58,8 @@ class Engine:
         0 if the models are on a GPU; with more than one, torch computes each session in one thread). 0 steps all
         sessions as one batch. A CPU spends as much on a row of a batch as on a row alone, and a batch would make a
         session that is ready wait for the others; a GPU spends hardly more on a batch than on a row.
+
+        `reload` makes the pipeline anew for `restart`; without it, the same one goes on.
         """
         if seats < 1:
             raise EchoAvatarError(f"an engine needs at least one seat, got {seats}")
@@ -59,6 +70,9 @@ class Engine:
         self.actions: ActionLibrary = getattr(pipeline, "actions", ActionLibrary())
         self.step_seconds = 0.0  # duration of the last step
         self.busy_seconds = 0.0  # duration of all steps
+        self.fault: Exception | None = None  # why the pipeline steps nobody any more
+        self.restarts = 0
+        self._reload = reload or (lambda: pipeline)
         self._codes: int = getattr(pipeline, "directive_codes", 0)
         self._state = pipeline.init_state(seats)
         self._sessions: dict[int, SessionCore] = {}  # by seat, the session that was stepped last at the end
@@ -143,22 +157,52 @@ class Engine:
         return max(1, self._workers)
 
     def tick(self) -> int:
-        """Step every session that is ready; return how many were."""
+        """Step every session that is ready; return how many were. Raises what a step raises."""
         ready = self._claim(self._seats)
         groups = [[session] for session in ready] if self._workers else [ready] if ready else []
-        list((self._pool.map if self._pool else map)(self._step, groups))
+        list((self._pool.map if self._pool else map)(lambda group: self._step(group, self._make), groups))
+        for session in ready:
+            if session.error is not None:
+                raise session.error
         return len(ready)
 
     def work(self) -> bool:
         """Step the session with the least motion ahead, or all that are ready as one batch; False if none is."""
         ready = self._claim(1 if self._workers else self._seats)
         if ready:
-            self._step(ready)
+            self._step(ready, self._make_or_contain)
         return bool(ready)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a thread steps a session now."""
+        return bool(self._claimed)
+
+    def restart(self) -> None:
+        """Load the pipeline again after a `fault`, while nobody steps.
+
+        Sessions go on from the last state of their rows; those whose rows cannot be read have an `error`. Raises what
+        loading raises.
+        """
+        pipeline = self._reload()
+        state = pipeline.init_state(self._seats)
+        try:
+            for new, old in zip(state.tensors(), self._state.tensors(), strict=True):
+                new.copy_(old)
+        except Exception as error:
+            _LOG.exception("the states of the sessions are lost")
+            for session in list(self._sessions.values()):
+                session.fail(error)
+        with self._lock:
+            self.pipeline, self._state, self.fault = pipeline, state, None
+            self.restarts += 1
+        self.wake()
 
     def _claim(self, most: int) -> list[SessionCore]:
         """Claim sessions that are ready and that no thread works on, those with the least motion ahead first."""
         with self._lock:
+            if self.fault is not None:
+                return []
             idle = [session for seat, session in self._sessions.items() if seat not in self._claimed]
             ready = sorted((session for session in idle if session.is_ready), key=lambda session: session.ahead)[:most]
             for session in ready:
@@ -167,18 +211,43 @@ class Engine:
         return ready
 
     @torch.inference_mode()
-    def _step(self, ready: list[SessionCore]) -> None:
+    def _step(self, ready: list[SessionCore], make: Callable[[list[SessionCore]], None]) -> None:
         """The next chunk of one session; or of several, in one batch of all seats."""
         began = time.perf_counter()
         try:
-            for session in ready:
-                self._open_row(session)
-            self._make(ready)
+            make(ready)
         finally:
             with self._lock:
                 self._claimed.difference_update(session.seat for session in ready)
                 self.step_seconds = time.perf_counter() - began
                 self.busy_seconds += self.step_seconds
+
+    def _make_or_contain(self, ready: list[SessionCore]) -> None:
+        """Make a chunk of each session; a fault ends the session that causes it, or stops the engine."""
+        try:
+            self._make(ready)
+        except Exception as fault:
+            _LOG.exception("a step failed")
+            if not self._can_step():
+                self.fault = fault
+                return
+        else:
+            return
+        for session in ready:
+            if session.error is None and (session.is_ready or session.is_making):
+                try:
+                    self._make([session])
+                except Exception as error:
+                    session.fail(error)
+
+    def _can_step(self) -> bool:
+        """Whether the pipeline can make a chunk of silence."""
+        try:
+            state, everyone = self.pipeline.init_state(1), torch.ones(1, dtype=torch.bool)
+            self.pipeline.step(torch.zeros(1, self.chunk.samples), state, everyone)
+        except Exception:
+            return False
+        return True
 
     def _open_row(self, session: SessionCore) -> None:
         """Reset the row of a new session."""
@@ -194,22 +263,40 @@ class Engine:
         audio, active = np.zeros((rows, self.chunk.samples), np.float32), torch.zeros(rows, dtype=torch.bool)
         members, is_asked, forgets = torch.zeros(rows, self._codes), False, torch.zeros_like(active)
         for session in ready:
+            self._open_row(session)
             row = session.seat - seats.start
             plan = session.begin_chunk(self._codes)
-            for patches in plan.undone:
+            for patches in plan.undone:  # a second time, after a fault, changes nothing more
                 undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
             if plan.members is not None:
                 members[row], is_asked = plan.members, True
         state = self._state.rows(seats)
         before = state.snapshot() if self._rewind else []
-        if forgets.any():
-            self.pipeline.restart_generator(state, forgets)
-        directive = {"directive": self.pipeline.directive(members)} if is_asked else {}
-        chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **directive)
-        for session in ready:
-            row = session.seat - seats.start
-            session.end_chunk(chunks[row], changes(before, state, row) if self._rewind else [])
+        try:
+            if forgets.any():
+                self.pipeline.restart_generator(state, forgets)
+            directive = {"directive": self.pipeline.directive(members)} if is_asked else {}
+            chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **directive)
+            undoing = [changes(before, state, s.seat - seats.start) if self._rewind else [] for s in ready]
+        except Exception as fault:
+            self._take_back(ready, state, before, active, fault)
+            raise
+        for session, patches in zip(ready, undoing, strict=True):
+            with suppress(Exception):  # the session notes it as its error
+                session.end_chunk(chunks[session.seat - seats.start], patches)
+
+    def _take_back(
+        self, ready: list[SessionCore], state: Any, before: list[torch.Tensor], active: torch.Tensor, fault: Exception
+    ) -> None:
+        """Restore the rows of a step that failed half-way; sessions that cannot be restored are lost."""
+        try:
+            if not before:
+                raise fault
+            state.restore(before, active)
+        except Exception as error:
+            for session in ready:
+                session.fail(error)
 
 
 def _in_one_thread() -> None:
@@ -234,7 +321,12 @@ def load(
         CheckpointError: the bundle is missing or damaged.
         EchoAvatarError: the device or a stage does not exist.
     """
-    pipeline = Pipeline(load_bundle(bundle).without(without), precision=precision, device=device)
+
+    def build() -> Pipeline:
+        pipeline = Pipeline(load_bundle(bundle).without(without), precision=precision, device=device)
+        pipeline.warm_up()
+        return pipeline
+
+    pipeline = build()
     warm_up(pipeline.skeleton)
-    pipeline.warm_up()
-    return Engine(pipeline, seats=seats, look_ahead=look_ahead)
+    return Engine(pipeline, seats=seats, look_ahead=look_ahead, reload=build)

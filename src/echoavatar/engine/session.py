@@ -7,6 +7,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import SAMPLE_RATE_HZ
 
@@ -58,13 +59,19 @@ class Session:
         self.core.finish()
 
     def __iter__(self) -> Iterator[MotionChunk]:
-        """Chunks of motion until the audio pushed so far is used up; makes them as needed."""
+        """Chunks of motion until the audio pushed so far is used up; makes them as needed.
+
+        Raises:
+            EchoAvatarError: a fault ended the session.
+        """
         while True:
             delivery = self.core.take()
             if delivery is not None:
                 yield delivery.motion
             elif self.core.is_ready and not self.core.is_closed:
                 self.core.advance()
+            elif self.core.error is not None:
+                raise EchoAvatarError(f"the session failed: {self.core.error}") from self.core.error
             else:
                 return
 

@@ -6,7 +6,8 @@ model happens when the engine makes the session's next chunk.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -90,6 +91,7 @@ class SessionCore:
         self.chunk = host.chunk
         self.is_new = True  # its row is not reset yet; the engine's note
         self.is_closed = False
+        self.error: Exception | None = None  # the fault that ended the session
         self.on_motion: Callable[[], None] | None = None  # called after each chunk, from an engine's thread
         self.late = 0  # chunks that were made after their time had come
         self._host, self._look_ahead, self._rewind = host, look_ahead, rewind
@@ -103,6 +105,7 @@ class SessionCore:
         self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
         self._settling = Settling(self.chunk)
         self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
+        self._plan: ChunkPlan | None = None  # of the chunk in the making
 
     # ---- sound in
 
@@ -295,6 +298,8 @@ class SessionCore:
     def is_ready(self) -> bool:
         """Whether a chunk may be made now: there is sound for it, and it is not too far ahead of the player."""
         with self._lock:
+            if self.error is not None or self.is_making:
+                return self.error is None
             ahead = self.ahead
             if self._look_ahead is not None and ahead >= self._look_ahead:
                 return False
@@ -304,25 +309,39 @@ class SessionCore:
 
     # ---- what the engine calls
 
+    @property
+    def is_making(self) -> bool:
+        """Whether a chunk was begun and not ended."""
+        return self._plan is not None
+
+    def fail(self, error: Exception) -> None:
+        """A fault ends the session: no more chunks are made. Its owner sees `error` and closes it."""
+        self.error = self.error or error
+
     def begin_chunk(self, codes: int) -> ChunkPlan:
-        """Take the sound of the next chunk, and what is asked of it.
+        """Take the sound of the next chunk, and what is asked of it; the same again until `end_chunk`.
 
         All of it under one lock: if the session went back in between, it would hear old sound in a later state.
         """
-        with self._lock:
+        with self._lock, self._or_fail():
+            if self._plan is not None:  # its step failed
+                return self._plan
             chunk, undone = self._barge_in.begin()
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
             self._making = chunk, heard
             members = self._actions.members(chunk, codes) if codes else None
             forgets = self._settling.must_forget(chunk, heard.audio)
-            return ChunkPlan(heard.audio, members, forgets, undone)
+            self._plan = ChunkPlan(heard.audio, members, forgets, undone)
+            return self._plan
 
     def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
         """The chunk is made: add what no sound asks for, and show it unless it was taken back meanwhile."""
-        with self._lock:
+        with self._lock, self._or_fail():
             assert self._making is not None
-            (chunk, heard), self._making = self._making, None
+            (chunk, heard), self._making, self._plan = self._making, None, None
+            if not (np.isfinite(motion.root).all() and np.isfinite(motion.rotations).all()):
+                raise FloatingPointError("the motion is not finite")
             if not self._barge_in.end(patches):
                 return
             source = self._source(chunk, heard)
@@ -337,6 +356,14 @@ class SessionCore:
             on_motion()
 
     # ---- inside
+
+    @contextmanager
+    def _or_fail(self) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:
+            self.fail(error)
+            raise
 
     def _with_idle_motion(self, chunk: int, motion: MotionChunk, source: str) -> MotionChunk:
         """Breath and shifts of weight, eye contact, and the clip of an action on top."""

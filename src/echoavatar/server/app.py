@@ -50,7 +50,8 @@ def _routes(manager: SessionManager) -> list[BaseRoute]:
 
     async def health(_: Request) -> Response:
         is_ready = manager.is_well and not manager.is_draining
-        state = "ready" if is_ready else "draining" if manager.is_draining else "failed"
+        not_ready = "draining" if manager.is_draining else "failed" if manager.failure else "restarting"
+        state = "ready" if is_ready else not_ready
         facts = {
             "status": state,
             "version": __version__,

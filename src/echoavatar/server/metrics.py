@@ -30,6 +30,8 @@ class Metrics:
         self.dropped = Counter("echoavatar_dropped_motion", "Motion not sent to slow lines", registry=self.registry)
         self.interrupts = Counter("echoavatar_interrupts", "Barge-ins", registry=self.registry)
         self.resumed = Counter("echoavatar_resumed", "Sessions that came back", registry=self.registry)
+        self.faults = Counter("echoavatar_session_faults", "Sessions that a fault ended", registry=self.registry)
+        self.restarts = Counter("echoavatar_engine_restarts", "Restarts after a fault", registry=self.registry)
 
     def text(self) -> bytes:
         """The answer to `GET /metrics`."""

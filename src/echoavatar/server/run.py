@@ -30,6 +30,10 @@ class Server(uvicorn.Server):
         if self.started:
             self._on_ready()
 
+    async def on_tick(self, counter: int) -> bool:
+        """Whether to stop: also if the engine failed for good, so that whoever started us can start us again."""
+        return await super().on_tick(counter) or self._app.state.manager.failure is not None
+
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Drain the sessions, then close the connections."""
         drain = asyncio.ensure_future(self._app.state.manager.drain())
@@ -51,7 +55,7 @@ def serve(
     """Serve until SIGINT or SIGTERM; port 0 takes any free one. `on_ready` receives the address.
 
     Raises:
-        EchoAvatarError: the port is taken, or may not be used.
+        EchoAvatarError: the port is taken, or may not be used; or the engine failed again and again.
     """
     listener = listen(host, port)
     name = f"[{host}]" if ":" in host else host
@@ -59,6 +63,8 @@ def serve(
     config = configure(app, ssl_certfile=ssl_certfile, ssl_keyfile=ssl_keyfile)
     with listener:
         Server(app, config, lambda: on_ready(address) if on_ready else None).run(sockets=[listener])
+    if (failure := app.state.manager.failure) is not None:
+        raise EchoAvatarError(f"the engine failed again and again, at last with: {failure}")
 
 
 def configure(app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: str | None = None) -> uvicorn.Config:

@@ -47,6 +47,7 @@ class SessionManager:
         self._sessions: dict[str, ServerSession] = {}  # by public name
         self._keys: dict[str, ServerSession] = {}
         self.toolbox = Toolbox(engine.actions, self.tracks)
+        self._restarts = 0  # of the engine, as clients know them
         self._decoders = CapacityLimiter(MOST_DECODERS)
         self._actions = tuple(name for name in engine.actions if name not in HIDDEN)
         self._sinks = SinkRouter(settings.sinks, self._rig())
@@ -84,8 +85,13 @@ class SessionManager:
 
     @property
     def is_well(self) -> bool:
-        """Whether the engine runs."""
-        return self._thread.is_alive
+        """Whether the engine runs; not while it is restarted."""
+        return self._thread.is_alive and self.engine.fault is None
+
+    @property
+    def failure(self) -> BaseException | None:
+        """The fault after which the engine is not restarted any more."""
+        return self._thread.error
 
     # ---- admission
 
@@ -212,6 +218,13 @@ class SessionManager:
     def _beat(self, *, with_stats: bool) -> None:
         """Advance all sessions to the present."""
         now, step_s = time.monotonic(), self.engine.step_seconds
+        if self.engine.restarts > self._restarts:
+            self.metrics.restarts.inc(self.engine.restarts - self._restarts)
+            self._restarts = self.engine.restarts
+            resumed = ProtocolError("internal", "the engine was restarted; the session is resumed", fatal=False)
+            kept = [session for session in self._sessions.values() if session.core.error is None]
+            for outbox in [box for session in kept for box in session.listeners]:
+                outbox.warn(resumed)
         due = [self._is_due(session, now, step_s) for session in self._sessions.values()]
         for session in list(self._sessions.values()):
             self._move(session, now, early=any(due), with_stats=with_stats)
@@ -247,13 +260,16 @@ class SessionManager:
     def _move(self, session: ServerSession, now: float, *, early: bool, with_stats: bool) -> None:
         try:
             if not self._thread.is_alive:
-                raise RuntimeError("the engine's thread has ended")
+                raise RuntimeError("the engine has stopped")
+            if session.core.error is not None:
+                raise session.core.error
             session.pump(now, self.engine.step_seconds, early=early)
             self._collect(session)
         except Exception:
-            _LOG.exception("session %s failed", session.name)
+            _LOG.exception("session %s failed", session.name, extra={"session": session.name})
+            self.metrics.faults.inc()
             for outbox in list(session.listeners):
-                outbox.fail(ProtocolError("internal", "the session failed; see the server's log"))
+                outbox.fail(ProtocolError("internal", "the session is lost; begin a new one", retry_after=1.0))
             self.end(session)
             return
         if session.left_at is not None and now - session.left_at > self.settings.resume_seconds:

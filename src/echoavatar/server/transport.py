@@ -138,6 +138,12 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
         self.close_timeout = CLOSE_S
         self._allowance, self._counted_at = CONTROL_FRAMES_AT_ONCE, time.monotonic()
 
+    async def send(self, message: Any) -> None:
+        """Send, unless the client is gone: each write to a lost socket would be logged."""
+        await self.writable.wait()
+        if message["type"] != "websocket.send" or not self.transport.is_closing():
+            await super().send(message)
+
     def handle_ping(self) -> None:
         """Answer a ping, unless the client sends too many or does not read the answers."""
         if self._is_allowed():

@@ -1,17 +1,21 @@
 """The avatar beside the voice: its frames, interruptions, tools, and its failures."""
 
 import asyncio
+import contextlib
 import json
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.agents.proxy.places import FacedBody, Listener, listening, proxied, silent, talking, tone
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.typing import Subprotocol
 
 from echoavatar.agents.proxy import ProxySettings
 from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.timing import ChunkSize
-from echoavatar.wire import Motion, unpack_pose
+from echoavatar.wire import Latency, Limits, Motion, Ready, Rig, Sound, encode, subprotocol, unpack_pose
 
 BODY, FACE, FLUSH = ("echoavatar.animation_body.delta", "response.animation_blendshapes.delta", "echoavatar.flush")
 DONE = "response.animation_blendshapes.done"
@@ -173,6 +177,51 @@ async def test_when_the_avatar_dies_in_mid_sentence_the_voice_goes_on_and_it_may
         await client.listen(lambda c: len(c.of("echoavatar.session.created")) == 2)
         await client.say("again")
         await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
+
+
+def ready(**wrong: Any) -> bytes:
+    given: dict[str, Any] = {
+        "rig": Rig(names=("hips",), parents=(-1,), rest=((0.0, 1.0, 0.0),)),
+        "latency": Latency(algorithm=0, compute=0),
+        "limits": Limits(),
+        **dict.fromkeys(("server", "session", "resume"), "x"),
+        **dict.fromkeys(("at", "epoch", "seg", "received"), 0),
+        **dict.fromkeys(("face", "actions", "tracks"), ()),
+        **{"version": 1, "resumed": False, "sample_rate": 24_000, "frame_rate": 30, "chunk_samples": 6_400},
+    }
+    return encode(Ready(**given | wrong))
+
+
+BLOBS = {"rotations": b"x", "root": bytes(5), "face": b"yy"}
+LIES = {
+    "hangs": [],
+    "noise": [b"\xc1" * 40],
+    "text": ["hello"],
+    "no chunk": [ready(chunk_samples=0)],
+    "huge chunk": [ready(chunk_samples=2**60)],
+    "frames that are not there": [ready(), encode(Motion(at=0, epoch=0, frames=2**40, state="idle", **BLOBS))],
+    "half a sample": [ready(), encode(Sound(at=2**50, epoch=9, seg=5, pcm=b"odd"))],
+}
+
+
+@pytest.mark.parametrize("frames", LIES.values(), ids=LIES)
+async def test_an_avatar_that_lies_or_hangs_leaves_the_voice_whole(frames: list[bytes | str]) -> None:
+    async def lie(socket: ServerConnection) -> None:
+        with contextlib.suppress(ConnectionClosed):
+            await socket.recv()
+            for frame in frames:
+                await socket.send(frame)
+            await socket.wait_closed()
+
+    protocols = [Subprotocol(subprotocol("msgpack"))]
+    async with serve(lie, "127.0.0.1", 0, subprotocols=protocols, compression=None) as liar:
+        avatar = f"127.0.0.1:{next(iter(liar.sockets)).getsockname()[1]}"
+        async with proxied(speak_when_told, avatar) as (url, upstream, _), listening(url) as client:
+            await client.say("go")
+            await client.listen(lambda c: any('"response.done"' in text for text in c.passed), seconds=5)
+            if frames:
+                await client.listen(lambda c: bool(c.added), seconds=5)  # the lie has arrived
+            assert client.passed == upstream.sessions[0].sent
 
 
 @pytest.mark.parametrize("avatar", ["127.0.0.1:9", ""])

@@ -97,6 +97,12 @@ class _Description:
     alive: Float[Array, "t 4"]
 
 
+def poses_of(controls: Controls) -> Float[Array, "t d"]:
+    """Pose and velocity of each frame, in metres, seen from the hips; the distance of two says how well they join."""
+    found = _described(controls)
+    return np.concatenate([found.poses, found.arms], 1)
+
+
 def _described(controls: Controls) -> _Description:
     """Pose and velocity in metres, seen from the hips over the floor; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]

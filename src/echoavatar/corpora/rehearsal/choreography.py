@@ -10,11 +10,12 @@ from dataclasses import fields, replace
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.corpora.capture.dances import captured_dance
 from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .clearance import keep_hands_clear
-from .controls import ANKLE_HEIGHT, Array, Controls, fading
+from .controls import ANKLE_HEIGHT, Array, Controls, fading, moved
 from .dance import dance
 from .gesture import gesture
 from .sound import SoundTrack
@@ -24,6 +25,7 @@ REACTION_S = 0.25  # from the start of music to the start of the dance
 JOIN_S, SETTLE_S = 1.0, 0.85
 STEP_S = 0.40
 SHORTEST_DANCE_S = 1.5
+CAPTURED_SHARE = 0.7  # of dances, if there is a library
 _FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
@@ -32,13 +34,46 @@ def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = 
     motion = gesture(track, seed, library)
     spans = [s for s in track.spans if s.kind == "music" and s.end - s.start >= SHORTEST_DANCE_S]
     if spans:
-        standing, dancing = motion, dance(track, seed)
+        standing, by_rule = motion, dance(track, seed)
+        rng = np.random.default_rng([seed, 11])
         for span in spans:
             begin = round((span.start + REACTION_S) * FRAME_RATE_HZ)
             end = min(round(span.end * FRAME_RATE_HZ), len(motion)) - 1
+            dancing = by_rule
+            if library is not None and rng.random() < CAPTURED_SHARE:
+                beats = track.beats[(track.beats >= span.start) & (track.beats < span.end)]
+                captured = captured_dance(library, beats, begin / FRAME_RATE_HZ, (end + 1) / FRAME_RATE_HZ, rng)
+                dancing = by_rule if captured is None else _inserted(captured, standing, begin)
+            dancing = _brought(dancing, standing, begin)
             motion = switched(motion, dancing, at=begin, seconds=JOIN_S)
+            standing = _brought(standing, dancing, end)
             motion = switched(motion, standing, at=end, seconds=SETTLE_S)
     return keep_hands_clear(motion)
+
+
+def _inserted(piece: Controls, around: Controls, begin: int) -> Controls:
+    """The piece from frame `begin` on, as long as `around`; before it what its first speed comes from, then its end."""
+    own = piece.packed()[: len(around) - begin]
+    table = np.tile(2 * own[0] - own[1], (len(around), 1))
+    table[begin : begin + len(own)] = own
+    table[begin + len(own) :] = own[-1]
+    return Controls.unpacked(table)
+
+
+def _brought(controls: Controls, to: Controls, at: int) -> Controls:
+    """`controls` moved on the floor so that at this frame it has the place and heading of `to`."""
+    turn = float(to.pelvis_rotation[at, 0] - controls.pelvis_rotation[at, 0])
+    placed = moved(moved(controls, -controls.pelvis_position[at, [0, 2]]), np.zeros(2), turn=turn)
+    return moved(placed, to.pelvis_position[at, [0, 2]])
+
+
+def _unwound(after: Controls, before: Controls, at: int) -> Controls:
+    """`after` with its angles shifted by whole turns, so that none of them spins when `before` gives way to it."""
+    curves = {}
+    for name in ("pelvis_rotation", "foot_yaw", "elbow_swing", "palm"):
+        old, new = getattr(before, name), getattr(after, name)
+        curves[name] = (new + 2 * np.pi * np.round((old[at] - new[at]) / (2 * np.pi))).astype(np.float32)
+    return replace(after, **curves)
 
 
 def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> Controls:
@@ -47,6 +82,7 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     at = int(np.clip(at, 1, max(frames - 2, 1)))
     if frames < 4 or at >= frames - 2:
         return before
+    after = _unwound(after, before, at)
     curves: dict[str, Array] = {}
     for field in fields(Controls):
         if field.name not in _FEET:

@@ -19,11 +19,9 @@ from echoavatar.corpora.capture.library import CapturedLibrary, open_library
 from echoavatar.data.clip import Clip
 from echoavatar.data.corpus import clip_path, write_manifest
 from echoavatar.errors import EchoAvatarError
-from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 from .choreography import choreograph
-from .recorded_motion import Library, blend_recordings, load_library
 from .solver import solve
 from .sound import SoundTrack
 from .track import compose_track
@@ -43,7 +41,6 @@ class Plan:
     recordings: Path | None = None
     soundfont: Path | None = None
     clip_seconds: float = CLIP_SECONDS
-    refine_fingers: bool = False  # give recorded motion with frozen fingers new ones
 
     @property
     def clips(self) -> int:
@@ -75,13 +72,12 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
     write_manifest(
         plan.folder,
         {
-            "kind": "synthetic rehearsal corpus (motion made by rule, not captured)",
+            "kind": "synthetic rehearsal corpus (motion made by rule over bodies of the library, if there is one)",
             "hours": plan.hours,
             "seed": plan.seed,
             "clip_seconds": plan.clip_seconds,
             "library": plan.library.name if plan.library else None,
-            "library_licences": _captured(plan.library).credits() if plan.library else None,
-            "refine_fingers": plan.refine_fingers,
+            "library_licences": _library(plan.library).credits() if plan.library else None,
             "soundfont": plan.soundfont.name if plan.soundfont else None,
             "recordings": plan.recordings.name if plan.recordings else None,
         },
@@ -94,12 +90,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
     seed = int(np.random.SeedSequence([plan.seed, index]).generate_state(1)[0])
     split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
     track = compose_track(seed, plan.clip_seconds, split=split, soundfont=plan.soundfont, recordings=plan.recordings)
-    controls = choreograph(track, seed, None if plan.library is None else _captured(plan.library))
-    rotations, root = solve(controls)
-    if plan.library is not None and plan.library.is_dir():
-        motion = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
-        blended = blend_recordings(_library(plan.library, plan.refine_fingers), track, motion, seed)
-        rotations, root = blended.rotations, blended.root
+    rotations, root = solve(choreograph(track, seed, _library(plan.library) if plan.library else None))
     frames = min(len(rotations), len(track.audio) // SAMPLES_PER_FRAME)
     return Clip(
         name=_name(plan, index),
@@ -127,13 +118,8 @@ def domains(track: SoundTrack, frames: int) -> NDArray[np.uint8]:
 
 
 @cache
-def _captured(path: Path) -> CapturedLibrary:
+def _library(path: Path) -> CapturedLibrary:
     return open_library(path)
-
-
-@cache
-def _library(folder: Path, is_refined: bool) -> Library:
-    return load_library(folder, is_refined=is_refined)
 
 
 def _name(plan: Plan, index: int) -> str:

@@ -64,7 +64,7 @@ async def serve_unity(
     session.on_motion = wake
     async with contextlib.AsyncExitStack() as stack:
         stack.callback(session.close)
-        stack.enter_context(EngineThread(engine))
+        threads = stack.enter_context(EngineThread(engine))
         ports = []
         for port, handle in ((settings.audio_port, _receive_audio), (settings.action_port, _receive_action)):
             ports.append(await _listen(stack, settings.host, port, _make_handler(handle, session)))
@@ -72,7 +72,7 @@ async def serve_unity(
             on_ready(*ports)
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(_pack_motion(session, messages, has_motion, out))
-            tasks.create_task(_fill_silence(session))
+            tasks.create_task(_fill_silence(session, threads))
             tasks.create_task(_send_motion(settings, out))
 
 
@@ -165,12 +165,18 @@ async def _pack_motion(
                 out.put_nowait(message)
 
 
-async def _fill_silence(session: SessionCore) -> None:
-    """After the first sound, push a chunk of silence whenever the clock has passed the motion made."""
+async def _fill_silence(session: SessionCore, threads: EngineThread) -> None:
+    """After the first sound, push a chunk of silence whenever the clock has passed the motion made.
+
+    Raises:
+        EchoAvatarError: the session or the engine failed for good.
+    """
     clock = asyncio.get_running_loop().time
     begun: float | None = None
     while True:
         await asyncio.sleep(TICK_S)
+        if (fault := session.error or threads.error) is not None:
+            raise EchoAvatarError(f"the engine failed: {fault}") from fault
         if begun is None and (session.made or session.is_ready):
             begun = clock()
         if begun is None or session.is_ready:

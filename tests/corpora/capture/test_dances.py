@@ -1,0 +1,83 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from echoavatar.corpora.capture.dances import captured_dance, find_counts, find_period
+from echoavatar.corpora.capture.library import CapturedClip, CapturedLibrary
+from echoavatar.corpora.rehearsal.choreography import choreograph
+from echoavatar.corpora.rehearsal.controls import Controls, neutral
+from echoavatar.corpora.rehearsal.solver import solve
+from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
+from echoavatar.evaluation import behaviour
+from echoavatar.evaluation.metrics.dance_alignment import dance_alignment, dance_beats
+from echoavatar.motion.kinematics import HUMANOID
+
+
+def stepping_in_place(seconds: float, period: float) -> Controls:
+    """Feet in turns, arms and hips with them; the body comes to rest once a period."""
+    time = np.arange(round(seconds * 30)) / 30
+    count = time / period
+    body = neutral(len(time))
+    ease = np.floor(count) + (lambda p: p**3 * (10 - 15 * p + 6 * p * p))(count % 1)
+    side = np.cos(np.pi * ease)
+    feet, pelvis, wrist = body.foot_position.copy(), body.pelvis_position.copy(), body.wrist.copy()
+    lift = 0.12 * np.sin(np.pi * (count % 1)) ** 2
+    feet[:, 0, 1] += lift * (np.floor(count) % 2 == 0)
+    feet[:, 1, 1] += lift * (np.floor(count) % 2 == 1)
+    feet[:, :, 0] += 0.06 * side[:, None] * (lift > 0.01)[:, None]
+    pelvis[:, 0] += 0.05 * side
+    wrist[:, :, 2] += 0.25 + 0.12 * side[:, None] * np.array([1, -1])
+    return replace(body, foot_position=feet, pelvis_position=pelvis, wrist=wrist)
+
+
+@pytest.fixture(scope="module")
+def library() -> CapturedLibrary:
+    dance = stepping_in_place(24.0, 0.36)
+    return CapturedLibrary((CapturedClip("a", "dance", "two-step", "set/a.bvh", "CC0", dance),))
+
+
+def test_counts_are_found_at_the_dances_own_period():
+    pulse = np.zeros(600)
+    pulse[5::11] = 3.0
+    assert find_period([pulse]) == 11
+    counts = find_counts(pulse, 11.0)
+    assert len(counts) > 45
+    np.testing.assert_array_equal(np.diff(counts), 11)
+    assert counts[0] % 11 == 5
+
+
+def test_the_body_arrives_on_the_beats_of_the_music(library: CapturedLibrary):
+    beats = np.arange(0.3, 30.0, 0.45)
+    dance = captured_dance(library, beats, 0.0, 30.0, np.random.default_rng(0))
+    assert dance is not None
+    rotations, root = solve(dance)
+    places = behaviour.track(HUMANOID, rotations, root, np.zeros(len(root), np.uint8)).positions
+    found = dance_beats(places)
+    assert dance_alignment(found, beats) > dance_alignment(found, beats + 0.2) + 0.25
+    assert len(dance) == 900
+    assert np.linalg.norm(dance.pelvis_position[:, [0, 2]], axis=1).max() < 1.0
+
+
+def test_the_same_seed_is_the_same_dance_and_no_dance_is_played_at_a_strange_tempo(library: CapturedLibrary):
+    beats = np.arange(0.3, 20.0, 0.45)
+    one, two = (captured_dance(library, beats, 0.0, 20.0, np.random.default_rng(3)) for _ in range(2))
+    assert one is not None
+    assert two is not None
+    np.testing.assert_array_equal(one.packed(), two.packed())
+    assert captured_dance(library, np.arange(0, 20, 2.5), 0.0, 20.0, np.random.default_rng(3)) is None
+    assert captured_dance(library, np.zeros(0), 0.0, 20.0, np.random.default_rng(3)) is None
+
+
+def test_a_captured_dance_starts_and_stops_without_a_jolt(people: CapturedLibrary, library: CapturedLibrary):
+    """Silence, music, silence: the body goes into the dance from where it stands, and stands where the dance ends."""
+    both = CapturedLibrary((*people.clips, *library.clips))
+    spans = (Span(0.0, 4.0, "silence"), Span(4.0, 16.0, "music"), Span(16.0, 20.0, "silence"))
+    track = SoundTrack(np.zeros(20 * 24_000, np.float32), spans=spans, beats=np.arange(4.2, 16.0, 0.45))
+    danced = [choreograph(track, seed, both) for seed in range(3)]
+    for controls in danced:
+        rotations, root = solve(controls)
+        cosine = np.abs((rotations[1:] * rotations[:-1]).sum(-1)).clip(0, 1)
+        assert np.degrees(2 * np.arccos(cosine)).max() * 30 < 1200
+        assert np.abs(np.diff(root, axis=0)).max() * 30 < 2.0
+    assert any(np.abs(np.diff(controls.foot_position[150:450, 0, 1])).max() > 0.01 for controls in danced)
