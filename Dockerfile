@@ -18,6 +18,8 @@ RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm 
 COPY --from=build /venv /venv
 # Kernels are compiled on first use and cached where a read-only container can write.
 ENV PATH=/venv/bin:$PATH PYTHONUNBUFFERED=1 NUMBA_CACHE_DIR=/tmp/numba
+# glibc gives freed blocks of 64 KB and more back at once, so that memory does not crawl up as sessions come and go.
+ENV MALLOC_ARENA_MAX=2 MALLOC_MMAP_THRESHOLD_=65536 MALLOC_TRIM_THRESHOLD_=65536 MALLOC_TOP_PAD_=65536
 USER avatar
 WORKDIR /home/avatar
 EXPOSE 8765

@@ -9,7 +9,7 @@ from echoavatar.models.generator import Generator
 from echoavatar_research.generate import decoded_motion, live_motion
 
 
-@pytest.mark.parametrize("ahead", [0, 1])
+@pytest.mark.parametrize("ahead", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_live_motion_is_as_long_as_its_sound_whether_or_not_it_hears_ahead(
     tiny_bundle: Path, voice: np.ndarray, ahead: int
 ) -> None:

@@ -27,6 +27,7 @@ def settings(**changes: object) -> SkeletonConvolutionTraining:
     return SkeletonConvolutionTraining.model_validate(usual | changes)
 
 
+@pytest.mark.slow
 def test_it_learns_to_give_motion_back(tmp_path: Path) -> None:
     made = clips()
     model = train_skeleton_convolution(SMALL, settings(), made, tmp_path)

@@ -83,6 +83,7 @@ def test_prompts_are_spread_over_a_sound_and_short_ones_are_refused(bundle, tmp_
         token_file(tmp_path, bundle, cut(0.1), 0)
 
 
+@pytest.mark.slow
 def test_from_sounds_over_raters_to_a_step_of_dpo(tiny_bundle, maker: Maker, tmp_path, capsys):
     """study.yaml -> candidates -> two raters who agree -> pairs.jsonl and tokens.zip -> `align dpo`, one step."""
     for number in range(3):

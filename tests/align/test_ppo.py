@@ -6,6 +6,7 @@ from tests.align.tuning import ppo
 from echoavatar.training import Loop
 
 
+@pytest.mark.slow
 def test_policy_and_critic_learn_the_wanted_code():
     """Returns come near 1 and 0.5 at the two tokens: a critic that still said 0 would be off by 0.31."""
     sizes = {"group": 1, "batch": 16, "discount": 1.0, "epochs": 2, "learning_rate": 2e-2, "critic_rate": 5e-2}

@@ -27,14 +27,8 @@ class StreamState:
 
     def rows(self, which: slice) -> Self:
         """The state of some rows, as views: a step on them changes the whole state."""
-
-        def seen(value: Any) -> Any:
-            if isinstance(value, Tensor):
-                return value[which]
-            return [seen(part) for part in value] if isinstance(value, list) else value.rows(which)
-
         part = copy.copy(self)
-        vars(part).update({name: seen(value) for name, value in vars(self).items()})
+        vars(part).update({name: _rows(value, which) for name, value in vars(self).items()})
         return part
 
     def reset(self, rows: Bool[Tensor, " b"]) -> None:
@@ -50,6 +44,12 @@ class StreamState:
         """Put the chosen rows back to what they were at `snapshot`."""
         for tensor, saved in zip(self.tensors(), snapshot, strict=True):
             tensor[rows] = saved[rows]
+
+
+def _rows(value: Any, which: slice) -> Any:
+    if isinstance(value, Tensor):
+        return value[which]
+    return [_rows(part, which) for part in value] if isinstance(value, list) else value.rows(which)
 
 
 StateT = TypeVar("StateT", bound=StreamState)

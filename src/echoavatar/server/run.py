@@ -1,6 +1,7 @@
 """The process: uvicorn with our limits, and a shutdown that lets speech end."""
 
 import asyncio
+import gc
 import logging
 import socket
 from collections.abc import Callable
@@ -60,6 +61,8 @@ def serve(
     listener = listen(host, port)
     name = f"[{host}]" if ":" in host else host
     address = f"{'https' if ssl_certfile else 'http'}://{name}:{listener.getsockname()[1]}"
+    gc.collect()
+    gc.freeze()  # what was loaded stays: else Python lets 100,000 objects of garbage gather before it looks for cycles
     config = configure(app, ssl_certfile=ssl_certfile, ssl_keyfile=ssl_keyfile)
     with listener:
         Server(app, config, lambda: on_ready(address) if on_ready else None).run(sockets=[listener])
