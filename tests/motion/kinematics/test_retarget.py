@@ -8,10 +8,11 @@ from tests.motion.kinematics.test_foot_planting import FEET, REST, standing
 from tests.motion.stages.test_modes import walking
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, read_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, read_bvh
 from echoavatar.motion.kinematics.contact import planted, skate
 from echoavatar.motion.kinematics.retarget import leg_length, retarget
 from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar.motion.kinematics.rotations import matrix_from_euler, quaternion_from_matrix
 
 LIMBS = [
     (f"{side}{a}", f"{side}{b}")
@@ -118,3 +119,48 @@ def test_walkers_of_other_proportions_stand_on_the_floor(proportions):
     assert np.percentile(np.abs(over[is_planted]), 95) < 0.005  # the last frame before a foot lifts may be higher
     assert over.min() > -0.005
     assert skate(places, 30, standing_height=standing_height) < 0.3
+
+
+def without_rest_pose(motion: Motion) -> Motion:
+    """The same motion on a rig whose zero pose stands sideways with trunk and arms lying along X, as ACCAD's men do."""
+    sideways = matrix_from_euler(torch.tensor([0.0, 0.0, np.pi / 2]), "xzy").double()
+    lying = matrix_from_euler(torch.tensor([-1.2, 0.0, 0.3]), "zyx").double() @ sideways
+    is_leg = [name == "hips" or name.endswith(("Leg", "Foot", "Toes")) for name in HUMANOID.names]
+    built_in = torch.stack([sideways if leg else lying for leg in is_leg])
+    above = torch.stack([built_in[p] if p >= 0 else torch.eye(3).double() for p in HUMANOID.parents])
+    offsets = (above.mT @ HUMANOID.offsets.double()[..., None]).squeeze(-1)
+    local = above.mT @ motion.matrices().double() @ built_in
+    config = HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "tips": {}})
+    return Motion(Skeleton(config), quaternion_from_matrix(local).float().numpy(), motion.root, motion.fps)
+
+
+def test_a_rig_whose_zero_pose_lies_on_its_side_stands_up():
+    motion = walking(3.0)
+    moved = retarget(without_rest_pose(motion), has_footing=False)
+    for low, high in [("hips", "head"), ("rightUpperArm", "leftUpperArm"), ("leftUpperLeg", "leftLowerLeg")]:
+        ways = []
+        for one in (motion, moved):
+            places = one.pose().positions
+            ways.append(places[:, HUMANOID.index(high)] - places[:, HUMANOID.index(low)])
+        angles = torch.rad2deg(torch.nn.functional.cosine_similarity(*ways).clamp(-1, 1).acos())
+        assert float(angles.mean()) < 4, (low, high)
+
+
+def test_a_wrist_at_the_tip_of_the_lower_arm_is_found():
+    motion = standing(5)
+    hands = {
+        joint for joint, name in enumerate(HUMANOID.names) if "Hand" in name or joint in HUMANOID.config.parts["hands"]
+    }
+    kept = [joint for joint in range(HUMANOID.joints) if joint not in hands]
+    tips = {f"{side}LowerArm": HUMANOID.config.offsets[HUMANOID.index(f"{side}Hand")] for side in ("left", "right")}
+    config = SkeletonConfig(
+        names=tuple(HUMANOID.names[j] for j in kept),
+        parents=tuple(kept.index(HUMANOID.parents[j]) if j else -1 for j in kept),
+        offsets=tuple(HUMANOID.config.offsets[j] for j in kept),
+        tips=tips,
+    )
+    moved = retarget(Motion(Skeleton(config), motion.rotations[:, kept], motion.root, 30.0), has_footing=False)
+    wrists = HUMANOID.indices(("leftHand", "rightHand"))
+    np.testing.assert_allclose(
+        moved.pose().positions[:, wrists].numpy(), motion.pose().positions[:, wrists].numpy(), atol=5e-3
+    )

@@ -74,3 +74,11 @@ def test_a_vrm_map_is_believed():
     assert bone_map(HUMANOID)["leftHand"] == HUMANOID.index("leftHand")
     assert finger_bones("left")["Thumb"][0] == "leftThumbMetacarpal"
     assert all(bone in HUMANOID.names for bones in finger_bones("right").values() for bone in bones)
+
+
+def test_the_lower_back_of_cmu_is_the_first_of_three_spine_bones():
+    names = ["Hips", "LowerBack", "Spine", "Spine1", "Neck", "Head"]
+    skeleton = chain(*[(0.0, 0.1, 0.0)] * len(names))
+    named = Skeleton(skeleton.config.model_copy(update={"names": tuple(names)}))
+    found = {bone: named.names[joint] for bone, joint in known_bones(named).items()}
+    assert [found[bone] for bone in ("spine", "chest", "upperChest")] == ["LowerBack", "Spine", "Spine1"]

@@ -147,7 +147,7 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t
     wild |= overhang(controls) > 1.15
     away = np.stack([np.sin(yaw[:, 0]), np.cos(yaw[:, 0]), place[:, 0], place[:, 2]])
     spread = sum(ahead(c**2) - ahead(c) ** 2 for c in away)
-    is_out = (ahead(wild.astype(float)) > 0) | (spread > 0.12)
+    is_out = (ahead(wild.astype(float)) > 0) | (spread > 0.07)
     return np.where(is_out[:, None], np.inf, np.stack(found, 1))
 
 
@@ -174,7 +174,7 @@ def walk(
         clip, first = graph.clips[graph.clip[here]], int(graph.frame[here])
         piece = _sized(clip[first : graph.frame[leaves]], float(liveliness[min(at, frames - 1)]), rng)
         is_stepping = liveliness[min(at, frames - 1)] > QUIET and rng.random() < STEPPING
-        spot = rng.normal(0.0, (0.10, 0.06, 0.15)) if is_stepping else None
+        spot = rng.normal(0.0, (0.08, 0.05, 0.15)) if is_stepping else None
         body = piece if body is None else joined(body, piece, spot)
         body = _home(body) if at == 0 else body
         at, here = len(body), here_next
