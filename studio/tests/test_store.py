@@ -6,6 +6,7 @@ import logging
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -62,6 +63,23 @@ def test_a_snapshot_sees_one_moment(url: str):
             session.add(Owner(name="later", password="", created=0.0))
         assert early.query(Owner).count() == 0
     store.close()
+
+
+def test_a_transaction_that_outlives_the_store_ends_and_closes_its_connection(url: str):
+    store = Store(url)
+    with store.write() as session:
+        raw = session.connection().connection.dbapi_connection
+        session.add(Owner(name="late", password="", created=0.0))
+        store.close()
+    if store.is_sqlite:
+        with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+            raw.execute("SELECT 1")
+    else:
+        assert raw.closed
+    again = Store(url)
+    with again.read() as session:
+        assert session.query(Owner).count() == 1
+    again.close()
 
 
 def test_sqlite_syncs_at_every_commit(tmp_path):

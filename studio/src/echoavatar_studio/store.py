@@ -44,6 +44,8 @@ class Store:
                 f"the store {self.url.render_as_string()} cannot be opened ({error.orig}); check --store"
             ) from error
         self._lock = threading.Lock() if self.is_sqlite else nullcontext()
+        self._is_closed = False
+        event.listen(self.engine, "checkin", self._let_go)
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -67,8 +69,15 @@ class Store:
             yield session
 
     def close(self) -> None:
-        """Close the connections."""
+        """Close the connections; those of transactions that still run close at their end."""
+        self._is_closed = True
         self.engine.dispose()
+
+    def _let_go(self, connection: object, record: ConnectionPoolEntry) -> None:
+        """A connection comes back to a pool that nobody uses any more."""
+        del connection
+        if self._is_closed:
+            record.invalidate()
 
 
 def sqlite_url(path: Path) -> str:
