@@ -4,13 +4,13 @@ import numpy as np
 import torch
 from tests.evaluation.clips import clip, folder
 
-from echoavatar.corpora.datasets import survey_of
 from echoavatar.data import Corpus
 from echoavatar.files.smplx_reader import read_smplx
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar_research.beat2_sample import write_sample
+from echoavatar_research.datasets import survey_of
 
 
 def test_the_sample_is_read_as_a_copy_of_beat2(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ def test_a_command_of_a_missing_distribution_says_how_to_get_it(
     command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(cli, "entry_points", lambda **_: ())
-    assert main([command, "--help"]) == 1
+    assert main([*command.split(), "--help"]) == 1
     error = capsys.readouterr().err
     assert f"pip install ./{SEPARATE[command]}" in error
     assert error.count("\n") == 1

@@ -14,7 +14,6 @@ import torch
 from echoavatar import checkpoint
 from echoavatar.align.audio_reward import AudioMotion
 from echoavatar.align.quality import QualityConfig, QualityReward
-from echoavatar.corpora.datasets.forecast import motion_header
 from echoavatar.data import Clip
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
@@ -23,6 +22,7 @@ from echoavatar.files.smplx_reader import read_smplx
 from echoavatar.models.face.clip import FaceClip
 from echoavatar.models.generator.windows import TokenClip
 from echoavatar.motion.kinematics import tables
+from echoavatar_research.datasets.forecast import motion_header
 from echoavatar_research.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 
 

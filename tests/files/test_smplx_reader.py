@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.corpora.datasets.samples import gesture, write_beat2
+from research.tests.datasets.samples import gesture, write_beat2
 
 from echoavatar.errors import MotionError
 from echoavatar.files.smplx_reader import read_smplx, rest_joints, skeleton

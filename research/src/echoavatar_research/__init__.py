@@ -1,4 +1,4 @@
-"""The paper's tables, made again: one file per table, rows declared as data, one runner.
+"""The paper's tables, made again: one file per table, rows declared as data, one runner. `datasets` makes the sets.
 
 May import `evaluation` and below of `echoavatar`. `echoavatar` never imports it.
 """

@@ -7,7 +7,6 @@ from typing import Self
 import torch
 from jaxtyping import Float
 
-from echoavatar.corpora.datasets import Options, prepare, survey_of
 from echoavatar.data import Clip, Corpus
 from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.scale import ScaleName
@@ -16,6 +15,7 @@ from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_research.datasets import Options, prepare, survey_of
 
 from .beat2_sample import write_sample
 from .experiment import Experiment

@@ -12,13 +12,13 @@ import numpy as np
 import soxr
 import torch
 
-from echoavatar.corpora.datasets.beat2 import SPLIT
 from echoavatar.data import Clip, Corpus
 from echoavatar.files.smplx_reader import skeleton
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_research.datasets.beat2 import SPLIT
 
 RATE_HZ = 16_000
 TEST_EVERY = 8

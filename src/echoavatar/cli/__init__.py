@@ -45,7 +45,12 @@ COMMANDS = {
     "studio": "collect preferences and run user studies in the browser",
     "refine-fingers": "add plausible fingers to motion that was captured without them",
 }
-SEPARATE = {"reproduce": "research", "studio": "studio"}  # command -> distribution echoavatar-NAME, folder ./NAME
+SEPARATE = {
+    "data prepare": "research",
+    "data rl-corpus": "research",
+    "reproduce": "research",
+    "studio": "studio",
+}  # command -> distribution echoavatar-NAME, folder ./NAME
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,6 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     asked = next((word for word in words if not word.startswith("-")), None)
     try:
+        if (separate := " ".join(words[:2])) in SEPARATE:
+            command_module(separate)  # raises where it is not installed
         for name, summary in COMMANDS.items():
             child = commands.add_parser(
                 name, help=summary, description=summary, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -84,7 +91,7 @@ def command_module(command: str) -> ModuleType:
         DependencyError: the command comes with another distribution, which is not installed.
     """
     if command in SEPARATE:
-        for entry in entry_points(group="echoavatar.commands", name=command):
+        for entry in entry_points(group="echoavatar.commands", name=command.replace(" ", "-")):
             module: ModuleType = entry.load()
             return module
         name = SEPARATE[command]

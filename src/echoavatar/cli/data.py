@@ -2,19 +2,24 @@
 
 import argparse
 import itertools
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 
-from . import data_capture, data_face, data_prepare, data_rl_corpus
+from . import command_module, data_capture, data_face
 
 if TYPE_CHECKING:
     from echoavatar.data import Clip
     from echoavatar.motion.kinematics import Motion, Skeleton
 
+RESEARCH = {
+    "prepare": "a published dataset (ZeroEGGS, Motorica, BEAT2, Bandai-Namco) or any folder of BVH, from your copy",
+    "rl-corpus": "speech and music without motion, for reinforcement learning",
+}  # with echoavatar-research
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 15.0, 30.0
 ROWS = (
     "wrist_speed_mean_m_s",
@@ -77,18 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     faces = kinds.add_parser("face", help="sound and ARKit curves: takes of Live Link Face, or synthetic clips")
     data_face.add_arguments(faces)
-    prepare = kinds.add_parser(
-        "prepare",
-        help="a published dataset (ZeroEGGS, Motorica, BEAT2, Bandai-Namco) or any folder of BVH, from your copy",
-        description="Make a set that `train` reads from your own copy of a dataset.",
-    )
-    data_prepare.add_arguments(prepare)
-    sounds = kinds.add_parser(
-        "rl-corpus",
-        help="speech and music without motion, for reinforcement learning",
-        description="Make the sound with which `align` tunes a generator: an hour of speech and 100 pieces of music.",
-    )
-    data_rl_corpus.add_arguments(sounds)
+    for kind, summary in RESEARCH.items():
+        child = kinds.add_parser(kind, help=summary, description=summary)
+        with suppress(DependencyError):
+            command_module(f"data {kind}").add_arguments(child)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -96,13 +93,12 @@ def run(args: argparse.Namespace) -> int:
     kinds = {
         "rehearse": _rehearse,
         "capture": data_capture.run,
-        "prepare": data_prepare.run,
         "preview": _preview,
         "describe": _describe,
         "face": data_face.run,
-        "rl-corpus": data_rl_corpus.run,
     }
-    return kinds[args.kind](args)
+    code: int = command_module(f"data {args.kind}").run(args) if args.kind in RESEARCH else kinds[args.kind](args)
+    return code
 
 
 def _rehearse(args: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Sets to train on: published data prepared from the user's copy, and the synthetic rehearsal corpus.
+"""Sets to train on: a library of captured people, the synthetic rehearsal corpus, and faces.
 
 May import `files` and below; nothing that runs live imports it.
 """

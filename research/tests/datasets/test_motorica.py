@@ -1,0 +1,32 @@
+from research.tests.datasets.samples import gesture, motorica_names, renamed, speech, write_motion
+
+from echoavatar.models.audio import write_wav
+from echoavatar_research.datasets.motorica import TEST, survey
+
+NAME = "kthstreet_gKR_sFM_cAll_d01_mKR_ch02_song_002"
+
+
+def test_dances_are_found_with_music_in_the_twin_folder(tmp_path):
+    """A synthetic copy with the layout of Motorica: bvh/ at 120 fps, wav/ beside it."""
+    dance = renamed(gesture(1.0, 120.0), motorica_names())
+    for name in (NAME, TEST[0], "something_else"):
+        write_motion(tmp_path / "bvh" / f"{name}.bvh", dance)
+    (tmp_path / "wav").mkdir()
+    write_wav(tmp_path / "wav" / f"{NAME}.wav", speech(1.0))
+    found = survey(tmp_path)
+    by_name = {one.name: one for one in found.recordings}
+    assert by_name[NAME].sound == tmp_path / "wav" / f"{NAME}.wav"
+    assert by_name[NAME].labels == {"genre": "krumping", "speaker": "d01"}
+    assert (by_name[NAME].split, by_name[TEST[0]].split) == ("train", "test")
+    assert by_name[NAME].domain == "music"
+    assert not by_name[TEST[0]].sound.exists()
+    assert by_name[TEST[0]].sound.parent.name == "wav"
+    assert [name for name, _ in found.left_out] == ["something_else"]
+    assert found.missing == ["no clip of hiphop, popping, locking, jazz, tapping, casual"]
+
+
+def test_clips_of_single_dancers_without_music_are_known_by_name(tmp_path):
+    write_motion(tmp_path / "kthjazz_gTP_sFM_sngl_d02_015.bvh", gesture(0.5))
+    only = survey(tmp_path).recordings[0]
+    assert only.labels == {"genre": "tapping", "speaker": "d02"}
+    assert only.split == "test"
