@@ -88,3 +88,13 @@ def test_the_engine_makes_the_model_forget() -> None:
     session.push(np.concatenate([QUIET, QUIET]))
     assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in Session(session)] == [False, False]
     assert dancer.forgot == 1
+
+
+def test_who_dances_is_told_after_two_seconds_and_until_the_sound_has_gone() -> None:
+    settling, answers = Settling(), []
+    for chunk, sound in enumerate([LOUD] * 9 + [QUIET] * 6):
+        settling.made(chunk, sound, legs(1.5 * DANCING), HUMANOID)
+        answers.append(settling.is_dancing(chunk))
+    assert not any(answers[:4])
+    assert all(answers[7:10])
+    assert not any(answers[12:])

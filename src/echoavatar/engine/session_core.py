@@ -16,6 +16,7 @@ from torch import Tensor
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import StreamResampler
+from echoavatar.motion.expression import DANCING, MOODS, RESTING, Expression
 from echoavatar.motion.gaze import Gaze
 from echoavatar.motion.idle_motion import IdleMotion
 from echoavatar.motion.kinematics import Skeleton
@@ -103,7 +104,7 @@ class SessionCore:
         self._listener = Listener(seed)
         self._user_resampler: StreamResampler | None = None
         self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
-        self._settling = Settling(self.chunk)
+        self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
         self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
         self._plan: ChunkPlan | None = None  # of the chunk in the making
 
@@ -346,7 +347,7 @@ class SessionCore:
                 return
             source = self._source(chunk, heard)
             self._settling.made(chunk, heard.audio, motion, self._host.skeleton)
-            motion = self._with_idle_motion(chunk, motion, source)
+            motion = self._with_expression(chunk, self._with_idle_motion(chunk, motion, source))
             self.late += (self._barge_in.played or 0) > chunk * self.chunk.samples
             epoch = self._barge_in.epoch
             self._playout.show(chunk, motion, heard, source, epoch=epoch, memory=self._rewind)
@@ -373,6 +374,13 @@ class SessionCore:
         return self._gaze.apply(
             chunk, motion, skeleton, overlay=self._actions.overlay(chunk), is_wanted=self.is_listening and is_free
         )
+
+    def _with_expression(self, chunk: int, motion: MotionChunk) -> MotionChunk:
+        """The mood of the action, or of the dance."""
+        act = self._actions.running(chunk)
+        if act is not None and act.action.name in MOODS:
+            return self._expression.apply(chunk, motion, mood=act.action.name, strength=act.intensity)
+        return self._expression.apply(chunk, motion, mood=DANCING if self._settling.is_dancing(chunk) else RESTING)
 
     def _react(self, sign: Sign) -> None:
         """Show that the avatar listens, unless a requested action runs."""

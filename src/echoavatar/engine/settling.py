@@ -20,6 +20,7 @@ from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 from .pipeline.pipeline import SILENCE
 
 DANCING = 15.0  # degrees per second, mean over the legs' joints; standing and talking stay under 10
+DANCES_S = 2.0  # the legs' mean speed over that time says whether the body dances
 RECENT_S = 0.8  # before the silence; its liveliest chunk counts, because dances pause between moves
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
 KEPT = 64  # chunks that are remembered
@@ -35,7 +36,7 @@ class Settling:
     """Decides for one session when the model must forget its motion."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
-        self._recent, self._again = chunk.within(RECENT_S), chunk.within(AGAIN_S)
+        self._recent, self._again, self._dances = (chunk.within(span) for span in (RECENT_S, AGAIN_S, DANCES_S))
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"]) -> bool:
@@ -44,6 +45,12 @@ class Settling:
         recent = range(chunk - (self._recent if silent == 1 else 1), chunk)
         legs = max((self._chunks[past].legs for past in recent if past in self._chunks), default=0.0)
         return silent % self._again == 1 and legs > DANCING
+
+    def is_dancing(self, chunk: int) -> bool:
+        """Whether the legs danced to sound in the last two seconds up to this chunk, which was made."""
+        past = [self._chunks[at] for at in range(chunk - self._dances + 1, chunk + 1) if at in self._chunks]
+        mean = sum(each.legs for each in past) / self._dances
+        return mean > DANCING and past[-1].silent < self._recent
 
     def made(self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton) -> None:
         """Note a chunk that was made."""

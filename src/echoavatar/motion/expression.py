@@ -1,0 +1,89 @@
+"""Facial expressions: what a mood adds to the curves that the face model makes from sound. Not in the paper.
+
+An action shows its own mood (`happy` smiles, `sad` frowns), a dancing body smiles, and a resting face is friendly.
+Moods fade into one another. An open mouth weakens what a mood asks of the lips, so that speech stays readable.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.timing import CHUNK, ChunkSize
+
+from .arkit import ARKIT_NAMES
+from .chunk_fade import ChunkFade
+from .kinematics.easing import smootherstep
+from .motion_chunk import MotionChunk
+
+RISE_S, FALL_S = 0.4, 0.7  # to a mood, and out of it
+RESTING, DANCING = "resting", "dancing"
+SPEAKING_JAW = 0.35  # jawOpen at which the lips keep least of a mood
+LIPS_KEPT = 0.45  # the share of it that they keep then
+
+_PAIRS: Mapping[str, Mapping[str, float]] = {  # by mood: curves of both sides, or single ones
+    RESTING: {"mouthSmile": 0.1, "cheekSquint": 0.05},
+    DANCING: {"mouthSmile": 0.5, "cheekSquint": 0.35, "eyeSquint": 0.12, "browOuterUp": 0.15},
+    "happy": {"mouthSmile": 0.75, "cheekSquint": 0.6, "eyeSquint": 0.25, "browOuterUp": 0.25, "mouthDimple": 0.15},
+    "angry": {"browDown": 0.85, "eyeSquint": 0.35, "noseSneer": 0.4, "mouthPress": 0.45, "mouthFrown": 0.3},
+    "sad": {"browInnerUp": 0.8, "mouthFrown": 0.6, "mouthShrugLower": 0.35, "eyeLookDown": 0.3, "eyeSquint": 0.1},
+    "thinking": {"browOuterUpRight": 0.55, "browDownLeft": 0.4, "eyeLookUp": 0.4, "mouthPress": 0.3, "mouthLeft": 0.2},
+    "agree": {"mouthSmile": 0.45, "browInnerUp": 0.3, "cheekSquint": 0.2},
+    "disagree": {"browDown": 0.5, "mouthFrown": 0.4, "mouthPress": 0.3},
+    "give_up": {"browInnerUp": 0.5, "browOuterUp": 0.45, "mouthFrown": 0.4, "mouthShrugLower": 0.5},
+    "wave": {"mouthSmile": 0.55, "cheekSquint": 0.3, "browOuterUp": 0.2},
+    "clap": {"mouthSmile": 0.6, "cheekSquint": 0.4, "browOuterUp": 0.2},
+    "look_around": {"browInnerUp": 0.4, "browOuterUp": 0.25, "eyeWide": 0.2},
+    "listen": {"mouthSmile": 0.2, "browInnerUp": 0.2},
+    "nod": {"mouthSmile": 0.25, "browInnerUp": 0.15},
+}
+_OPPOSED = (("mouthSmile", "mouthFrown"), ("browDown", "browOuterUp"), ("eyeLookDown", "eyeLookUp"))
+_OF_LIPS = np.array([name.startswith("mouth") for name in ARKIT_NAMES])
+_JAW = ARKIT_NAMES.index("jawOpen")
+
+
+def _columns(name: str) -> list[int]:
+    return [ARKIT_NAMES.index(each) for each in (name, f"{name}Left", f"{name}Right") if each in ARKIT_NAMES]
+
+
+def _row(curves: Mapping[str, float]) -> Float[np.ndarray, " 52"]:
+    row = np.zeros(len(ARKIT_NAMES), np.float32)
+    for name, value in curves.items():
+        row[_columns(name)] = value
+    return row
+
+
+MOODS: Mapping[str, Float[np.ndarray, " 52"]] = {mood: _row(curves) for mood, curves in _PAIRS.items()}
+
+
+class Expression:
+    """The moods of one session."""
+
+    def __init__(self, chunk: ChunkSize = CHUNK) -> None:
+        self._chunk = chunk
+        self._fades = {RESTING: ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)}
+        self._strengths = {RESTING: 1.0}
+
+    def apply(self, chunk: int, motion: MotionChunk, *, mood: str = RESTING, strength: float = 1.0) -> MotionChunk:
+        """A chunk with its mood, 1 for the mood as it is; a mood that is not in `MOODS` is a resting one."""
+        if motion.face is None:
+            return motion
+        mood = mood if mood in MOODS else RESTING
+        self._fades.setdefault(mood, ChunkFade(RISE_S, FALL_S, chunk=self._chunk))
+        self._strengths[mood] = min(strength, 1.3)
+        added = np.zeros((self._chunk.frames, len(ARKIT_NAMES)), np.float32)
+        for each, fade in self._fades.items():
+            share = smootherstep(fade.shares(chunk, is_wanted=each == mood))
+            added = np.maximum(added, (share * self._strengths[each])[:, None] * MOODS[each])
+        return motion._replace(face=with_mood(motion.face, added[: len(motion.face)]))
+
+
+def with_mood(face: Float[np.ndarray, "t 52"], added: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 52"]:
+    """Curves with those of a mood: they add up to 1 at most, and what pulls the other way gives in."""
+    speaking = np.clip(face[:, _JAW] / SPEAKING_JAW, 0, 1)[:, None]
+    added = np.clip(np.where(_OF_LIPS, added * (1 - (1 - LIPS_KEPT) * speaking), added), 0, 1)
+    face = face.copy()
+    for names in _OPPOSED:
+        for own, other in (names, names[::-1]):
+            face[:, _columns(own)] *= 1 - added[:, _columns(other)].max(1, keepdims=True)
+    return np.asarray(face + added * (1 - face), np.float32)

@@ -1,0 +1,53 @@
+"""Moods: seen in their curves, faded, weaker on lips that speak, and the same when a session goes back."""
+
+import numpy as np
+import pytest
+
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.expression import MOODS, RESTING, Expression, with_mood
+from echoavatar.motion.motion_chunk import MotionChunk
+
+SHOWN = {"happy": "mouthSmileLeft", "angry": "browDownLeft", "sad": "browInnerUp", "thinking": "browDownLeft"}
+SHOWN |= {"agree": "mouthSmileRight", "disagree": "browDownRight", "dancing": "mouthSmileLeft"}
+
+
+def chunk(**curves: float) -> MotionChunk:
+    face = np.zeros((8, 52), np.float32)
+    for name, value in curves.items():
+        face[:, ARKIT_NAMES.index(name)] = value
+    return MotionChunk(np.zeros((8, 1, 4), np.float32), np.zeros((8, 3), np.float32), face)
+
+
+@pytest.mark.parametrize(("mood", "curve"), SHOWN.items())
+def test_a_mood_can_be_seen_within_a_second_and_leaves_without_a_jump(mood: str, curve: str) -> None:
+    session, at, path = Expression(), ARKIT_NAMES.index(curve), []
+    for number in range(10):
+        face = session.apply(number, chunk(), mood=mood if number < 4 else RESTING).face
+        path.append(face[:, at])
+    whole = np.concatenate(path)
+    assert whole[:32].max() >= 0.4
+    assert whole[-1] == pytest.approx(MOODS[RESTING][at], abs=1e-6)
+    assert np.abs(np.diff(whole)).max() < 0.2 * whole.max()
+
+
+def test_lips_that_speak_keep_less_of_a_smile_and_brows_all_of_theirs() -> None:
+    added = np.tile(MOODS["happy"], (8, 1))
+    quiet, speaking = (with_mood(chunk(jawOpen=jaw).face, added)[0] for jaw in (0.0, 0.5))
+    smile, brow, jaw = (ARKIT_NAMES.index(name) for name in ("mouthSmileLeft", "browOuterUpLeft", "jawOpen"))
+    assert speaking[smile] < 0.5 * quiet[smile]
+    assert speaking[brow] == quiet[brow]
+    assert speaking[jaw] == np.float32(0.5)
+
+
+def test_what_pulls_the_other_way_gives_in_and_nothing_leaves_0_to_1() -> None:
+    face = with_mood(chunk(mouthFrownLeft=0.8, mouthSmileLeft=0.9).face, np.tile(MOODS["happy"], (8, 1)))[0]
+    assert face[ARKIT_NAMES.index("mouthFrownLeft")] == pytest.approx(0.8 * 0.25)
+    assert 0 <= face.min() <= face.max() <= 1
+
+
+def test_a_chunk_made_again_is_the_same_and_a_session_without_a_face_stays_without() -> None:
+    session = Expression()
+    first = [session.apply(number, chunk(), mood="sad").face for number in range(3)]
+    again = [session.apply(number, chunk(), mood="sad").face for number in (1, 2)]
+    np.testing.assert_array_equal(np.stack(again), np.stack(first[1:]))
+    assert session.apply(3, chunk()._replace(face=None), mood="sad").face is None
