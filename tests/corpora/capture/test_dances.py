@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from echoavatar.corpora.capture.dances import captured_dance, find_counts, find_period
+from echoavatar.corpora.capture.dance_graph import dance_graph
+from echoavatar.corpora.capture.dances import Piece, can_dance, captured_dance, choose
 from echoavatar.corpora.capture.library import CapturedClip, CapturedLibrary
 from echoavatar.corpora.rehearsal.choreography import choreograph
 from echoavatar.corpora.rehearsal.controls import Controls, neutral
@@ -12,6 +13,8 @@ from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
 from echoavatar.evaluation import behaviour
 from echoavatar.evaluation.metrics.dance_alignment import dance_alignment, dance_beats
 from echoavatar.motion.kinematics import HUMANOID
+
+GROUPS = ("salsa_lead", "salsa_follow")
 
 
 def stepping_in_place(seconds: float, period: float) -> Controls:
@@ -34,39 +37,40 @@ def stepping_in_place(seconds: float, period: float) -> Controls:
 @pytest.fixture(scope="module")
 def library() -> CapturedLibrary:
     dance = stepping_in_place(24.0, 0.36)
-    return CapturedLibrary((CapturedClip("a", "dance", "two-step", "set/a.bvh", "CC0", dance),))
+    return CapturedLibrary((CapturedClip("a", "dance", "salsa_lead", "set/a.bvh", "CC0", dance),))
 
 
-def test_counts_are_found_at_the_dances_own_period():
-    pulse = np.zeros(600)
-    pulse[5::11] = 3.0
-    assert find_period([pulse]) == 11
-    counts = find_counts(pulse, 11.0)
-    assert len(counts) > 45
-    np.testing.assert_array_equal(np.diff(counts), 11)
-    assert counts[0] % 11 == 5
+def piece(beat: float, end: float) -> Piece:
+    return Piece(lambda number: 0.3 + beat * number, 0.0, end, 4, lambda time: 0.5)
 
 
 def test_the_body_arrives_on_the_beats_of_the_music(library: CapturedLibrary):
-    beats = np.arange(0.3, 30.0, 0.45)
-    dance = captured_dance(library, beats, 0.0, 30.0, np.random.default_rng(0))
-    assert dance is not None
-    rotations, root = solve(dance)
+    first, dance = captured_dance(dance_graph(library), GROUPS, piece(0.45, 30.0), np.random.default_rng(0))
+    assert first <= 0
+    rotations, root = solve(dance[-first:])
     places = behaviour.track(HUMANOID, rotations, root, np.zeros(len(root), np.uint8)).positions
-    found = dance_beats(places)
+    found, beats = dance_beats(places), np.arange(0.3, 30.0, 0.45)
     assert dance_alignment(found, beats) > dance_alignment(found, beats + 0.2) + 0.25
-    assert len(dance) == 900
+    assert len(dance) + first > 900
     assert np.linalg.norm(dance.pelvis_position[:, [0, 2]], axis=1).max() < 1.0
 
 
-def test_the_same_seed_is_the_same_dance_and_no_dance_is_played_at_a_strange_tempo(library: CapturedLibrary):
-    beats = np.arange(0.3, 20.0, 0.45)
-    one, two = (captured_dance(library, beats, 0.0, 20.0, np.random.default_rng(3)) for _ in range(2))
-    assert one is not None
-    assert two is not None
-    np.testing.assert_array_equal(one.packed(), two.packed())
-    assert captured_dance(library, np.arange(0, 20, 2.5), 0.0, 20.0, np.random.default_rng(3)) is None
-    assert captured_dance(library, np.zeros(0), 0.0, 20.0, np.random.default_rng(3)) is None
+def test_the_same_seed_is_the_same_dance_and_another_seed_another(library: CapturedLibrary):
+    one, two, other = (
+        captured_dance(dance_graph(library), GROUPS, piece(0.45, 20.0), np.random.default_rng(seed))[1].packed()
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(one, two)
+    assert np.abs(one[: len(other)] - other[: len(one)]).max() > 0.02
+
+
+def test_a_tempo_that_no_dance_fits_is_refused(library: CapturedLibrary):
+    graph = dance_graph(library)
+    assert can_dance(graph, GROUPS, piece(0.45, 20.0))
+    assert not can_dance(graph, GROUPS, piece(6.0, 60.0))
+    assert not can_dance(graph, ("nobody",), piece(0.45, 20.0))
+    with pytest.raises(ValueError, match="tempo"):
+        choose(graph, GROUPS, piece(6.0, 60.0), np.random.default_rng(0))
 
 
 def test_a_captured_dance_starts_and_stops_without_a_jolt(people: CapturedLibrary, library: CapturedLibrary):

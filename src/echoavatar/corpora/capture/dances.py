@@ -1,185 +1,247 @@
-"""Captured dances to any music: their own counts are laid on the music's beats. Not in the paper.
+"""Captured people who dance to any music: phrases of their dances joined and warped so that counts meet beats.
 
-A clip's counts are where the dancing body slows down, evenly spaced as far as the clip is. Stretches of whole counts
-are played so that counts meet beats, at a rate near the captured one, and joined where bodies match (`motion_graph`).
+A phrase follows where pose and phase match (after Kovar et al., Motion Graphs, 2002). Between counts time runs by
+PCHIP. At each join the dancer is turned and shifted a little towards the front and the middle. Turns and travel stay.
 """
 
-from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
-from scipy.ndimage import binary_dilation, gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from echoavatar.corpora.rehearsal.controls import Array, Controls, mirrored, moved
+from echoavatar.corpora.rehearsal.controls import Array, Controls, concatenated, fading, moved, unwound
 from echoavatar.corpora.rehearsal.solver import solve
-from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
 
+from .dance_graph import Dance, DanceGraph, Stretches, joint_speed
 from .footfalls import with_footfalls
-from .library import CapturedLibrary
-from .motion_graph import joined, poses_of, varied
 
-SHORTEST_S = 5.0
-COUNT_S = (0.30, 0.42)  # from step to step
-RATES, USUAL_RATE = (0.55, 1.15), 0.8  # of playback; captured dancers are livelier than most music asks for
-LOWEST_PELVIS_M, DEEPEST_LEAN = 0.78, 0.50  # a dancer who is lower or leans further is on the floor or in a flip
-FASTEST_DEG_S = 1000.0  # of any joint at the captured tempo
-STRETCH = (12, 33)  # counts from one join to the next
-COMPARED, GOOD = 250, 3  # entries compared for a join, of which one of the best is drawn
-AWAY = 0.25  # weight of a metre away from the middle against a metre of distance between poses
-BACK = 0.35  # weight of a dancer who ends with the back to the front
-ANSWER_S = 0.02  # from a beat to its count
-USUAL_FRAMES = 11  # from step to step, about 0.37 s
-SIZES = (0.9, 1.2)
-MOST_TILT = 0.85  # of a foot, radians; near a quarter turn its angles flip
-SLOWEST_FEET_M_S = 0.3  # slower dances have no steps to count
-LEFT_OUT = ("whirl", "modern", "street")  # they turn on their feet, or have no steady steps
+PHRASE = 8  # beats
+SHORT_SHARE = 0.3  # of the phrases are half as long
+NEAREST = 3  # of the best followers one is drawn
+LINGER = 0.28  # share by which a dancer's time runs faster and slower about a beat, slowing down on it
+AFTER_S = 1.0  # for which the dance goes on after the music, for feet that wait for their last step
+FADE_S, STEP_S = 0.45, 0.33
+TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: retargeting takes some of its turn
+HOME_TURN, HOME_M = 0.6, 0.25  # most that a join turns and shifts the dancer
+FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
+KEPT_M = 0.03  # feet that are both off by more than this step in turn
+FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Music as a dancer needs it.
+
+    Attributes:
+        beat: time in seconds of a beat by its number, before the first and after the last as well; 0 is a downbeat.
+        start: when the music begins, seconds.
+        end: when it ends.
+        bar: beats in a bar.
+        energy: of the music at a time, 0 to 1.
+    """
+
+    beat: Callable[[float], float]
+    start: float
+    end: float
+    bar: int
+    energy: Callable[[float], float]
 
 
 @dataclass(frozen=True, eq=False)
-class CountedDance:
-    """A captured dance with its counts."""
+class Phrase:
+    """A stretch of a dance, and the beats on which it is danced."""
 
-    group: str
-    controls: Controls
-    counts: Float[Array, " n"]  # frames
-    poses: Float[Array, "n d"]  # at each count, as `motion_graph.poses_of`
+    dance: Dance
+    first: int
+    counts: int
+    begin: int
+    beats: int
+    energy: float
 
-    @property
-    def period(self) -> float:
-        """Seconds from count to count."""
-        return float(np.median(np.diff(self.counts))) / FRAME_RATE_HZ
+
+def can_dance(graph: DanceGraph, groups: tuple[str, ...], piece: Piece) -> bool:
+    """Whether some dancers have enough material at the tempo of a piece."""
+    return len(graph.stretches(groups, *_half(piece))) >= 24
 
 
 def captured_dance(
-    library: CapturedLibrary, beats: Float[np.ndarray, " n"], begin: float, end: float, rng: np.random.Generator
-) -> Controls | None:
-    """Dance to these beats (seconds) from `begin` to `end`; None if no dance of the library fits their tempo."""
-    frames = round((end - begin) * FRAME_RATE_HZ)
-    wanted = _fitting(library, float(np.median(np.diff(beats)))) if len(beats) > 3 else []
-    if not wanted or frames < 2 * FRAME_RATE_HZ:
-        return None
-    group, ratio = wanted[rng.integers(len(wanted))]
-    size = float(rng.uniform(*SIZES))
-    dances, times = _by_group(library)[group], _count_times(beats, ratio, begin, end)
+    graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
+) -> tuple[int, Controls]:
+    """First frame, and curves from the start of a piece to a little after its end.
+
+    Raises:
+        ValueError: nothing fits the tempo; ask `can_dance` before.
+    """
+    phrases = choose(graph, groups, piece, rng)
     body: Controls | None = None
-    at, now = begin, 0
-    while body is None or len(body) < frames:
-        dance, first = _entry(dances, body, rng)
-        last = min(first + int(rng.integers(*STRETCH)), len(dance.counts) - 1)
-        now = int(np.searchsorted(times, at - 1e-6)) if body is not None else now
-        places = times[now : now + last - first + 1]
-        if len(places) < 4:
-            places = places[0] + np.arange(last - first + 1) * float(np.median(np.diff(times)))
-        source = PchipInterpolator(places, dance.counts[first : first + len(places)], extrapolate=True)
-        clock = at + np.arange(round((places[-1] - at) * FRAME_RATE_HZ)) / FRAME_RATE_HZ
-        where = source(clock)
-        if len(where) < 6 or where.min() < 0 or where.max() > len(dance.controls) - 1:
-            where = np.clip(where, 0, len(dance.controls) - 1)
-        piece = varied(_sampled(dance.controls, where), sway=size, lean=size, turn=size)
-        body = _at_home(piece) if body is None else joined(body, _nearest_swing(body, piece))
-        at = begin + len(body) / FRAME_RATE_HZ
-    return _slowed(with_footfalls(body[:frames]))
+    first = int(np.ceil(piece.beat(phrases[0].begin) * FRAME_RATE_HZ))
+    for phrase in phrases:
+        made = _played(phrase, piece, rng)
+        body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])
+    assert body is not None
+    return first, _slowed(with_footfalls(body))
 
 
-def _fitting(library: CapturedLibrary, beat: float) -> list[tuple[str, float]]:
-    """Groups with the counts per beat at which they keep most of their tempo; longer groups come more often."""
-    found = []
-    for group, dances in _by_group(library).items():
-        period = float(np.median([dance.period for dance in dances]))
-        rates = {ratio: period * ratio / beat for ratio in (0.5, 1.0, 2.0)}
-        ratio = min(rates, key=lambda r: abs(np.log(rates[r] / USUAL_RATE)))
-        if RATES[0] < rates[ratio] < RATES[1]:
-            seconds = sum(len(dance.controls) for dance in dances) / FRAME_RATE_HZ
-            found += [(group, ratio)] * max(1, round(np.sqrt(seconds) / 4))
+def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
+    """The phrases of a dance from before the start of a piece until after its end."""
+    beat_s = _half(piece)[1]
+    long = 2 * _half(piece)[0]
+    number = -int(np.ceil((piece.beat(0) - piece.start) / beat_s)) if piece.beat(0) > piece.start else 0
+    kinds = {beats: graph.stretches(groups, beats, beat_s) for beats in (long, long // 2)}
+    kinds = {beats: kind for beats, kind in kinds.items() if len(kind)}
+    if not kinds:
+        raise ValueError("no captured dance fits this tempo")
+    used = {beats: np.zeros(len(kind)) for beats, kind in kinds.items()}
+    here: Array | None = None
+    state = np.zeros(3)  # x, z, heading
+    found: list[Phrase] = []
+    while piece.beat(number) < piece.end + AFTER_S:
+        energy = piece.energy(piece.beat(number + 1))
+        is_short = rng.random() < SHORT_SHARE or number % long != 0
+        beats = min(kinds) if is_short else max(kinds)
+        kind = kinds[beats]
+        cost, turn, shift = _costs(kind, here, state, energy)
+        cost = cost + 0.5 * used[beats]
+        best = np.argsort(cost)[: NEAREST if here is not None else 24]
+        pick = int(rng.choice(best))
+        dance = graph.dances[kind.dance[pick]]
+        used[beats] *= 0.9
+        used[beats] += np.exp(-0.5 * ((kind.first - kind.first[pick]) / 6.0) ** 2) * (
+            kind.dance // 2 == kind.dance[pick] // 2
+        )
+        phrase = Phrase(dance, int(kind.first[pick]), int(kind.counts[pick]), number, beats, energy)
+        found.append(phrase)
+        here = graph.poses[kind.dance[pick]][round(dance.counts[phrase.first + phrase.counts])]
+        state = _after(dance, phrase, state + np.array([*shift[pick], turn[pick]]))
+        number += beats
     return found
 
 
-def _count_times(beats: Float[np.ndarray, " n"], ratio: float, begin: float, end: float) -> Float[Array, " m"]:
-    """When the counts fall: on beats, on every second one or twice a beat; the tempo goes on beyond both ends."""
-    gap = float(np.median(np.diff(beats)))
-    before = beats[0] - gap * np.arange(int(max(beats[0] - begin, 0) / gap) + 3, 0, -1)
-    after = beats[-1] + gap * np.arange(1, int(max(end - beats[-1], 0) / gap) + 4)
-    every = np.concatenate([before, beats, after])
-    if ratio == 2.0:
-        every = np.interp(np.arange(2 * len(every) - 1) / 2, np.arange(len(every)), every)
-    elif ratio == 0.5:
-        every = every[len(before) % 2 :: 2]
-    every = every + ANSWER_S
-    return np.asarray(every[every > begin - 0.5 * gap])
+def _half(piece: Piece) -> tuple[int, float]:
+    """Beats of half a phrase, and seconds of a beat."""
+    half = 6 if piece.bar == 3 else PHRASE // 2
+    return half, (piece.beat(half * 4) - piece.beat(0)) / (half * 4)
 
 
-def _entry(dances: list[CountedDance], body: Controls | None, rng: np.random.Generator) -> tuple[CountedDance, int]:
-    """A dance and a count to go on with: near the body's pose, and leading back to the middle."""
-    rooms = np.array([max(len(dance.counts) - 8, 0) for dance in dances], float)
-    picked = rng.choice(len(dances), size=COMPARED, p=rooms / rooms.sum())
-    options = [(dances[i], int(rng.integers(0, int(rooms[i])))) for i in picked]
-    if body is None:
-        return options[0]
-    here = poses_of(body[-4:])[-1]
-    place = body.pelvis_position[-1, [0, 2]]
-    heading = float(body.pelvis_rotation[-1, 0])
-    costs = []
-    for dance, first in options:
-        ahead = int(dance.counts[min(first + 10, len(dance.counts) - 1)])
-        start = int(dance.counts[first])
-        way = (dance.controls.pelvis_position[ahead] - dance.controls.pelvis_position[start])[[0, 2]]
-        turn = heading - float(dance.controls.pelvis_rotation[start, 0])
-        goes = np.array([np.cos(turn) * way[0] + np.sin(turn) * way[1], np.cos(turn) * way[1] - np.sin(turn) * way[0]])
-        faces = turn + float(dance.controls.pelvis_rotation[ahead, 0])
-        cost = float(np.linalg.norm(dance.poses[first] - here)) + AWAY * float(np.linalg.norm(place + goes))
-        costs.append(cost + BACK * (1 - float(np.cos(faces))))
-    return options[int(rng.choice(np.argsort(costs)[:GOOD]))]
+def _costs(
+    kind: Stretches, here: Array | None, state: Float[Array, " 3"], energy: float
+) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, "k 2"]]:
+    """How badly each stretch follows, and the turn and shift towards home that its join makes."""
+    apart = np.zeros(len(kind)) if here is None else np.sqrt(((kind.poses - here) ** 2).sum(1))
+    heading = state[2] + kind.heading
+    turn = np.clip(-_wrapped(heading), -HOME_TURN, HOME_TURN)
+    cos, sin = np.cos(state[2] + turn), np.sin(state[2] + turn)
+    way = np.stack([cos * kind.way[:, 0] + sin * kind.way[:, 1], cos * kind.way[:, 1] - sin * kind.way[:, 0]], 1)
+    off = state[:2] + way
+    far = np.linalg.norm(off, axis=1)
+    shift = -off * np.minimum(1.0, HOME_M / np.maximum(far, 1e-6))[:, None]
+    left = np.linalg.norm(off + shift, axis=1)
+    away = 0.35 * (1 - np.cos(heading + turn)) + 0.9 * np.maximum(left - 0.25, 0)
+    fits = 0.8 * np.abs(kind.energy - (0.3 + 0.6 * energy)) + 0.3 * np.abs(np.log(kind.rate))
+    return apart + away + fits, turn, shift
 
 
-def _at_home(piece: Controls) -> Controls:
-    """A first stretch that starts over the origin and faces +Z."""
-    piece = moved(piece, -piece.pelvis_position[0, [0, 2]])
-    return moved(piece, np.zeros(2), turn=-float(piece.pelvis_rotation[:FRAME_RATE_HZ, 0].mean()))
+def _after(dance: Dance, phrase: Phrase, state: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """Place and heading after a phrase that is begun in a place and heading."""
+    a, b = (round(dance.counts[phrase.first + n]) for n in (0, phrase.counts))
+    place, yaw = dance.controls.pelvis_position, dance.controls.pelvis_rotation[:, 0]
+    way = (place[b] - place[a])[[0, 2]]
+    cos, sin = np.cos(state[2] - yaw[a]), np.sin(state[2] - yaw[a])
+    moved_by = np.array([cos * way[0] + sin * way[1], cos * way[1] - sin * way[0]])
+    return np.array([*(state[:2] + moved_by), state[2] + yaw[b] - yaw[a]])
 
 
-def _nearest_swing(before: Controls, after: Controls) -> Controls:
-    """`after` with its elbows' angles shifted by whole turns to those of `before`."""
-    whole = 2 * np.pi * np.round((before.elbow_swing[-1] - after.elbow_swing[0]) / (2 * np.pi))
-    return replace(after, elbow_swing=(after.elbow_swing + whole).astype(np.float32))
+def _played(phrase: Phrase, piece: Piece, rng: np.random.Generator) -> Controls:
+    """A phrase in the time of its beats, larger in louder music."""
+    beats = phrase.begin + np.arange(phrase.counts + 1) * phrase.beats / phrase.counts
+    times = np.array([piece.beat(float(b)) for b in beats])
+    begin, end = (int(np.ceil(t * FRAME_RATE_HZ)) for t in (times[0], times[-1]))
+    clock = np.arange(begin, end) / FRAME_RATE_HZ
+    warp = PchipInterpolator(times, phrase.dance.counts[phrase.first : phrase.first + phrase.counts + 1])
+    number = np.interp(clock, times, beats)
+    beat_s = (times[-1] - times[0]) / phrase.beats
+    felt = clock + LINGER * beat_s / (2 * np.pi) * (np.cos(2 * np.pi * number) - 1)
+    made = phrase.dance.at(np.maximum(warp(np.clip(felt, times[0], times[-1])), 0))
+    return _sized(made, float(0.92 + 0.2 * phrase.energy + rng.uniform(-0.06, 0.06)))
 
 
-def _sampled(controls: Controls, where: Float[np.ndarray, " t"]) -> Controls:
-    """Controls at any frames, by linear interpolation."""
-    table = controls.packed()
-    low = np.clip(np.floor(where).astype(int), 0, len(table) - 2)
-    share = (where - low)[:, None]
-    return Controls.unpacked(table[low] * (1 - share) + table[low + 1] * share)
+def _sized(controls: Controls, size: float) -> Controls:
+    """The same phrase with larger or smaller movement of arms, trunk and height; the feet as they are."""
+    wrist, spine = controls.wrist, controls.spine
+    height = controls.pelvis_position.copy()
+    height[:, 1] += (min(size, 1.0) - 1) * (height[:, 1] - height[:, 1].mean())
+    return replace(
+        controls,
+        pelvis_position=height,
+        spine=(spine + (np.array(TURNED) * size - 1) * (spine - spine.mean(0))).astype(np.float32),
+        wrist=(wrist + (size - 1) * (wrist - wrist.mean(0))).astype(np.float32),
+    )
 
 
-@lru_cache(maxsize=2)
-def _by_group(library: CapturedLibrary) -> dict[str, list[CountedDance]]:
-    """All dances that can be used, by group, each with its mirror image."""
-    parts: dict[str, list[Controls]] = defaultdict(list)
-    for clip in library.of("dance"):
-        if clip.group in LEFT_OUT:
-            continue
-        parts[clip.group] += _upright(clip.controls)
-    found: dict[str, list[CountedDance]] = defaultdict(list)
-    for group, dances in parts.items():
-        period = find_period([_pulse(dance) for dance in dances])
-        for part in dances:
-            for side in (part, mirrored(part)):
-                counts = find_counts(_pulse(side), period)
-                if len(counts) >= 12:
-                    poses = poses_of(side)[np.round(counts).astype(int).clip(0, len(side) - 1)]
-                    found[group].append(CountedDance(group, side, counts, poses))
-    return dict(found)
+def _at_home(controls: Controls) -> Controls:
+    """The first phrase, over the origin and to the front on average."""
+    yaw = controls.pelvis_rotation[:, 0]
+    turn = float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean()))
+    turned = moved(controls, np.zeros(2), turn=-turn)
+    return moved(turned, -turned.pelvis_position[:, [0, 2]].mean(0))
+
+
+def _joined(before: Controls, after: Controls) -> Controls:
+    """`after` as it follows `before`: where the dancer is, a little towards home; what differs fades out.
+
+    The foot that is further off goes to its new place at once, the other one after it.
+    """
+    after = unwound(_placed(before, after), before, 0, -1)
+    far = np.linalg.norm(before.foot_position[-1] - after.foot_position[0], axis=-1)
+    curves: dict[str, Array] = {}
+    for field in fields(Controls):
+        old, new = getattr(before, field.name), getattr(after, field.name).copy()
+        place, speed = _gap(old, new)
+        if field.name not in FEET:
+            new += _faded(place, speed, FADE_S, len(new))
+        else:
+            for side in range(2):
+                waits = round(STEP_S * FRAME_RATE_HZ) if side == far.argmin() and far.min() > KEPT_M else 0
+                fade = _faded(place[side], speed[side] * (waits == 0), STEP_S, len(new) - waits)
+                new[:waits, side] += place[side]
+                new[waits:, side] += fade
+        curves[field.name] = new
+    return replace(after, **curves)
+
+
+def _faded(place: Array, speed: Array, seconds: float, frames: int) -> Array:
+    """`fading`, and nothing after it."""
+    fade = fading(place, speed, round(seconds * FRAME_RATE_HZ))[:frames]
+    return np.concatenate([fade, np.zeros((frames - len(fade), *fade.shape[1:]), np.float32)])
+
+
+def _gap(old: Array, new: Array) -> tuple[Array, Array]:
+    """Difference of place and of speed per frame between the end of one curve and the beginning of another."""
+    speed = (old[-1] - old[-2]) - (new[1] - new[0])
+    return old[-1] + (old[-1] - old[-2]) - new[0], speed
+
+
+def _placed(before: Controls, after: Controls) -> Controls:
+    """`after` where `before` ends, turned and shifted towards home."""
+    yaw, place = after.pelvis_rotation[:, 0], before.pelvis_position[-1, [0, 2]]
+    after = moved(after, -after.pelvis_position[0, [0, 2]])
+    after = moved(after, np.zeros(2), turn=float(before.pelvis_rotation[-1, 0] - yaw[0]))
+    yaw = after.pelvis_rotation[:, 0]
+    mean = float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean()))
+    after = moved(after, np.zeros(2), turn=float(np.clip(-mean, -HOME_TURN, HOME_TURN)))
+    after = moved(after, place)
+    off = after.pelvis_position[:, [0, 2]].mean(0)
+    return moved(after, -off * min(1.0, HOME_M / max(float(np.hypot(*off)), 1e-6)))
 
 
 def _slowed(controls: Controls) -> Controls:
     """The same dance with arms and legs smoothed where a joint is too fast, as at joins of unlike poses."""
     for _ in range(3):
-        fast = maximum_filter1d((_joint_speed(controls) > FASTEST_DEG_S).astype(float), 9)
+        fast = maximum_filter1d((joint_speed(solve(controls)[0]) > FASTEST_DEG_S).astype(float), 9)
         if not fast.any():
             break
         share = gaussian_filter1d(fast, 2.0)
@@ -192,64 +254,5 @@ def _slowed(controls: Controls) -> Controls:
     return controls
 
 
-def _joint_speed(controls: Controls) -> Float[Array, " t"]:
-    """Speed of the fastest joint, degrees a second."""
-    rotations, _ = solve(controls)
-    cosine = np.abs((rotations[1:] * rotations[:-1]).sum(-1)).clip(0, 1)
-    speed = np.degrees(2 * np.arccos(cosine)).max(1) * FRAME_RATE_HZ
-    return np.append(speed, speed[-1:])
-
-
-def _upright(controls: Controls) -> list[Controls]:
-    """The stretches in which the dancer is on the feet, upright enough, and no joint is faster than it may be."""
-    lean = np.abs(controls.pelvis_rotation[:, 1:]).max(1)
-    good = (controls.pelvis_position[:, 1] > LOWEST_PELVIS_M) & (lean < DEEPEST_LEAN)
-    good &= _joint_speed(controls) < FASTEST_DEG_S
-    tilt = np.maximum(np.abs(controls.foot_roll), np.abs(controls.foot_pitch) / 1.3).max(1)
-    good &= binary_dilation(tilt > MOST_TILT, np.ones(7)) == 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]]))).reshape(-1, 2)
-    steps = np.linalg.norm(np.gradient(controls.foot_position, axis=0), axis=-1).mean(1) * FRAME_RATE_HZ
-    return [
-        controls[a:b] for a, b in edges if b - a >= SHORTEST_S * FRAME_RATE_HZ and steps[a:b].mean() > SLOWEST_FEET_M_S
-    ]
-
-
-def _pulse(controls: Controls) -> Float[Array, " t"]:
-    """Deceleration of the whole body, of unit deviation: where it is high, the body arrives somewhere."""
-    rotations, root = solve(controls)
-    places = gaussian_filter1d(
-        Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ)).pose().positions.numpy(), 1.2, axis=0
-    )
-    speed = np.linalg.norm(np.diff(places, axis=0), axis=-1).mean(1)
-    braking = np.maximum(-np.diff(speed, prepend=speed[:1], append=speed[-1:]), 0.0)
-    return np.asarray(braking / (braking.std() + 1e-9))
-
-
-def find_period(pulses: Sequence[Float[Array, " t"]]) -> float:
-    """Frames from count to count that all these dances share: the greatest mean autocorrelation."""
-    lags = np.arange(round(COUNT_S[0] * FRAME_RATE_HZ), round(COUNT_S[1] * FRAME_RATE_HZ) + 1)
-    long = [pulse for pulse in pulses if len(pulse) > 2 * lags[-1]]
-    alike = [sum(float((pulse[lag:] * pulse[:-lag]).sum()) for pulse in long) for lag in lags]
-    usual = np.exp(-0.5 * (np.log2(lags / USUAL_FRAMES) / 0.5) ** 2)
-    return float(lags[int(np.argmax(np.array(alike) * usual))])
-
-
-def find_counts(pulse: Float[Array, " t"], period: float) -> Float[Array, " n"]:
-    """Counts of a dance, in frames: a path through its slow moments, about evenly spaced.
-
-    The path is found by dynamic programming, as beat trackers do (Ellis, Beat Tracking by Dynamic Programming, 2007).
-    """
-    reach = np.arange(round(0.6 * period), round(1.6 * period) + 1)
-    if len(pulse) < 3 * reach[-1]:
-        return np.zeros(0)
-    score, before = pulse.copy(), np.full(len(pulse), -1)
-    cost = 6.0 * np.log(reach / period) ** 2
-    for t in range(int(reach[-1]), len(pulse)):
-        options = score[t - reach] - cost
-        best = int(options.argmax())
-        score[t] += options[best]
-        before[t] = t - reach[best]
-    path = [int(len(pulse) - reach[-1] + score[-int(reach[-1]) :].argmax())]
-    while before[path[-1]] >= 0:
-        path.append(int(before[path[-1]]))
-    return np.array(path[::-1], np.float64)
+def _wrapped(angle: Array) -> Array:
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)

@@ -10,12 +10,11 @@ from dataclasses import fields, replace
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.corpora.capture.dances import captured_dance
 from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .clearance import keep_hands_clear
-from .controls import ANKLE_HEIGHT, Array, Controls, fading, moved
+from .controls import ANKLE_HEIGHT, Array, Controls, fading, minimum_jerk, moved, unwound
 from .dance import dance
 from .gesture import gesture
 from .sound import SoundTrack
@@ -25,7 +24,7 @@ REACTION_S = 0.25  # from the start of music to the start of the dance
 JOIN_S, SETTLE_S = 1.0, 0.85
 STEP_S = 0.40
 SHORTEST_DANCE_S = 1.5
-CAPTURED_SHARE = 0.7  # of dances, if there is a library
+NEAR_M, STRIDE_M = 0.12, 0.25  # a dancer who ends nearer to the place of the standing body walks nowhere
 _FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
@@ -34,30 +33,14 @@ def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = 
     motion = gesture(track, seed, library)
     spans = [s for s in track.spans if s.kind == "music" and s.end - s.start >= SHORTEST_DANCE_S]
     if spans:
-        standing, by_rule = motion, dance(track, seed)
-        rng = np.random.default_rng([seed, 11])
+        standing, dancing = motion, dance(track, seed, library)
         for span in spans:
             begin = round((span.start + REACTION_S) * FRAME_RATE_HZ)
             end = min(round(span.end * FRAME_RATE_HZ), len(motion)) - 1
-            dancing = by_rule
-            if library is not None and rng.random() < CAPTURED_SHARE:
-                beats = track.beats[(track.beats >= span.start) & (track.beats < span.end)]
-                captured = captured_dance(library, beats, begin / FRAME_RATE_HZ, (end + 1) / FRAME_RATE_HZ, rng)
-                dancing = by_rule if captured is None else _inserted(captured, standing, begin)
             dancing = _brought(dancing, standing, begin)
             motion = switched(motion, dancing, at=begin, seconds=JOIN_S)
-            standing = _brought(standing, dancing, end)
-            motion = switched(motion, standing, at=end, seconds=SETTLE_S)
+            motion = switched(motion, walking_home(standing, motion, end), at=end, seconds=SETTLE_S)
     return keep_hands_clear(motion)
-
-
-def _inserted(piece: Controls, around: Controls, begin: int) -> Controls:
-    """The piece from frame `begin` on, as long as `around`; before it what its first speed comes from, then its end."""
-    own = piece.packed()[: len(around) - begin]
-    table = np.tile(2 * own[0] - own[1], (len(around), 1))
-    table[begin : begin + len(own)] = own
-    table[begin + len(own) :] = own[-1]
-    return Controls.unpacked(table)
 
 
 def _brought(controls: Controls, to: Controls, at: int) -> Controls:
@@ -67,22 +50,13 @@ def _brought(controls: Controls, to: Controls, at: int) -> Controls:
     return moved(placed, to.pelvis_position[at, [0, 2]])
 
 
-def _unwound(after: Controls, before: Controls, at: int) -> Controls:
-    """`after` with its angles shifted by whole turns, so that none of them spins when `before` gives way to it."""
-    curves = {}
-    for name in ("pelvis_rotation", "foot_yaw", "elbow_swing", "palm"):
-        old, new = getattr(before, name), getattr(after, name)
-        curves[name] = (new + 2 * np.pi * np.round((old[at] - new[at]) / (2 * np.pi))).astype(np.float32)
-    return replace(after, **curves)
-
-
 def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> Controls:
     """`before` until frame `at`, then `after`; position and velocity stay continuous over `seconds`."""
     frames = len(before)
     at = int(np.clip(at, 1, max(frames - 2, 1)))
     if frames < 4 or at >= frames - 2:
         return before
-    after = _unwound(after, before, at)
+    after = unwound(after, before, at, at)
     curves: dict[str, Array] = {}
     for field in fields(Controls):
         if field.name not in _FEET:
@@ -91,9 +65,55 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     moments = _step_moments(after, at)
     for name in _FEET:
         old, new = getattr(before, name), getattr(after, name)
-        sides = [_carried_over(old[:, s], new[:, s], moments[s], STEP_S) for s in range(2)]
+        turn = 2 * np.pi if name == "foot_yaw" else np.inf
+        sides = [_carried_over(old[:, s], new[:, s], moments[s], STEP_S, turn) for s in range(2)]
         curves[name] = np.stack(sides, axis=1)
     return replace(before, **_with_lift(curves, before, after, moments))
+
+
+def walking_home(standing: Controls, before: Controls, at: int) -> Controls:
+    """`standing`, begun at frame `at` where the dancer is, and brought to its own place by steps."""
+    standing = unwound(standing, before, at, at)
+    off = (before.pelvis_position[at] - standing.pelvis_position[at])[[0, 2]]
+    turn = float(before.pelvis_rotation[at, 0] - standing.pelvis_rotation[at, 0])
+    far = float(np.hypot(*off)) + 0.35 * abs(turn)
+    if far < NEAR_M:
+        return standing
+    stride = round((STEP_S + 0.04) * FRAME_RATE_HZ)
+    begin, steps = at + 2 * stride, max(2, int(np.ceil(far / STRIDE_M)) + 1)
+    left = 1 - minimum_jerk((np.arange(len(standing)) - begin) / (steps * stride))
+    middle = standing.pelvis_position[at, [0, 2]]
+    curves = {name: getattr(standing, name).copy() for name in _FEET}
+    place, yaw = _carried(standing.pelvis_position, middle, off * left[:, None], turn * left)
+    rotation = standing.pelvis_rotation.copy()
+    rotation[:, 0] += yaw
+    for side in range(2):
+        share = np.ones(len(standing))
+        for number in range(steps + 1):
+            if number % 2 != side:
+                continue
+            first = begin + number * stride - stride // 2
+            goal = left[min(first + stride, len(left) - 1)] if number < steps - 1 else 0.0
+            phase = (np.arange(len(standing)) - first) / stride
+            share += (goal - share) * minimum_jerk((phase - 0.1) / 0.8)
+            curves["foot_position"][:, side, 1] += 0.04 * air(phase)
+            curves["foot_pitch"][:, side] += 0.2 * air(np.clip(phase / 0.7, 0, 1))
+        foot, foot_yaw = _carried(curves["foot_position"][:, side], middle, off * share[:, None], turn * share)
+        curves["foot_position"][:, side] = foot
+        curves["foot_yaw"][:, side] += foot_yaw
+    return replace(standing, pelvis_position=place, pelvis_rotation=rotation, **curves)
+
+
+def _carried(
+    place: Float[Array, "t 3"], middle: Float[Array, " 2"], shift: Float[Array, "t 2"], turn: Float[Array, " t"]
+) -> tuple[Array, Array]:
+    """Places turned about a middle and shifted, frame by frame, and the turn itself."""
+    cos, sin = np.cos(turn), np.sin(turn)
+    x, z = place[:, 0] - middle[0], place[:, 2] - middle[1]
+    out = place.copy()
+    out[:, 0] = middle[0] + cos * x + sin * z + shift[:, 0]
+    out[:, 2] = middle[1] + cos * z - sin * x + shift[:, 1]
+    return out, turn.astype(np.float32)
 
 
 def _with_lift(curves: dict[str, Array], before: Controls, after: Controls, moments: list[int]) -> dict[str, Array]:
@@ -103,7 +123,7 @@ def _with_lift(curves: dict[str, Array], before: Controls, after: Controls, mome
             continue
         last = min(first + round(STEP_S * FRAME_RATE_HZ), len(before) - 1)
         way = after.foot_position[last, side] - before.foot_position[first, side]
-        turn = abs(float(after.foot_yaw[last, side] - before.foot_yaw[first, side]))
+        turn = abs(float(np.arcsin(np.sin((after.foot_yaw[last, side] - before.foot_yaw[first, side]) / 2))) * 2)
         far = float(np.hypot(way[0], way[2])) + 0.1 * turn
         if far < 1e-4:
             continue
@@ -134,13 +154,16 @@ def _step_moments(after: Controls, at: int) -> list[int]:
     return min(options, key=lambda option: option[0])[1]
 
 
-def _carried_over(old: Float[Array, "t ..."], new: Float[Array, "t ..."], at: int, seconds: float) -> Array:
-    """`old` until `at`, then `new` plus their difference, which fades out along a quintic."""
+def _carried_over(
+    old: Float[Array, "t ..."], new: Float[Array, "t ..."], at: int, seconds: float, turn: float = np.inf
+) -> Array:
+    """`old` until `at`, then `new` plus their difference but for whole turns, which fades out along a quintic."""
     out = new.copy()
     out[:at] = old[:at]
     if at >= len(old):
         return out
     place = old[at] - new[at]
+    place = place - (turn * np.round(place / turn) if np.isfinite(turn) else 0.0)
     previous = max(at - 1, 0)
     speed = (old[at] - old[previous]) - (new[at] - new[previous])
     length = max(round(seconds * FRAME_RATE_HZ), 2)

@@ -29,6 +29,7 @@ STANDING_FEET = ((0.105, ANKLE_HEIGHT, -0.015), (-0.105, ANKLE_HEIGHT, -0.015))
 STANDING_FOOT_YAW = (0.14, -0.14)
 HANGING_WRIST = (0.110, -0.485, 0.050)
 RELAXED_FINGERS = (0.25, 0.20, 0.24, 0.28, 0.30, 0.05, 0.25)
+_ANGLES = ("pelvis_rotation", "spine", "head", "foot_yaw", "palm", "elbow_swing", "knee_swing")
 
 
 @dataclass(frozen=True)
@@ -149,6 +150,15 @@ def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0
         foot_position=controls.foot_position @ about_y.T + along,
         foot_yaw=controls.foot_yaw + np.float32(turn),
     )
+
+
+def unwound(controls: Controls, like: Controls, at: int, like_at: int) -> Controls:
+    """The same performance with angles shifted by whole turns: at frame `at` they are next to `like`'s at `like_at`."""
+    curves = {}
+    for name in _ANGLES:
+        old, new = getattr(like, name)[like_at], getattr(controls, name)
+        curves[name] = np.asarray(new + 2 * np.pi * np.round((old - new[at]) / (2 * np.pi)), np.float32)
+    return replace(controls, **curves)
 
 
 def fading(place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], frames: int) -> Float[Array, "t ..."]:

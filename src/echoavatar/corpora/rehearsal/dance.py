@@ -11,14 +11,16 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
+from .captured_dance import with_captured
 from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
 from .dance_plan import BodyKey, DancePlan, compose_dance
 from .footwork import Foothold, Footwork, Stance, walk
 from .grooves import find_counts
 from .keyframes import bump, glide, progress
-from .sound import SoundTrack
+from .sound import SoundTrack, Span
 
 FloatArray = np.ndarray
 ARM = 16  # values of one arm in a body vector
@@ -30,18 +32,29 @@ ANSWER_S = 0.06  # delay after the music's beat, so that moves decelerate on it,
 REST_SECONDS = 0.9  # time in which the arms sink when the music stops
 
 
-def dance(track: SoundTrack, seed: int) -> Controls:
-    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed."""
+def dance(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
+    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed.
+
+    With a library captured people dance most of the spans.
+    """
     frames = round(track.seconds * FRAME_RATE_HZ)
-    return plans_to_controls(plan_dance(track, seed), frames)
+    made = plans_to_controls(plan_dance(track, seed), frames)
+    if library is not None:
+        for number, span in enumerate(_music(track)):
+            made = with_captured(made, library, find_counts(track, span), np.random.default_rng([seed, 8, number]))
+    return made
 
 
 def plan_dance(track: SoundTrack, seed: int) -> list[DancePlan]:
     """One plan for each music span longer than half a second."""
-    spans = [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
     return [
-        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, i])) for i, span in enumerate(spans)
+        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, i]))
+        for i, span in enumerate(_music(track))
     ]
+
+
+def _music(track: SoundTrack) -> list[Span]:
+    return [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
 
 
 def footholds(plans: list[DancePlan]) -> list[Foothold]:

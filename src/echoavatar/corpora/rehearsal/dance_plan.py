@@ -20,6 +20,11 @@ SECONDS_TO_CLOSE = 0.42
 SHORTEST_SWING = 0.16
 SLOW_COUNT = 0.75  # seconds; with longer counts the introduction is half as long
 EASY_SWING = 0.46  # seconds that a full knee lift or kick needs
+QUICK_COUNT = 0.5  # seconds; with shorter counts steps are smaller
+TWIST, CHEST = (
+    1.6,
+    np.array([2.2, 1.5, 1.3]),
+)  # turn of the hips; yaw, pitch and roll of the chest, against the notation
 NEUTRAL = Stance()
 
 
@@ -130,7 +135,7 @@ def _phrase(plan: DancePlan, figure: Figure, move: Move, at: int, length: int, e
     if is_mirrored:
         figure = steps.mirrored(figure)
     plan.names.append((counts.at(at), figure.name, move.name))
-    size = float(np.clip(0.62 + 0.56 * energy, 0.6, 1.15))
+    size = float(np.clip(0.8 + 0.6 * energy, 0.8, 1.25)) * float(np.clip(counts.length(at) / QUICK_COUNT, 0.7, 1.0))
     plan.level.append((counts.at(at), figure.bounce * size, figure.hips * size))
     for lap in range(-(-length // figure.counts)):
         offset = at + lap * figure.counts
@@ -139,7 +144,7 @@ def _phrase(plan: DancePlan, figure: Figure, move: Move, at: int, length: int, e
             if offset + step.count < until - 0.2:
                 _place(plan, step, offset, size, facing)
         for count, yaw in figure.twist:
-            plan.twist.append((counts.at(offset + count), yaw * size))
+            plan.twist.append((counts.at(offset + count), TWIST * yaw * size))
         for count, depth in figure.dip:
             plan.dip.append((counts.at(offset + count), depth * size))
         plan.shifts += [(counts.at(offset + c), s) for c, s in figure.shift if offset + c < until - 0.2]
@@ -194,7 +199,7 @@ def _world(side: int, x: float, z: float, facing: float) -> tuple[float, float]:
 def _arms(plan: DancePlan, move: Move, at: int, length: int, energy: float) -> None:
     """Add a move to a phrase; every second repetition is mirrored."""
     counts = plan.counts
-    size = 1.0 if move.exact else float(np.clip(0.66 + 0.42 * energy, 0.66, 1.06))
+    size = 1.0 if move.exact else float(np.clip(0.8 + 0.35 * energy, 0.8, 1.12))
     beats = move.counts * 3 // 2 if counts.metre == 3 else move.counts
     for lap in range(-(-length // beats)):
         variant = poses.mirrored(move) if lap % 2 and move.counts >= 4 and not move.is_fixed else move
@@ -211,7 +216,7 @@ def _vector(key: Key, size: float) -> NDArray[np.float64]:
     easy = np.array(ARMS["loose"].wrist)
     for arm in arms:
         arm[:3] = easy + (arm[:3] - easy) * size
-    return np.concatenate([*arms, np.array(key.chest) * size, np.array(key.head) * size])
+    return np.concatenate([*arms, CHEST * np.array(key.chest) * size, np.array(key.head) * size])
 
 
 def _close(plan: DancePlan) -> None:

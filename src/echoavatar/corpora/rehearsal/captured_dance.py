@@ -1,0 +1,65 @@
+"""Captured dances in the place of dances by rule: which dancers go with which music, and the beats they dance to."""
+
+from functools import partial
+
+import numpy as np
+
+from echoavatar.corpora.capture.dance_graph import DanceGraph, dance_graph
+from echoavatar.corpora.capture.dances import Piece, can_dance, captured_dance
+from echoavatar.corpora.capture.library import CapturedLibrary
+from echoavatar.timing import FRAME_RATE_HZ
+
+from .controls import Controls, concatenated
+from .grooves import Counts
+
+BY_RULE = 0.2  # of the pieces that captured people could dance
+SALSA, STREET, MODERN = ("salsa_lead", "salsa_follow"), ("street", "keyed"), ("modern", "whirl")
+DANCERS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "salsa": (SALSA,),
+    "hip_hop": (STREET, STREET, SALSA),
+    "drum_and_bass": (STREET, SALSA),
+    "house": (SALSA, STREET),
+    "rock": (SALSA, STREET),
+    "pop": (SALSA, STREET),
+    "swing": (SALSA,),
+    "waltz": (MODERN, SALSA),
+    "ballet": (MODERN,),
+    "ballad": (MODERN, SALSA),
+    "rest": (),
+}
+
+
+def with_captured(dance: Controls, library: CapturedLibrary, counts: Counts, rng: np.random.Generator) -> Controls:
+    """The same dance with captured people in one music span, if some go with the music and its tempo."""
+    graph, piece = dance_graph(library), _piece(counts)
+    kinds = DANCERS.get(counts.groove.name, ())
+    chosen = [kinds[i] for i in rng.permutation(len(kinds))]
+    groups = next((groups for groups in chosen if can_dance(graph, groups, piece)), None)
+    if groups is None or rng.random() < BY_RULE:
+        return dance
+    return _put(dance, graph, groups, piece, rng)
+
+
+def _put(
+    dance: Controls, graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
+) -> Controls:
+    first, made = captured_dance(graph, groups, piece, rng)
+    begin = max(round(piece.start * FRAME_RATE_HZ), first, 0)
+    end = min(first + len(made), len(dance))
+    parts = (dance[:begin], made[begin - first : end - first], dance[end:])
+    return concatenated([part for part in parts if len(part)])
+
+
+def _piece(counts: Counts) -> Piece:
+    """The beats of a music span; they go on beyond its ends."""
+    ends = np.array([counts.at(first) for first, _, _ in counts.sections])
+    energies = [energy for _, _, energy in counts.sections]
+
+    def energy(time: float) -> float:
+        return energies[max(int(np.searchsorted(ends, time + 1e-6)) - 1, 0)]
+
+    return Piece(partial(_beat, counts), counts.start, counts.end, counts.metre, energy)
+
+
+def _beat(counts: Counts, number: float) -> float:
+    return counts.at(number / counts.unit)
