@@ -24,11 +24,8 @@ from .library import CapturedLibrary
 RATES, USUAL_RATE = (0.5, 1.4), 0.85  # of playback between two counts; captured dancers are livelier than most music
 FASTEST_DEG_S = 1000.0  # of a joint as it is played
 LOWEST_M, MOST_BENT = 0.58, 1.1  # of the hips: floor work is left out
-STEEPEST, MOST_TILT, FASTEST_TURN = (
-    1.1,
-    0.85,
-    0.7,
-)  # radians: pitch and roll of a foot, and its turn from frame to frame
+STEEPEST, MOST_TILT = 1.1, 0.85  # radians: pitch and roll of a foot
+FASTEST_TURN = 0.7  # radians from frame to frame: a foot that turns faster flips
 BACKWARDS = -0.1  # cosine of a foot's heading against that of the hips
 VELOCITY_S = 0.12  # weight of velocities against positions
 

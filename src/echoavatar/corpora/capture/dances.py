@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from echoavatar.corpora.rehearsal.controls import Array, Controls, concatenated, fading, moved, unwound
+from echoavatar.corpora.rehearsal.controls import Array, Controls, concatenated, fading, moved, unwound, wrists_over
 from echoavatar.corpora.rehearsal.solver import solve
 from echoavatar.timing import FRAME_RATE_HZ
 
@@ -25,7 +25,7 @@ NEAREST = 3  # of the best followers one is drawn
 LINGER = 0.28  # share by which a dancer's time runs faster and slower about a beat, slowing down on it
 AFTER_S = 1.0  # for which the dance goes on after the music, for feet that wait for their last step
 FADE_S, STEP_S = 0.45, 0.33
-TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: retargeting takes some of its turn
+TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: couples, who hold each other, turn it less
 HOME_TURN, HOME_M = 0.6, 0.25  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
 KEPT_M = 0.03  # feet that are both off by more than this step in turn
@@ -201,7 +201,10 @@ def _joined(before: Controls, after: Controls) -> Controls:
     for field in fields(Controls):
         old, new = getattr(before, field.name), getattr(after, field.name).copy()
         place, speed = _gap(old, new)
-        if field.name not in FEET:
+        if field.name == "wrist":
+            ends = np.stack([old[-1], 2 * old[-1] - old[-2]])
+            new = wrists_over(ends, np.concatenate([2 * new[:1] - new[1:2], new]), round(FADE_S * FRAME_RATE_HZ))
+        elif field.name not in FEET:
             new += _faded(place, speed, FADE_S, len(new))
         else:
             for side in range(2):

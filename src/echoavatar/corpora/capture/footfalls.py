@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import binary_closing, binary_opening, gaussian_filter1d
+from scipy.ndimage import binary_closing, binary_dilation, binary_opening, gaussian_filter1d
 
 from echoavatar.corpora.rehearsal.controls import ANKLE_HEIGHT, Array, Controls
 from echoavatar.timing import FRAME_RATE_HZ
@@ -33,7 +33,8 @@ def with_footfalls(controls: Controls) -> Controls:
         position[:, side, 0], position[:, side, 2] = (ball - toes).T
         position[:, side, 1] = ANKLE_HEIGHT + np.where(stands, 0.0, np.maximum(height, lift))
         position[:, side, 1] = np.maximum(ANKLE_HEIGHT, gaussian_filter1d(position[:, side, 1], 0.8, mode="nearest"))
-        pitch[:, side] = np.where(stands, np.maximum(pitch[:, side], 0), pitch[:, side])
+        toes_up = np.minimum(pitch[:, side], 0)
+        pitch[:, side] -= toes_up * gaussian_filter1d(binary_dilation(stands, np.ones(3)).astype(float), 1.5)
     return replace(controls, foot_position=position.astype(np.float32), foot_pitch=pitch.astype(np.float32))
 
 

@@ -1,4 +1,4 @@
-"""Captured dances in the place of dances by rule: which dancers go with which music, and the beats they dance to."""
+"""The dance to a track: by rule or by captured people, who go with some kinds of music; its bends go with all."""
 
 from functools import partial
 
@@ -9,8 +9,11 @@ from echoavatar.corpora.capture.dances import Piece, can_dance, captured_dance
 from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
+from .bends import with_bends
 from .controls import Controls, concatenated
-from .grooves import Counts
+from .dance import dance, danced
+from .grooves import Counts, find_counts
+from .sound import SoundTrack
 
 BY_RULE = 0.2  # of the pieces that captured people could dance
 SALSA, STREET, MODERN = ("salsa_lead", "salsa_follow"), ("street", "keyed"), ("modern", "whirl")
@@ -27,6 +30,20 @@ DANCERS: dict[str, tuple[tuple[str, ...], ...]] = {
     "ballad": (MODERN, SALSA),
     "rest": (),
 }
+
+
+def dance_to(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
+    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed.
+
+    With a library captured people dance most of the spans.
+    """
+    made = dance(track, seed)
+    for number, span in enumerate(danced(track)):
+        counts = find_counts(track, span)
+        if library is not None:
+            made = with_captured(made, library, counts, np.random.default_rng([seed, 8, number]))
+        made = with_bends(made, counts, np.random.default_rng([seed, 9, number]))
+    return made
 
 
 def with_captured(dance: Controls, library: CapturedLibrary, counts: Counts, rng: np.random.Generator) -> Controls:

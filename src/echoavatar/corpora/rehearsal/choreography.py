@@ -13,9 +13,9 @@ from jaxtyping import Float
 from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
+from .captured_dance import dance_to
 from .clearance import keep_hands_clear
-from .controls import ANKLE_HEIGHT, Array, Controls, fading, minimum_jerk, moved, unwound
-from .dance import dance
+from .controls import ANKLE_HEIGHT, Array, Controls, fading, minimum_jerk, moved, unwound, wrists_over
 from .gesture import gesture
 from .sound import SoundTrack
 from .stance import air
@@ -33,7 +33,7 @@ def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = 
     motion = gesture(track, seed, library)
     spans = [s for s in track.spans if s.kind == "music" and s.end - s.start >= SHORTEST_DANCE_S]
     if spans:
-        standing, dancing = motion, dance(track, seed, library)
+        standing, dancing = motion, dance_to(track, seed, library)
         for span in spans:
             begin = round((span.start + REACTION_S) * FRAME_RATE_HZ)
             end = min(round(span.end * FRAME_RATE_HZ), len(motion)) - 1
@@ -59,9 +59,11 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     after = unwound(after, before, at, at)
     curves: dict[str, Array] = {}
     for field in fields(Controls):
-        if field.name not in _FEET:
+        if field.name not in (*_FEET, "wrist"):
             old, new = getattr(before, field.name), getattr(after, field.name)
             curves[field.name] = _carried_over(old, new, at, seconds)
+    over = wrists_over(before.wrist[at - 1 : at + 1], after.wrist[at - 1 :], round(seconds * FRAME_RATE_HZ))
+    curves["wrist"] = np.concatenate([before.wrist[:at], over])
     moments = _step_moments(after, at)
     for name in _FEET:
         old, new = getattr(before, name), getattr(after, name)

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 
 from echoavatar.timing import FRAME_RATE_HZ
 
@@ -167,6 +168,32 @@ def fading(place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], fra
     stay = 1 - phase**3 * (10 - 15 * phase + 6 * phase**2)
     drift = phase - phase**3 * (6 - 8 * phase + 3 * phase**2)
     return np.asarray(stay * place + drift * frames * speed, np.float32)
+
+
+def wrists_over(old: Float[Array, "2 2 3"], new: Float[Array, "n 2 3"], frames: int) -> Float[Array, "m 2 3"]:
+    """`new` without its first frame, begun where `old` ends; both begin in the frame before the join.
+
+    The difference fades as a turn about the shoulder and as a length: along a straight line the hand would pass
+    through the shoulder, and the arm would flip.
+    """
+    lengths = np.linalg.norm(new, axis=-1, keepdims=True)
+    over = np.zeros((len(new) - 1, 2, 3), np.float32)
+    for side in range(2):
+        turns = np.stack([_turn_between(new[frame, side], old[frame, side]) for frame in range(2)])
+        far = np.linalg.norm(old[:, side], axis=-1, keepdims=True) - lengths[:2, side]
+        fades = []
+        for gap in (turns, far):
+            fade = fading(gap[1], gap[1] - gap[0], frames)[: len(over)]
+            fades.append(np.concatenate([fade, np.zeros((len(over) - len(fade), fade.shape[1]))]))
+        aim = Rotation.from_rotvec(fades[0]).apply(new[1:, side] / lengths[1:, side])
+        over[:, side] = aim * (lengths[1:, side] + fades[1])
+    return over
+
+
+def _turn_between(start: Float[Array, " 3"], end: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """The smallest turn of one direction to another, as a rotation vector."""
+    axis = np.cross(start, end)
+    return np.asarray(axis / max(float(np.linalg.norm(axis)), 1e-9) * np.arctan2(np.linalg.norm(axis), start @ end))
 
 
 def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:

@@ -11,10 +11,8 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .captured_dance import with_captured
 from .controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
 from .dance_plan import BodyKey, DancePlan, compose_dance
 from .footwork import Foothold, Footwork, Stance, walk
@@ -27,33 +25,27 @@ ARM = 16  # values of one arm in a body vector
 LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: comfortable leg length, offset of the hip joints
 FASTEST_ARM = 8.0  # radians per second, at the peak of a glide
 FASTEST_WRIST = 2.2  # metres per second, at the peak of a glide
+HIPS_WITH_WEIGHT, SHOULDERS_WITH_WEIGHT = 0.10, 0.36  # radians of turn to either side: contrapposto
 LINGER, LINGER_HALF_TIME = 0.25, 0.55  # share by which the dancer's clock slows down on a beat
 ANSWER_S = 0.06  # delay after the music's beat, so that moves decelerate on it, which the metric BA_D looks for
 REST_SECONDS = 0.9  # time in which the arms sink when the music stops
 
 
-def dance(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
-    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed.
-
-    With a library captured people dance most of the spans.
-    """
-    frames = round(track.seconds * FRAME_RATE_HZ)
-    made = plans_to_controls(plan_dance(track, seed), frames)
-    if library is not None:
-        for number, span in enumerate(_music(track)):
-            made = with_captured(made, library, find_counts(track, span), np.random.default_rng([seed, 8, number]))
-    return made
+def dance(track: SoundTrack, seed: int) -> Controls:
+    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed."""
+    return plans_to_controls(plan_dance(track, seed), round(track.seconds * FRAME_RATE_HZ))
 
 
 def plan_dance(track: SoundTrack, seed: int) -> list[DancePlan]:
     """One plan for each music span longer than half a second."""
     return [
-        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, i]))
-        for i, span in enumerate(_music(track))
+        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, number]))
+        for number, span in enumerate(danced(track))
     ]
 
 
-def _music(track: SoundTrack) -> list[Span]:
+def danced(track: SoundTrack) -> list[Span]:
+    """The spans of a track that are long enough to dance to."""
     return [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
 
 
@@ -71,7 +63,10 @@ def plans_to_controls(plans: list[DancePlan], frames: int) -> Controls:
     beat, level = _pulse(t, plans)
     base = neutral(frames)
     pelvis, turn = _pelvis(felt, plans, feet, beat, level)
+    sway = level[:, 1] * (2 * feet.share - 1)
+    turn[:, 0] -= HIPS_WITH_WEIGHT * sway
     chest, head = _torso(plans, body, turn, beat, level)
+    chest[:, 0] += SHOULDERS_WITH_WEIGHT * sway
     wrist = body[:, : 2 * ARM].reshape(frames, 2, ARM)
     return replace(
         base,
@@ -147,7 +142,7 @@ def _torso(
     heading = turn[:, 0]
     chest[:, 0] -= 0.5 * np.tanh(heading - _lagging(heading, 0.35))
     chest[:, 1] += push * beat - 0.35 * turn[:, 1]
-    chest[:, 2] -= 0.95 * turn[:, 2]
+    chest[:, 2] -= 1.2 * turn[:, 2]
     head = body[:, 2 * ARM + 3 :].copy()
     facing = heading + chest[:, 0]
     head[:, 0] -= 0.75 * np.tanh(facing / 0.75)

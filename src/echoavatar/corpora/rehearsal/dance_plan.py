@@ -21,10 +21,8 @@ SHORTEST_SWING = 0.16
 SLOW_COUNT = 0.75  # seconds; with longer counts the introduction is half as long
 EASY_SWING = 0.46  # seconds that a full knee lift or kick needs
 QUICK_COUNT = 0.5  # seconds; with shorter counts steps are smaller
-TWIST, CHEST = (
-    1.6,
-    np.array([2.2, 1.5, 1.3]),
-)  # turn of the hips; yaw, pitch and roll of the chest, against the notation
+TWIST = 1.6  # turn of the hips against the notation
+CHEST = np.array([2.2, 1.5, 1.3])  # yaw, pitch and roll of the chest against the notation
 NEUTRAL = Stance()
 
 
