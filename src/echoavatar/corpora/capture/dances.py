@@ -28,6 +28,8 @@ FADE_S, STEP_S = 0.45, 0.33
 TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: couples, who hold each other, turn it less
 HOME_TURN, HOME_M = 0.6, 0.25  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
+ROUNDS, SOFT_FRAMES = 3, 3.0
+FOLDED_M = 0.16  # from a shoulder to its wrist: a folded arm, which is not made smaller
 KEPT_M = 0.03  # feet that are both off by more than this step in turn
 FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
@@ -83,7 +85,7 @@ def captured_dance(
         made = _played(phrase, piece, rng)
         body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])
     assert body is not None
-    return first, _slowed(with_footfalls(body))
+    return first, _slowed(with_footfalls(_slowed(body)), without=FEET)
 
 
 def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
@@ -172,13 +174,14 @@ def _played(phrase: Phrase, piece: Piece, rng: np.random.Generator) -> Controls:
 def _sized(controls: Controls, size: float) -> Controls:
     """The same phrase with larger or smaller movement of arms, trunk and height; the feet as they are."""
     wrist, spine = controls.wrist, controls.spine
+    free = np.clip((np.linalg.norm(wrist, axis=-1, keepdims=True) - FOLDED_M) / FOLDED_M, 0, 1)
     height = controls.pelvis_position.copy()
     height[:, 1] += (min(size, 1.0) - 1) * (height[:, 1] - height[:, 1].mean())
     return replace(
         controls,
         pelvis_position=height,
         spine=(spine + (np.array(TURNED) * size - 1) * (spine - spine.mean(0))).astype(np.float32),
-        wrist=(wrist + (size - 1) * (wrist - wrist.mean(0))).astype(np.float32),
+        wrist=(wrist + (size - 1) * free * (wrist - wrist.mean(0))).astype(np.float32),
     )
 
 
@@ -241,20 +244,32 @@ def _placed(before: Controls, after: Controls) -> Controls:
     return moved(after, -off * min(1.0, HOME_M / max(float(np.hypot(*off)), 1e-6)))
 
 
-def _slowed(controls: Controls) -> Controls:
-    """The same dance with arms and legs smoothed where a joint is too fast, as at joins of unlike poses."""
-    for _ in range(3):
+def _slowed(controls: Controls, *, without: tuple[str, ...] = ()) -> Controls:
+    """The same dance with curves smoothed where a joint is too fast, as at joins of unlike poses."""
+    for _ in range(ROUNDS):
         fast = maximum_filter1d((joint_speed(solve(controls)[0]) > FASTEST_DEG_S).astype(float), 9)
         if not fast.any():
             break
         share = gaussian_filter1d(fast, 2.0)
         curves = {}
-        for name in ("wrist", "elbow_swing", "palm", "shoulder", "knee_swing", "spine", "head", "pelvis_rotation"):
-            old = getattr(controls, name)
-            soft = gaussian_filter1d(old, 3.0, axis=0, mode="nearest")
-            curves[name] = (old + share.reshape(-1, *([1] * (old.ndim - 1))) * (soft - old)).astype(np.float32)
+        for field in fields(Controls):
+            if field.name not in without:
+                old = getattr(controls, field.name)
+                soft = _soft_wrist(old) if field.name == "wrist" else _soft(old)
+                curves[field.name] = old + share.reshape(-1, *([1] * (old.ndim - 1))).astype(np.float32) * (soft - old)
         controls = replace(controls, **curves)
     return controls
+
+
+def _soft(curve: Array) -> Array:
+    return np.asarray(gaussian_filter1d(curve, SOFT_FRAMES, axis=0, mode="nearest"), np.float32)
+
+
+def _soft_wrist(wrist: Float[Array, "t 2 3"]) -> Float[Array, "t 2 3"]:
+    """Direction and length apart, so that a hand near its shoulder is not drawn into it."""
+    length = np.linalg.norm(wrist, axis=-1, keepdims=True)
+    aim = _soft(wrist / length)
+    return np.asarray(_soft(length) * aim / np.maximum(np.linalg.norm(aim, axis=-1, keepdims=True), 1e-6))
 
 
 def _wrapped(angle: Array) -> Array:

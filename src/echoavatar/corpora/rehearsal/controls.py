@@ -29,6 +29,8 @@ STANDING_PELVIS = (0.0, 0.944, 0.0)
 STANDING_FEET = ((0.105, ANKLE_HEIGHT, -0.015), (-0.105, ANKLE_HEIGHT, -0.015))
 STANDING_FOOT_YAW = (0.14, -0.14)
 HANGING_WRIST = (0.110, -0.485, 0.050)
+FOLDED_M = 0.12  # from the shoulder to the wrist at least: a folded arm
+DRIFT_FRAMES = 8  # over which a wrist's speed at a join fades
 RELAXED_FINGERS = (0.25, 0.20, 0.24, 0.28, 0.30, 0.05, 0.25)
 _ANGLES = ("pelvis_rotation", "spine", "head", "foot_yaw", "palm", "elbow_swing", "knee_swing")
 
@@ -183,10 +185,12 @@ def wrists_over(old: Float[Array, "2 2 3"], new: Float[Array, "n 2 3"], frames: 
         far = np.linalg.norm(old[:, side], axis=-1, keepdims=True) - lengths[:2, side]
         fades = []
         for gap in (turns, far):
-            fade = fading(gap[1], gap[1] - gap[0], frames)[: len(over)]
-            fades.append(np.concatenate([fade, np.zeros((len(over) - len(fade), fade.shape[1]))]))
+            fade = np.zeros((max(len(over), frames, DRIFT_FRAMES), gap.shape[1]))
+            fade[:frames] = fading(gap[1], np.zeros_like(gap[1]), frames)
+            fade[:DRIFT_FRAMES] += fading(np.zeros_like(gap[1]), gap[1] - gap[0], DRIFT_FRAMES)
+            fades.append(fade[: len(over)])
         aim = Rotation.from_rotvec(fades[0]).apply(new[1:, side] / lengths[1:, side])
-        over[:, side] = aim * (lengths[1:, side] + fades[1])
+        over[:, side] = aim * np.maximum(lengths[1:, side] + fades[1], FOLDED_M)
     return over
 
 
