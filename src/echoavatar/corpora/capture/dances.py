@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from echoavatar.corpora.rehearsal.controls import Array, Controls, concatenated, fading, moved, unwound, wrists_over
+from echoavatar.corpora.rehearsal.controls import DRIFT_FRAMES, Array, Controls, concatenated, fading, moved, unwound, wrists_over
 from echoavatar.corpora.rehearsal.solver import solve
 from echoavatar.timing import FRAME_RATE_HZ
 
@@ -24,9 +24,10 @@ SHORT_SHARE = 0.3  # of the phrases are half as long
 NEAREST = 3  # of the best followers one is drawn
 LINGER = 0.28  # share by which a dancer's time runs faster and slower about a beat, slowing down on it
 AFTER_S = 1.0  # for which the dance goes on after the music, for feet that wait for their last step
-FADE_S, STEP_S = 0.45, 0.33
+FADE_S, STEP_S = 0.6, 0.33
 TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: couples, who hold each other, turn it less
-HOME_TURN, HOME_M = 0.6, 0.25  # most that a join turns and shifts the dancer
+MOST_TURN = 1.0  # radians
+HOME_TURN, HOME_M = 0.45, 0.18  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
 ROUNDS, SOFT_FRAMES = 3, 3.0
 FOLDED_M = 0.16  # from a shoulder to its wrist: a folded arm, which is not made smaller
@@ -85,15 +86,16 @@ def captured_dance(
         made = _played(phrase, piece, rng)
         body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])
     assert body is not None
-    return first, _slowed(with_footfalls(_slowed(body)), without=FEET)
+    return first, _slowed(with_footfalls(_slowed(_within_reach(body))), without=FEET)
 
 
 def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
     """The phrases of a dance from before the start of a piece until after its end."""
-    beat_s = _half(piece)[1]
-    long = 2 * _half(piece)[0]
-    number = -int(np.ceil((piece.beat(0) - piece.start) / beat_s)) if piece.beat(0) > piece.start else 0
-    kinds = {beats: graph.stretches(groups, beats, beat_s) for beats in (long, long // 2)}
+    half, beat_s = _half(piece)
+    long, number = 2 * half, 0
+    while piece.beat(number) > piece.start:
+        number -= 1
+    kinds = {beats: graph.stretches(groups, beats, beat_s) for beats in (long, half)}
     kinds = {beats: kind for beats, kind in kinds.items() if len(kind)}
     if not kinds:
         raise ValueError("no captured dance fits this tempo")
@@ -221,7 +223,7 @@ def _joined(before: Controls, after: Controls) -> Controls:
 
 def _faded(place: Array, speed: Array, seconds: float, frames: int) -> Array:
     """`fading`, and nothing after it."""
-    fade = fading(place, speed, round(seconds * FRAME_RATE_HZ))[:frames]
+    fade = fading(place, speed, round(seconds * FRAME_RATE_HZ), drift=DRIFT_FRAMES)[:frames]
     return np.concatenate([fade, np.zeros((frames - len(fade), *fade.shape[1:]), np.float32)])
 
 
@@ -259,6 +261,13 @@ def _slowed(controls: Controls, *, without: tuple[str, ...] = ()) -> Controls:
                 curves[field.name] = old + share.reshape(-1, *([1] * (old.ndim - 1))).astype(np.float32) * (soft - old)
         controls = replace(controls, **curves)
     return controls
+
+
+def _within_reach(controls: Controls) -> Controls:
+    """The same dance with shoulders that turn against the hips as far as people can."""
+    spine = controls.spine.copy()
+    spine[:, 0] = MOST_TURN * np.tanh(spine[:, 0] / MOST_TURN)
+    return replace(controls, spine=spine)
 
 
 def _soft(curve: Array) -> Array:

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from echoavatar.corpora.capture.dance_graph import DanceGraph, dance_graph
+from echoavatar.corpora.capture.dance_graph import dance_graph
 from echoavatar.corpora.capture.dances import Piece, can_dance, captured_dance
 from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
@@ -37,32 +37,32 @@ def dance_to(track: SoundTrack, seed: int, library: CapturedLibrary | None = Non
 
     With a library captured people dance most of the spans.
     """
-    made = dance(track, seed)
-    for number, span in enumerate(danced(track)):
+    made, spans = dance(track, seed), danced(track)
+    for number, span in enumerate(spans):
         counts = find_counts(track, span)
         if library is not None:
-            made = with_captured(made, library, counts, np.random.default_rng([seed, 8, number]))
+            until = spans[number + 1].start if number + 1 < len(spans) else track.seconds
+            made = with_captured(made, library, counts, until, np.random.default_rng([seed, 8, number]))
         made = with_bends(made, counts, np.random.default_rng([seed, 9, number]))
     return made
 
 
-def with_captured(dance: Controls, library: CapturedLibrary, counts: Counts, rng: np.random.Generator) -> Controls:
-    """The same dance with captured people in one music span, if some go with the music and its tempo."""
+def with_captured(
+    dance: Controls, library: CapturedLibrary, counts: Counts, until: float, rng: np.random.Generator
+) -> Controls:
+    """The same dance with captured people in one music span, if some go with the music and its tempo.
+
+    They come to rest after the span, at `until` seconds at the latest.
+    """
     graph, piece = dance_graph(library), _piece(counts)
     kinds = DANCERS.get(counts.groove.name, ())
     chosen = [kinds[i] for i in rng.permutation(len(kinds))]
     groups = next((groups for groups in chosen if can_dance(graph, groups, piece)), None)
     if groups is None or rng.random() < BY_RULE:
         return dance
-    return _put(dance, graph, groups, piece, rng)
-
-
-def _put(
-    dance: Controls, graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
-) -> Controls:
     first, made = captured_dance(graph, groups, piece, rng)
     begin = max(round(piece.start * FRAME_RATE_HZ), first, 0)
-    end = min(first + len(made), len(dance))
+    end = min(first + len(made), round(until * FRAME_RATE_HZ), len(dance))
     parts = (dance[:begin], made[begin - first : end - first], dance[end:])
     return concatenated([part for part in parts if len(part)])
 

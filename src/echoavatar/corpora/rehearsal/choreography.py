@@ -15,7 +15,17 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .captured_dance import dance_to
 from .clearance import keep_hands_clear
-from .controls import ANKLE_HEIGHT, Array, Controls, fading, minimum_jerk, moved, unwound, wrists_over
+from .controls import (
+    ANKLE_HEIGHT,
+    DRIFT_FRAMES,
+    Array,
+    Controls,
+    fading,
+    minimum_jerk,
+    moved,
+    unwound,
+    wrists_over,
+)
 from .gesture import gesture
 from .sound import SoundTrack
 from .stance import air
@@ -61,7 +71,8 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     for field in fields(Controls):
         if field.name not in (*_FEET, "wrist"):
             old, new = getattr(before, field.name), getattr(after, field.name)
-            curves[field.name] = _carried_over(old, new, at, seconds)
+            drift = DRIFT_FRAMES if field.name in ("palm", "elbow_swing") else None
+            curves[field.name] = _carried_over(old, new, at, seconds, drift=drift)
     over = wrists_over(before.wrist[at - 1 : at + 1], after.wrist[at - 1 :], round(seconds * FRAME_RATE_HZ))
     curves["wrist"] = np.concatenate([before.wrist[:at], over])
     moments = _step_moments(after, at)
@@ -157,7 +168,12 @@ def _step_moments(after: Controls, at: int) -> list[int]:
 
 
 def _carried_over(
-    old: Float[Array, "t ..."], new: Float[Array, "t ..."], at: int, seconds: float, turn: float = np.inf
+    old: Float[Array, "t ..."],
+    new: Float[Array, "t ..."],
+    at: int,
+    seconds: float,
+    turn: float = np.inf,
+    drift: int | None = None,
 ) -> Array:
     """`old` until `at`, then `new` plus their difference but for whole turns, which fades out along a quintic."""
     out = new.copy()
@@ -170,5 +186,5 @@ def _carried_over(
     speed = (old[at] - old[previous]) - (new[at] - new[previous])
     length = max(round(seconds * FRAME_RATE_HZ), 2)
     last = min(at + length, len(old))
-    out[at:last] += fading(place, speed, length)[: last - at]
+    out[at:last] += fading(place, speed, length, drift=drift)[: last - at]
     return out

@@ -30,7 +30,7 @@ STANDING_FEET = ((0.105, ANKLE_HEIGHT, -0.015), (-0.105, ANKLE_HEIGHT, -0.015))
 STANDING_FOOT_YAW = (0.14, -0.14)
 HANGING_WRIST = (0.110, -0.485, 0.050)
 FOLDED_M = 0.12  # from the shoulder to the wrist at least: a folded arm
-DRIFT_FRAMES = 8  # over which a wrist's speed at a join fades
+DRIFT_FRAMES = 8  # over which the speed of an arm fades at a join
 RELAXED_FINGERS = (0.25, 0.20, 0.24, 0.28, 0.30, 0.05, 0.25)
 _ANGLES = ("pelvis_rotation", "spine", "head", "foot_yaw", "palm", "elbow_swing", "knee_swing")
 
@@ -164,12 +164,22 @@ def unwound(controls: Controls, like: Controls, at: int, like_at: int) -> Contro
     return replace(controls, **curves)
 
 
-def fading(place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], frames: int) -> Float[Array, "t ..."]:
-    """A difference of poses, and of speeds per frame, that fades out along a quintic (inertialisation)."""
-    phase = (np.arange(frames) / frames).reshape(-1, *([1] * np.ndim(place)))
-    stay = 1 - phase**3 * (10 - 15 * phase + 6 * phase**2)
-    drift = phase - phase**3 * (6 - 8 * phase + 3 * phase**2)
-    return np.asarray(stay * place + drift * frames * speed, np.float32)
+def fading(
+    place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], frames: int, *, drift: int | None = None
+) -> Float[Array, "t ..."]:
+    """A difference of poses, and of speeds per frame, that fades out along a quintic (inertialisation).
+
+    With `drift` the speeds fade within so many frames: the longer they take, the further they carry away.
+    """
+
+    def phase(length: int) -> Array:
+        ratio = np.minimum(np.arange(frames) / length, 1.0)
+        return np.asarray(ratio.reshape(-1, *([1] * np.ndim(place))))
+
+    drift = frames if drift is None else min(drift, frames)
+    p, q = phase(frames), phase(drift)
+    stay = 1 - p**3 * (10 - 15 * p + 6 * p**2)
+    return np.asarray(stay * place + (q - q**3 * (6 - 8 * q + 3 * q**2)) * drift * speed, np.float32)
 
 
 def wrists_over(old: Float[Array, "2 2 3"], new: Float[Array, "n 2 3"], frames: int) -> Float[Array, "m 2 3"]:
@@ -178,19 +188,18 @@ def wrists_over(old: Float[Array, "2 2 3"], new: Float[Array, "n 2 3"], frames: 
     The difference fades as a turn about the shoulder and as a length: along a straight line the hand would pass
     through the shoulder, and the arm would flip.
     """
-    lengths = np.linalg.norm(new, axis=-1, keepdims=True)
+    stay = fading(np.ones(1), np.zeros(1), frames)
+    drift = fading(np.zeros(1), np.ones(1), frames, drift=DRIFT_FRAMES)
+    stay, drift = (np.pad(f, ((0, max(len(new) - len(f), 0)), (0, 0)))[: len(new) - 1] for f in (stay, drift))
     over = np.zeros((len(new) - 1, 2, 3), np.float32)
     for side in range(2):
-        turns = np.stack([_turn_between(new[frame, side], old[frame, side]) for frame in range(2)])
-        far = np.linalg.norm(old[:, side], axis=-1, keepdims=True) - lengths[:2, side]
-        fades = []
-        for gap in (turns, far):
-            fade = np.zeros((max(len(over), frames, DRIFT_FRAMES), gap.shape[1]))
-            fade[:frames] = fading(gap[1], np.zeros_like(gap[1]), frames)
-            fade[:DRIFT_FRAMES] += fading(np.zeros_like(gap[1]), gap[1] - gap[0], DRIFT_FRAMES)
-            fades.append(fade[: len(over)])
-        aim = Rotation.from_rotvec(fades[0]).apply(new[1:, side] / lengths[1:, side])
-        over[:, side] = aim * np.maximum(lengths[1:, side] + fades[1], FOLDED_M)
+        was, now = old[:, side], new[:, side]
+        turn = _turn_between(now[1], was[1])
+        speed = _turn_between(*was) - Rotation.from_rotvec(turn).apply(_turn_between(*now[:2]))
+        far = np.linalg.norm(was, axis=-1) - np.linalg.norm(now[:2], axis=-1)
+        length = np.linalg.norm(now[1:], axis=-1, keepdims=True)
+        aim = (Rotation.from_rotvec(drift * speed) * Rotation.from_rotvec(stay * turn)).apply(now[1:] / length)
+        over[:, side] = aim * np.maximum(length + stay * far[1] + drift * (far[1] - far[0]), FOLDED_M)
     return over
 
 
