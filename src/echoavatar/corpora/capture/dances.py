@@ -12,7 +12,16 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
-from echoavatar.corpora.rehearsal.controls import DRIFT_FRAMES, Array, Controls, concatenated, fading, moved, unwound, wrists_over
+from echoavatar.corpora.rehearsal.controls import (
+    DRIFT_FRAMES,
+    Array,
+    Controls,
+    concatenated,
+    fading,
+    moved,
+    unwound,
+    wrists_over,
+)
 from echoavatar.corpora.rehearsal.solver import solve
 from echoavatar.timing import FRAME_RATE_HZ
 
@@ -26,8 +35,9 @@ LINGER = 0.28  # share by which a dancer's time runs faster and slower about a b
 AFTER_S = 1.0  # for which the dance goes on after the music, for feet that wait for their last step
 FADE_S, STEP_S = 0.6, 0.33
 TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: couples, who hold each other, turn it less
+FACING, AWAY = 0.6, 1.4  # cost of a stretch that faces backwards, and of each metre off the middle
 MOST_TURN = 1.0  # radians
-HOME_TURN, HOME_M = 0.45, 0.18  # most that a join turns and shifts the dancer
+HOME_TURN, HOME_M = 0.5, 0.22  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
 ROUNDS, SOFT_FRAMES = 3, 3.0
 FOLDED_M = 0.16  # from a shoulder to its wrist: a folded arm, which is not made smaller
@@ -144,7 +154,7 @@ def _costs(
     far = np.linalg.norm(off, axis=1)
     shift = -off * np.minimum(1.0, HOME_M / np.maximum(far, 1e-6))[:, None]
     left = np.linalg.norm(off + shift, axis=1)
-    away = 0.35 * (1 - np.cos(heading + turn)) + 0.9 * np.maximum(left - 0.25, 0)
+    away = FACING * (1 - np.cos(heading + turn)) + AWAY * np.maximum(left - 0.25, 0)
     fits = 0.8 * np.abs(kind.energy - (0.3 + 0.6 * energy)) + 0.3 * np.abs(np.log(kind.rate))
     return apart + away + fits, turn, shift
 

@@ -15,17 +15,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .captured_dance import dance_to
 from .clearance import keep_hands_clear
-from .controls import (
-    ANKLE_HEIGHT,
-    DRIFT_FRAMES,
-    Array,
-    Controls,
-    fading,
-    minimum_jerk,
-    moved,
-    unwound,
-    wrists_over,
-)
+from .controls import ANKLE_HEIGHT, DRIFT_FRAMES, Array, Controls, fading, minimum_jerk, moved, unwound, wrists_over
 from .gesture import gesture
 from .sound import SoundTrack
 from .stance import air

@@ -25,7 +25,7 @@ ARM = 16  # values of one arm in a body vector
 LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: comfortable leg length, offset of the hip joints
 FASTEST_ARM = 8.0  # radians per second, at the peak of a glide
 FASTEST_WRIST = 2.2  # metres per second, at the peak of a glide
-HIPS_WITH_WEIGHT, SHOULDERS_WITH_WEIGHT = 0.10, 0.36  # radians of turn to either side: contrapposto
+HIPS_WITH_WEIGHT, SHOULDERS_WITH_WEIGHT = 1.0, 3.8  # turns against the roll of the hips: contrapposto
 LINGER, LINGER_HALF_TIME = 0.25, 0.55  # share by which the dancer's clock slows down on a beat
 ANSWER_S = 0.06  # delay after the music's beat, so that moves decelerate on it, which the metric BA_D looks for
 REST_SECONDS = 0.9  # time in which the arms sink when the music stops
@@ -63,7 +63,7 @@ def plans_to_controls(plans: list[DancePlan], frames: int) -> Controls:
     beat, level = _pulse(t, plans)
     base = neutral(frames)
     pelvis, turn = _pelvis(felt, plans, feet, beat, level)
-    sway = level[:, 1] * (2 * feet.share - 1)
+    sway = _groove(felt, plans, "hips") * level[:, 1] * (2 * feet.share - 1)
     turn[:, 0] -= HIPS_WITH_WEIGHT * sway
     chest, head = _torso(plans, body, turn, beat, level)
     chest[:, 0] += SHOULDERS_WITH_WEIGHT * sway
