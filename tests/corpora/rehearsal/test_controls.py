@@ -14,6 +14,7 @@ from echoavatar.corpora.rehearsal.controls import (
     smoothed,
     through_keys,
     wander,
+    wrists_over,
 )
 
 
@@ -82,3 +83,15 @@ def test_wandering_has_unit_deviation_and_no_jumps():
     drift = wander(30_000, 2, period=2.0, rng=np.random.default_rng(3))
     assert np.allclose(drift.std(axis=0), 1.0, atol=0.15)
     assert np.abs(np.diff(drift, axis=0)).max() < 0.5
+
+
+def test_a_hand_passes_its_shoulder_in_an_arc_and_keeps_its_speed_at_a_join():
+    """From in front of the shoulder to behind it: along a straight line the hand would meet the shoulder."""
+    step = np.array([0.0, 0.02, 0.0], np.float32)
+    old = np.stack([np.tile(np.array([0.1, 0.0, 0.4], np.float32), (2, 1)) + k * step for k in range(2)])
+    new = np.tile(np.array([0.1, 0.0, -0.4], np.float32), (40, 2, 1))
+    over = wrists_over(old, new, 20)
+    np.testing.assert_allclose(over[0], old[1], atol=1e-5)
+    np.testing.assert_allclose(over[1] - over[0], old[1] - old[0], atol=0.006)
+    np.testing.assert_allclose(over[-1], new[-1], atol=1e-5)
+    assert np.linalg.norm(over, axis=-1).min() > 0.38

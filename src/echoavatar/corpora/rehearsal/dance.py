@@ -152,7 +152,6 @@ def _torso(
 
 
 def _lagging(x: FloatArray, seconds: float) -> FloatArray:
-    """A smoothed curve."""
     return np.asarray(smoothed(x[:, None].astype(np.float32), seconds), np.float64)[:, 0]
 
 
@@ -289,13 +288,8 @@ def _follow_through(arms: FloatArray) -> Float[FloatArray, "t 2 3"]:
 
 def _resting() -> NDArray[np.float64]:
     base = neutral(1)
-    parts = [
-        np.concatenate(
-            [base.wrist[0, s], base.palm[0, s], base.elbow_swing[0, s : s + 1], base.shoulder[0, s], base.fingers[0, s]]
-        )
-        for s in (0, 1)
-    ]
-    return np.concatenate([*parts, np.zeros(6)]).astype(np.float64)
+    curves = base.wrist, base.palm, base.elbow_swing[..., None], base.shoulder, base.fingers
+    return np.concatenate([np.concatenate(curves, axis=-1).ravel(), np.zeros(6)]).astype(np.float64)
 
 
 def _f32(array: FloatArray) -> Array:

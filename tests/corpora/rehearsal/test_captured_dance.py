@@ -1,0 +1,21 @@
+import numpy as np
+from tests.corpora.capture.test_dances import stepping_in_place
+
+from echoavatar.corpora.capture.library import CapturedClip, CapturedLibrary
+from echoavatar.corpora.rehearsal.captured_dance import dance_to
+from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
+
+
+def test_captured_people_dance_some_pieces_and_each_piece_by_itself():
+    clip = CapturedClip("a", "dance", "salsa_lead", "set/a.bvh", "CC0", stepping_in_place(24.0, 0.36))
+    spans = (Span(0.0, 9.0, "music"), Span(9.0, 9.4, "silence"), Span(9.4, 18.0, "music"))
+    beats = np.concatenate([np.arange(0.2, 9.0, 0.45), np.arange(9.6, 18.0, 0.45)])
+    track = SoundTrack(np.zeros(18 * 24_000, np.float32), spans=spans, beats=beats)
+    ways = []
+    for seed in range(4):
+        by_rule, made = dance_to(track, seed), dance_to(track, seed, CapturedLibrary((clip,)))
+        ways.append([bool(np.ptp(by_rule[s].wrist - made[s].wrist) > 0.05) for s in (slice(30, 240), slice(330, 500))])
+        if not ways[-1][1]:  # the second piece is by rule from its first frame on
+            np.testing.assert_array_equal(by_rule[282:].packed(), made[282:].packed())
+    assert np.any(ways)
+    assert not np.all(ways)
