@@ -1,10 +1,9 @@
 import numpy as np
+from tests.corpora.capture.test_dances import stepping_in_place
 
 from echoavatar.corpora.capture.dance_graph import dance_graph, joint_speed
 from echoavatar.corpora.capture.library import CapturedClip, CapturedLibrary
 from echoavatar.corpora.rehearsal.controls import Controls
-
-from .test_dances import stepping_in_place
 
 
 def graph_of(dance: Controls):

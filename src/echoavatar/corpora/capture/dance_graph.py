@@ -92,14 +92,8 @@ class DanceGraph:
             if dance.group in groups
         ]
         if not found:
-            return Stretches(
-                beats,
-                *np.zeros((3, 0), np.int64),
-                np.zeros((0, 1)),
-                *np.zeros((1, 0)),
-                np.zeros((0, 2)),
-                *np.zeros((2, 0)),
-            )
+            whole, real = np.zeros(0, np.int64), np.zeros(0)
+            return Stretches(beats, whole, whole, whole, np.zeros((0, 1)), real, np.zeros((0, 2)), real, real)
         columns = [np.concatenate(parts) for parts in zip(*(rows.columns() for rows in found), strict=True)]
         return Stretches(beats, *columns)
 
