@@ -31,7 +31,7 @@ import numba
 import numpy as np
 
 PACKAGE = Path(__file__).parents[1]
-REORDERED = {"reassoc", "contract", "arcp", "nsz"}  # sums may be reordered; infinities and NaN stay what they are
+REORDERED = ("reassoc", "contract", "arcp", "nsz")  # sums may be reordered; infinities and NaN stay what they are
 
 
 def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -44,11 +44,11 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
         NameError: the function uses a global name that is not defined yet.
     """
     if reorders:
-        options["fastmath"] = REORDERED
+        options["fastmath"] = set(REORDERED)
 
     def compile_lazily(function: Callable[..., Any]) -> Any:
         function = inspect.unwrap(function)
-        digest = fingerprint(function, sorted(options.items()))
+        digest = fingerprint(function, [(name, _in_order(options[name])) for name in sorted(options)])
         folder, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder() / digest)
         try:
             made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
@@ -88,6 +88,11 @@ def user_cache() -> Path:
     """The package's folder in the user's cache."""
     base = os.environ.get("XDG_CACHE_HOME") or ("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")
     return Path(base).expanduser() / "echoavatar"
+
+
+def _in_order(option: object) -> object:
+    """Sets print in another order in every process, and the cache would never be found again."""
+    return sorted(option) if isinstance(option, set) else option
 
 
 def _global_names(code: CodeType) -> set[str]:
