@@ -87,3 +87,17 @@ def test_every_process_finds_what_another_compiled(tmp_path: Path) -> None:
         for seed in "123"
     }
     assert len(found) == 1
+
+
+def test_only_what_the_cache_lacks_counts_as_compiled(tmp_path: Path) -> None:
+    (tmp_path / "count.py").write_text(
+        "from echoavatar.nn.kernels import compilations, kernel\n"
+        "@kernel()\ndef one(x):\n    return x + 1.0\n"
+        "said = []\nwith compilations(lambda: said.append('compiling')) as names:\n    one(1.0)\n    one(2.0)\n"
+        "print(names, said)\n"
+    )
+    runs = [
+        subprocess.run([sys.executable, "count.py"], capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+        for _ in range(2)
+    ]
+    assert runs == ["['one'] ['compiling']\n", "[] []\n"]

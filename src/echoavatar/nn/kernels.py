@@ -22,13 +22,15 @@ import inspect
 import os
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 
 PACKAGE = Path(__file__).parents[1]
 REORDERED = ("reassoc", "contract", "arcp", "nsz")  # sums may be reordered; infinities and NaN stay what they are
@@ -74,6 +76,30 @@ def fingerprint(function: Callable[..., Any], options: object = None) -> str:
         elif not hasattr(builtins, name):
             raise NameError(f"kernel {function.__name__} uses {name}, which must be defined before it")
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+@contextmanager
+def compilations(first: Callable[[], object] = bool) -> Iterator[list[str]]:
+    """The names of the functions that are compiled meanwhile, in any thread; `first` is called before the first.
+
+    Nothing is compiled that the cache has.
+    """
+
+    class Compiled(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            if not names:
+                first()
+            names.append(event.data["dispatcher"].__name__)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    names, listener = list[str](), Compiled()
+    event.register("numba:compile", listener)
+    try:
+        yield names
+    finally:
+        event.unregister("numba:compile", listener)
 
 
 def cache_folder() -> Path:
