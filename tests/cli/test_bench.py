@@ -30,13 +30,3 @@ def test_a_stage_left_out_is_not_run(
     assert set(ran) == {"hands"}
     assert main([*common, "--without", "toes"]) == 1
     assert "no stage 'toes'" in capsys.readouterr().err
-
-
-def test_a_start_is_timed_stage_by_stage_in_fresh_processes(
-    tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bench", "start", "--model", str(tiny_bundle), "--runs", "2"]) == 0
-    result = json.loads(capsys.readouterr().out.strip().splitlines()[-1])
-    parts = ("torch_s", "imports_s", "load_s", "warm-up_s", "motion_s")
-    assert 0 < sum(result[part] for part in parts) < result["wall_s"]
-    assert main(["bench", "start", "--model", str(tiny_bundle), "--runs", "1"]) == 1

@@ -6,6 +6,8 @@ distributions of their own, which name the module in an entry point of the group
 """
 
 import argparse
+import atexit
+import gc
 import importlib
 import keyword
 import logging
@@ -56,6 +58,10 @@ SEPARATE = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
+    if argv is None:
+        atexit.register(
+            gc.freeze
+        )  # at its end, Python looks through every object three times: half a second of torch's
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     parser = argparse.ArgumentParser(
         prog="echoavatar",

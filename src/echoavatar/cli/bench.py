@@ -286,7 +286,7 @@ def _start(args: argparse.Namespace) -> int:
     with tqdm(total=args.runs, unit="start", leave=False, disable=not sys.stderr.isatty()) as bar:
         report = bench_start(args.model, runs=args.runs, progress=lambda done: bar.update(done - bar.n) and None)
     print(f"{'s':<10}{'first':>8}{'warm':>8}{'least':>8}")
-    for name, values in (report.stages | {"wall": report.wall, "--help": report.help}).items():
+    for name, values in (report.stages | {"animate": report.animate, "--help": report.help}).items():
         print(f"{name:<10}{values[0]:>8.2f}{statistics.median(values[1:]):>8.2f}{min(values):>8.2f}")
     print(f"loops compiled in each run: {' '.join(map(str, report.compiled))}")
     print(json.dumps(report.summary))
