@@ -9,6 +9,7 @@ import argparse
 import atexit
 import gc
 import importlib
+import io
 import keyword
 import logging
 import sys
@@ -58,6 +59,9 @@ SEPARATE = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a console may lack letters that we or file names use
     if argv is None:
         atexit.register(
             gc.freeze
