@@ -1,7 +1,12 @@
 # Two targets do everything: `make demo` opens the live page, `make test` runs every check. Each makes its own
 # virtual environment. Plain pip on purpose: other installers do not find the CPU build of torch.
 PYTHON ?= python3
-PIP_FLAGS ?= --disable-pip-version-check -q
+PIP_FLAGS ?= --disable-pip-version-check -q $(CPU_TORCH)
+# On Linux plain pip brings the CUDA build of torch, 4 GB more; on other systems there is one build. Where PyTorch's own
+# index of CPU builds answers within three seconds, it is used; elsewhere pip takes what it finds.
+CPU_INDEX ?= https://download.pytorch.org/whl/cpu
+CPU_TORCH = $(shell [ "$$(uname -s)" = Linux ] && $(PYTHON) -c 'import urllib.request as u; \
+    u.urlopen("$(CPU_INDEX)/torch/", timeout=3)' 2>/dev/null && echo --extra-index-url $(CPU_INDEX))
 # These run a second time with annotated shapes checked (conftest.py): every streaming class steps in tests/laws.
 SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/quantize tests/models/tokens
 # Packages of their own beside the main one.

@@ -52,7 +52,7 @@ def read_card(folder: Path) -> dict[str, object]:
         return {}
     check_file(path, CONFIG_BYTES, CheckpointError)
     try:
-        card = json.loads(path.read_text())
+        card = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path} is not valid JSON: {error}; copy or download it again") from error
     if not isinstance(card, dict):
@@ -170,5 +170,5 @@ def save(
 
 def _write_text(path: Path, text: str) -> None:
     partial = path.with_name(path.name + ".partial")
-    partial.write_text(text + "\n")
+    partial.write_text(text + "\n", encoding="utf-8")
     partial.replace(path)

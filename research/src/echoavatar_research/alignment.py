@@ -143,7 +143,7 @@ def tuned(experiment: Experiment, method: Method) -> Outcome:
 
 def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
     """Both rewards and the KL divergence on held-out prompts, from the last measurement of a run or from the first."""
-    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()]
     probe = [line["held_out"] for line in lines if "held_out" in line][0 if is_first else -1]
     found = {name: probe["rewards"][name] for name in REWARDS}
     made = {name: Cell(mean, mean - NORMAL * error, mean + NORMAL * error) for name, (mean, error) in found.items()}

@@ -17,7 +17,7 @@ def make_once(folder: Path, settings: Mapping[str, object], make: Callable[[], o
     """
     stamp, wanted = folder / STAMP, json.loads(json.dumps(settings))
     if stamp.exists():
-        found = json.loads(stamp.read_text())
+        found = json.loads(stamp.read_text(encoding="utf-8"))
         if found["asked"] != wanted:
             raise EchoAvatarError(
                 f"{folder} was made with other settings or from other parts; remove it or choose another -o"
@@ -31,4 +31,4 @@ def make_once(folder: Path, settings: Mapping[str, object], make: Callable[[], o
 
 
 def _write(stamp: Path, settings: object, *, is_finished: bool) -> None:
-    stamp.write_text(json.dumps({"asked": settings, "is_finished": is_finished}, indent=1) + "\n")
+    stamp.write_text(json.dumps({"asked": settings, "is_finished": is_finished}, indent=1) + "\n", encoding="utf-8")

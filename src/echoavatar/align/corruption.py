@@ -127,7 +127,9 @@ def read_scores(path: Path) -> dict[str, float]:
         CheckpointError: the file is missing or holds something else.
     """
     try:
-        scores = {str(name): float(score) for name, score in json.loads(path.read_text())["scores"].items()}
+        scores = {
+            str(name): float(score) for name, score in json.loads(path.read_text(encoding="utf-8"))["scores"].items()
+        }
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise CheckpointError(f"{path} holds no scores ({error}); make it with `echoavatar align calibrate`") from error
     missing = [name for name in paper_scores() if name not in scores]

@@ -28,7 +28,7 @@ def draw_run(metrics: Path, picture: Path) -> None:
     import matplotlib.pyplot as plt
 
     try:
-        lines = [json.loads(line) for line in metrics.read_text().splitlines()]
+        lines = [json.loads(line) for line in metrics.read_text(encoding="utf-8").splitlines()]
     except (OSError, ValueError) as error:
         raise CheckpointError(f"{metrics} holds no metrics ({error}); train first") from error
     steps = [one for one in lines if "loss" in one]

@@ -44,7 +44,7 @@ def write_pairs(path: Path, pairs: Iterable[PreferencePair]) -> int:
     """Write a file of pairs; returns how many there are."""
     lines = [pair.model_dump_json() for pair in pairs]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(line + "\n" for line in lines))
+    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
     return len(lines)
 
 
@@ -57,7 +57,7 @@ def read_pairs(
         MotionError: a line is not a pair, names an unknown clip, or holds codes outside this vocabulary.
     """
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise MotionError(
             f"{path} cannot be read ({error.strerror}); make pairs with `echoavatar align rollouts`"

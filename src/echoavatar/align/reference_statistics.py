@@ -59,7 +59,7 @@ class ReferenceStatistics(Config):
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
-        path.write_text(self.model_dump_json(indent=1) + "\n")
+        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
 
 def measure_reference_statistics(scenes: Sequence[DecodedMotion]) -> ReferenceStatistics:

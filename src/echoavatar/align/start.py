@@ -240,12 +240,12 @@ def _step(folder: Path) -> int:
 
 
 def _tell(folder: Path, step: int, values: Mapping[str, object]) -> None:
-    with (folder / FILE).open("a") as file:
+    with (folder / FILE).open("a", encoding="utf-8") as file:
         file.write(json.dumps({"step": step} | dict(values)) + "\n")
 
 
 def _is_told(folder: Path, step: int) -> bool:
-    lines = (json.loads(line) for line in (folder / FILE).read_text().splitlines())
+    lines = (json.loads(line) for line in (folder / FILE).read_text(encoding="utf-8").splitlines())
     return any(line["step"] == step and "held_out" in line for line in lines)
 
 

@@ -6,7 +6,10 @@ distributions of their own, which name the module in an entry point of the group
 """
 
 import argparse
+import atexit
+import gc
 import importlib
+import io
 import keyword
 import logging
 import sys
@@ -56,6 +59,13 @@ SEPARATE = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a console may lack letters that we or file names use
+    if argv is None:
+        atexit.register(
+            gc.freeze
+        )  # at its end, Python looks through every object three times: half a second of torch's
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     parser = argparse.ArgumentParser(
         prog="echoavatar",

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, ready: "AlignmentSetup") -> int:
         for folders in args.beside
     }
     told = {"prompts": len(prompts), "group": args.group, "seed": args.seed, "found": found, "over_seeds": lines}
-    args.output.write_text(json.dumps(told) + "\n")
-    args.output.with_suffix(".md").write_text(as_markdown(found, lines))
+    args.output.write_text(json.dumps(told) + "\n", encoding="utf-8")
+    args.output.with_suffix(".md").write_text(as_markdown(found, lines), encoding="utf-8")
     print(json.dumps(told))
     return 0

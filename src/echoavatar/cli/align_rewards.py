@@ -102,7 +102,7 @@ def _calibrate(
     fid = calibrate(levels, load_shipped(), windows=args.windows)
     found = {"fid": fid, "scores": scores_from_fid(fid)}
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(found, indent=1) + "\n")
+    args.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return found
 
 
@@ -132,7 +132,7 @@ def _quality(
     )
     held_out = CorruptedWindows(bundle.tokenizer, list(test.values()), seed=args.seed + 1)
     found = measure_quality(model, held_out, scores, windows=args.windows)
-    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
+    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     draw_quality(found, scores, args.output / "held_out.png")
     return found
 
@@ -162,7 +162,7 @@ def _alignment(
     )
     model = train_audio_reward(model, pairs(train), args.output, training, card=_card(args), progress=progress)
     found = retrieval_tables(model, pairs(asked))
-    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n")
+    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return found
 
 

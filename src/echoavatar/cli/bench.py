@@ -2,11 +2,14 @@
 
 import argparse
 import json
+import statistics
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
+
+from echoavatar.errors import EchoAvatarError
 
 from .serve import DEVICE_HELP, WITHOUT_HELP
 
@@ -102,6 +105,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     graphs.add_argument("--model", required=True, help="bundle name or folder")
     graphs.add_argument("--device", default="cuda", help="cuda, or cpu to try it (default: %(default)s)")
     graphs.add_argument("--chunks", type=int, default=100, help="chunks to time (default: %(default)s)")
+    start = kinds.add_parser(
+        "start",
+        help="from the command to the first motion",
+        description="Time fresh processes until an avatar answers: imports, loading, warm-up, five seconds of sound.",
+    )
+    start.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    start.add_argument("--runs", type=int, default=4, help="processes; the first is shown apart (default: %(default)s)")
     train = kinds.add_parser(
         "train",
         help="training steps against the machine's matrix rate",
@@ -268,6 +278,21 @@ def _face(args: argparse.Namespace) -> int:
     return 0
 
 
+def _start(args: argparse.Namespace) -> int:
+    from echoavatar.evaluation.start_bench import bench_start
+
+    if args.runs < 2:
+        raise EchoAvatarError("--runs needs two or more: the first run is not a warm start")
+    with tqdm(total=args.runs, unit="start", leave=False, disable=not sys.stderr.isatty()) as bar:
+        report = bench_start(args.model, runs=args.runs, progress=lambda done: bar.update(done - bar.n) and None)
+    print(f"{'s':<10}{'first':>8}{'warm':>8}{'least':>8}")
+    for name, values in (report.stages | {"animate": report.animate, "--help": report.help}).items():
+        print(f"{name:<10}{values[0]:>8.2f}{statistics.median(values[1:]):>8.2f}{min(values):>8.2f}")
+    print(f"loops compiled in each run: {' '.join(map(str, report.compiled))}")
+    print(json.dumps(report.summary))
+    return 0
+
+
 def _train(args: argparse.Namespace) -> int:
     from echoavatar.evaluation.scale import SCALES
     from echoavatar.evaluation.train_bench import bench_generator, bench_tokenizer
@@ -303,6 +328,8 @@ def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     if args.kind == "soak":
         return _soak(args)
+    if args.kind == "start":
+        return _start(args)
     if args.kind == "train":
         return _train(args)
     if args.kind == "face":

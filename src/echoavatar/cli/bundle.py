@@ -81,4 +81,6 @@ def assemble(source: Path, output: Path) -> None:
         WarpModel.load(source / "warp").save(output / "warp", read_card(source / "warp"), dtype=torch.float16)
     if not (output / "card.json").exists():
         parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
-        (output / "card.json").write_text(json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n")
+        (output / "card.json").write_text(
+            json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n", encoding="utf-8"
+        )

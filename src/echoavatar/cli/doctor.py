@@ -29,6 +29,8 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "PIL": "render",
     "accelerate": "train",
     "elevenlabs": "elevenlabs",
+    "filelock": "evaluate",
+    "huggingface_hub": "hub",
     "librosa": "evaluate",
     "matplotlib": "evaluate",
     "mcp": "mcp",
@@ -38,6 +40,7 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "pxr": "usd",
     "ray": "ray",
     "starlette": "serve",
+    "transformers": "pretrained",
     "uvicorn": "serve",
     "websockets": "serve",
 }
@@ -114,9 +117,11 @@ def _failure(module: str, error: Exception) -> Finding:
 def _extras() -> list[Finding]:
     uses = {
         "PIL": "pictures and contact sheets",
+        "huggingface_hub": "models from the hub",
         "librosa": "beat alignment scores",
         "pretty_midi": "music rendered with a soundfont",
         "pxr": "USD files",
+        "transformers": "published weights of Qwen2, EnCodec and HuBERT",
     }
     rows = []
     for name, use in uses.items():

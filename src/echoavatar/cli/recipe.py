@@ -115,7 +115,7 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
         EchoAvatarError: the file is missing, is not YAML, or has other sections.
     """
     try:
-        found = yaml.safe_load(path.read_text())
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise EchoAvatarError(f"cannot read the recipe {path} ({error.strerror})") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

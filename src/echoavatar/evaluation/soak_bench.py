@@ -9,8 +9,8 @@ breaks until it is loaded again, or a stage runs out of memory once, or a sessio
 import asyncio
 import itertools
 import multiprocessing
+import os
 import random
-import resource
 import threading
 import time
 import urllib.request
@@ -252,7 +252,7 @@ def _await_address(process: Any, told: Any) -> str:
 
 
 def _resident_mb(pid: int | None) -> float:
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize() / 1e6
+    return int(Path(f"/proc/{pid}/statm").read_text(encoding="utf-8").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def _metric(text: str, name: str) -> float:

@@ -3,7 +3,7 @@
 Times are wall times of one process. The audio is noise bursts and tones, because cost does not depend on content.
 """
 
-import resource
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -122,8 +122,12 @@ def _percentiles(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def resident_mb() -> float:
-    """Resident memory of this process in MB (the peak, where the system gives no current value)."""
+    """Resident memory of this process in MB: its peak where the system tells no more, 0 where it tells nothing."""
     status = Path("/proc/self/statm")
     if status.exists():
-        return int(status.read_text().split()[1]) * resource.getpagesize() / 1e6
+        return int(status.read_text("ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    try:
+        import resource
+    except ModuleNotFoundError:  # Windows
+        return 0.0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)

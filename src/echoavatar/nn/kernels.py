@@ -22,16 +22,18 @@ import inspect
 import os
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 
 PACKAGE = Path(__file__).parents[1]
-REORDERED = {"reassoc", "contract", "arcp", "nsz"}  # sums may be reordered; infinities and NaN stay what they are
+REORDERED = ("reassoc", "contract", "arcp", "nsz")  # sums may be reordered; infinities and NaN stay what they are
 
 
 def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -44,11 +46,11 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
         NameError: the function uses a global name that is not defined yet.
     """
     if reorders:
-        options["fastmath"] = REORDERED
+        options["fastmath"] = set(REORDERED)
 
     def compile_lazily(function: Callable[..., Any]) -> Any:
         function = inspect.unwrap(function)
-        digest = fingerprint(function, sorted(options.items()))
+        digest = fingerprint(function, [(name, _in_order(options[name])) for name in sorted(options)])
         folder, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder() / digest)
         try:
             made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
@@ -76,6 +78,30 @@ def fingerprint(function: Callable[..., Any], options: object = None) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
+@contextmanager
+def compilations(first: Callable[[], object] = bool) -> Iterator[list[str]]:
+    """The names of the functions that are compiled meanwhile, in any thread; `first` is called before the first.
+
+    Nothing is compiled that the cache has.
+    """
+
+    class Compiled(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            if not names:
+                first()
+            names.append(event.data["dispatcher"].__name__)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    names, listener = list[str](), Compiled()
+    event.register("numba:compile", listener)
+    try:
+        yield names
+    finally:
+        event.unregister("numba:compile", listener)
+
+
 def cache_folder() -> Path:
     """Beside the package, or in the user's cache where the package cannot be written."""
     beside = PACKAGE / "__pycache__"
@@ -88,6 +114,11 @@ def user_cache() -> Path:
     """The package's folder in the user's cache."""
     base = os.environ.get("XDG_CACHE_HOME") or ("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")
     return Path(base).expanduser() / "echoavatar"
+
+
+def _in_order(option: object) -> object:
+    """Sets print in another order in every process, and the cache would never be found again."""
+    return sorted(option) if isinstance(option, set) else option
 
 
 def _global_names(code: CodeType) -> set[str]:

@@ -35,7 +35,7 @@ def read_curves(folder: Path) -> dict[str, Curve]:
     """
     path = folder / FILE if folder.is_dir() else folder
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise EchoAvatarError(f"{folder} holds no {FILE} ({error}); give the folder of a run") from error
     found: dict[str, list[tuple[float, float]]] = {}

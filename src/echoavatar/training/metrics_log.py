@@ -27,8 +27,8 @@ class MetricsLog:
         """
         path = folder / FILE
         if path.exists():
-            kept = [line for line in path.read_text().splitlines() if _step(line) <= step]
-            path.write_text("".join(line + "\n" for line in kept))
+            kept = [line for line in path.read_text(encoding="utf-8").splitlines() if _step(line) <= step]
+            path.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
         self._outputs: list[_Output] = [_Lines(path)]
         openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
         self._outputs += [openers[name](folder) for name in trackers]
@@ -54,7 +54,7 @@ def _step(line: str) -> float:
 
 class _Lines:
     def __init__(self, path: Path) -> None:
-        self._file = path.open("a")
+        self._file = path.open("a", encoding="utf-8")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
         self._file.write(json.dumps({"step": step} | dict(values)) + "\n")
@@ -88,9 +88,9 @@ class _Wandb:
         except ImportError as error:
             raise DependencyError("--track wandb needs W&B; run: pip install wandb") from error
         mark = folder / "wandb-run"  # a resumed run continues the same W&B run
-        name = mark.read_text().strip() if mark.exists() else None
+        name = mark.read_text(encoding="utf-8").strip() if mark.exists() else None
         self._run: Any = wandb.init(project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder)
-        mark.write_text(f"{self._run.id}\n")
+        mark.write_text(f"{self._run.id}\n", encoding="utf-8")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
         self._run.log(dict(values), step=step)

@@ -146,7 +146,7 @@ class ActionLibrary(Mapping[str, Action]):
         rows = [action.to_json() for action in self.actions.values()]
         lines = ",\n".join("  " + json.dumps(row) for row in rows)
         partial = folder / f"{FILE}.partial"
-        partial.write_text('{"version": 1, "actions": [\n' + lines + "\n]}\n")
+        partial.write_text('{"version": 1, "actions": [\n' + lines + "\n]}\n", encoding="utf-8")
         partial.replace(folder / FILE)
 
     @classmethod
@@ -161,7 +161,7 @@ class ActionLibrary(Mapping[str, Action]):
             return cls()
         check_file(path, CONFIG_BYTES, CheckpointError)
         try:
-            rows = json.loads(path.read_text())["actions"]
+            rows = json.loads(path.read_text(encoding="utf-8"))["actions"]
             actions = [Action.from_json(row, chunk) for row in rows]
         except (ValueError, LookupError, TypeError, RecursionError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error

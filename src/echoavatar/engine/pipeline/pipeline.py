@@ -9,7 +9,6 @@ Offline and live are the same: a file is a session whose audio is pushed faster.
 
 import logging
 import math
-import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -34,6 +33,7 @@ from echoavatar.motion.motion_chunk import MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState, write_rows
+from echoavatar.nn.kernels import compilations
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
@@ -192,17 +192,13 @@ class Pipeline:
     def warm_up(self) -> None:
         """Run a step without a session, and make the warm start.
 
-        The first run on a machine compiles the loops; a log message says so if it takes long.
+        The first run on a machine compiles the loops, and a log message says so.
         """
         everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
         state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
-        patience = threading.Timer(3.0, _LOG.warning, ["compiling for this processor, once; up to a minute"])
-        patience.start()
-        try:
+        with compilations(lambda: _LOG.warning("compiling for this processor, once; up to a minute")):
             self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
             self.warm_start.state()
-        finally:
-            patience.cancel()
 
     def _temperature(self, is_silent: Bool[Tensor, " b"], state: PipelineState) -> Float[Tensor, " b"]:
         """The sampling temperature of each row: lower in silence, so that hands settle; higher after long stillness."""

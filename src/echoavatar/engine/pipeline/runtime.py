@@ -46,7 +46,7 @@ class Runtime(Config):
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""
         partial = folder / f"{FILE}.partial"
-        partial.write_text(self.model_dump_json(indent=1) + "\n")
+        partial.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
         partial.replace(folder / FILE)
 
     @classmethod

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filelock import FileLock
 from jaxtyping import Float
 
 from echoavatar.errors import DependencyError
@@ -39,6 +38,8 @@ def _librosa() -> Any:
     its cache, and every later process that reads them crashes (numba issue 10128).
     """
     try:
+        from filelock import FileLock
+
         with FileLock(Path(tempfile.gettempdir()) / f"echoavatar-librosa-{getpass.getuser()}.lock"):
             import librosa.beat
             import librosa.onset

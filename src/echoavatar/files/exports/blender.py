@@ -58,7 +58,7 @@ def write_fbx(path: Path, glb: bytes, fps: float) -> None:
     with tempfile.TemporaryDirectory() as folder:
         source, target, script = (Path(folder) / name for name in ("in.glb", "out.fbx", "convert.py"))
         source.write_bytes(glb)
-        script.write_text(_SCRIPT.replace("FPS", str(round(fps))))
+        script.write_text(_SCRIPT.replace("FPS", str(round(fps))), encoding="utf-8")
         words = [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(script)]
         try:
             done = subprocess.run(

@@ -58,7 +58,7 @@ def convert(
         level_control=False, silent_temperature=1.0, restless_temperature=1.0, lead_in_s=0.0, rig=found.rig
     )
     as_published.save(output)
-    (output / "card.json").write_text(json.dumps(card, indent=2) + "\n")
+    (output / "card.json").write_text(json.dumps(card, indent=2) + "\n", "utf-8")
 
 
 def _write_tokenizer(found: Inspection, folder: Path, card: dict[str, object]) -> None:

@@ -42,7 +42,7 @@ def pull(
         from huggingface_hub import HfApi, snapshot_download
         from huggingface_hub.errors import GatedRepoError, HfHubHTTPError, HFValidationError, RepositoryNotFoundError
     except ImportError as error:
-        raise DependencyError("pull needs huggingface_hub: pip install huggingface_hub") from error
+        raise DependencyError("pull needs huggingface_hub: pip install 'echoavatar[hub]'") from error
     try:
         info = HfApi().model_info(name, revision=revision, files_metadata=True)
         wanted = None if only is None else list(only)

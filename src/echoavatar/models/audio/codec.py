@@ -1,7 +1,7 @@
 """The causal audio codec: 24 kHz sound to 75 x 2 codes per second and back (paper, Settings: EnCodec, two layers).
 
-The network is transformers' EnCodec, so that `facebook/encodec_24khz` loads where it is at hand; the streaming
-encoder and the search for the nearest code are ours. May import `quantize` and below.
+The network is EnCodec's, under its published names, so that `facebook/encodec_24khz` loads where it and transformers
+are at hand. May import `quantize` and below.
 """
 
 from pathlib import Path
@@ -13,11 +13,12 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.utils import parametrize
 
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, DependencyError
 from echoavatar.nn import Checkpointed, StreamingModule
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
 from .config import CODE_LAYERS, CodecConfig
+from .network import decoder, encoder
 from .stream import NetworkState, advance, init_network_state, shortest_start
 
 _BLOCK_SAMPLES = 60 * SAMPLE_RATE_HZ  # `encode` works on pieces of this length, to bound its memory
@@ -36,13 +37,9 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
 
     def __init__(self, config: CodecConfig) -> None:
         super().__init__()
-        from transformers import EncodecModel
-
-        network = EncodecModel(_encodec_config(config))
-        _fuse_weight_norm(network)
         self.config = config
-        self.encoder: nn.Module = network.encoder
-        self.decoder: nn.Module = network.decoder
+        self.encoder = encoder(config)
+        self.decoder = decoder(config)
         self.register_buffer("codebooks", torch.zeros(CODE_LAYERS, config.codes, config.width))
         self._shortest_start = shortest_start(self.encoder, config.padding)
 
@@ -52,9 +49,14 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
 
         Raises:
             CheckpointError: it is not there, or is not a causal 24 kHz model.
+            DependencyError: transformers is not installed.
         """
-        from transformers import EncodecModel
-
+        try:
+            from transformers import EncodecModel
+        except ModuleNotFoundError as error:
+            raise DependencyError(
+                "reading a published EnCodec needs transformers: pip install 'echoavatar[pretrained]'"
+            ) from error
         try:
             network = EncodecModel.from_pretrained(str(path_or_name), local_files_only=True)
         except (OSError, ValueError) as error:
@@ -144,28 +146,6 @@ def nearest_codes(vectors: Float[Tensor, "b n c"], book: Float[Tensor, "k c"]) -
     centre = book.mean(0)
     rows = book - centre
     return (rows.square().sum(-1) - 2 * (vectors - centre) @ rows.T).argmin(-1)
-
-
-def _encodec_config(config: CodecConfig) -> Any:
-    from transformers import EncodecConfig
-
-    bits = config.codes.bit_length() - 1
-    return EncodecConfig(
-        num_filters=config.filters,
-        hidden_size=config.width,
-        codebook_size=config.codes,
-        upsampling_ratios=list(config.ratios),
-        num_lstm_layers=config.lstm_layers,
-        num_residual_layers=config.residual_blocks,
-        kernel_size=config.kernel,
-        last_kernel_size=config.last_kernel,
-        residual_kernel_size=config.residual_kernel,
-        dilation_growth_rate=config.dilation_growth,
-        compress=config.compress,
-        use_conv_shortcut=config.has_conv_shortcut,
-        pad_mode=config.padding,
-        target_bandwidths=[CODE_LAYERS * bits * SAMPLE_RATE_HZ / SAMPLES_PER_AUDIO_TOKEN / 1000],
-    )
 
 
 def _own_config(theirs: Any, *, origin: str) -> CodecConfig:

@@ -4,7 +4,7 @@ Offline, EnCodec pads the input of each convolution on the left; in a stream the
 before a row's first chunk; later chunks follow what the previous one left behind. Encoder chunks are multiples of 320
 samples, so the strides always start in phase.
 
-May import `nn` and below.
+May import `network`, `nn` and below.
 """
 
 from collections.abc import Iterator
@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from echoavatar.nn import StreamState, write_rows
 
 from .convolution import convolve, convolve_transposed, lookback
+from .network import CodecNetwork, Convolution, Recurrence, ResidualBlock
 
 
 @dataclass
@@ -37,8 +38,8 @@ class NetworkState(StreamState):
     seen: Int[Tensor, " b"]
 
 
-def init_network_state(network: nn.Module, rows: int) -> NetworkState:
-    """A state of zeros for `rows` sessions of a transformers `EncodecEncoder` or `EncodecDecoder`."""
+def init_network_state(network: CodecNetwork, rows: int) -> NetworkState:
+    """A state of zeros for `rows` sessions of an encoder or a decoder (see `network`)."""
     like = next(network.parameters())
     lstm = next(module for module in network.modules() if isinstance(module, nn.LSTM))
     pasts = [
@@ -51,22 +52,26 @@ def init_network_state(network: nn.Module, rows: int) -> NetworkState:
 
 
 def advance(
-    network: nn.Module, x: Float[Tensor, "b t c"], state: NetworkState, active: Bool[Tensor, " b"], *, padding: str
+    network: CodecNetwork, x: Float[Tensor, "b t c"], state: NetworkState, active: Bool[Tensor, " b"], *, padding: str
 ) -> Float[Tensor, "b n d"]:
     """Outputs for the next inputs; `state` moves on in place, in the active rows only.
 
     Differentiable within the call. A first chunk that is shorter than a reflection is padded with zeros on the
     right before it is reflected, as EnCodec does offline; such a row must not be continued.
     """
-    run = _Run(iter(state.convolutions), state, active, state.seen == 0, padding)
-    layers = network.layers
-    assert isinstance(layers, nn.Module)
-    out = run.layers(layers, x)
+    run = Run(iter(state.convolutions), state, active, state.seen == 0, padding)
+    out = run.layers(network.layers, x)
     write_rows(state.seen, state.seen + x.shape[1], active)
     return out
 
 
-def shortest_start(encoder: nn.Module, padding: str) -> int:
+def open_run(network: CodecNetwork, rows: int, *, padding: str) -> "Run":
+    """A pass of fresh rows, for who wants the output of each layer."""
+    state = init_network_state(network, rows)
+    return Run(iter(state.convolutions), state, state.seen == 0, state.seen == 0, padding)
+
+
+def shortest_start(encoder: CodecNetwork, padding: str) -> int:
     """Frames that the first chunk of a row must have at least."""
     if padding != "reflect":
         return 1
@@ -79,12 +84,12 @@ def shortest_start(encoder: nn.Module, padding: str) -> int:
     return needed
 
 
-def _convolutions(network: nn.Module) -> list[nn.Conv1d | nn.ConvTranspose1d]:
+def _convolutions(network: CodecNetwork) -> list[nn.Conv1d | nn.ConvTranspose1d]:
     return [module for module in network.modules() if isinstance(module, nn.Conv1d | nn.ConvTranspose1d)]
 
 
 @dataclass
-class _Run:
+class Run:
     """One pass through the layers, in the order in which the state lists them."""
 
     pasts: Iterator[ConvolutionPast]
@@ -94,29 +99,28 @@ class _Run:
     padding: str
 
     def layers(self, layers: nn.Module, x: Tensor) -> Tensor:
+        """The layers' outputs of x, each of the one before."""
         for layer in layers.children():
             x = self.layer(layer, x)
         return x
 
     def layer(self, layer: nn.Module, x: Tensor) -> Tensor:
+        """One layer's output (b n d) of its inputs x (b t c)."""
         if isinstance(layer, nn.ELU):
             return F.elu(x)
-        if isinstance(layer, nn.Identity):
+        if isinstance(layer, Recurrence):
+            return self._recur(layer.lstm, x)
+        if isinstance(layer, ResidualBlock):
+            inner = self.layers(layer.block, x)
+            return inner + self.layer(layer.shortcut, x)
+        if not isinstance(layer, Convolution):  # an identity
             return x
-        conv, lstm = getattr(layer, "conv", None), getattr(layer, "lstm", None)
+        conv = layer.conv
         if isinstance(conv, nn.ConvTranspose1d):
-            return convolve_transposed(conv, self.remember(x, lookback(conv), padding="constant"))
-        if isinstance(conv, nn.Conv1d):
-            return convolve(conv, self.remember(x, lookback(conv), padding=self.padding))
-        if isinstance(lstm, nn.LSTM):
-            return self.recur(lstm, x)
-        block, shortcut = layer.block, layer.shortcut
-        assert isinstance(block, nn.Module)
-        assert isinstance(shortcut, nn.Module)
-        inner = self.layers(block, x)
-        return inner + self.layer(shortcut, x)
+            return convolve_transposed(conv, self._remember(x, lookback(conv), padding="constant"))
+        return convolve(conv, self._remember(x, lookback(conv), padding=self.padding))
 
-    def remember(self, x: Tensor, length: int, *, padding: str) -> Tensor:
+    def _remember(self, x: Tensor, length: int, *, padding: str) -> Tensor:
         """`x` behind the last inputs, which `x` then becomes."""
         if not length:
             return x
@@ -128,7 +132,7 @@ class _Run:
         write_rows(past, x[:, -length:].detach(), self.active)
         return x
 
-    def recur(self, lstm: nn.LSTM, x: Tensor) -> Tensor:
+    def _recur(self, lstm: nn.LSTM, x: Tensor) -> Tensor:
         frames = x.transpose(0, 1)
         hidden, cell = (part.transpose(0, 1).clone() for part in (self.state.hidden, self.state.cell))
         out, (hidden, cell) = lstm(frames, (hidden.contiguous(), cell.contiguous()))

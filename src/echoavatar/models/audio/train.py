@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 from pydantic import Field
-from torch import Tensor, nn
+from torch import Tensor
 
 from echoavatar import checkpoint
 from echoavatar.timing import SAMPLES_PER_AUDIO_TOKEN
@@ -24,7 +24,9 @@ from .augment import augment, source_samples
 from .codec import AudioCodec
 from .config import CODE_LAYERS, CodecConfig
 from .loss import SpectrumProbe, sound_loss
+from .network import Convolution
 from .pool import AudioPool
+from .stream import open_run
 
 _START_BATCHES = 20
 
@@ -165,16 +167,17 @@ def balance(codec: AudioCodec, *, seed: int) -> None:
     in weeks of training; ours is trained for hours.
     """
     noise = torch.Generator().manual_seed(seed)
-    x = 0.07 * torch.randn(2, 1, 48 * SAMPLES_PER_AUDIO_TOKEN, generator=noise)
+    x = 0.07 * torch.randn(2, 48 * SAMPLES_PER_AUDIO_TOKEN, 1, generator=noise)
     for network, loudness in ((codec.encoder, 1.0), (codec.decoder, 0.07)):
-        assert isinstance(network.layers, nn.Module)
-        layers = list(network.layers.children())
-        for layer in layers:
-            conv = getattr(layer, "conv", None)
-            if conv is not None:
-                size = loudness if layer is layers[-1] else 1.0
-                conv.weight.mul_(size / layer(x).std().clamp_min(1e-6))
-            x = layer(x)
+        run = open_run(network, len(x), padding=codec.config.padding)
+        for layer in network.layers:
+            x = run.layer(layer, x)
+            if isinstance(layer, Convolution):
+                assert layer.conv.bias is not None
+                size = loudness if layer is network.layers[-1] else 1.0
+                factor = size / x.std().clamp_min(1e-6)
+                layer.conv.weight.mul_(factor)
+                x = factor * (x - layer.conv.bias) + layer.conv.bias
 
 
 def make_batch(config: CodecTrainingConfig, pool: AudioPool, step: int) -> Sounds:

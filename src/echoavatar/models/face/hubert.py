@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, DependencyError
 from echoavatar.nn import StreamState, write_rows
 from echoavatar.timing import CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
@@ -40,8 +40,7 @@ class HubertEncoder(AudioEncoder[SoundState]):
 
     def __init__(self, config: HubertConfig) -> None:
         super().__init__()
-        from transformers import HubertModel
-
+        HubertModel = _transformers().HubertModel
         self.config = config
         self.hubert = HubertModel(_their_config(config))
 
@@ -52,8 +51,7 @@ class HubertEncoder(AudioEncoder[SoundState]):
         Raises:
             CheckpointError: it is not there.
         """
-        from transformers import HubertModel
-
+        HubertModel = _transformers().HubertModel
         try:
             network = HubertModel.from_pretrained(str(path_or_name), local_files_only=True)
         except (OSError, ValueError) as error:
@@ -118,10 +116,16 @@ def pad_window(audio: Float[Tensor, "b s"]) -> Float[Tensor, "b p"]:
     return F.pad(audio, (1, 1), mode="replicate") if missing % 2 else audio
 
 
-def _their_config(config: HubertConfig) -> Any:
-    from transformers import HubertConfig as TheirConfig
+def _transformers() -> Any:
+    try:
+        import transformers
+    except ModuleNotFoundError as error:
+        raise DependencyError("HuBERT needs transformers: pip install 'echoavatar[pretrained]'") from error
+    return transformers
 
-    return TheirConfig(
+
+def _their_config(config: HubertConfig) -> Any:
+    return _transformers().HubertConfig(
         hidden_size=config.width,
         num_hidden_layers=config.layers,
         num_attention_heads=config.heads,

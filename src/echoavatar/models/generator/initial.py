@@ -31,7 +31,9 @@ def init_from_qwen(generator: Generator, folder: Path) -> None:
     try:
         from transformers import Qwen2ForCausalLM
     except ImportError as error:
-        raise DependencyError("reading Qwen2 weights needs transformers: pip install transformers") from error
+        raise DependencyError(
+            "reading Qwen2 weights needs transformers: pip install 'echoavatar[pretrained]'"
+        ) from error
     source = Qwen2ForCausalLM.from_pretrained(folder, local_files_only=True, dtype=torch.float32)
     weights, own = source.state_dict(), generator.state_dict()
     body = {key: value for key, value in weights.items() if key in own and _is_body(key)}
