@@ -130,7 +130,7 @@ def telling_apart(codec: AudioCodec) -> AudioCodec:
     """With code vectors that tell sounds apart: some of its own latents."""
     noise = sound(1, 48_000, torch.Generator().manual_seed(0)).to(codec.codebooks)
     with torch.no_grad():
-        latents = codec.encoder(noise[:, None])[0].T
+        latents = codec.latents(noise, codec.init_state(len(noise)), torch.ones(len(noise), dtype=torch.bool))[0]
     codec.codebooks[0] = latents[:: len(latents) // 16][:16]
     return codec
 

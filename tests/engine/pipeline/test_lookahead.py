@@ -10,6 +10,7 @@ import torch
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
 from echoavatar.engine.pipeline.lookahead import LookaheadPipeline
+from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
 
 SEED = 3
@@ -22,9 +23,13 @@ def bundle(tiny_bundle: Path, voice: np.ndarray) -> Bundle:
     codec, random = bundle.codec, torch.Generator().manual_seed(0)
     noise = 0.3 * torch.randn(1, 48_000, generator=random)
     with torch.no_grad():
-        latents = torch.cat([codec.encoder(x[:, None]) for x in (torch.from_numpy(voice)[None], noise)], 2)[0].T
+        latents = torch.cat([latents_of(codec, x) for x in (torch.from_numpy(voice)[None], noise)])
         codec.codebooks[0] = latents[torch.randperm(len(latents), generator=random)[:16]]
     return bundle
+
+
+def latents_of(codec: AudioCodec, sound: torch.Tensor) -> torch.Tensor:
+    return codec.latents(sound, codec.init_state(1), torch.ones(1, dtype=torch.bool))[0]
 
 
 def early(bundle: Bundle, chunks: int) -> Bundle:
