@@ -262,7 +262,7 @@ def pipeline() -> Stream:
     with tempfile.TemporaryDirectory() as folder:
         bundle = load_bundle(write_bundle(Path(folder)))
     telling_apart(bundle.codec)
-    torch.manual_seed(0)
+    torch.manual_seed(2)
     for parameter in bundle.generator.parameters():
         torch.nn.init.normal_(parameter)
     whole = Pipeline(bundle, precision="float32")
