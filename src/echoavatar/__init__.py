@@ -1,5 +1,11 @@
 """EchoAvatar: an audio stream becomes full-body motion, in real time.
 
+>>> import echoavatar
+>>> animation = echoavatar.animate("talk.wav")
+>>> animation.save("talk.glb")
+
+Live:
+
 >>> from echoavatar import load
 >>> with load("default").open(seed=1) as session:
 ...     session.push(samples, rate=48_000)
@@ -11,14 +17,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .engine import Animation, Engine, Session, animate, load
+    from .animation import Animation, animate
+    from .engine import Engine, Session, load
     from .errors import EchoAvatarError
+    from .hub import push_to_hub
     from .motion.kinematics import Motion
 
 __version__ = "0.1.0"
-__all__ = ["Animation", "EchoAvatarError", "Engine", "Motion", "Session", "animate", "load"]
+__all__ = ["Animation", "EchoAvatarError", "Engine", "Motion", "Session", "animate", "load", "push_to_hub"]
 
-_HOMES = {"EchoAvatarError": ".errors", "Motion": ".motion.kinematics"}
+_HOMES = {
+    "Animation": ".animation",
+    "EchoAvatarError": ".errors",
+    "Motion": ".motion.kinematics",
+    "animate": ".animation",
+    "push_to_hub": ".hub",
+}
 
 
 def __getattr__(name: str) -> object:

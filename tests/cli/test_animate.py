@@ -1,5 +1,7 @@
+import io
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -160,3 +162,71 @@ def test_outputs_that_cannot_be_are_refused_before_any_work(
     (tmp_path / "taken.bvh").mkdir()
     assert run(wav, tmp_path / output, Path("never-loaded")) == 1
     assert complaint in capsys.readouterr().err
+
+
+def test_several_sounds_go_into_a_folder(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
+    second = tmp_path / "second.wav"
+    second.write_bytes(wav.read_bytes())
+    words = [
+        "animate",
+        str(wav),
+        str(second),
+        "-o",
+        str(tmp_path / "out"),
+        "--format",
+        "bvh",
+        "--model",
+        str(tiny_bundle),
+    ]
+    assert main(words) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"{wav.stem}.bvh", "second.bvh"}
+    one, other = (read_bvh(path).root for path in sorted((tmp_path / "out").iterdir()))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_sound_comes_from_standard_input(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(wav.read_bytes())))
+    assert run(Path("-"), tmp_path / "a.bvh", tiny_bundle) == 0
+    assert run(wav, tmp_path / "b.bvh", tiny_bundle) == 0
+    assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
+
+
+def test_any_frame_rate(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
+    assert run(wav, tmp_path / "a.bvh", tiny_bundle, "--fps", "12.5") == 0
+    assert read_bvh(tmp_path / "a.bvh").fps == 12.5
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["a.wav", "b.wav", "-o", "x.glb"], "several sounds need a folder"),
+        (["a/x.wav", "b/x.mp3", "-o", "out"], "called 'x'"),
+        (["-", "-", "-o", "out"], "read once"),
+        (["x.bvh", "-o", "x.bvh"], "is the sound itself"),
+    ],
+)
+def test_outputs_that_would_collide_are_refused(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["animate", *words]) == 1
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["https://a.org/x.wav", "-o", "x.glb"], "is an address; download it first"),
+        (["x.wav", "-o", "x.mp4", "--size", "wide"], "write it as 1280x720"),
+        (["x.wav", "-o", "x.mp4", "--size", "101x64"], "even"),
+        (["x.wav", "-o", "x.mp4", "--fps", "0"], "not a frame rate"),
+    ],
+)
+def test_arguments_that_mean_nothing_are_refused(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["animate", *words])
+    assert said in capsys.readouterr().err

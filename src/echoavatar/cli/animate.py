@@ -1,7 +1,14 @@
 """`echoavatar animate`: turn an audio file into full-body motion, through the streaming engine."""
 
 import argparse
+import os
+import shutil
 import sys
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,8 +20,11 @@ from echoavatar.errors import EchoAvatarError
 from .serve import DEVICE_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
+    from echoavatar.files.avatar.video import View
     from echoavatar.files.exports import Take
 
+STDIN = Path("-")
+VIEWS = ("front", "left", "right", "back", "face")
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4; .vrm with --rig"
 RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
 EXAMPLES = """examples:
@@ -22,6 +32,8 @@ EXAMPLES = """examples:
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
   echoavatar animate talk.wav -o talk.mp4 --close-up the face alone, to judge lips and eyes
   echoavatar animate talk.wav -o talk.bvh --fps 60   skeleton and rotations, interpolated to 60 fps
+  echoavatar animate *.wav -o motion/ --format .bvh  each sound into a file of its name
+  cat talk.mp3 | echoavatar animate - -o talk.glb    sound from standard input
   echoavatar animate talk.wav -o talk.csv            rotations as a table, and the face as talk.face.csv
   echoavatar animate talk.wav -o talk.vrma           for any VRM avatar
   echoavatar animate talk.wav -o out.glb --rig me.vrm   your own character with the animation
@@ -33,77 +45,158 @@ anything that FFmpeg reads, at any rate and with any number of channels. More: d
 """
 
 
+def sound_path(text: str) -> Path:
+    """A path; addresses are refused in plain words."""
+    if "://" in text:
+        raise argparse.ArgumentTypeError(f"{text} is an address; download it first, then name the file")
+    return Path(text)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("audio", type=Path, metavar="AUDIO", help="sound file: wav, mp3, ogg, flac, m4a, mp4, ...")
-    parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}")
+    parser.add_argument(
+        "audio", type=sound_path, nargs="+", metavar="AUDIO", help="sound files: wav, mp3, ...; - is standard input"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help=f"where to write: {FORMATS}; or a folder, for several sounds"
+    )
+    parser.add_argument(
+        "--format",
+        type=_suffix,
+        default=".glb",
+        metavar="SUFFIX",
+        help="of the files in a folder (default: %(default)s)",
+    )
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
-    parser.add_argument("--fps", type=int, choices=(30, 60), default=30, help="frame rate (default: %(default)s)")
+    parser.add_argument("--fps", type=_rate, default=30, help="frame rate, 1 to 1000 (default: %(default)s)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
-    parser.add_argument("--close-up", action="store_true", help="film only the face (.mp4)")
+    parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
+    parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
+    parser.add_argument(
+        "--size", type=_size, metavar="WxH", help="pixels of the film (default: 1280x720, face 720x720)"
+    )
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Animate the sound, write the motion, print the real-time factor."""
-    from echoavatar.files.exports import Take, read_rig, writer
-
-    write = writer(args.output, has_rig=args.rig is not None)
-    rig = None if args.rig is None else read_rig(args.rig)
+    """Animate every sound, write the motion, print the real-time factor."""
     from echoavatar.engine import animate
     from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.files.exports import Take, read_rig, writer
+    from echoavatar.files.exports.formats import FORMATS as SUFFIXES
     from echoavatar.models.audio import stream_audio
     from echoavatar.motion.stages.modes import MotionOptions
 
+    outputs = _outputs(args, SUFFIXES)
+    writers = [writer(output, has_rig=args.rig is not None) for output in outputs]
+    rig = None if args.rig is None else read_rig(args.rig)
     if args.in_place and "leash" in args.without:
         raise EchoAvatarError(
             "--in-place needs the stage `leash`, which --without leash leaves out; drop one of the two"
         )
     pipeline = Pipeline(load_bundle(args.model).without(args.without), device=args.device)
     pipeline.warm_up()
-    with tqdm(
-        unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
-    ) as bar:
-        done = animate(
-            pipeline,
-            stream_audio(args.audio),
-            seed=args.seed,
-            fps=args.fps,
-            options=MotionOptions(in_place=args.in_place, upper_body=args.upper_body),
-            progress=lambda seconds: _advance(bar, seconds),
+    options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
+    for sound, output, write in zip(args.audio, outputs, writers, strict=True):
+        bar = tqdm(
+            unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
         )
-    motion, take = done.motion, Take(done.motion, done.face, done.audio)
-    if args.output.suffix.lower() == ".mp4":
-        _film(args.output, take, is_close=args.close_up)
-    else:
-        write(args.output, take if rig is None else rig.retarget(take), rig)
-    print(
-        f"{args.output}: {motion.frames} frames at {args.fps} fps, {motion.seconds:.2f} s; "
-        f"real-time factor {done.real_time_factor:.2f}"
-    )
+        with bar, _readable(sound) as path:
+            done = animate(
+                pipeline,
+                stream_audio(path),
+                seed=args.seed,
+                fps=args.fps,
+                options=options,
+                progress=partial(_advance, bar),
+            )
+        motion, take = done.motion, Take(done.motion, done.face, done.audio)
+        if output.suffix.lower() == ".mp4":
+            _film(output, take, args)
+        else:
+            write(output, take if rig is None else rig.retarget(take), rig)
+        print(
+            f"{output}: {motion.frames} frames at {args.fps:g} fps, {motion.seconds:.2f} s; "
+            f"real-time factor {done.real_time_factor:.2f}"
+        )
     return 0
 
 
-def _film(path: Path, take: "Take", *, is_close: bool) -> None:
+def _outputs(args: argparse.Namespace, known: Collection[str]) -> list[Path]:
+    """Where each sound's motion goes: -o itself, or a file of the sound's name in the folder -o."""
+    if args.audio.count(STDIN) > 1:
+        raise EchoAvatarError("standard input (-) can be read once; name it once")
+    is_file = bool(args.output.suffix) and not (args.output.is_dir() and args.output.suffix.lower() not in known)
+    if len(args.audio) == 1 and is_file:
+        if args.output.resolve() == args.audio[0].resolve():
+            raise EchoAvatarError(f"-o {args.output} is the sound itself; choose another name")
+        return [args.output]
+    if is_file:
+        raise EchoAvatarError(f"several sounds need a folder: -o {args.output.with_suffix('')}{os.sep}")
+    try:
+        args.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
+    stems = ["stdin" if sound == STDIN else sound.stem for sound in args.audio]
+    if twice := [stem for stem, count in Counter(stems).items() if count > 1]:
+        raise EchoAvatarError(f"two sounds are called {twice[0]!r} and would go into one file; rename one")
+    return [args.output / f"{stem}{args.format}" for stem in stems]
+
+
+@contextmanager
+def _readable(sound: Path) -> Iterator[Path]:
+    """The file itself; standard input is kept in a file first, because most formats are read back and forth."""
+    if sound != STDIN:
+        yield sound
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        kept = Path(folder) / "stdin"
+        with kept.open("wb") as file:
+            shutil.copyfileobj(sys.stdin.buffer, file)
+        yield kept
+
+
+def _film(path: Path, take: "Take", args: argparse.Namespace) -> None:
     from echoavatar.files.avatar.video import write_mp4
 
     audio = np.zeros(0, np.float32) if take.audio is None else take.audio
-
+    view: View = "face" if args.close_up else args.camera
     with tqdm(total=take.motion.frames, unit="frame", desc="filming", disable=_is_quiet()) as bar:
         write_mp4(
             path,
             take.motion,
             audio,
             face=take.face,
-            is_close=is_close,
-            size=(720, 720) if is_close else (1280, 720),
+            view=view,
+            size=args.size or ((720, 720) if view == "face" else (1280, 720)),
             progress=lambda made, _: _advance(bar, made),
         )
+
+
+def _suffix(text: str) -> str:
+    return text if text.startswith(".") else f".{text}"
+
+
+def _rate(text: str) -> float:
+    rate = float(text)
+    if not 1 <= rate <= 1000:
+        raise argparse.ArgumentTypeError(f"{text} is not a frame rate; choose 1 to 1000")
+    return rate
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 1280x720")
+    size = int(width), int(height)
+    if any(side % 2 or not 16 <= side <= 4096 for side in size):
+        raise argparse.ArgumentTypeError(f"{text}: width and height are even, 16 to 4096")
+    return size
 
 
 def _advance(bar: "tqdm[object]", to: float) -> None:

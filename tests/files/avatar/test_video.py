@@ -41,7 +41,7 @@ def test_a_close_up_shows_the_face_and_what_it_does() -> None:
     shut, wide = np.zeros((1, 52), np.float32), np.zeros((1, 52), np.float32)
     wide[0, 17] = 1
     one, other = (
-        next(film(standing(1), face=face, size=(96, 96), samples=1, is_close=True)).astype(int) for face in (shut, wide)
+        next(film(standing(1), face=face, size=(96, 96), samples=1, view="face")).astype(int) for face in (shut, wide)
     )
     changed = np.abs(one - other).sum(2) > 30
     assert changed[48:].sum() > 100

@@ -4,6 +4,7 @@
 beside them describes the whole.
 """
 
+import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -13,8 +14,9 @@ from typing import Literal
 
 from torch import nn
 
+from echoavatar import hub
 from echoavatar.checkpoint import read_card
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.face import FaceModel
 from echoavatar.models.generator import Generator, qwen_half_billion
@@ -31,6 +33,7 @@ from .time_warp import WARP
 
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
+_HUB_NAME = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*")
 OPTIONAL_STAGES = (FACE, *SWITCHES, WARP)
 
 
@@ -79,7 +82,7 @@ class Bundle:
 
 
 def load_bundle(name: str | Path = "default") -> Bundle:
-    """Load a bundle by the name of a shipped one, or from a folder.
+    """Load a bundle by the name of a shipped one, from a folder, or as OWNER/NAME from the hub (kept in its cache).
 
     Raises:
         CheckpointError: no such bundle, a part is missing or damaged, or the parts do not fit together.
@@ -115,6 +118,13 @@ def _folder(name: str | Path) -> Iterator[Path]:
             yield folder
         return
     folder = Path(name)
+    if not folder.is_dir() and _HUB_NAME.fullmatch(str(name)):
+        try:
+            folder = hub.fetch(str(name))
+        except EchoAvatarError as error:
+            raise CheckpointError(
+                f"no bundle {str(name)!r}: not a folder, and as a name on the hub: {error}"
+            ) from error
     if not folder.is_dir():
         known = ", ".join(shipped()) or "none"
         raise CheckpointError(f"no bundle {str(name)!r}: not a folder and not shipped (shipped: {known})")

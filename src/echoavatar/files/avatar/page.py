@@ -33,7 +33,12 @@ class PageClip(NamedTuple):
 def write_page(
     path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = ""
 ) -> None:
-    """Write the page. All clips share the mesh in `glb` (`gltf.pack_glb`) and name one of its animations."""
+    """Write the page of `page_text`."""
+    Path(path).write_text(page_text(glb, clips, title=title, note=note), "utf-8")
+
+
+def page_text(glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> str:
+    """The page's HTML. All clips share the mesh in `glb` (`gltf.pack_glb`) and name one of its animations."""
     assets = files("echoavatar") / "assets"
     data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
     viewer = (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script")
@@ -42,8 +47,7 @@ def write_page(
         filled = filled.replace(mark, text)
     start, rest = filled.split("@DATA@")
     middle, end = rest.split("@VIEWER@")
-    filled = start + json.dumps(data).replace("<", "\\u003c") + middle + viewer + end
-    Path(path).write_text(filled, "utf-8")
+    return start + json.dumps(data).replace("<", "\\u003c") + middle + viewer + end
 
 
 def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:

@@ -1,9 +1,11 @@
 """Film motion and its sound as an MP4 of the shaded character (H.264 and AAC through PyAV)."""
 
+import math
 from collections.abc import Callable, Generator
 from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
+from typing import Literal, get_args
 
 import av
 import numpy as np
@@ -21,6 +23,9 @@ from .skinning import skin
 SOUND_RATE_HZ = 48_000
 FOLLOW_SECONDS = 0.7  # standard deviation of the window that smooths the camera's path
 HEAD = HUMANOID.index("head")
+View = Literal["front", "left", "right", "back", "face"]  # left and right are the character's
+VIEWS: tuple[View, ...] = get_args(View)
+_TURNS = {"front": 0.0, "left": 75.0, "right": -90.0, "back": 180.0}  # degrees of the camera about the body
 
 
 def write_mp4(
@@ -32,10 +37,10 @@ def write_mp4(
     character: Character | None = None,
     size: tuple[int, int] = (1280, 720),
     samples: int = 2,
-    is_close: bool = False,
+    view: View = "front",
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Film the character from the front, or its face alone. `audio` is mono at 24 kHz and starts with the first frame.
+    """Film the character. `audio` is mono at 24 kHz and starts with the first frame; `size` is even.
 
     `face` holds blendshape weights beside the motion; None is a still face.
 
@@ -43,7 +48,7 @@ def write_mp4(
         MotionError: the file cannot be written, or the face does not fit the motion.
     """
     curves = None if face is None else checked_face(face, motion.frames)
-    frames = film(motion, face=curves, character=character, size=size, samples=samples, is_close=is_close)
+    frames = film(motion, face=curves, character=character, size=size, samples=samples, view=view)
     partial = path.with_name(path.name + ".partial")
     try:
         with av.open(str(partial), "w", format="mp4") as container:
@@ -63,22 +68,22 @@ def film(
     size: tuple[int, int] = (1280, 720),
     samples: int = 2,
     camera: Camera | None = None,
-    is_close: bool = False,
+    view: View = "front",
 ) -> Generator[UInt8[np.ndarray, "h w 3"], None, None]:
     """The pictures of a motion, frame by frame.
 
-    Without `camera` the camera smoothly follows the hips, or the head in a close-up.
+    Without `camera` the camera smoothly follows the hips, or the head where the face is in view.
     """
     character = character or load_character()
     renderer = Renderer(*size, camera=camera, samples=samples)
     colours = linear(character.colours)
     pose = motion.pose()
     rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
-    followed = _smoothed(positions[:, HEAD if is_close else 0], motion.fps)
+    followed = _smoothed(positions[:, HEAD if view == "face" else 0], motion.fps)
     curves = [None] * motion.frames if face is None else list(face)
     for turned, placed, middle, weights in zip(rotations, positions, followed, curves, strict=True):
         if camera is None:
-            renderer.camera = close_up(middle) if is_close else _following(middle)
+            renderer.camera = close_up(middle) if view == "face" else _following(middle, view)
         points, normals = skin(character, turned, placed, weights)
         yield renderer.draw(Surface(points, normals, colours, character.triangles))
 
@@ -95,9 +100,14 @@ def linear(colours: UInt8[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def _following(middle: Float[np.ndarray, " 3"]) -> Camera:
-    x, z = float(middle[0]), float(middle[2])
-    return Camera(position=(x + 0.55, 1.35, z + 3.9), target=(x, 0.93, z))
+def _following(middle: Float[np.ndarray, " 3"], view: View) -> Camera:
+    x, z, turn = float(middle[0]), float(middle[2]), math.radians(_TURNS[view])
+    beside, before = 0.55, 3.9
+    placed = (
+        x + beside * math.cos(turn) + before * math.sin(turn),
+        z - beside * math.sin(turn) + before * math.cos(turn),
+    )
+    return Camera(position=(placed[0], 1.35, placed[1]), target=(x, 0.93, z))
 
 
 def _smoothed(hips: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"]:

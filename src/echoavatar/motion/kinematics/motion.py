@@ -1,6 +1,7 @@
 """Motion: a skeleton and its movement, as an immutable value."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -67,3 +68,31 @@ class Motion:
     def cut(self, start: int, stop: int) -> "Motion":
         """Frames `start` to `stop`, which is not included."""
         return replace(self, rotations=self.rotations[start:stop], root=self.root[start:stop])
+
+    def to_numpy(self) -> dict[str, np.ndarray]:
+        """Plain arrays: `rotations` (t, j, 4) `wxyz`, `root` (t, 3) in metres, `fps`, `joints` and `parents` (j)."""
+        return {
+            "rotations": self.rotations,
+            "root": self.root,
+            "fps": np.array(self.fps),
+            "joints": np.array(self.skeleton.names),
+            "parents": np.array(self.skeleton.parents),
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write .bvh, .npz or .csv. Other formats also need a mesh or a face: see `echoavatar.Animation.save`.
+
+        Raises:
+            MotionError: the suffix is another, or the file cannot be written.
+        """
+        from . import bvh, tables
+
+        path = Path(path)
+        if path.suffix == ".bvh":
+            bvh.write_bvh(path, self.skeleton, self.rotations, self.root, self.fps)
+        elif path.suffix == ".npz":
+            tables.write_npz(path, self)
+        elif path.suffix == ".csv":
+            tables.write_csv(path, self)
+        else:
+            raise MotionError(f"a motion is saved as .bvh, .npz or .csv, not {path.suffix!r}; see Animation.save")

@@ -8,8 +8,9 @@ import pytest
 huggingface_hub = pytest.importorskip("huggingface_hub")
 from huggingface_hub.errors import HFValidationError  # noqa: E402
 
+from echoavatar.engine.pipeline import load_bundle  # noqa: E402
 from echoavatar.errors import CheckpointError, EchoAvatarError  # noqa: E402
-from echoavatar.files.reference.pull import check, pull  # noqa: E402
+from echoavatar.hub import check, pull, push_to_hub  # noqa: E402
 
 
 def hub(monkeypatch, info=None, error=None) -> list[dict]:
@@ -73,3 +74,39 @@ def test_without_network_it_says_what_to_do(tmp_path, monkeypatch):
     hub(monkeypatch, error=ZeroDivisionError())
     with pytest.raises(ZeroDivisionError):
         pull("owner/name", tmp_path)
+
+
+def test_a_bundle_is_loaded_by_its_name_on_the_hub(tiny_bundle, monkeypatch):
+    """The second time, and without a network, from the cache."""
+    calls = hub(monkeypatch, error=ConnectionError("no network"))
+    cached = []
+
+    def snapshot_download(name, **options):
+        if options.get("local_files_only") and not cached:
+            raise FileNotFoundError("not in the cache")
+        return str(tiny_bundle)
+
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    with pytest.raises(CheckpointError, match=r"not a folder, and as a name on the hub: .*cannot be reached"):
+        load_bundle("owner/avatar")
+    cached.append(True)
+    assert load_bundle("owner/avatar").parameters > 0
+    assert not calls
+
+
+def test_a_bundle_is_published_with_a_card(tiny_bundle, tmp_path, monkeypatch):
+    sent = {}
+    monkeypatch.setattr(huggingface_hub.HfApi, "create_repo", lambda self, name, **options: sent.update(options))
+    monkeypatch.setattr(
+        huggingface_hub.HfApi, "upload_folder", lambda self, **options: SimpleNamespace(commit_url="https://hub/commit")
+    )
+    monkeypatch.setattr(huggingface_hub.HfApi, "upload_file", lambda self, **options: sent.update(options))
+    assert push_to_hub(tiny_bundle, "owner/avatar", private=True) == "https://hub/commit"
+    assert sent["private"] is True
+    card = sent["path_or_fileobj"].decode()
+    assert card.startswith("---\nlicense: ")
+    assert 'model="owner/avatar"' in card
+    for part in ("codec", "tokenizer", "generator"):
+        assert f"| {part} |" in card
+    with pytest.raises(CheckpointError, match="not a bundle"):
+        push_to_hub(tmp_path, "owner/avatar")

@@ -1,0 +1,135 @@
+"""Three lines of Python: a sound becomes an animation that saves and shows itself.
+
+    animation = echoavatar.animate("talk.wav")
+    animation.save("talk.glb")
+    animation  # in a notebook: a page with the avatar and its sound
+
+May import `files`, `engine` and below.
+"""
+
+import functools
+import html
+import io
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from jaxtyping import Float
+
+from echoavatar.engine import Animation as Made
+from echoavatar.engine import animate as animate_blocks
+from echoavatar.engine import in_blocks
+from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar.gltf import Animation as GltfAnimation
+from echoavatar.files.avatar.gltf import pack_glb
+from echoavatar.files.avatar.page import PageClip, page_text
+from echoavatar.files.avatar.video import View, write_mp4
+from echoavatar.files.exports import Take, read_rig, writer
+from echoavatar.models.audio import stream_audio
+from echoavatar.models.audio.resample import StreamResampler
+from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+
+
+class Animation(Made):
+    """Motion, face and the sound that drove them; see the fields of `engine.Animation`."""
+
+    __slots__ = ()
+
+    @property
+    def take(self) -> Take:
+        """What the exporters write."""
+        return Take(self.motion, self.face, self.audio)
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        rig: str | Path | None = None,
+        size: tuple[int, int] = (1280, 720),
+        view: View = "front",
+    ) -> None:
+        """Write a file; its suffix is its format (.glb, .vrma, .bvh, .mp4, .npz, .csv, .usdz, .fbx ...).
+
+        Args:
+            path: where to write.
+            rig: your own character or skeleton (.vrm, .glb or .bvh), which then moves.
+            size: width and height of an .mp4, in pixels.
+            view: of an .mp4: front, left, right or back of the body, or the face alone.
+
+        Raises:
+            EchoAvatarError: the suffix is unknown, the rig does not fit it, or the file cannot be written there.
+        """
+        path = Path(path)
+        write = writer(path, has_rig=rig is not None)
+        if path.suffix.lower() == ".mp4":
+            take = self.take.on_humanoid()
+            write_mp4(path, take.motion, self.audio, face=self.face, size=size, view=view)
+        elif rig is None:
+            write(path, self.take, None)
+        else:
+            own = read_rig(Path(rig))
+            write(path, own.retarget(self.take), own)
+
+    def to_numpy(self) -> dict[str, np.ndarray]:
+        """`Motion.to_numpy`, and `audio` (s) at 24 kHz and, where there is a face, `face` (t, 52) ARKit curves 0..1."""
+        face = {} if self.face is None else {"face": self.face}
+        return self.motion.to_numpy() | {"audio": self.audio} | face
+
+    def to_html(self) -> str:
+        """A page of its own, about 3 MB, with the avatar to turn and its sound; needs no network and no server."""
+        motion, sound = self.take.on_humanoid().motion, io.BytesIO()
+        soundfile.write(sound, np.clip(self.audio, -1, 1), SAMPLE_RATE_HZ, format="OGG", subtype="VORBIS")
+        moving = GltfAnimation("motion", motion.rotations, motion.root, motion.fps, self.face)
+        clip = PageClip(f"{motion.seconds:.1f} s", "motion", sound.getvalue())
+        return page_text(pack_glb(load_character(), [moving], compact=True), [clip])
+
+    def _repr_html_(self) -> str:
+        """How a notebook shows it: the page in a frame."""
+        frame = 'width="100%" height="480" style="border:0" sandbox="allow-scripts" title="EchoAvatar animation"'
+        return f'<iframe {frame} srcdoc="{html.escape(self.to_html(), quote=True)}"></iframe>'
+
+
+def animate(
+    sound: str | Path | Float[np.ndarray, "..."],
+    *,
+    rate: int = SAMPLE_RATE_HZ,
+    model: str | Path = "default",
+    seed: int = 0,
+    fps: float = FRAME_RATE_HZ,
+    options: MotionOptions | None = None,
+    device: str = "cpu",
+) -> Animation:
+    """Motion for a sound file, or for samples: mono (s,) or (s, channels), in [-1, 1] or int16.
+
+    Args:
+        sound: any file that FFmpeg reads, or samples.
+        rate: of the samples, in Hz; a file knows its own.
+        model: a shipped bundle, a folder, or OWNER/NAME on the hub. The last one used stays loaded.
+        seed: the same seed gives the same motion.
+        fps: frames per second.
+        options: how the body may move, such as `MotionOptions(in_place=True)`.
+        device: where the model runs, as of `load`.
+
+    Raises:
+        AudioError: the sound is missing, empty or not sound.
+        CheckpointError: there is no such model.
+    """
+    blocks = stream_audio(sound) if isinstance(sound, str | Path) else in_blocks(_resampled(sound, rate))
+    pipeline = _loaded(str(model), device)
+    made = animate_blocks(pipeline, blocks, seed=seed, fps=fps, options=options or MotionOptions())
+    return Animation(*made)
+
+
+def _resampled(samples: Float[np.ndarray, "..."], rate: int) -> Float[np.ndarray, " s"]:
+    stream = StreamResampler(rate)
+    return np.concatenate([stream.push(np.asarray(samples)), stream.flush()])
+
+
+@functools.lru_cache(maxsize=1)
+def _loaded(model: str, device: str) -> Pipeline:
+    """Its weights do not change; whatever does belongs to a session."""
+    pipeline = Pipeline(load_bundle(model), device=device)
+    pipeline.warm_up()
+    return pipeline
