@@ -24,10 +24,10 @@ def words(tmp_path: Path) -> list[str]:
 def test_sounds_become_prompts_and_prompts_a_tuned_generator(
     tmp_path: Path, tiny_bundle: Path, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*words, "--bundle", str(tiny_bundle)]) == 0
+    assert main([*words, "--model", str(tiny_bundle)]) == 0
     assert "music: 2 recordings, 0.1 minutes, 0 held out" in capsys.readouterr().out
     tokens, measure = tmp_path / "sounds/tokens", tmp_path / "reference_statistics.json"
-    tune = ["align", "grpo", str(tokens), "-o", str(tmp_path / "run"), "--bundle", str(tiny_bundle)]
+    tune = ["align", "grpo", str(tokens), "-o", str(tmp_path / "run"), "--model", str(tiny_bundle)]
     tune += ["--recipe", "tiny", "--fewest-events", "0", "--steps", "1"]
     assert main(tune) == 1
     assert "pass the --reference-statistics" in capsys.readouterr().err

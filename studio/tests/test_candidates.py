@@ -113,7 +113,7 @@ def test_from_sounds_over_raters_to_a_step_of_dpo(tiny_bundle, maker: Maker, tmp
         whole.extractall(tmp_path / "mine")
     folder = tmp_path / "mine" / "tokens"
     words = ["align", "dpo", str(folder), "-o", str(tmp_path / "run"), "--pairs", str(pairs), "--recipe", "tiny"]
-    words += ["--bundle", str(tiny_bundle), "--past", "1", "--length", "2", "--steps", "1", "--fewest-events", "0"]
+    words += ["--model", str(tiny_bundle), "--past", "1", "--length", "2", "--steps", "1", "--fewest-events", "0"]
     assert main(words) == 0, capsys.readouterr().err
     told = [json.loads(line) for line in (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()]
     assert [line["step"] for line in told] == [1]

@@ -19,18 +19,18 @@ def bundle(tiny_bundle: Path, tmp_path: Path) -> Path:
 def test_a_clip_is_added_listed_and_removed(bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     nod = clip(SCRIPTS["agree"])
     write_bvh(tmp_path / "nod.bvh", nod.skeleton, nod.rotations, nod.root, fps=nod.fps)
-    words = ["actions", "add", "big nod", str(tmp_path / "nod.bvh"), "--bundle", str(bundle), "--about", "yes!"]
+    words = ["actions", "add", "big nod", str(tmp_path / "nod.bvh"), "--model", str(bundle), "--about", "yes!"]
     assert main(words) == 0
-    assert main(["actions", "list", "--bundle", str(bundle)]) == 0
+    assert main(["actions", "list", "--model", str(bundle)]) == 0
     told = capsys.readouterr().out
     assert "big_nod   2.7 s  yes!" in told
     assert "2 actions" in told
-    assert main(["actions", "remove", "bow", "--bundle", str(bundle)]) == 0
+    assert main(["actions", "remove", "bow", "--model", str(bundle)]) == 0
     assert list(ActionLibrary.load(bundle, 8)) == ["big_nod"]
 
 
 def test_errors_name_their_cause(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["actions", "remove", "jump", "--bundle", str(bundle)]) == 1
+    assert main(["actions", "remove", "jump", "--model", str(bundle)]) == 1
     assert "there are: bow" in capsys.readouterr().err
-    assert main(["actions", "add", "x", "x.bvh", "--bundle", "default"]) == 1
+    assert main(["actions", "add", "x", "x.bvh", "--model", "default"]) == 1
     assert "not a bundle's folder" in capsys.readouterr().err

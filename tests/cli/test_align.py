@@ -13,7 +13,7 @@ def test_pairs_then_dpo_and_grpo_from_the_command_line(tmp_path, tiny_bundle, ca
     reference_statistics().save(tmp_path / "y.json")
     common = [
         str(tokens),
-        "--bundle",
+        "--model",
         str(tiny_bundle),
         "--reference-statistics",
         str(tmp_path / "y.json"),

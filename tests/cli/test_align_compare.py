@@ -14,7 +14,7 @@ from echoavatar.cli import main
 def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys, monkeypatch) -> None:
     folder = save_clips(tmp_path / "tokens", 3, 8, held_out=True)
     reference_statistics().save(tmp_path / "reference_statistics.json")
-    words = ["--bundle", str(tiny_bundle), "--reference-statistics", str(tmp_path / "reference_statistics.json")]
+    words = ["--model", str(tiny_bundle), "--reference-statistics", str(tmp_path / "reference_statistics.json")]
     words += ["--reward", "smoothness=1", "--prompts", "2", "--group", "2", "--past", "2", "--length", "4"]
     again = tmp_path / "again"
     shutil.copytree(tiny_bundle / "generator", again)

@@ -16,7 +16,7 @@ from echoavatar.cli import main
 @pytest.mark.slow
 def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, capsys):
     tokens = save_clips(tmp_path / "tokens", 4, 16, held_out=True)
-    common = [str(tokens), "--bundle", str(tiny_bundle)]
+    common = [str(tokens), "--model", str(tiny_bundle)]
     scores, quality, alignment = (str(tmp_path / name) for name in ("scores.json", "quality", "alignment"))
     assert main(["align", "calibrate", *common, "-o", scores, "--windows", "2"]) == 0
     small = ["--steps", "2", "--width", "16"]
@@ -43,7 +43,7 @@ def test_beats_and_wav2clip_hear_with_published_weights_which_are_left_as_they_a
     named = {f"audio_encoder.{name}": value for name, value in wav2clip.state_dict().items()}
     torch.save({"cfg": {"encoder_layers": 1}, "model": beats.state_dict()}, tmp_path / "beats.pt")
     torch.save({"state_dict": named, "epoch": 3}, tmp_path / "wav2clip.pt")
-    common = [str(two_clips(tmp_path)), "--bundle", str(tiny_bundle), "--steps", "2", "--batch", "4", "--width", "16"]
+    common = [str(two_clips(tmp_path)), "--model", str(tiny_bundle), "--steps", "2", "--batch", "4", "--width", "16"]
     for kind, own in (("beats", beats), ("wav2clip", wav2clip)):
         folder, weights = tmp_path / kind, str(tmp_path / f"{kind}.pt")
         command = ["align", "reward-alignment", *common, "-o", str(folder), "--encoder", kind]
@@ -75,7 +75,7 @@ def test_files_that_are_no_weights_are_named_and_never_run(tmp_path, tiny_bundle
         path.write_bytes(made)
     elif made is not None:
         torch.save(made, path)
-    command = ["align", "reward-alignment", str(two_clips(tmp_path)), "--bundle", str(tiny_bundle), "-o"]
+    command = ["align", "reward-alignment", str(two_clips(tmp_path)), "--model", str(tiny_bundle), "-o"]
     assert main([*command, str(tmp_path / "o"), "--encoder", "beats", "--encoder-weights", str(path)]) == 1
     told = capsys.readouterr()
     assert message in told.err
@@ -83,13 +83,13 @@ def test_files_that_are_no_weights_are_named_and_never_run(tmp_path, tiny_bundle
 
 
 def test_weights_without_their_encoder_are_refused(tmp_path, tiny_bundle, capsys):
-    command = ["align", "reward-alignment", str(two_clips(tmp_path)), "--bundle", str(tiny_bundle), "-o"]
+    command = ["align", "reward-alignment", str(two_clips(tmp_path)), "--model", str(tiny_bundle), "-o"]
     assert main([*command, str(tmp_path / "o"), "--encoder-weights", "beats.pt"]) == 1
     assert "name one of them" in capsys.readouterr().err
 
 
 def test_tokens_without_held_out_clips_are_refused(tmp_path, tiny_bundle, capsys):
     clips(1)["clip0"].save(tmp_path / "one.npz")
-    command = ["align", "reward-quality", str(tmp_path), "--bundle", str(tiny_bundle), "-o", str(tmp_path / "q")]
+    command = ["align", "reward-quality", str(tmp_path), "--model", str(tiny_bundle), "-o", str(tmp_path / "q")]
     assert main(command) == 1
     assert "holds 1 train and 0 test clips" in capsys.readouterr().err

@@ -28,3 +28,11 @@ def test_errors_are_one_line(recording: Path, tmp_path: Path, capsys: pytest.Cap
     ):
         assert main(["export", *words]) == 1
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_recording_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "x.bvh"
+    path.write_text("HIERARCHY")
+    assert main(["export", str(path), "-o", str(tmp_path / "." / "x.bvh")]) == 1
+    assert "is the recording itself" in capsys.readouterr().err
+    assert path.read_text() == "HIERARCHY"

@@ -1,7 +1,11 @@
+import subprocess
+import sys
+from importlib import import_module
+
 import pytest
 
-from echoavatar import cli
-from echoavatar.cli import COMMANDS, SEPARATE, main, plot
+from echoavatar import __version__, cli
+from echoavatar.cli import COMMANDS, SEPARATE, build_parser, main, plot
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -43,3 +47,33 @@ def test_ctrl_c_exits_with_130(monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
     monkeypatch.setattr(plot, "run", stop)
     assert main(["plot", "runs/a", "-o", "a.png"]) == 130
     assert capsys.readouterr().err == "echoavatar: interrupted\n"
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert capsys.readouterr().out == f"echoavatar {__version__}\n"
+
+
+def test_a_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def needs(args: object) -> int:
+        import_module("elevenlabs.missing")
+        return 0
+
+    monkeypatch.setitem(sys.modules, "elevenlabs", None)
+    monkeypatch.setattr(plot, "run", needs)
+    assert main(["plot", "runs/a", "-o", "a.png"]) == 1
+    assert capsys.readouterr().err == "echoavatar: this needs elevenlabs: pip install 'echoavatar[elevenlabs]'\n"
+
+
+def test_a_closed_pipe_is_no_traceback() -> None:
+    command = f"{sys.executable} -m echoavatar tools | true; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert done.stderr == ""
+    assert done.stdout.strip() in ("0", "141")  # 0 where `true` was slower
+
+
+def test_no_two_services_share_a_port() -> None:
+    parser = build_parser(["serve", "proxy", "studio"])
+    ports = [parser.parse_args(words).port for words in (["serve"], ["proxy", "--upstream", "ws://x"], ["studio"])]
+    assert len(set(ports)) == 3

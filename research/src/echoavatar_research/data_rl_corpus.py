@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar data rl-corpus -o sounds                                   local voices, composed music
-  echoavatar data rl-corpus -o sounds --hours 0.1 --pieces 5 --bundle default      also prompts, in sounds/tokens
+  echoavatar data rl-corpus -o sounds --hours 0.1 --pieces 5 --model default      also prompts, in sounds/tokens
   OPENAI_API_KEY=... echoavatar data rl-corpus -o sounds --tts openai --scripts talk.txt
   ELEVENLABS_API_KEY=... echoavatar data rl-corpus -o sounds --tts elevenlabs --voice ID --voice ID
   echoavatar data rl-corpus -o sounds --tts openai --tts-url http://localhost:8880/v1 --tts-model kokoro --voice af_sky
@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     after = parser.add_argument_group("afterwards")
     after.add_argument(
-        "--bundle",
+        "--model",
         help="also write DIR/tokens, prompts for `align`: codes by this bundle's codec, motion by its generator",
     )
     after.add_argument("--strict", action="store_true", help="exit with 1 if any recording failed")
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     _print_result(found, args)
     if not found.made and not found.kept:
         raise EchoAvatarError(f"no recording could be made; the first failed: {': '.join(found.failures[0])}")
-    if args.bundle:
+    if args.model:
         _write_tokens(args)
     for name, why in found.failures:
         print(f"failed: {name}  {why}")
@@ -132,7 +132,7 @@ def _write_tokens(args: argparse.Namespace) -> None:
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.pipeline.tokenize_sound import tokenize_sounds
 
-    bundle, sounds = load_bundle(args.bundle), SoundSet(args.output)
+    bundle, sounds = load_bundle(args.model), SoundSet(args.output)
     with tqdm(total=len(sounds.sounds), desc="tokens", unit="sound") as bar:
         count = tokenize_sounds(
             sounds,

@@ -12,12 +12,16 @@ import importlib
 import io
 import keyword
 import logging
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib.metadata import entry_points
 from types import ModuleType
 
+from echoavatar import __version__
 from echoavatar.errors import DependencyError, EchoAvatarError
+
+from . import settings
 
 COMMANDS = {
     "demo": "open a page with a live avatar, or write bundled speech and music as films and models",
@@ -29,6 +33,7 @@ COMMANDS = {
     "elevenlabs": "set up an ElevenLabs agent that moves the avatar",
     "export": "turn a recording into a file for another program, or put it on your own character",
     "play": "play a recording to VMC programs, MetaHumans or your own receiver",
+    "completion": "let your shell complete commands and options",
     "doctor": "check what works on this machine, and say how to repair the rest",
     "bench": "measure latency, real-time factor and memory",
     "evaluate": "score a bundle; the last line is JSON",
@@ -63,35 +68,65 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a console may lack letters that we or file names use
     if argv is None:
-        atexit.register(
-            gc.freeze
-        )  # at its end, Python looks through every object three times: half a second of torch's
-    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
-    parser = argparse.ArgumentParser(
-        prog="echoavatar",
-        description="An audio stream becomes full-body motion, in real time.",
-        epilog="`echoavatar COMMAND --help` explains each command with examples.",
-    )
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    asked = next((word for word in words if not word.startswith("-")), None)
+        atexit.register(gc.freeze)  # or Python looks through all of torch's objects at its end: half a second
+    asked = next((word for word in words if not word.startswith("-")), "")
     try:
         if (separate := " ".join(words[:2])) in SEPARATE:
             command_module(separate)  # raises where it is not installed
-        for name, summary in COMMANDS.items():
-            child = commands.add_parser(
-                name, help=summary, description=summary, formatter_class=argparse.RawDescriptionHelpFormatter
-            )
-            if name == asked:
-                command_module(name).add_arguments(child)
-        args = parser.parse_args(words)
+        args = build_parser([asked]).parse_args(words)
+        level = logging.WARNING - 10 * args.verbose + 10 * args.quiet
+        logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
         code: int = command_module(args.command).run(args)
+        sys.stdout.flush()
     except EchoAvatarError as error:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
+    except ModuleNotFoundError as error:
+        from .doctor import EXTRA_OF
+
+        if (missing := (error.name or "").partition(".")[0]) not in EXTRA_OF:
+            raise
+        print(f"echoavatar: this needs {missing}: pip install 'echoavatar[{EXTRA_OF[missing]}]'", file=sys.stderr)
+        return 1
+    except BrokenPipeError:  # whoever read our output has gone, as `head` does
+        if argv is None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its end
+        return 141
     except KeyboardInterrupt as stop:  # a training run states where it stopped, and the signal that ended it
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         return int(getattr(stop, "code", 130))
     return code
+
+
+def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:
+    """The parser with all commands; those in `filled` know their arguments, and their modules are imported.
+
+    Raises:
+        DependencyError: one of them comes with another distribution, which is not installed.
+    """
+    parser = argparse.ArgumentParser(
+        prog="echoavatar",
+        description="An audio stream becomes full-body motion, in real time.",
+        epilog="`echoavatar COMMAND --help` explains each command with examples. Options may also stand in a file or "
+        "in the environment: docs/command_line.md.",
+    )
+    parser.add_argument("--version", action="version", version=f"echoavatar {__version__}")
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("-v", "--verbose", action="count", default=0, help="say more; -vv for everything")
+    common.add_argument("-q", "--quiet", action="count", default=0, help="no warnings")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, summary in COMMANDS.items():
+        child = commands.add_parser(
+            name,
+            help=summary,
+            description=summary,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            parents=[common],
+        )
+        if name in filled:
+            command_module(name).add_arguments(child)
+            settings.apply(child, name)
+    return parser
 
 
 def command_module(command: str) -> ModuleType:

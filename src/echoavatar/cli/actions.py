@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar actions list
-  echoavatar actions add salute salute.bvh --bundle my-bundle --about "salute like a soldier"
-  echoavatar actions remove salute --bundle my-bundle
-  echoavatar actions build --bundle my-bundle     (the built-in actions, for another tokenizer)
+  echoavatar actions add salute salute.bvh --model my-bundle --about "salute like a soldier"
+  echoavatar actions remove salute --model my-bundle
+  echoavatar actions build --model my-bundle     (the built-in actions, for another tokenizer)
 """
 
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     build = kinds.add_parser("build", help="make the built-in actions for this bundle's tokenizer")
     for child in (listing, add, remove, build):
         child.add_argument(
-            "--bundle",
+            "--model",
             default="default",
             help="name of a shipped bundle, or a folder (default: %(default)s); changes need a folder",
         )
@@ -49,11 +49,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """List or change a library."""
     if args.kind == "list":
-        return _list(args.bundle)
-    folder = Path(args.bundle)
+        return _list(args.model)
+    folder = Path(args.model)
     if not (folder / "tokenizer").is_dir():
         raise EchoAvatarError(
-            f"{args.bundle} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
+            f"{args.model} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
         )
     {"add": _add, "remove": _remove, "build": _build}[args.kind](args, folder)
     return 0
@@ -104,7 +104,7 @@ def _build(args: argparse.Namespace, folder: Path) -> None:
 
     if Runtime.load(folder).rig is not None:
         raise EchoAvatarError(
-            f"{args.bundle} has another rig, for which the built-in actions cannot be made; add clips one by one with "
+            f"{args.model} has another rig, for which the built-in actions cannot be made; add clips one by one with "
             "`echoavatar actions add`"
         )
     library = own_actions(BodyTokenizer.load(folder / "tokenizer").eval())

@@ -118,7 +118,7 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
 
 def _add_common(child: argparse.ArgumentParser) -> None:
     child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
-    child.add_argument("--bundle", default="default", help="bundle to tune (default: %(default)s)")
+    child.add_argument("--model", default="default", help="bundle to tune (default: %(default)s)")
     child.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
     child.add_argument("--reference", type=Path, help="generator to stay near (default: the one tuned)")
     child.add_argument(
@@ -168,7 +168,7 @@ def _setup(args: argparse.Namespace) -> "AlignmentSetup":
     return load_setup(
         args.source,
         args.output.parent if args.kind in ("rollouts", "compare") else args.output,
-        bundle=args.bundle,
+        bundle=args.model,
         generator=args.generator,
         reference=args.reference,
         rewards=args.reward,

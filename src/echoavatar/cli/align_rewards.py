@@ -26,7 +26,7 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     for child in (calibrate, quality, alignment):
         child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
         child.add_argument("-o", "--output", type=Path, required=True, help="folder (calibrate: file) to write")
-        child.add_argument("--bundle", default="default", help="bundle with codec and tokenizer (default: %(default)s)")
+        child.add_argument("--model", default="default", help="bundle with codec and tokenizer (default: %(default)s)")
         child.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
     quality.add_argument("--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)")
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.align.prompts import read_token_clips
     from echoavatar.engine.pipeline import load_bundle
 
-    bundle = load_bundle(args.bundle)
+    bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=True)
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}

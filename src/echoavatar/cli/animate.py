@@ -45,7 +45,7 @@ anything that FFmpeg reads, at any rate and with any number of channels. More: d
 """
 
 
-def sound_path(text: str) -> Path:
+def local_path(text: str) -> Path:
     """A path; addresses are refused in plain words."""
     if "://" in text:
         raise argparse.ArgumentTypeError(f"{text} is an address; download it first, then name the file")
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument(
-        "audio", type=sound_path, nargs="+", metavar="AUDIO", help="sound files: wav, mp3, ...; - is standard input"
+        "audio", type=local_path, nargs="+", metavar="AUDIO", help="sound files: wav, mp3, ...; - is standard input"
     )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, help=f"where to write: {FORMATS}; or a folder, for several sounds"

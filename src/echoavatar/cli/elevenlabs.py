@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="pcm_ and a sample rate, which the audio interface must be given too (default: %(default)s)",
     )
     where = setup.add_mutually_exclusive_group()
-    where.add_argument("--bundle", default="default", help="bundle whose actions are offered (default: %(default)s)")
+    where.add_argument("--model", default="default", help="bundle whose actions are offered (default: %(default)s)")
     where.add_argument("--server", metavar="URL", help="offer the actions and music of a running server instead")
     setup.add_argument("--token", default=os.environ.get("ECHOAVATAR_TOKEN", ""), help="the server's token")
     setup.add_argument(
@@ -81,7 +81,7 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
     from echoavatar.engine.tools import Toolbox
     from echoavatar.engine.tracks import Tracks
 
-    return Toolbox(load_bundle(args.bundle).actions, Tracks()).schemas()
+    return Toolbox(load_bundle(args.model).actions, Tracks()).schemas()
 
 
 def _names(schemas: list[dict[str, object]]) -> tuple[list[str], list[str]]:

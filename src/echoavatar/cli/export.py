@@ -3,7 +3,9 @@
 import argparse
 from pathlib import Path
 
-from .animate import FORMATS, RIG_HELP
+from echoavatar.errors import EchoAvatarError
+
+from .animate import FORMATS, RIG_HELP, local_path
 
 EXAMPLES = """examples:
   echoavatar say talk.wav -o talk.npz                  record a session of a running server
@@ -19,7 +21,7 @@ Recordings are .npz from `animate` or `say`, or any BVH with known joint names.
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz or .bvh")
+    parser.add_argument("recording", type=local_path, metavar="RECORDING", help=".npz or .bvh")
     parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
 
@@ -28,6 +30,8 @@ def run(args: argparse.Namespace) -> int:
     """Read the recording, retarget it, write it."""
     from echoavatar.files.exports import read_rig, read_take, writer
 
+    if args.output.resolve() == args.recording.resolve():
+        raise EchoAvatarError(f"-o {args.output} is the recording itself; choose another name")
     write = writer(args.output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     take = read_take(args.recording)

@@ -13,6 +13,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 
+from .animate import local_path
 from .play import SINK_HELP
 
 TOKEN = "ECHOAVATAR_TOKEN"
@@ -26,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar say talk.wav --sink vmc://192.168.1.7    show the motion there, at the speed of playback\n"
         "The last line is JSON: seconds of motion, of work and until the first motion, and bytes."
     )
-    parser.add_argument("audio", type=Path, help="WAV, FLAC, OGG or MP3")
+    parser.add_argument("audio", type=local_path, help="WAV, FLAC, OGG or MP3")
     parser.add_argument(
         "--server", default="http://127.0.0.1:8765", metavar="URL", help="the server (default: %(default)s)"
     )

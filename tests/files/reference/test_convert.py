@@ -87,7 +87,7 @@ def test_a_clip_on_any_rig_becomes_one_of_its_actions(imported, tmp_path, voice,
     shutil.copytree(imported, folder)
     waving = clip(SCRIPTS["wave"])
     write_bvh(tmp_path / "wave.bvh", waving.skeleton, waving.rotations, waving.root, fps=waving.fps)
-    assert main(["actions", "add", "Big wave", str(tmp_path / "wave.bvh"), "--bundle", str(folder)]) == 0
+    assert main(["actions", "add", "Big wave", str(tmp_path / "wave.bvh"), "--model", str(folder)]) == 0
     mine = load_bundle(folder)
     added = mine.actions["big_wave"]
     assert added.is_set
@@ -102,9 +102,9 @@ def test_a_clip_on_any_rig_becomes_one_of_its_actions(imported, tmp_path, voice,
         session.push(voice[:12_800])
         list(session)
     assert set(torch.cat(drawn)[..., 1, 0].flatten().tolist()) <= set(added.codes)
-    assert main(["actions", "remove", "stand", "--bundle", str(folder)]) == 0  # code 495 of the lower body is one
+    assert main(["actions", "remove", "stand", "--model", str(folder)]) == 0  # code 495 of the lower body is one
     capsys.readouterr()
-    assert main(["actions", "list", "--bundle", str(folder)]) == 0
+    assert main(["actions", "list", "--model", str(folder)]) == 0
     assert "3 actions" in capsys.readouterr().out
-    assert main(["actions", "build", "--bundle", str(folder)]) == 1
+    assert main(["actions", "build", "--model", str(folder)]) == 1
     assert "add clips one by one" in capsys.readouterr().err

@@ -1,0 +1,104 @@
+"""Defaults of options from a file and from the environment, which wins over the file; what is typed wins over both.
+
+    # ~/.config/echoavatar/config.toml, or the file that $ECHOAVATAR_CONFIG names
+    model = "bundles/mine"    # for every command that has --model
+    [serve]
+    port = 9000
+    [bench.stream]
+    seconds = 10
+
+In the environment the option --sound-font of any command is ECHOAVATAR_SOUND_FONT, and only of `serve`
+ECHOAVATAR_SERVE_SOUND_FONT.
+"""
+
+import argparse
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from echoavatar.errors import EchoAvatarError
+
+PREFIX = "ECHOAVATAR_"
+_TRUE, _FALSE = ("1", "true", "yes", "on"), ("0", "false", "no", "off", "")
+
+
+def config_path(environment: Mapping[str, str] = os.environ) -> Path:
+    """The user's configuration file, which need not exist."""
+    if named := environment.get(PREFIX + "CONFIG"):
+        return Path(named).expanduser()
+    base = environment.get("APPDATA") if os.name == "nt" else environment.get("XDG_CONFIG_HOME")
+    return Path(base or "~/.config").expanduser() / "echoavatar" / "config.toml"
+
+
+def read_config(path: Path, *, is_named: bool) -> dict[str, Any]:
+    """What the file holds; nothing where it does not exist, unless the user named it.
+
+    Raises:
+        EchoAvatarError: it cannot be read, or is not TOML.
+    """
+    if not path.exists() and not is_named:
+        return {}
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise EchoAvatarError(f"cannot read the configuration {path}: {error}") from error
+
+
+def apply(parser: argparse.ArgumentParser, command: str, environment: Mapping[str, str] = os.environ) -> None:
+    """Set the defaults of a command's parser, and of its sub-commands.
+
+    Raises:
+        EchoAvatarError: the file cannot be read, or its section for this command names an option that is not there.
+    """
+    path = config_path(environment)
+    config = read_config(path, is_named=PREFIX + "CONFIG" in environment)
+    for_all = {key: value for key, value in config.items() if not isinstance(value, dict)}
+    section = config.get(command, {})
+    _apply(parser, (command,), for_all, section, environment, path)
+
+
+def _apply(
+    parser: argparse.ArgumentParser,
+    words: tuple[str, ...],
+    for_all: Mapping[str, Any],
+    section: Mapping[str, Any],
+    environment: Mapping[str, str],
+    path: Path,
+) -> None:
+    known = set[str]()
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, child in action.choices.items():
+                known.add(name)
+                _apply(child, (*words, name), for_all, section.get(name, {}), environment, path)
+        long = next((option[2:] for option in action.option_strings if option.startswith("--")), None)
+        if long is None or isinstance(action, argparse._HelpAction | argparse._VersionAction):
+            continue
+        known.add(long)
+        own = PREFIX + "_".join([*words, long]).upper().replace("-", "_")
+        shared = PREFIX + long.upper().replace("-", "_")
+        found = next((environment[name] for name in (own, shared) if name in environment), None)
+        found = section.get(long, for_all.get(long)) if found is None else found
+        if found is not None:
+            action.default, action.required = _value(action, found, long), False
+    if unknown := set(section) - known:
+        raise EchoAvatarError(f"{path}: `{' '.join(words)}` has no option {sorted(unknown)[0]!r}")
+
+
+def _value(action: argparse.Action, found: Any, name: str) -> Any:
+    """As argparse would have it: a text, which it converts, a list, or a truth."""
+    if isinstance(action, argparse._CountAction):
+        return int(found)
+    if action.nargs == 0:
+        text = str(found).lower()
+        if text not in _TRUE + _FALSE:
+            raise EchoAvatarError(f"the setting {name} is {found!r}; it is true or false")
+        return action.const if text in _TRUE else action.default
+    if isinstance(action, argparse._AppendAction):
+        texts = found if isinstance(found, list) else str(found).split(",")
+        return [action.type(str(text)) if callable(action.type) else str(text) for text in texts]
+    if action.choices is not None and found not in action.choices and str(found) not in map(str, action.choices):
+        raise EchoAvatarError(f"the setting {name} is {found!r}; choose one of {', '.join(map(str, action.choices))}")
+    return str(found)
