@@ -1,4 +1,4 @@
-# Two targets do everything: `make demo` opens the live page, `make test` runs every check. Each makes its own
+# Two targets do almost everything: `make demo` opens the live page, `make test` runs every check. Each makes its own
 # virtual environment. Plain pip on purpose: other installers do not find the CPU build of torch.
 PYTHON ?= python3
 PIP_FLAGS ?= --disable-pip-version-check -q $(CPU_TORCH)
@@ -12,7 +12,7 @@ SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/quantize tests/mo
 # Packages of their own beside the main one.
 DISTRIBUTIONS = studio research tools/character
 
-.PHONY: demo test integration-test web web-test browser-test lint clean
+.PHONY: demo test release-check docs integration-test web web-test browser-test lint clean
 
 demo: .venv-demo/ready
 	.venv-demo/bin/echoavatar demo
@@ -24,6 +24,10 @@ test: .venv-test/ready
 	.venv-test/bin/lint-imports
 	OMP_NUM_THREADS=1 .venv-test/bin/pytest -n auto
 	OMP_NUM_THREADS=1 CHECK_SHAPES=1 .venv-test/bin/pytest -n auto $(SHAPED)
+
+# Builds every distribution, installs each alone and tries it outside the checkout; uploads nothing.
+release-check:
+	$(PYTHON) scripts/release_check.py $(RELEASE_FLAGS)
 
 # Pipecat, LiveKit and ElevenLabs together in one environment; no network is used once it stands, and no keys.
 integration-test: .venv-integrations/ready
