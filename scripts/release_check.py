@@ -3,8 +3,8 @@
     python scripts/release_check.py [--only NAME ...] [--work FOLDER] [--python PROGRAM]
 
 Each distribution gets a virtual environment of its own with nothing but its wheel and what that names. The table at
-the end gives size, seconds and versions; the exit code is 1 if anything failed. pip and npm need the network; nothing is
-uploaded.
+the end gives size, seconds and versions; the exit code is 1 if anything failed. pip and npm need the network, and
+nothing is uploaded.
 """
 
 import argparse

@@ -1,3 +1,7 @@
 import { defineConfig } from "vitest/config";
 
-export default defineConfig({ test: { include: ["packages/*/test/**/*.test.ts", "studio/test/**/*.test.ts"] } });
+export default defineConfig({
+  resolve: { conditions: ["echoavatar-source"] }, // the client unbuilt
+  ssr: { resolve: { conditions: ["echoavatar-source"] } },
+  test: { include: ["packages/*/test/**/*.test.ts", "studio/test/**/*.test.ts"] },
+});

@@ -104,19 +104,19 @@ def new_page(browser: Any) -> Iterator[Callable[..., PageDriver]]:
 @pytest.fixture(scope="module")
 def mock_url() -> Iterator[str]:
     """A mock server without models, whose pose and sound encode its clock."""
-    port = _free_port()
+    port = free_port()
     script = Path(__file__).with_name("mock_server.py")
-    yield from _serving([sys.executable, str(script), "--port", str(port), "--tell-clock"], port)
+    yield from serving([sys.executable, str(script), "--port", str(port), "--tell-clock"], port)
 
 
 @pytest.fixture(scope="module")
 def live_url() -> Iterator[str]:
     """The real server with the default bundle."""
-    port = _free_port()
-    yield from _serving([sys.executable, "-m", "echoavatar", "serve", "--port", str(port), "--seats", "2"], port)
+    port = free_port()
+    yield from serving([sys.executable, "-m", "echoavatar", "serve", "--port", str(port), "--seats", "2"], port)
 
 
-def _serving(command: list[str], port: int) -> Iterator[str]:
+def serving(command: list[str], port: int) -> Iterator[str]:
     url = f"http://127.0.0.1:{port}/"
     process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "OMP_NUM_THREADS": "1"})
     try:
@@ -139,7 +139,7 @@ def _answers(url: str) -> bool:
         return False
 
 
-def _free_port() -> int:
+def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

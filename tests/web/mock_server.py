@@ -8,7 +8,7 @@ is a saw of one second, so that what a browser shows and plays can be read off i
 import argparse
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +75,7 @@ class MockSession:
         await self._socket.accept(subprotocol="echoavatar.v1.msgpack")
         hello = decode_client(await self._socket.receive_bytes())
         assert isinstance(hello, Hello)
-        await self._send(self._ready())
+        await self._send(ready(tracks=["Four steps"] if "music_pcm" in self._recorded else []))
         self._played = (0, time.monotonic())
         pacing = asyncio.create_task(self._pace())
         try:
@@ -174,16 +174,6 @@ class MockSession:
         face[:, ARKIT_NAMES.index("eyeBlinkLeft")] = face[:, ARKIT_NAMES.index("eyeBlinkRight")] = blink
         return Pose(rotations, root, face)
 
-    def _ready(self) -> Ready:
-        rest = [[float(x) for x in offset] for offset in HUMANOID.config.offsets]
-        return Ready(
-            version=1, server="mock", session="mock", resume="key", resumed=False, at=0, epoch=0, seg=0, received=0,
-            sample_rate=SAMPLE_RATE_HZ, frame_rate=FRAME_RATE_HZ, chunk_samples=CHUNK_SAMPLES,
-            rig=Rig(names=list(HUMANOID.names), parents=list(HUMANOID.parents), rest=rest), face=list(ARKIT_NAMES),
-            actions=ACTIONS, tracks=["Four steps"] if "music_pcm" in self._recorded else [],
-            latency=Latency(algorithm=266.7, compute=1.0), limits=Limits(),
-        )  # fmt: skip
-
     def _stats(self, head: float) -> Stats:
         ahead = (self._at - head) / SAMPLE_RATE_HZ * 1000
         queue = len(self._waiting) / SAMPLE_RATE_HZ * 1000
@@ -193,6 +183,17 @@ class MockSession:
 
     async def _send(self, message: object) -> None:
         await self._socket.send_bytes(encode(message))  # type: ignore[arg-type]
+
+
+def ready(tracks: Sequence[str] = ()) -> Ready:
+    """What a session of ours tells first."""
+    rest = [[float(x) for x in offset] for offset in HUMANOID.config.offsets]
+    return Ready(
+        version=1, server="mock", session="mock", resume="key", resumed=False, at=0, epoch=0, seg=0, received=0,
+        sample_rate=SAMPLE_RATE_HZ, frame_rate=FRAME_RATE_HZ, chunk_samples=CHUNK_SAMPLES,
+        rig=Rig(names=list(HUMANOID.names), parents=list(HUMANOID.parents), rest=rest), face=list(ARKIT_NAMES),
+        actions=ACTIONS, tracks=list(tracks), latency=Latency(algorithm=266.7, compute=1.0), limits=Limits(),
+    )  # fmt: skip
 
 
 def _sway(seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

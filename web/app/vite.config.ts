@@ -1,9 +1,10 @@
-import { defineConfig } from "vite";
+import { defaultClientConditions, defineConfig } from "vite";
 import { licences } from "./licences.js";
 
 // The page is built into the Python package, so that installing it needs no Node.
 export default defineConfig({
   base: "./",
+  resolve: { conditions: ["echoavatar-source", ...defaultClientConditions] }, // the client unbuilt
   plugins: [licences(new URL("../node_modules/", import.meta.url))],
   build: {
     outDir: "../../src/echoavatar/server/static",

@@ -1,5 +1,5 @@
 import { readFileSync } from "node:fs";
-import { type Plugin, defineConfig } from "vite";
+import { type Plugin, defaultClientConditions, defineConfig } from "vite";
 import { licences } from "../app/licences.js";
 import { stamp } from "./stamp.js";
 
@@ -17,6 +17,7 @@ const words = (english: URL): Plugin => ({
 
 export default defineConfig({
   base: "./",
+  resolve: { conditions: ["echoavatar-source", ...defaultClientConditions] }, // the client unbuilt
   plugins: [
     licences(new URL("../node_modules/", import.meta.url), "assets/licences.txt"),
     stamp(new URL("../", import.meta.url)),

@@ -13,6 +13,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 SOUNDS = ("speech.ogg", "music.ogg")
+_FOR_ALL = {"cache-control": "max-age=3600", "access-control-allow-origin": "*"}  # pages of other sites may load these
 _HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; media-src 'self' blob:; connect-src 'self' ws: wss: blob: data:; "
@@ -58,14 +59,14 @@ class _Guarded:
 def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
     async def answer(_: Request) -> Response:
         data = await anyio.to_thread.run_sync(path.read_bytes)
-        return Response(data, media_type="audio/ogg", headers={"cache-control": "max-age=3600"})
+        return Response(data, media_type="audio/ogg", headers=_FOR_ALL)
 
     return answer
 
 
 async def _avatar(_: Request) -> Response:
     data = await anyio.to_thread.run_sync(_character)
-    return Response(data, media_type="model/gltf-binary", headers={"cache-control": "max-age=3600"})
+    return Response(data, media_type="model/gltf-binary", headers=_FOR_ALL)
 
 
 @lru_cache(maxsize=1)

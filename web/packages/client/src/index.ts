@@ -2,6 +2,7 @@ export { encodeMessage, decodeMessage, floatToPcm, pcmToFloat, ProtocolError } f
 export { outputFrame } from "./clock.js";
 export { Connection, type ConnectionOptions, type LineState } from "./connection.js";
 export type { AvatarDriver } from "./driver.js";
+export { Follower, type FollowerOptions } from "./follower.js";
 export { Inertia } from "./inertia.js";
 export { SyncMeter, type SyncSummary } from "./metrics.js";
 export { JITTER_SECONDS, type Picture, Player } from "./player.js";

@@ -20,11 +20,12 @@ export interface SessionEvents {
 }
 
 export interface SessionOptions extends ConnectionOptions {
-  /** URL of the built `worklets/playback`. */
-  readonly playbackWorklet: string;
+  /** URL of the built `worklets/playback`; without a bundler the package finds its own. */
+  readonly playbackWorklet?: string;
 }
 
 const PUMP_MS = 100;
+const HERE = import.meta.url; // a name of its own, because bundlers would look for the script
 
 export class EchoSession extends Emitter<SessionEvents> {
   ready: ReadyMessage | null = null;
@@ -185,7 +186,7 @@ export class EchoSession extends Emitter<SessionEvents> {
     if (!this.output || !this.player || this.node || this.output.context.state !== "running") return;
     const { context, sink } = this.output;
     const player = this.player;
-    const node = await player.attach(context, this.options.playbackWorklet);
+    const node = await player.attach(context, this.options.playbackWorklet ?? new URL("worklets/playback.js", HERE).href);
     if (player !== this.player) return node.disconnect();
     this.node = node;
     node.connect(sink);

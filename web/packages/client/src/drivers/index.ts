@@ -4,4 +4,5 @@ export { GlbDriver } from "./glb.js";
 export { loadAvatar } from "./load.js";
 export { mixamoName } from "./mixamo.js";
 export { MorphMap } from "./morphs.js";
+export { type Stage, openStage } from "./stage.js";
 export { VrmDriver } from "./vrm.js";

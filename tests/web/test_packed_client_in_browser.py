@@ -1,0 +1,186 @@
+"""The example pages as they are, in Chromium: their CDN is answered from the packed tarball and from node_modules."""
+
+import base64
+import functools
+import http.server
+import mimetypes
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image
+from tests.web.conftest import PageDriver, free_port, serving
+from tests.web.mock_server import ready
+
+from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar.gltf import pack_glb
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.wire import Motion, Ready, encode
+
+pytestmark = pytest.mark.browser
+ROOT = Path(__file__).parents[2]
+MODULES = ROOT / "web/node_modules"
+CDN = re.compile(r"https://cdn\.jsdelivr\.net/npm/((?:@[\w-]+/)?[\w.-]+)@[\w.]+/(.+)")
+LIVEKIT = """
+export * from "https://cdn.jsdelivr.net/npm/livekit-client@2.23.0/dist/real.mjs";
+import { Room as Real } from "https://cdn.jsdelivr.net/npm/livekit-client@2.23.0/dist/real.mjs";
+export class Room extends Real { constructor() { super(); globalThis.room = this; } }
+"""
+TRANSPORT = "export class SmallWebRTCTransport {}"
+PIPECAT = """
+export class PipecatClient {
+  listeners = {};
+  constructor() { globalThis.client = this; }
+  on(event, listener) { this.listeners[event] = listener; }
+  sendClientMessage(type) { globalThis.asked = type; }
+}
+"""
+
+# As motion comes: a message for every 267 ms of sound. The function that takes one follows.
+PACED = """
+(messages) => ((take) => {
+  take(messages.shift());
+  setInterval(() => messages.length && take(messages.shift()), 267);
+})"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The unpacked tarball: what npm would install."""
+    if shutil.which("npm") is None or not (MODULES / "three").exists():
+        pytest.skip("needs npm and web/node_modules (make web)")
+    folder = tmp_path_factory.mktemp("packed")
+    client = ROOT / "web/packages/client"
+    subprocess.run(["npm", "pack", "--pack-destination", folder], cwd=client, check=True, capture_output=True)
+    with tarfile.open(next(folder.glob("*.tgz"))) as archive:
+        archive.extractall(folder, filter="data")
+    return folder / "package"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The example pages on a server of their own, with an avatar beside them."""
+    folder = tmp_path_factory.mktemp("site")
+    for page in (ROOT / "docs/examples").glob("*.html"):
+        shutil.copy(page, folder)
+    (folder / "avatar.glb").write_bytes(pack_glb(load_character(), []))
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+
+
+@pytest.fixture
+def open_page(new_page: Callable[..., PageDriver], package: Path, site: str) -> Callable[[str], PageDriver]:
+    def cdn(route: Any) -> None:
+        found = CDN.fullmatch(route.request.url)
+        assert found, route.request.url
+        name, path = found.groups()
+        text = {
+            "@pipecat-ai/client-js": PIPECAT,
+            "@pipecat-ai/small-webrtc-transport": "export class SmallWebRTCTransport {}",
+        }
+        if name == "livekit-client" and not path.endswith("real.mjs"):
+            text[name] = LIVEKIT
+        file = (package if name == "@echoavatar/client" else MODULES / name) / path.replace(
+            "real.mjs", "livekit-client.esm.mjs"
+        )
+        body = text[name].encode() if name in text else file.read_bytes()
+        kind = "text/javascript" if file.suffix in (".js", ".mjs", "") else mimetypes.guess_type(file)[0]
+        route.fulfill(body=body, content_type=kind, headers={"access-control-allow-origin": "*"})
+
+    def open_(path: str) -> PageDriver:
+        driver = new_page(640, 480)
+        driver.page.route("https://cdn.jsdelivr.net/**", cdn)
+        driver.page.goto(f"{site}/{path}", wait_until="commit", timeout=120_000)
+        driver.wait("!!document.querySelector('#stage canvas')")
+        return driver
+
+    return open_
+
+
+def messages() -> list[Ready | Motion]:
+    """The rig, and eight seconds in which the avatar turns round and round."""
+    chunks = []
+    for chunk in range(30):
+        rotations = np.zeros((8, HUMANOID.joints, 4), np.int16)
+        rotations[..., 3] = 32767
+        half = (chunk * 8 + np.arange(8)) / 30
+        rotations[:, 0, 1], rotations[:, 0, 3] = 32767 * np.sin(half), 32767 * np.cos(half)
+        root = np.tile(np.array(HUMANOID.config.offsets[0], np.float32), (8, 1))
+        face = np.zeros((8, len(ARKIT_NAMES)), np.uint8)
+        frames = {"rotations": rotations.tobytes(), "root": root.tobytes(), "face": face.tobytes()}
+        chunks.append(Motion(at=chunk * 6400, frames=8, epoch=0, state="speaking", **frames))
+    return [ready(), *chunks]
+
+
+@pytest.fixture
+def live_origin(site: str) -> Iterator[str]:
+    """The real server, which lets the site's pages connect."""
+    port = free_port()
+    command = [sys.executable, "-m", "echoavatar", "serve", "--port", str(port), "--origin", site]
+    for url in serving(command, port):
+        yield url.rstrip("/")
+
+
+def moves(driver: PageDriver, tmp_path: Path) -> None:
+    """The picture changes much from one second to the next."""
+    pictures = []
+    for index in range(3):
+        driver.shot(tmp_path / f"{index}.png")
+        pictures.append(np.asarray(Image.open(tmp_path / f"{index}.png").convert("L"), float))
+        driver.page.wait_for_timeout(700)
+    assert max(np.abs(pictures[0] - later).mean() for later in pictures[1:]) > 0.3
+    assert not [problem for problem in driver.problems if "favicon" not in problem and "404" not in problem]
+
+
+def test_the_plain_page_speaks(open_page: Callable[[str], PageDriver], live_origin: str, tmp_path: Path) -> None:
+    driver = open_page(f"page.html?server={live_origin}")
+    driver.wait("!document.querySelector('#speak').disabled", 300)
+    driver.click("#speak")
+    driver.page.wait_for_timeout(3000)
+    moves(driver, tmp_path)
+
+
+def test_a_livekit_room_moves_the_avatar(open_page: Callable[[str], PageDriver], tmp_path: Path) -> None:
+    driver = open_page("livekit.html")
+    driver.wait("!!globalThis.room")
+    driver.page.wait_for_timeout(300)
+    packed = [
+        (
+            base64.b64encode(encode(message)).decode(),
+            "echoavatar" if isinstance(message, Ready) else "echoavatar.motion",
+        )
+        for message in messages()
+    ]
+    driver.page.evaluate(
+        PACED + "(([text, topic]) => { const payload = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));"
+        " room.emit('dataReceived', payload, undefined, 0, topic); })",
+        [
+            [base64.b64encode(encode(message)).decode(), topic]
+            for message, topic in zip(messages(), topics, strict=True)
+        ],
+    )
+    moves(driver, tmp_path)
+
+
+def test_rtvi_messages_move_the_avatar(open_page: Callable[[str], PageDriver], tmp_path: Path) -> None:
+    driver = open_page("rtvi.html")
+    driver.wait("!!globalThis.client && 'serverMessage' in client.listeners")
+    driver.page.wait_for_timeout(300)
+    driver.page.evaluate("() => client.listeners.botReady()")
+    assert driver.ask("asked") == "echoavatar"
+    sent = [{"type": "echoavatar", "message": msgspec.to_builtins(message)} for message in messages()]
+    driver.page.evaluate(PACED + "((data) => client.listeners.serverMessage(data))", sent)
+    moves(driver, tmp_path)

@@ -1,0 +1,39 @@
+/** The least that shows an avatar: a canvas, a camera, light. Your own scene does not need it. */
+
+import { AmbientLight, DirectionalLight, PerspectiveCamera, Scene, WebGLRenderer } from "three";
+import type { GlbDriver } from "./glb.js";
+import { loadAvatar } from "./load.js";
+import type { VrmDriver } from "./vrm.js";
+
+export interface Stage {
+  readonly avatar: GlbDriver | VrmDriver;
+  readonly scene: Scene;
+  readonly camera: PerspectiveCamera;
+  /** Draws one picture. */
+  draw(): void;
+}
+
+/** Puts a canvas of the element's size into it and the avatar of a .vrm or .glb on it, seen from the front. */
+export async function openStage(element: HTMLElement, avatarUrl: string): Promise<Stage> {
+  const answer = await fetch(avatarUrl);
+  if (!answer.ok) throw new Error(`${avatarUrl} answered ${answer.status}`);
+  const avatar = await loadAvatar(await answer.arrayBuffer());
+  const [scene, camera] = [new Scene(), new PerspectiveCamera(30)];
+  const sun = new DirectionalLight(0xffffff, 2);
+  sun.position.set(1, 3, 2);
+  scene.add(avatar.object, sun, new AmbientLight(0xffffff, 1));
+  camera.position.set(0, 1.2, 4);
+  camera.lookAt(0, 0.95, 0);
+  const renderer = new WebGLRenderer({ antialias: true, alpha: true });
+  element.append(renderer.domElement);
+  const draw = (): void => {
+    const [width, height] = [element.clientWidth || 640, element.clientHeight || 480];
+    if (renderer.domElement.clientWidth !== width || renderer.domElement.clientHeight !== height) {
+      renderer.setSize(width, height);
+      camera.aspect = width / height;
+      camera.updateProjectionMatrix();
+    }
+    renderer.render(scene, camera);
+  };
+  return { avatar, scene, camera, draw };
+}
