@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Download and verify."""
-    from echoavatar.files.reference.pull import pull
+    from echoavatar_research.reference.pull import pull
 
     done = pull(args.name, args.output, revision=args.revision, only=args.only)
     print(f"{done.folder}: {done.files} files, {done.checked} checked against the hub's sha256, commit {done.commit}")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.reference import pull
+from echoavatar_research.reference import pull
 
 
 def test_pull_reports_files_and_checks(monkeypatch, capsys, tmp_path):

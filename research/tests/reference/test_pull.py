@@ -9,7 +9,7 @@ huggingface_hub = pytest.importorskip("huggingface_hub")
 from huggingface_hub.errors import HFValidationError  # noqa: E402
 
 from echoavatar.errors import CheckpointError, EchoAvatarError  # noqa: E402
-from echoavatar.files.reference.pull import check, pull  # noqa: E402
+from echoavatar_research.reference.pull import check, pull  # noqa: E402
 
 
 def hub(monkeypatch, info=None, error=None) -> list[dict]:
