@@ -2,8 +2,8 @@
 
 import pytest
 import torch
+from research.tests.reference.conftest import bundle_of
 from scripts.synthetic_release import make
-from tests.files.reference.conftest import bundle_of
 
 from echoavatar.cli import main
 from echoavatar.engine.pipeline import load_bundle

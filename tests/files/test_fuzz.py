@@ -12,7 +12,7 @@ import torch
 from tests.files.exports.bodies import child
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.reference.foreign_files import read_pickled_array, read_tensors
+from echoavatar.files.foreign_files import read_pickled_array, read_tensors
 from echoavatar.models.audio.io import read_audio, write_wav
 from echoavatar.motion.ik.gltf_rig import read_gltf_rig
 from echoavatar.motion.kinematics import HUMANOID, Motion

@@ -7,7 +7,6 @@ from tests import golden as fixtures
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
-from echoavatar.files.reference.release_rig import AXES
 from echoavatar.files.unity_frames import (
     UnityAxes,
     at_60_fps,
@@ -19,6 +18,7 @@ from echoavatar.files.unity_frames import (
 )
 from echoavatar.motion.arkit import APPLE_NAMES, index_of
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from echoavatar_research.reference.release_rig import AXES
 
 EYE = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 

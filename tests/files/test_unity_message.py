@@ -5,9 +5,9 @@ import json
 import numpy as np
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
-from echoavatar.files.reference.release_rig import AXES
 from echoavatar.files.unity_message import HEADER, Messages
 from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar_research.reference.release_rig import AXES
 
 EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 

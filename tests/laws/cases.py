@@ -22,9 +22,7 @@ from torch import Tensor
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
-from echoavatar.engine.pipeline.lookahead import LookaheadPipeline
 from echoavatar.engine.pipeline.time_warp import TimeWarp
-from echoavatar.files.reference.release_rig import rig_config, skeleton_config
 from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
 from echoavatar.models.face import FaceStream, HubertConfig
 from echoavatar.models.face.encoder import MelEncoder
@@ -49,6 +47,7 @@ from echoavatar.motion.stages.smoother import Smoother
 from echoavatar.nn import CausalAttention, CausalBlock
 from echoavatar.nn.convolution import CausalConvBlock, CausalConvolution
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from echoavatar_research.reference.release_rig import rig_config, skeleton_config
 
 Cuts = Sequence[Sequence[int]]
 JOINTS = 3  # of the body whose time is warped
@@ -327,5 +326,4 @@ COVERED: dict[type, tuple[type, str]] = {
     Feet: (Post, "runs in every chunk"),
     Leash: (Post, "runs where a leash was asked for"),
     IdleLegs: (Post, "runs where the upper body alone moves"),
-    LookaheadPipeline: (Pipeline, "changes only what the generator hears: it knows the future, so one law cannot hold"),
 }

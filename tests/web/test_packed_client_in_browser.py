@@ -167,10 +167,7 @@ def test_a_livekit_room_moves_the_avatar(open_page: Callable[[str], PageDriver],
     driver.page.evaluate(
         PACED + "(([text, topic]) => { const payload = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));"
         " room.emit('dataReceived', payload, undefined, 0, topic); })",
-        [
-            [base64.b64encode(encode(message)).decode(), topic]
-            for message, topic in zip(messages(), topics, strict=True)
-        ],
+        packed,
     )
     moves(driver, tmp_path)
 

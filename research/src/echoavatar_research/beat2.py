@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 import torch
 
-from echoavatar.evaluation.baselines import Baselines, Kind
 from echoavatar.evaluation.behaviour import SPEECH
 from echoavatar.evaluation.metrics.diversity import l1_deviation
 from echoavatar.evaluation.metrics.frechet import Moments, moments
@@ -19,6 +18,7 @@ from echoavatar.evaluation.score import fid_row
 from echoavatar.evaluation.score_beats import ClipAudio, gesture_rows
 from echoavatar.evaluation.score_row import Row, row_of_means
 from echoavatar.motion.kinematics import Motion
+from echoavatar_research.baselines import Baselines, Kind
 
 from .beat2_experiment import Beat2Experiment
 from .choices import OURS, GeneratorChoice

@@ -31,7 +31,7 @@ def live_motion(
     from echoavatar.engine import animate_many
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar.engine.pipeline.bundle import Bundle
-    from echoavatar.engine.pipeline.lookahead import LookaheadPipeline
+    from echoavatar_research.lookahead import LookaheadPipeline
 
     bundle = Bundle(name, codec, tokenizer, generator.eval(), {})
     hears_ahead = generator.config.ahead_chunks > 0

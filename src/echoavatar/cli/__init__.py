@@ -10,7 +10,6 @@ import atexit
 import gc
 import importlib
 import io
-import keyword
 import logging
 import os
 import sys
@@ -54,8 +53,10 @@ COMMANDS = {
     "refine-fingers": "add plausible fingers to motion that was captured without them",
 }
 SEPARATE = {
+    "baseline": "research",
     "data prepare": "research",
     "data rl-corpus": "research",
+    "import": "research",
     "reproduce": "research",
     "studio": "studio",
 }  # command -> distribution echoavatar-NAME, folder ./NAME
@@ -144,5 +145,4 @@ def command_module(command: str) -> ModuleType:
             f"`echoavatar {command}` comes with echoavatar-{name}, which is not installed;"
             f" in a clone of the repository: pip install ./{name}"
         )
-    name = command.replace("-", "_")
-    return importlib.import_module(f".{name}_" if keyword.iskeyword(name) else f".{name}", __name__)
+    return importlib.import_module(f".{command.replace('-', '_')}", __name__)

@@ -174,7 +174,7 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
     from echoavatar.align.audio_reward import AudioMotion
     from echoavatar.align.beats import Beats
     from echoavatar.align.wav2clip import Wav2Clip
-    from echoavatar.files.reference.foreign_files import read_tensors
+    from echoavatar.files.foreign_files import read_tensors
 
     if args.encoder_weights and args.encoder == "codes":
         raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")

@@ -1,4 +1,4 @@
-"""Files of other programs: exports, the character with its pictures and films, imports of the authors' release.
+"""Files of other programs: exports, the character with its pictures and films, readers of foreign arrays.
 
 May import `engine` and below.
 """

@@ -2,9 +2,9 @@ import numpy as np
 import torch
 from tests.motion.kinematics.samples import swaying
 
-from echoavatar.evaluation.baselines import facing
 from echoavatar.evaluation.metrics.motion_features import TRAVEL, feature_count, motion_features
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar_research.baselines import facing
 
 
 def features(rotations: np.ndarray, root: np.ndarray) -> torch.Tensor:

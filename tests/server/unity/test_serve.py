@@ -14,10 +14,10 @@ import pytest
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Action, ActionLibrary
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
-from echoavatar.files.reference.release_rig import AXES
 from echoavatar.motion.kinematics import Skeleton, SkeletonConfig
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.server.unity import UnitySettings, serve, serve_unity
+from echoavatar_research.reference.release_rig import AXES
 
 RIG = RigConfig(axes=AXES, metres_per_unit=0.01, up=2, unity=(((1, 0, 0), (0, 1, 0), (0, 0, 1)),) * 88)
 

@@ -17,7 +17,7 @@ from echoavatar.config import Config
 from echoavatar.engine import Engine, EngineThread, SessionCore
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import AudioError, CheckpointError, EchoAvatarError
-from echoavatar.files.reference.foreign_files import read_pickled_array
+from echoavatar.files.foreign_files import read_pickled_array
 from echoavatar.files.unity_message import HEADER, LARGEST, Messages
 from echoavatar.timing import SAMPLE_RATE_HZ
 

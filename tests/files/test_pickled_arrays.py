@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import CheckpointError
-from echoavatar.files.reference.foreign_files import read_pickled_array
-from echoavatar.files.reference.pickled_arrays import RefusedError, unpickle_arrays
+from echoavatar.files.foreign_files import read_pickled_array
+from echoavatar.files.pickled_arrays import RefusedError, unpickle_arrays
 
 FLOATS = b"cnumpy\ndtype\n(X\x02\x00\x00\x00f4K\x00K\x01tR"
 BIG_ENDIAN = b"(K\x03X\x01\x00\x00\x00>NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"

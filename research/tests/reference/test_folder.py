@@ -3,7 +3,7 @@
 import pytest
 
 from echoavatar.errors import CheckpointError
-from echoavatar.files.reference import Release
+from echoavatar_research.reference import Release
 
 
 def test_every_file_is_found(download):

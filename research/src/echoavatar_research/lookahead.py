@@ -1,4 +1,4 @@
-"""Run whole files through a generator that hears ahead: the offline, non-causal reference of `research/`.
+"""Run whole files through a generator that hears ahead: the offline, non-causal reference.
 
 Such a generator was trained on sound that is `ahead_chunks` ahead of its motion (`TokenClip.heard_ahead`). A stream
 cannot provide that. Here the sounds are known from the start, and the generator alone gets them early. Level control,
@@ -14,11 +14,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from echoavatar.engine.pipeline.bundle import Bundle
+from echoavatar.engine.pipeline.pipeline import Pipeline, PipelineState
+from echoavatar.engine.pipeline.tokenize import audio_codes
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES
-
-from .bundle import Bundle
-from .pipeline import Pipeline, PipelineState
-from .tokenize import audio_codes
 
 
 @dataclass

@@ -61,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check, print or convert."""
-    from echoavatar.files.reference import Release, convert, inspect_release
     from echoavatar.models.audio import AudioCodec
+    from echoavatar_research.reference import Release, convert, inspect_release
 
     if args.output.exists() and (not args.output.is_dir() or any(args.output.iterdir())):
         raise EchoAvatarError(f"{args.output} exists and is not empty; choose another -o or remove it")
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     codec = AudioCodec.from_pretrained_encodec(args.codec)
     command = f"echoavatar import reference --step {args.step} --face-order {args.face_order}"
     convert(found, codec, args.output, actions=actions, face_order=args.face_order, command=command)
-    from echoavatar.files.reference.convert import WARNING
+    from echoavatar_research.reference.convert import WARNING
 
     print(f"{args.output}: {len(found.lines)} tensors and tables, {len(actions)} actions\nlicence: {WARNING}")
     return 0
@@ -94,8 +94,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _actions(args: argparse.Namespace) -> "ActionLibrary":
     from echoavatar.engine.pipeline import ActionLibrary
-    from echoavatar.files.reference.actions import find_table, library, read_table
     from echoavatar.timing import ChunkSize
+    from echoavatar_research.reference.actions import find_table, library, read_table
 
     path = args.actions or find_table(args.stats)
     if path is None:

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from echoavatar.errors import CheckpointError
-from echoavatar.files.reference.weights import StoredGenerator
+from echoavatar_research.reference.weights import StoredGenerator
 
 
 def test_rows_come_in_the_wanted_order(download):

@@ -9,9 +9,9 @@ import torch
 
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
-from echoavatar.engine.pipeline.lookahead import LookaheadPipeline
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
+from echoavatar_research.lookahead import LookaheadPipeline
 
 SEED = 3
 

@@ -7,7 +7,7 @@ from scripts.synthetic_release import ACTIONS
 
 from echoavatar.engine.pipeline import ActionLibrary
 from echoavatar.errors import CheckpointError
-from echoavatar.files.reference.actions import find_table, library, read_table
+from echoavatar_research.reference.actions import find_table, library, read_table
 
 
 def test_the_script_beside_the_statistics_is_found_and_not_run(download):

@@ -11,17 +11,17 @@ from torch import Tensor
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
+from echoavatar.files.foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
 from echoavatar.models.face import FaceConfig, paper_face
-from echoavatar.models.face.reference import from_reference
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar.models.tokens import REFERENCE_LAYOUT
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig
+from echoavatar_research.reference.face import from_reference
 
 from . import folder
 from .expected_tensors import differences, face_shapes, generator_shapes, hubert_of, tokenizer_shapes
 from .folder import Release
-from .foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
 from .release_rig import JOINTS, rig_config, skeleton_config
 from .statistics import body_statistics
 from .vocabulary import compacted

@@ -4,9 +4,9 @@ import json
 
 from tests import golden as fixtures
 
-from echoavatar.files.reference.expected_tensors import differences, face_shapes, hubert_of, tokenizer_shapes
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar_research.reference.expected_tensors import differences, face_shapes, hubert_of, tokenizer_shapes
 
 HUBERT = HubertConfig(
     width=48, layers=2, heads=4, mlp=96, convolutions=(24,) * 7, position_kernel=16, position_groups=4

@@ -7,8 +7,8 @@ import pytest
 from scripts.synthetic_release import skeleton
 
 from echoavatar.errors import CheckpointError
-from echoavatar.files.reference.release_rig import bones_by_name, rig_config, skeleton_config
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, part_sizes
+from echoavatar_research.reference.release_rig import bones_by_name, rig_config, skeleton_config
 
 GOLDEN = Path(__file__).parents[3] / "../shared/golden/reference_release/parts.npz"
 

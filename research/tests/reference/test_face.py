@@ -14,7 +14,7 @@ from echoavatar.models.face import FaceModel, FaceStream, HubertConfig, paper_fa
 from echoavatar.models.face.attention import rotate_pairs, sinusoids
 from echoavatar.models.face.flow import euler_levels
 from echoavatar.models.face.hubert import normalize_window, pad_window
-from echoavatar.models.face.reference import from_reference
+from echoavatar_research.reference.face import from_reference
 
 
 def arrays(name: str) -> dict[str, torch.Tensor]:

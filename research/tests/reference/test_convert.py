@@ -12,10 +12,10 @@ from echoavatar.corpora.rehearsal.action_clips import SCRIPTS, clip
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import CheckpointError
-from echoavatar.files.reference import Release, convert, inspect_release
-from echoavatar.files.reference.foreign_files import read_tensors
-from echoavatar.files.reference.weights import StoredGenerator
+from echoavatar.files.foreign_files import read_tensors
 from echoavatar.motion.kinematics import write_bvh
+from echoavatar_research.reference import Release, convert, inspect_release
+from echoavatar_research.reference.weights import StoredGenerator
 
 
 @pytest.fixture(scope="module")

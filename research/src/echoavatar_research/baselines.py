@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from echoavatar.data import Clip
 from echoavatar.errors import AudioError, MotionError
+from echoavatar.evaluation.metrics.position_error import heading, turn_about_up
 from echoavatar.models.audio.mel import log_mel
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.rotations import (
@@ -27,8 +28,6 @@ from echoavatar.motion.kinematics.rotations import (
     quaternion_multiply,
 )
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
-
-from .metrics.position_error import heading, turn_about_up
 
 Kind = Literal["mean", "random", "nearest"]
 STRETCH_FRAMES = 64

@@ -4,11 +4,11 @@ import torch
 from tests.evaluation.clips import clicks, clip
 
 from echoavatar.errors import AudioError, MotionError
-from echoavatar.evaluation.baselines import STRETCH_FRAMES, Baselines, Stretch, facing, spectra
 from echoavatar.evaluation.metrics.position_error import heading
 from echoavatar.models.tokenizer import as_one_part
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar_research.baselines import STRETCH_FRAMES, Baselines, Stretch, facing, spectra
 
 
 def training() -> list:

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from echoavatar.data import Corpus
-    from echoavatar.evaluation.baselines import Baselines
+    from echoavatar_research.baselines import Baselines
 
     paths = [found for given in args.audio for found in _sounds(given)]
     names = [path.stem for path in paths]

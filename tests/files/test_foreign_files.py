@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.files.reference.foreign_files import (
+from echoavatar.files.foreign_files import (
     read_array,
     read_arrays,
     read_matrices,

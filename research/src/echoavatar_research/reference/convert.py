@@ -13,10 +13,10 @@ from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.face import FaceModel
 from echoavatar.models.face.config import ChannelOrder
-from echoavatar.models.face.reference import from_reference
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar_research.reference.face import from_reference
 
 from .inspection import Inspection
 from .vocabulary import occurring

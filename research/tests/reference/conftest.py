@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from scripts.synthetic_release import make
 
-from echoavatar.files.reference import Release, convert, inspect_release
-from echoavatar.files.reference.actions import find_table, library, read_table
 from echoavatar.models.audio import AudioCodec
 from echoavatar.timing import ChunkSize
+from echoavatar_research.reference import Release, convert, inspect_release
+from echoavatar_research.reference.actions import find_table, library, read_table
 
 
 @pytest.fixture(scope="session")

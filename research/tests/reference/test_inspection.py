@@ -1,9 +1,9 @@
 """Everything that is wrong with a download is found before anything is written, and said with its place."""
 
 import torch
-from tests.files.reference.test_foreign_files import Bomb
+from tests.files.test_foreign_files import Bomb
 
-from echoavatar.files.reference import Release, inspect_release
+from echoavatar_research.reference import Release, inspect_release
 
 
 def problems(root) -> list[str]:

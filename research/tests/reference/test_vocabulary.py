@@ -2,9 +2,9 @@
 
 import torch
 
-from echoavatar.files.reference.vocabulary import compacted, occurring
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokens import REFERENCE_LAYOUT
+from echoavatar_research.reference.vocabulary import compacted, occurring
 
 
 def test_of_166690_rows_11270_are_kept():

@@ -5,9 +5,9 @@ import torch
 from scripts.synthetic_release import skeleton
 from tests import golden as fixtures
 
-from echoavatar.files.reference.release_rig import skeleton_config
-from echoavatar.files.reference.statistics import body_statistics, feature_order
 from echoavatar.motion.kinematics import Skeleton
+from echoavatar_research.reference.release_rig import skeleton_config
+from echoavatar_research.reference.statistics import body_statistics, feature_order
 
 
 def rig() -> Skeleton:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 import torch
+from research.tests.reference.conftest import bundle_of
 from scripts.synthetic_release import make
-from tests.files.reference.conftest import bundle_of
 
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.models.generator import open_stream
