@@ -87,6 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     soak.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     soak.add_argument("--sessions", type=int, default=4, help="speaking sessions (default: %(default)s)")
+    soak.add_argument("--visitors", type=int, default=1, help="who come, speak and leave (default: %(default)s)")
     soak.add_argument("--minutes", type=float, default=5.0, help="length (default: %(default)s)")
     soak.add_argument(
         "--faults", action="store_true", help="clients drop, stall, flood and vanish; the engine breaks once a minute"
@@ -240,6 +241,7 @@ def _soak(args: argparse.Namespace) -> int:
         report = bench_soak(
             args.model,
             sessions=args.sessions,
+            visitors=args.visitors,
             minutes=args.minutes,
             faults=args.faults,
             progress=lambda minutes: bar.update(minutes - bar.n) and None,
