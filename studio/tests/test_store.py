@@ -12,10 +12,11 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
-from sqlalchemy import inspect, text
+from alembic.util import CommandError
+from sqlalchemy import Engine, event, inspect, text
 from studio.tests import canned
 from studio.tests.people import tokens
 
@@ -80,6 +81,31 @@ def test_a_transaction_that_outlives_the_store_ends_and_closes_its_connection(ur
     with again.read() as session:
         assert session.query(Owner).count() == 1
     again.close()
+
+
+def test_a_store_that_cannot_be_migrated_leaves_no_connection_open(url: str):
+    store = Store(url)
+    with store.write() as session:
+        session.execute(text("UPDATE alembic_version SET version_num = 'of the future'"))
+    store.close()
+    opened: list[Any] = []
+
+    def note(raw: object, record: object) -> None:
+        opened.append(raw)
+
+    event.listen(Engine, "connect", note)
+    try:
+        with pytest.raises(CommandError, match="of the future"):
+            Store(url)
+    finally:
+        event.remove(Engine, "connect", note)
+    for raw in opened:
+        if store.is_sqlite:
+            with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+                raw.execute("SELECT 1")
+        else:
+            assert raw.closed
+    assert opened
 
 
 def test_sqlite_syncs_at_every_commit(tmp_path):

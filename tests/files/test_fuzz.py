@@ -2,19 +2,29 @@
 
 import contextlib
 import resource
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 import torch
 from tests.files.exports.bodies import child
 
+from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError
+<<<<<<< HEAD
 from echoavatar.files.foreign_files import read_pickled_array, read_tensors
+=======
+from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
+from echoavatar.files.exports import read_rig
+from echoavatar.files.reference.foreign_files import read_pickled_array, read_tensors
+>>>>>>> trust2
 from echoavatar.models.audio.io import read_audio, write_wav
 from echoavatar.motion.ik.gltf_rig import read_gltf_rig
+from echoavatar.motion.ik.skinned import read_skinned
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.bvh import read_bvh, write_bvh
 from echoavatar.motion.kinematics.tables import read_npz, write_npz
@@ -44,6 +54,26 @@ def read_wire(path: Path) -> None:
             decode(path.read_bytes())
 
 
+def model(name: str) -> tuple["Maker", "Reader"]:
+    """A file of a small trained model; what is read is the model with the spoilt file in its place."""
+
+    def make(path: Path) -> None:
+        small = MotionEncoder(MotionEncoderConfig(features=12, width=8, latent=8))
+        checkpoint.save(path.parent / "model", config=small.config, weights=small.state_dict(), card={"name": "small"})
+        path.write_bytes((path.parent / "model" / name).read_bytes())
+
+    def read(path: Path) -> None:
+        shutil.copy(path, path.parent / "model" / name)
+        checkpoint.read_card(path.parent / "model")
+        MotionEncoder.load(path.parent / "model")
+
+    return make, read
+
+
+def ogg(path: Path) -> None:
+    soundfile.write(path, np.sin(np.arange(4_800) / 20), 24_000, format="OGG", subtype="VORBIS")
+
+
 Maker, Reader = Callable[[Path], object], Callable[[Path], object]
 READERS: dict[str, tuple[Maker, Reader]] = {
     "bvh": (bvh, read_bvh),
@@ -51,6 +81,12 @@ READERS: dict[str, tuple[Maker, Reader]] = {
     "npz": (npz, read_npz),
     "wav": (lambda path: write_wav(path, np.zeros(800, np.float32)), read_audio),
     "pth": (lambda path: torch.save({"net": {"w": torch.ones(3)}}, path), lambda path: read_tensors(path, "net")),
+    "ogg": (ogg, read_audio),
+    "vrm": (lambda path: path.write_bytes(child()), read_rig),
+    "skin": (lambda path: path.write_bytes(child()), read_skinned),
+    "config": model("config.json"),
+    "card": model("card.json"),
+    "safetensors": model("model.safetensors"),
     "pkl": (lambda path: path.write_bytes(np.ones(3).dumps()), lambda path: read_pickled_array(path.read_bytes())),
     "wire": (wire, read_wire),
 }

@@ -1,6 +1,8 @@
 """What operators and agents ask for, over HTTP."""
 
 import dataclasses
+import http.client
+import itertools
 import socket
 from collections.abc import Iterator
 
@@ -87,3 +89,26 @@ def test_a_body_of_two_lengths_is_refused(server: RunningServer) -> None:
         answer = line.makefile("rb").read()
     assert answer.startswith(b"HTTP/1.1 400")
     assert answer.count(b"HTTP/1.1") == 1
+
+
+@pytest.mark.parametrize("path", ["/", "/health", "/avatar.glb", "/v1/tools", "/nowhere"])
+def test_every_answer_forbids_what_a_page_does_not_need(server: RunningServer, path: str) -> None:
+    line = http.client.HTTPConnection(server.address, timeout=10)
+    line.request("GET", path)
+    with line.getresponse() as answer:
+        headers = answer.headers
+    line.close()
+    assert "default-src 'none'" in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"
+    assert "server" not in headers
+
+
+def test_no_path_leads_out_of_the_page(server: RunningServer) -> None:
+    ways = ("../", "..%2f", "%2e%2e/", "%2e%2e%2f", "..%5c", "....//", "..;/", "%252e%252e%252f", "/")
+    goals = ("__init__.py", "echoavatar/__init__.py", "etc/passwd", "etc/passwd%00.js")
+    line = http.client.HTTPConnection(server.address, timeout=10)
+    for start, way, times, goal in itertools.product(("/", "/assets/", "/sounds/"), ways, (1, 3, 8), goals):
+        line.request("GET", f"{start}{way * times}{goal}")
+        with line.getresponse() as answer:
+            assert (answer.read(), answer.status) == (b"Not Found", 404)
+    line.close()

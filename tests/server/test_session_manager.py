@@ -14,6 +14,7 @@ from tests.server.fakes import FAST, Body, serving
 from websockets.exceptions import ConnectionClosed
 
 from echoavatar.engine import Engine
+from echoavatar.server import memory, session_manager
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
 from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, encode
@@ -151,3 +152,11 @@ def test_a_flood_of_one_sample_utterances_holds_nobody_up() -> None:
         _, error = flood.closing()
     assert error is not None
     assert error.code == "inbox_full"
+
+
+def test_freed_memory_is_given_back_while_the_server_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = threading.Event()
+    monkeypatch.setattr(session_manager, "TRIM_S", 0.1)
+    monkeypatch.setattr(memory, "give_back", given.set)
+    with serving():
+        assert given.wait(5)

@@ -6,11 +6,13 @@ import logging
 import socket
 import struct
 import time
+import zlib
 from collections.abc import Iterator
 
 import pytest
 from tests.server.fakes import FAST, RunningServer, serving
 from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
 
 from echoavatar.server import connection, run, transport
 from echoavatar.server.transport import ConnectionGuard, RepeatFilter, raise_file_limit
@@ -189,3 +191,36 @@ def test_nothing_is_written_to_a_client_that_is_gone(caplog: pytest.LogCaptureFi
         time.sleep(0.3)
         assert server.manager.find(caller.ready.session).source is None
     assert "socket.send() raised exception" not in caplog.text
+
+
+TRAILERS = b"POST /v1/chat HTTP/1.1\r\ntransfer-encoding: chunked\r\n\r\n0\r\n"
+
+
+@pytest.mark.parametrize("piece", [b"x: 1\r\n" * 2_000, b"x" * 16_000], ids=["many headers", "one long header"])
+@pytest.mark.parametrize("start", [b"GET / HTTP/1.1\r\n", TRAILERS], ids=["headers", "trailers"])
+def test_headers_that_never_end_are_cut(start: bytes, piece: bytes) -> None:
+    sent = 0
+    with (
+        serving() as server,
+        socket.create_connection(address(server), timeout=10) as line,
+        contextlib.suppress(ConnectionError),
+    ):
+        line.sendall(start)
+        while sent < 64 << 20:
+            line.sendall(piece)
+            sent += len(piece)
+    assert sent < 16 << 20  # of which the kernel's buffers take a few
+
+
+def test_compressed_messages_are_not_unpacked() -> None:
+    """No client can send a bomb, because compression is not agreed on."""
+    bomb = zlib.compressobj(wbits=-15)
+    packed = bomb.compress(bytes(50_000)) + bomb.flush(zlib.Z_SYNC_FLUSH)
+    with serving() as server, connect(f"ws://{server.address}/v1/stream") as line:  # offers permessage-deflate
+        assert line.response is not None
+        assert "sec-websocket-extensions" not in line.response.headers
+        line.socket.sendall(bytes([0xC2, 0x80 | len(packed[:-4]), 0, 0, 0, 0]) + packed[:-4])
+        with pytest.raises(ConnectionClosed) as closed:
+            line.recv(timeout=10)
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1002

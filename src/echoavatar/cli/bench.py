@@ -5,6 +5,7 @@ import json
 import statistics
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
@@ -86,13 +87,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "Serve sessions and a coming and going visitor from a process of its own; check that nothing is missing, "
             "doubled or stale, and that memory stays flat. Fails if something is. Linux only."
         ),
-        epilog="example: echoavatar bench soak --sessions 4 --minutes 60 --faults",
+        epilog="example: echoavatar bench soak --sessions 4 --minutes 60 --faults --picture soak.png",
     )
     soak.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     soak.add_argument("--sessions", type=int, default=4, help="speaking sessions (default: %(default)s)")
+    soak.add_argument("--visitors", type=int, default=1, help="who come, speak and leave (default: %(default)s)")
     soak.add_argument("--minutes", type=float, default=5.0, help="length (default: %(default)s)")
     soak.add_argument(
         "--faults", action="store_true", help="clients drop, stall, flood and vanish; the engine breaks once a minute"
+    )
+    soak.add_argument("--picture", type=Path, metavar="PNG", help="draw memory over time")
+    soak.add_argument(
+        "--of", type=Path, nargs="+", default=[], metavar="FILE", help="draw what earlier runs printed; run nothing"
     )
     graphs = kinds.add_parser(
         "graphs",
@@ -245,15 +251,22 @@ def _proxy(args: argparse.Namespace) -> int:
 
 def _soak(args: argparse.Namespace) -> int:
     from echoavatar.evaluation.soak_bench import bench_soak
+    from echoavatar.evaluation.soak_picture import draw, read_report
 
+    if args.of:
+        draw({path.stem: read_report(path) for path in args.of}, args.picture or Path("soak.png"))
+        return 0
     with tqdm(total=args.minutes, unit="min", leave=False) as bar:
         report = bench_soak(
             args.model,
             sessions=args.sessions,
+            visitors=args.visitors,
             minutes=args.minutes,
             faults=args.faults,
             progress=lambda minutes: bar.update(minutes - bar.n) and None,
         )
+    if args.picture:
+        draw({f"{args.sessions} sessions": report}, args.picture)
     is_whole = not any(report[name] for name in ("stale", "doubled", "missing"))
     is_whole = is_whole and report["lost"] <= report["failed_by_us"]
     for name, value in report.items():

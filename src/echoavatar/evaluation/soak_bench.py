@@ -1,7 +1,8 @@
 """`echoavatar bench soak`: a server in a process of its own under load, and whether its sessions stay whole.
 
 Each session speaks in real time and checks what it receives: sound and motion are contiguous, nothing comes twice,
-nothing is stale. A visitor comes, speaks and leaves again and again. With faults, session 0 remains a witness, and the
+nothing is stale. It speaks again when it was heard, as a person does: else speech would gather on a machine that is too
+slow. Visitors come, speak and leave again and again. With faults, session 0 remains a witness, and the
 others lose the connection, stall, flood, interrupt and vanish. Once a minute the server itself is hurt: the pipeline
 breaks until it is loaded again, or a stage runs out of memory once, or a session fails.
 """
@@ -29,7 +30,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from echoavatar import engine as engines
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app, serve
-from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
     Audio,
     End,
@@ -41,6 +42,7 @@ from echoavatar.wire import (
     Ready,
     ServerMessage,
     Sound,
+    State,
     decode_server,
     encode,
     pack_audio,
@@ -51,6 +53,7 @@ START_S = 300.0  # for the server to load, and to compile on a new machine
 FAULT_S = 60.0  # between faults of the server
 TROUBLE_S = 12.0  # between faults of a client, on average
 STALL_S = 4.0
+PATIENCE_S = 30.0  # for an utterance to be heard
 LOOK_S = 5.0  # between looks at the memory
 PIECE_S, UTTERANCE = 0.1, 25  # length of a message of speech, and how many make an utterance
 FLOOD_S = 150  # more than the server keeps
@@ -64,6 +67,7 @@ class Watcher:
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self.stillness_s = 0.0  # longest wait for motion
+        self.finished = 0  # the newest utterance that is over
         self.key, self.next = "", 0  # to resume with: the session's key, the clock of the next sound
         self._motion, self._epoch, self._heard_at = 0, 0, inf
 
@@ -91,6 +95,8 @@ class Watcher:
             self._motion = message.at + message.frames * SAMPLES_PER_FRAME
             self.stillness_s = max(self.stillness_s, time.monotonic() - self._heard_at)
             self._heard_at = time.monotonic()
+        elif isinstance(message, State):
+            self.finished = message.finished
         elif isinstance(message, Error):
             self.counts["told " + message.code] += 1
             self.counts["lost"] += message.fatal and message.code in ("internal", "unknown_session")
@@ -140,6 +146,10 @@ class _Client:
                 await socket.send(encode(Audio(seg=seg, start=index * piece, pcm=pack_audio(self._sound[:piece]))))
                 await asyncio.sleep(PIECE_S)
             await socket.send(encode(End(seg=seg)))
+            for _ in range(round(PATIENCE_S / PIECE_S)):
+                if self.watcher.finished >= seg or seg != self._seg:
+                    break
+                await asyncio.sleep(PIECE_S)
             await asyncio.sleep(1.0)
 
     async def _make_trouble(self, socket: ClientConnection) -> None:
@@ -160,9 +170,9 @@ class _Client:
                 await socket.send(encode(Interrupt(seg=self._seg)))
 
 
-async def _visit(url: str, seen: Counter[str]) -> None:
+async def _visit(url: str, seen: Counter[str], number: int) -> None:
     """Come, speak, watch and leave, again and again."""
-    for turn in itertools.count():
+    for turn in itertools.count(1000 * number):
         watcher = Watcher()
         with suppress(ConnectionClosed, OSError, TimeoutError, InvalidHandshake):
             async with _dial(url) as socket:
@@ -180,10 +190,10 @@ def _dial(url: str) -> connect:
 
 
 async def _soak(
-    url: str, clients: list[_Client], seen: Counter[str], seconds: float, look: Callable[[float], None]
+    url: str, clients: list[_Client], visitors: int, seen: Counter[str], seconds: float, look: Callable[[float], None]
 ) -> None:
     tasks = [asyncio.create_task(client.run()) for client in clients]
-    tasks.append(asyncio.create_task(_visit(url, seen)))
+    tasks += [asyncio.create_task(_visit(url, seen, number)) for number in range(1, visitors + 1)]
     began = time.monotonic()
     while (past := time.monotonic() - began) < seconds:
         look(past)
@@ -197,16 +207,24 @@ async def _soak(
 
 
 def bench_soak(
-    model: str, *, sessions: int = 4, minutes: float = 1.0, faults: bool = False, progress: Callable[[float], None]
+    model: str,
+    *,
+    sessions: int = 4,
+    visitors: int = 1,
+    minutes: float = 1.0,
+    faults: bool = False,
+    progress: Callable[[float], None],
 ) -> dict[str, Any]:
-    """Run it. `progress` is told the minutes that have passed. The report is counts, and memory over time in MB.
+    """Run it. `progress` is told the minutes that have passed.
+
+    The report is counts, the share of real time that the sessions' motion reached, and memory over time in MB.
 
     Raises:
         EchoAvatarError: the server did not start, or ended.
     """
     context = multiprocessing.get_context("spawn")
     told = context.Queue()
-    process = context.Process(target=_serve, args=(model, sessions + 2, faults, told), daemon=True)
+    process = context.Process(target=_serve, args=(model, sessions + 2 * visitors, faults, told), daemon=True)
     process.start()
     try:
         address = _await_address(process, told)
@@ -221,13 +239,15 @@ def bench_soak(
             memory.append((seconds, _resident_mb(process.pid)))
             progress(seconds / 60)
 
-        asyncio.run(_soak(url, clients, seen, 60 * minutes, look))
+        asyncio.run(_soak(url, clients, visitors, seen, 60 * minutes, look))
         with urllib.request.urlopen(f"{address}/metrics", timeout=30) as answer:
             metrics = answer.read().decode()
     finally:
         process.terminate()
         process.join(20)
-    counts = sum((client.watcher.counts for client in clients), Counter[str]()) + seen
+    counts = sum((client.watcher.counts for client in clients), Counter[str]())
+    real_time = counts["frames"] / (FRAME_RATE_HZ * 60 * minutes * max(1, sessions))
+    counts += seen
     late = [(seconds, mb) for seconds, mb in memory if seconds >= memory[-1][0] / 3]
     slope = 3600 * linear_regression(*zip(*late, strict=True)).slope if len(late) > 2 else 0.0
     return {
@@ -237,7 +257,8 @@ def bench_soak(
         "turns": counts["turns"],
         "troubles": {name: counts[name] for name in TROUBLES},
         "told": {name[5:]: count for name, count in counts.items() if name.startswith("told ")},
-        "stillness_s": round(clients[0].watcher.stillness_s, 2),
+        "stillness_s": round(clients[0].watcher.stillness_s, 2) if clients else 0.0,
+        "real_time": round(real_time, 2),
         "slope_mb_an_hour": round(slope, 1),
         "memory_mb": [(round(seconds), round(mb, 1)) for seconds, mb in memory[:: max(1, len(memory) // 120)]],
     }

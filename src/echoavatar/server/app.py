@@ -17,7 +17,7 @@ from echoavatar.engine import Engine
 from .chat import chat_routes
 from .connection import Connection
 from .metrics import CONTENT_TYPE
-from .page import page_routes
+from .page import PageHeaders, page_routes
 from .session_manager import SessionManager
 from .settings import ServerSettings
 from .tool_routes import locked, tool_routes
@@ -31,7 +31,8 @@ def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starle
     `app.state.manager` holds the sessions. The lifespan must run, also if the application is mounted in another.
     """
     manager = SessionManager(engine, settings or ServerSettings())
-    app = Starlette(routes=_routes(manager), lifespan=_lifespan, middleware=[Middleware(OneBodyLength)])
+    guards = [Middleware(PageHeaders), Middleware(OneBodyLength)]
+    app = Starlette(routes=_routes(manager), lifespan=_lifespan, middleware=guards)
     app.state.manager = manager
     return app
 

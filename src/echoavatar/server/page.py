@@ -15,12 +15,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 SOUNDS = ("speech.ogg", "music.ogg")
 _FOR_ALL = {"cache-control": "max-age=3600", "access-control-allow-origin": "*"}  # pages of other sites may load these
 _HEADERS = {
-    "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
-    "img-src 'self' data: blob:; media-src 'self' blob:; connect-src 'self' ws: wss: blob: data:; "
-    "worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
-    "cache-control": "no-cache",  # revalidated each time, sent again only if it changed
-    "x-content-type-options": "nosniff",
-    "referrer-policy": "no-referrer",
+    b"content-security-policy": b"default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    b"img-src 'self' data: blob:; media-src 'self' blob:; connect-src 'self' ws: wss: blob: data:; "
+    b"worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
+    b"cache-control": b"no-cache",  # revalidated each time, sent again only if it changed
+    b"x-content-type-options": b"nosniff",
+    b"referrer-policy": b"no-referrer",
+    b"cross-origin-opener-policy": b"same-origin",
 }
 _PLAIN = """<!doctype html><title>EchoAvatar</title>
 <h1>EchoAvatar is running</h1>
@@ -36,20 +37,23 @@ def page_routes() -> list[BaseRoute]:
     routes: list[BaseRoute] = [Route("/avatar.glb", _avatar)]
     routes += [Route(f"/sounds/{name}", _file(assets / name)) for name in SOUNDS]
     if (static / "index.html").is_file():
-        return [*routes, Mount("/", _Guarded(StaticFiles(directory=static, html=True)))]
+        return [*routes, Mount("/", StaticFiles(directory=static, html=True))]
     return [*routes, Route("/", _plain)]
 
 
-class _Guarded:
-    """Adds headers that let the page load from, connect to and be framed by this server only."""
+class PageHeaders:
+    """Adds headers that let a page load from, connect to and be framed by this server only, to every answer."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, and add the headers that the answer lacks."""
+
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                extra = [(name.encode(), value.encode()) for name, value in _HEADERS.items()]
+                there = {name for name, _ in message["headers"]}
+                extra = [(name, value) for name, value in _HEADERS.items() if name not in there]
                 message = {**message, "headers": [*message["headers"], *extra]}
             await send(message)
 

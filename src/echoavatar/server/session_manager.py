@@ -19,6 +19,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar.wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
 
+from . import memory
 from .admission import Admission
 from .metrics import Metrics
 from .outbox import Outbox
@@ -30,6 +31,7 @@ _LOG = logging.getLogger(__name__)
 BEAT_S = 0.02
 MOST_DECODERS = 2  # tracks decoded at the same time
 STATS_S = 1.0
+TRIM_S = 20.0  # between returns of freed memory
 GOODBYE_S = 3.0  # time for the last messages to every client
 
 
@@ -209,6 +211,8 @@ class SessionManager:
                 while True:
                     self._beat(with_stats=beat % round(STATS_S / BEAT_S) == 0)
                     beat += 1
+                    if beat % round(TRIM_S / BEAT_S) == 0:
+                        asyncio.get_running_loop().run_in_executor(None, memory.give_back)
                     await asyncio.sleep(BEAT_S)
             finally:
                 self._sinks.close()

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
-from uvicorn.protocols.http.auto import AutoHTTPProtocol
+from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import Frame
 
@@ -108,8 +108,8 @@ class ConnectionGuard:
             self._watch(protocol, transport, cycle)
 
 
-class GuardedHttp(AutoHTTPProtocol):  # type: ignore[misc,valid-type]
-    """uvicorn's HTTP protocol, reporting to a guard."""
+class GuardedHttp(H11Protocol):
+    """uvicorn's HTTP protocol, reporting to a guard. It is h11's, which bounds headers (64 KiB), not httptools'."""
 
     guard: ClassVar[ConnectionGuard]
 

@@ -35,11 +35,14 @@ class Store:
         """
         self.url = _checked(url)
         self.is_sqlite = self.url.get_backend_name() == "sqlite"
+        self.engine = _engine(self.url, is_sqlite=self.is_sqlite)
+        self._writing = self.engine.execution_options(studio_writes=True)
         try:
-            self.engine = _engine(self.url, is_sqlite=self.is_sqlite)
-            self._writing = self.engine.execution_options(studio_writes=True)
             migrate(self.engine)
-        except DBAPIError as error:
+        except BaseException as error:
+            self.engine.dispose()  # what failed has a connection in the pool, which nobody else would close
+            if not isinstance(error, DBAPIError):
+                raise
             raise EchoAvatarError(
                 f"the store {self.url.render_as_string()} cannot be opened ({error.orig}); check --store"
             ) from error

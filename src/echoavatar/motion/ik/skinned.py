@@ -44,13 +44,12 @@ def skinned(rig: GltfRig) -> Skinned:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
     slot = {node: index for index, node in enumerate(rig.order)}
-    with refusing_damage(rig.path):
-        vertices, weights = _skin(rig.document, rig.binary, rig.worlds, rig.parents, slot)
-        if not np.isfinite(vertices).all():
-            raise ValueError("vertices that are not finite")
-    if rig.is_turned:
-        vertices = vertices * [-1, 1, -1]
-    return Skinned(rig.skeleton, vertices.astype(np.float32), weights)
+    with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
+        places, weights = _skin(rig.document, rig.binary, rig.worlds, rig.parents, slot)
+        vertices = (places * ([-1, 1, -1] if rig.is_turned else 1)).astype(np.float32)
+        if not (np.isfinite(vertices).all() and np.isfinite(weights).all()):
+            raise ValueError("vertices or weights that are not finite")
+    return Skinned(rig.skeleton, vertices, weights)
 
 
 def _skin(
