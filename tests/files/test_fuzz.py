@@ -15,13 +15,9 @@ from tests.files.exports.bodies import child
 
 from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError
-<<<<<<< HEAD
-from echoavatar.files.foreign_files import read_pickled_array, read_tensors
-=======
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
 from echoavatar.files.exports import read_rig
-from echoavatar.files.reference.foreign_files import read_pickled_array, read_tensors
->>>>>>> trust2
+from echoavatar.files.foreign_files import read_pickled_array, read_tensors
 from echoavatar.models.audio.io import read_audio, write_wav
 from echoavatar.motion.ik.gltf_rig import read_gltf_rig
 from echoavatar.motion.ik.skinned import read_skinned
