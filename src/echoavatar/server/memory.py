@@ -17,6 +17,6 @@ def give_back() -> None:
 @lru_cache(maxsize=1)
 def _trim() -> Callable[[int], object]:
     try:
-        return ctypes.CDLL(None).malloc_trim  # type: ignore[no-any-return]
+        return ctypes.CDLL(None).malloc_trim
     except (AttributeError, OSError, TypeError):  # another C library; Windows has no library without a name
         return lambda padding: padding

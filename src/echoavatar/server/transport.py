@@ -113,7 +113,7 @@ class GuardedHttp(H11Protocol):
 
     guard: ClassVar[ConnectionGuard]
 
-    def connection_made(self, transport: asyncio.Transport) -> None:
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """A socket was opened."""
         super().connection_made(transport)
         self.guard.enter(self, transport, self.connections)
