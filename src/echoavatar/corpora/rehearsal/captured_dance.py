@@ -13,7 +13,6 @@ from .bends import with_bends
 from .controls import Controls, concatenated
 from .dance import dance, danced
 from .grooves import Counts, find_counts
-from .roaming import with_travel
 from .sound import SoundTrack
 
 BY_RULE = 0.2  # of the pieces that captured people could dance
@@ -44,7 +43,6 @@ def dance_to(track: SoundTrack, seed: int, library: CapturedLibrary | None = Non
         if library is not None:
             until = spans[number + 1].start if number + 1 < len(spans) else track.seconds
             made = with_captured(made, library, counts, until, np.random.default_rng([seed, 8, number]))
-        made = with_travel(made, counts, np.random.default_rng([seed, 10, number]))
         made = with_bends(made, counts, np.random.default_rng([seed, 9, number]))
     return made
 

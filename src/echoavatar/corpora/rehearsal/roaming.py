@@ -1,4 +1,4 @@
-"""Travel laid over a dance: from side to side with the phrases, about the place where it begins, by steps it has.
+"""Travel laid over a dance: from side to side with the phrases, about the middle, by steps it has.
 
 Each foot takes its share of the way while it is in the air, and the hips follow the feet; so planted feet stay where
 they are, and a dance without steps does not travel.
@@ -26,17 +26,21 @@ STILL_M_S, LOW_M = 0.06, 0.03  # a low foot whose ball is slower than this stand
 SWING_M_S = 2.4  # that a step may be faster than before, on average
 APART_M = 0.22  # that one foot may be ahead of the other
 CLOSEST_M = 0.13  # between the ankles, sideways, unless the dance itself brings them nearer
+WIDEST_M = 0.5  # between the ankles, unless the dance itself sets them wider
 LIFT_M = 0.06  # of a foot that is carried 20 cm or more
 HIPS_S = 0.12  # by which the hips' way is smoother than the feet's
 
 
-def with_travel(dance: Controls, counts: Counts, rng: np.random.Generator) -> Controls:
-    """The same dance with travel in one music span; what the dance travels itself is part of the way."""
+def with_travel(dance: Controls, counts: Counts, home: Controls, rng: np.random.Generator) -> Controls:
+    """The same dance with travel in one music span, about where `home` stands when it begins.
+
+    What the dance travels itself is part of the way.
+    """
     first, last = (int(np.clip(round(t * FRAME_RATE_HZ), 0, len(dance))) for t in (counts.start, counts.end + OUT_S))
     if last - first < 2 * FRAME_RATE_HZ:
         return dance
     own = dance[slice(first, last)]
-    feet, lift = _stepped(own, _wanted(own, first, counts, rng))
+    feet, lift = _stepped(own, _wanted(own, first, counts, home, rng))
     hips = smoothed(feet.mean(1), HIPS_S)
     place, foot = dance.pelvis_position.copy(), dance.foot_position.copy()
     place[first:last, ::2] += hips
@@ -47,13 +51,15 @@ def with_travel(dance: Controls, counts: Counts, rng: np.random.Generator) -> Co
     return replace(dance, pelvis_position=place, foot_position=foot)
 
 
-def _wanted(own: Controls, first: int, counts: Counts, rng: np.random.Generator) -> Float[Array, "t 2"]:
+def _wanted(
+    own: Controls, first: int, counts: Counts, home: Controls, rng: np.random.Generator
+) -> Float[Array, "t 2"]:
     """Shift in x and z, frame by frame, by which the dance would be at one side and the other in turns."""
     clock = (first + np.arange(len(own))) / FRAME_RATE_HZ
-    path = smoothed(own.pelvis_position[:, ::2] - own.pelvis_position[0, ::2], OWN_S)
+    path = smoothed(own.pelvis_position[:, ::2] - home.pelvis_position[first, ::2], OWN_S)
     apart = 3 if counts.metre == 3 else 4
     apart *= max(1, int(np.ceil(LEG_S / (apart * counts.length(0)))))
-    heading, sign = float(own.pelvis_rotation[0, 0]), rng.choice((-1, 1))
+    heading, sign = float(home.pelvis_rotation[first, 0]), rng.choice((-1, 1))
     times, shifts = [float(clock[0])], [np.zeros(2)]
     for count in range(apart, len(counts.times), apart):
         energy = next((energy for begin, end, energy in counts.sections if begin <= count < end), 0.5)
@@ -80,8 +86,9 @@ def _stepped(own: Controls, wanted: Float[Array, "t 2"]) -> tuple[Float[Array, "
         after = wanted[min(b, len(own) - 1) : until].mean(0) if b < until else wanted[-1]
         after = other + _at_most(after - other, APART_M)
         after = before + _at_most(after - before, SWING_M_S * (b - a) / FRAME_RATE_HZ)
-        after = _uncrossed(own, min(b, len(own) - 1), side, after, other)
-        shift[a:b, side] = before + (after - before) * minimum_jerk(phase)[:, None]
+        at = min(b, len(own) - 1)
+        after = _within_stride(own, at, side, _uncrossed(own, at, side, after, other), other)
+        shift[a:b, side] = before + (after - before) * minimum_jerk((phase - 0.15) / 0.7)[:, None]
         shift[b:, side] = after
         lift[a:b, side] = LIFT_M * min(1.0, float(np.hypot(*(after - before))) / 0.2) * bump(phase)
     return shift, lift
@@ -110,6 +117,13 @@ def _uncrossed(own: Controls, at: int, side: int, shift: Array, other: Array) ->
     apart = float((own.foot_position[at, side, ::2] - own.foot_position[at, 1 - side, ::2]) @ outwards)
     lack = min(apart, CLOSEST_M) - (apart + float((shift - other) @ outwards))
     return np.asarray(shift + max(lack, 0.0) * outwards)
+
+
+def _within_stride(own: Controls, at: int, side: int, shift: Array, other: Array) -> Float[Array, " 2"]:
+    """A shift of one foot that sets it no further from the other one than legs can be apart with ease."""
+    apart = own.foot_position[at, side, ::2] - own.foot_position[at, 1 - side, ::2]
+    far = max(float(np.hypot(*apart)), WIDEST_M)
+    return np.asarray(other + _at_most(apart + shift - other, far) - apart)
 
 
 def _at_most(way: Float[Array, " 2"], length: float) -> Float[Array, " 2"]:
