@@ -77,7 +77,7 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     for name in _FEET:
         old, new = getattr(waiting, name), getattr(after, name)
         turn = 2 * np.pi if name == "foot_yaw" else np.inf
-        sides = [_carried_over(old[:, s], new[:, s], moments[s], STEP_S, turn) for s in range(2)]
+        sides = [_carried_over(old[:, s], new[:, s], moments[s], STEP_S, turn, LANDING_FRAMES) for s in range(2)]
         curves[name] = np.stack(sides, axis=1)
     return replace(before, **_with_lift(curves, waiting, after, moments))
 
@@ -123,8 +123,8 @@ def walking_home(standing: Controls, before: Controls, at: int) -> Controls:
             first = begin + number * stride - stride // 2
             goal = left[min(first + stride, len(left) - 1)] if number < steps - 1 else 0.0
             phase = (np.arange(len(standing)) - first) / stride
-            share += (goal - share) * minimum_jerk((phase - 0.1) / 0.8)
-            curves["foot_position"][:, side, 1] += 0.04 * air(phase)
+            share += (goal - share) * minimum_jerk((phase - 0.18) / 0.66)
+            curves["foot_position"][:, side, 1] += 0.055 * air(phase)
             curves["foot_pitch"][:, side] += 0.2 * air(np.clip(phase / 0.7, 0, 1))
         foot, foot_yaw = _carried(curves["foot_position"][:, side], middle, off * share[:, None], turn * share)
         curves["foot_position"][:, side] = foot

@@ -13,7 +13,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
 from .grooves import Counts
-from .keyframes import bump, glide
+from .keyframes import glide
 
 ASIDE_M, FRONT_M = (0.50, 0.72), 0.2  # from the middle: to the side, to the front or back
 QUIET = 0.75  # share of it in the quietest music
@@ -90,7 +90,7 @@ def _stepped(own: Controls, wanted: Float[Array, "t 2"]) -> tuple[Float[Array, "
         after = _within_stride(own, at, side, _uncrossed(own, at, side, after, other), other)
         shift[a:b, side] = before + (after - before) * minimum_jerk((phase - 0.15) / 0.7)[:, None]
         shift[b:, side] = after
-        lift[a:b, side] = LIFT_M * min(1.0, float(np.hypot(*(after - before))) / 0.2) * bump(phase)
+        lift[a:b, side] = LIFT_M * min(1.0, float(np.hypot(*(after - before))) / 0.2) * np.sqrt(np.sin(np.pi * phase))
     return shift, lift
 
 
