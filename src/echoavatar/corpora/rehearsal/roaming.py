@@ -15,7 +15,7 @@ from .controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
 from .grooves import Counts
 from .keyframes import glide
 
-ASIDE_M, FRONT_M = (0.50, 0.72), 0.2  # from the middle: to the side, to the front or back
+ASIDE_M, FRONT_M, EDGE_M = (0.55, 0.75), 0.15, 0.8  # from the middle: to the side, to the front or back, and at most
 QUIET = 0.75  # share of it in the quietest music
 LEG_S = 2.2  # from side to side at least
 FASTEST_M_S = 0.6  # of the travel that is laid over, on average between two sides
@@ -23,10 +23,10 @@ OWN_S = 0.4  # over which the dance's own travel is smoothed
 OUT_S = 0.8
 BALL_M = 0.13  # from the ankle to the ball of the foot
 STILL_M_S, LOW_M = 0.06, 0.03  # a low foot whose ball is slower than this stands
-SWING_M_S = 2.4  # that a step may be faster than before, on average
-APART_M = 0.22  # that one foot may be ahead of the other
+SWING_M_S = 3.0  # that a step may be faster than before, on average
+APART_M = 0.30  # that one foot may be ahead of the other
 CLOSEST_M = 0.13  # between the ankles, sideways, unless the dance itself brings them nearer
-WIDEST_M = 0.5  # between the ankles, unless the dance itself sets them wider
+WIDEST_M = 0.58  # between the ankles, unless the dance itself sets them wider
 LIFT_M = 0.06  # of a foot that is carried 20 cm or more
 HIPS_S = 0.12  # by which the hips' way is smoother than the feet's
 
@@ -73,7 +73,9 @@ def _wanted(
         most = FASTEST_M_S * (clock[at] - times[-1])
         shifts.append(shifts[-1] + way * min(1.0, most / max(float(np.hypot(*way)), 1e-6)))
         times.append(float(clock[at]))
-    return glide(clock, np.array(times), np.stack(shifts))
+    laid = glide(clock, np.array(times), np.stack(shifts))
+    far = np.linalg.norm(path + laid, axis=1, keepdims=True)
+    return np.asarray(laid - (path + laid) * np.maximum(far - EDGE_M, 0) / np.maximum(far, EDGE_M))
 
 
 def _stepped(own: Controls, wanted: Float[Array, "t 2"]) -> tuple[Float[Array, "t 2 2"], Float[Array, "t 2"]]:
