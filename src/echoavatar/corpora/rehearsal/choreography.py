@@ -17,12 +17,15 @@ from .captured_dance import dance_to
 from .clearance import keep_hands_clear
 from .controls import ANKLE_HEIGHT, DRIFT_FRAMES, Array, Controls, fading, minimum_jerk, moved, unwound, wrists_over
 from .gesture import gesture
+from .grooves import find_counts
+from .roaming import with_travel
 from .sound import SoundTrack
 from .stance import air
 
 REACTION_S = 0.25  # from the start of music to the start of the dance
 JOIN_S, SETTLE_S = 1.0, 0.85
 STEP_S = 0.40
+LANDING_FRAMES = 6
 SHORTEST_DANCE_S = 1.5
 NEAR_M, STRIDE_M = 0.12, 0.25  # a dancer who ends nearer to the place of the standing body walks nowhere
 _FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
@@ -34,10 +37,12 @@ def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = 
     spans = [s for s in track.spans if s.kind == "music" and s.end - s.start >= SHORTEST_DANCE_S]
     if spans:
         standing, dancing = motion, dance_to(track, seed, library)
-        for span in spans:
+        for number, span in enumerate(spans):
             begin = round((span.start + REACTION_S) * FRAME_RATE_HZ)
             end = min(round(span.end * FRAME_RATE_HZ), len(motion)) - 1
-            dancing = _brought(dancing, standing, begin)
+            dancing = _brought(dancing, motion, begin)  # the dancer may still be on the way home
+            rng = np.random.default_rng([seed, 10, number])
+            dancing = with_travel(dancing, find_counts(track, span), standing, rng)
             motion = switched(motion, dancing, at=begin, seconds=JOIN_S)
             motion = switched(motion, walking_home(standing, motion, end), at=end, seconds=SETTLE_S)
     return keep_hands_clear(motion)
@@ -62,16 +67,36 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
         if field.name not in (*_FEET, "wrist"):
             old, new = getattr(before, field.name), getattr(after, field.name)
             drift = DRIFT_FRAMES if field.name in ("palm", "elbow_swing") else None
+            if field.name.startswith("pelvis"):  # hips that lag behind their feet longer get out of the legs' reach
+                drift = round(STEP_S * FRAME_RATE_HZ)
             curves[field.name] = _carried_over(old, new, at, seconds, drift=drift)
     over = wrists_over(before.wrist[at - 1 : at + 1], after.wrist[at - 1 :], round(seconds * FRAME_RATE_HZ))
     curves["wrist"] = np.concatenate([before.wrist[:at], over])
-    moments = _step_moments(after, at)
+    moments = _step_moments(before, after, at)
+    waiting = _landed(before, at)
     for name in _FEET:
-        old, new = getattr(before, name), getattr(after, name)
+        old, new = getattr(waiting, name), getattr(after, name)
         turn = 2 * np.pi if name == "foot_yaw" else np.inf
-        sides = [_carried_over(old[:, s], new[:, s], moments[s], STEP_S, turn) for s in range(2)]
+        sides = [_carried_over(old[:, s], new[:, s], moments[s], STEP_S, turn, LANDING_FRAMES) for s in range(2)]
         curves[name] = np.stack(sides, axis=1)
-    return replace(before, **_with_lift(curves, before, after, moments))
+    return replace(before, **_with_lift(curves, waiting, after, moments))
+
+
+def _landed(before: Controls, at: int) -> Controls:
+    """`before` with feet that come down where they are at frame `at`, and wait there for their step."""
+    curves, left = {}, 1 - minimum_jerk(np.arange(len(before) - at) / LANDING_FRAMES)
+    for name in _FEET:
+        old = getattr(before, name)
+        new = old.copy()
+        drift = fading(np.zeros_like(old[at]), old[at] - old[max(at - 1, 0)], len(before) - at, drift=LANDING_FRAMES)
+        new[at:] = old[at] + drift
+        if name == "foot_position":
+            height = new[at:, :, 1]
+            new[at:, :, 1] = np.maximum(ANKLE_HEIGHT + left[:, None] * (height - ANKLE_HEIGHT), ANKLE_HEIGHT)
+        elif name != "foot_yaw":
+            new[at:] *= left[:, None]
+        curves[name] = new
+    return replace(before, **curves)
 
 
 def walking_home(standing: Controls, before: Controls, at: int) -> Controls:
@@ -98,8 +123,8 @@ def walking_home(standing: Controls, before: Controls, at: int) -> Controls:
             first = begin + number * stride - stride // 2
             goal = left[min(first + stride, len(left) - 1)] if number < steps - 1 else 0.0
             phase = (np.arange(len(standing)) - first) / stride
-            share += (goal - share) * minimum_jerk((phase - 0.1) / 0.8)
-            curves["foot_position"][:, side, 1] += 0.04 * air(phase)
+            share += (goal - share) * minimum_jerk((phase - 0.18) / 0.66)
+            curves["foot_position"][:, side, 1] += 0.055 * air(phase)
             curves["foot_pitch"][:, side] += 0.2 * air(np.clip(phase / 0.7, 0, 1))
         foot, foot_yaw = _carried(curves["foot_position"][:, side], middle, off * share[:, None], turn * share)
         curves["foot_position"][:, side] = foot
@@ -138,10 +163,14 @@ def _with_lift(curves: dict[str, Array], before: Controls, after: Controls, mome
     return curves
 
 
-def _step_moments(after: Controls, at: int) -> list[int]:
-    """First frame of each foot's step: one after the other, if possible while the other foot is planted in `after`."""
+def _step_moments(before: Controls, after: Controls, at: int) -> list[int]:
+    """First frame of each foot's step: one after the other, if possible while the other foot is planted in `after`.
+
+    A foot that is in the air steps first.
+    """
     length, limit = round(STEP_S * FRAME_RATE_HZ), len(after)
     flying = after.foot_position[..., 1] > ANKLE_HEIGHT + 0.004
+    up = 1e3 * np.maximum(before.foot_position[at, :, 1] - ANKLE_HEIGHT - 0.004, 0)
 
     def cost(side: int, first: int) -> float:
         return float(flying[first : min(first + length, limit), 1 - side].sum()) + 0.15 * (first - at)
@@ -153,7 +182,7 @@ def _step_moments(after: Controls, at: int) -> list[int]:
             for gap in range(0, 7, 3):
                 second = first + length + gap
                 moments = [first, second] if lead == 0 else [second, first]
-                options.append((cost(0, moments[0]) + cost(1, moments[1]), moments))
+                options.append((cost(0, moments[0]) + cost(1, moments[1]) + float(up[1 - lead]), moments))
     return min(options, key=lambda option: option[0])[1]
 
 
