@@ -29,6 +29,15 @@ test: .venv-test/ready
 release-check:
 	$(PYTHON) scripts/release_check.py $(RELEASE_FLAGS)
 
+# The documentation as a site, in build/site.
+docs: .venv-docs/ready
+	.venv-docs/bin/mkdocs build
+
+.venv-docs/ready: pyproject.toml
+	$(PYTHON) -m venv .venv-docs
+	.venv-docs/bin/pip install $(PIP_FLAGS) -c constraints.txt '.[docs]'
+	touch $@
+
 # Pipecat, LiveKit and ElevenLabs together in one environment; no network is used once it stands, and no keys.
 integration-test: .venv-integrations/ready
 	OMP_NUM_THREADS=1 .venv-integrations/bin/pytest -W default tests/integrations tests/docs/test_frameworks.py
