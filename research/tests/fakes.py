@@ -6,9 +6,9 @@ import torch
 from tests.evaluation.clips import MUSIC, SPEECH, clip
 
 from echoavatar.evaluation.metrics.bootstrap import Interval
-from echoavatar.evaluation.scale import TINY
 from echoavatar.evaluation.score_row import Row
 from echoavatar_research.experiment import motion_of
+from echoavatar_research.scale import TINY
 
 
 class FakeExtractor:

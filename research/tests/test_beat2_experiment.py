@@ -7,11 +7,11 @@ from tests.evaluation.clips import clip, folder
 
 from echoavatar.data import Corpus
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.scale import PAPER, TINY
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_research.beat2_experiment import Beat2Experiment
 from echoavatar_research.beat2_sample import write_sample
 from echoavatar_research.experiment import Experiment, Sources
+from echoavatar_research.scale import PAPER, TINY
 from echoavatar_research.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 
 

@@ -1,7 +1,7 @@
-from echoavatar.evaluation.scale import TINY, GeneratorSizes
 from echoavatar.models.generator.recipe import GeneratorTraining
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar_research import dataset_composition, layouts, main, tokenizer_ablation
+from echoavatar_research.scale import TINY, GeneratorSizes
 
 
 def test_every_row_departs_in_settings_that_exist() -> None:

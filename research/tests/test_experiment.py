@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.scale import PAPER
 from echoavatar.models.generator import TokenClip
 from echoavatar_research.experiment import Experiment, is_mostly
+from echoavatar_research.scale import PAPER
 
 
 def test_the_papers_scale_wants_a_real_set(tmp_path: Path) -> None:

@@ -1,9 +1,9 @@
 import pytest
 from research.tests.fakes import FakeExperiment, counted
 
-from echoavatar.evaluation.scale import SCALES, Scale
 from echoavatar_research import main
 from echoavatar_research.experiment import EXTRA_CHUNKS
+from echoavatar_research.scale import SCALES, Scale
 
 
 def test_every_generator_and_baseline_has_a_line(monkeypatch: pytest.MonkeyPatch) -> None:

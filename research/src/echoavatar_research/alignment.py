@@ -30,9 +30,9 @@ from echoavatar.align.rewards import RewardMix
 from echoavatar.align.start import AlignmentSetup, make_pairs, training_task, tune
 from echoavatar.align.trainer import fingerprint
 from echoavatar.data import Clip
-from echoavatar.evaluation.scale import ScaleName
 from echoavatar.models.generator import Generator, TokenClip
 from echoavatar.motion.kinematics import Motion
+from echoavatar_research.scale import ScaleName
 
 from .choices import OURS, GeneratorChoice
 from .experiment import BATCH, Experiment, motion_of

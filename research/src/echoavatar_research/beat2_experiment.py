@@ -9,13 +9,13 @@ from jaxtyping import Float
 
 from echoavatar.data import Clip, Corpus
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.scale import ScaleName
 from echoavatar.files.smplx_reader import skeleton
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_research.datasets import Options, prepare, survey_of
+from echoavatar_research.scale import ScaleName
 
 from .beat2_sample import write_sample
 from .experiment import Experiment

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     """Make what is missing, then print and write the table."""
     from tqdm import tqdm
 
-    from echoavatar.evaluation.scale import SCALES
+    from echoavatar_research.scale import SCALES
 
     from .experiment import Experiment, Sources
     from .formats import markdown, write

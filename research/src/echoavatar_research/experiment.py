@@ -15,7 +15,6 @@ import numpy as np
 from echoavatar.data import Clip, Corpus
 from echoavatar.errors import EchoAvatarError
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
-from echoavatar.evaluation.scale import Scale
 from echoavatar.evaluation.score import Extractor
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig, TokenClip
@@ -25,6 +24,7 @@ from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.training import Progress
+from echoavatar_research.scale import Scale
 
 from .choices import GeneratorChoice, TokenizerChoice
 from .generate import Sounds, live_motion

@@ -5,9 +5,9 @@ The paper has no uniform corruption. MECo, EDGE and the tuned models are quoted,
 
 from typing import NamedTuple
 
-from echoavatar.evaluation.scale import Scale
 from echoavatar.motion.kinematics import Motion
 from echoavatar_research.baselines import Baselines, Kind
+from echoavatar_research.scale import Scale
 
 from .choices import OURS, GeneratorChoice
 from .experiment import EXTRA_CHUNKS, Experiment, motion_of

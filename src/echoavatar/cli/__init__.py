@@ -54,6 +54,7 @@ COMMANDS = {
 }
 SEPARATE = {
     "baseline": "research",
+    "bench train": "research",
     "data prepare": "research",
     "data rl-corpus": "research",
     "import": "research",

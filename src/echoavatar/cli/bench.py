@@ -5,13 +5,15 @@ import json
 import statistics
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 
+from . import command_module
 from .serve import DEVICE_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
@@ -118,27 +120,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     start.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     start.add_argument("--runs", type=int, default=4, help="processes; the first is shown apart (default: %(default)s)")
-    train = kinds.add_parser(
-        "train",
-        help="training steps against the machine's matrix rate",
-        description=(
-            "Time training steps on random data, and large matrix products in the same number format in the same run. "
-            "Report the share of that rate which a generator step reaches, and the share of the time that drawing "
-            "batches takes."
-        ),
-        epilog="example: echoavatar bench train --scale paper --device cuda   (the 0.5B generator, stage 2)",
-    )
-    train.add_argument("--stage", choices=("generator", "tokenizer"), default="generator", help="default: %(default)s")
-    train.add_argument(
-        "--scale",
-        choices=("tiny", "rehearsal", "paper"),
-        default="tiny",
-        help="sizes and batch, as of `reproduce` (default: %(default)s)",
-    )
-    train.add_argument("--device", default="cpu", help="cpu or cuda (default: %(default)s)")
-    train.add_argument("--steps", type=int, default=5, help="steps to time (default: %(default)s)")
-    train.add_argument("--batch", type=int, help="windows per step (default: the scale's)")
-    train.add_argument("--accumulation", type=int, help="pieces of a batch (default: the scale's)")
+    train = kinds.add_parser("train", help="training steps against the machine's matrix rate")
+    with suppress(DependencyError):
+        command_module("bench train").add_arguments(train)
 
 
 def _models(parser: argparse.ArgumentParser) -> None:
@@ -306,37 +290,6 @@ def _start(args: argparse.Namespace) -> int:
     return 0
 
 
-def _train(args: argparse.Namespace) -> int:
-    from echoavatar.evaluation.scale import SCALES
-    from echoavatar.evaluation.train_bench import bench_generator, bench_tokenizer
-    from echoavatar.models.generator import GeneratorConfig
-    from echoavatar.models.tokenizer import body_config
-    from echoavatar.models.tokens import TokenLayout
-    from echoavatar.motion.kinematics import HUMANOID
-
-    scale = SCALES[args.scale]
-    pieces = {"batch": args.batch, "accumulation": args.accumulation}
-    chosen = {key: value for key, value in pieces.items() if value is not None}
-    how = {"device": args.device, "steps": args.steps}
-    if args.stage == "tokenizer":
-        schedule = scale.tokenizer_training.model_copy(update=chosen)
-        report = bench_tokenizer(body_config(HUMANOID, scale.tokenizer), schedule, **how)
-    else:
-        layers, codes = scale.tokenizer.layers, scale.tokenizer.codes
-        layout = TokenLayout.compact(audio_codes=1024, motion_layers=layers, motion_codes=codes)
-        config = GeneratorConfig(layout=layout, **scale.generator.model_dump())
-        filled = {"chunks": config.window_chunks + 6, "depth_weights": (1.0,) * layers}
-        report = bench_generator(config, scale.generator_training.model_copy(update=filled | chosen), **how)
-    print(f"{report.device}: {report.matrix_rate:.3g} Tflop/s in products of {report.number_format}")
-    print(
-        f"{report.stage}, scale {args.scale}: {report.step_seconds:.3g} s a step, {report.draw_share:.1%} of it drawing"
-    )
-    if report.share is not None:
-        print(f"{report.step_tflop:.3g} Tflop a step: {report.share:.1%} of the matrix rate")
-    print(json.dumps(report._asdict()))
-    return 0
-
-
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     if args.kind == "soak":
@@ -344,7 +297,7 @@ def run(args: argparse.Namespace) -> int:
     if args.kind == "start":
         return _start(args)
     if args.kind == "train":
-        return _train(args)
+        return int(command_module("bench train").run(args))
     if args.kind == "face":
         return _face(args)
     if args.kind == "graphs":

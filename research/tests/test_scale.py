@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from echoavatar.evaluation.scale import PAPER, REHEARSAL, SCALES
+from echoavatar_research.scale import PAPER, REHEARSAL, SCALES
 
 RECIPES = Path(__file__).parents[2] / "recipes"
 OWN = {"parts", "log_every", "losses", "depth_weights", "is_principal_start", "is_scaled_by_reach"}

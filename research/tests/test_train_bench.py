@@ -1,14 +1,11 @@
-import json
-
 import pytest
 import torch
 
-from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.train_bench import bench_generator, step_flop
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.generator.recipe import GeneratorTraining
 from echoavatar.models.tokens import TokenLayout
+from echoavatar_research.train_bench import bench_generator, step_flop
 
 LAYOUT = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
 
@@ -31,15 +28,6 @@ def test_the_share_is_work_over_time_over_rate(sequence: str) -> None:
     assert report.share == pytest.approx(report.step_tflop / report.step_seconds / report.matrix_rate)
     assert 0 < report.share < 1
     assert 0 < report.draw_share < 1
-
-
-@pytest.mark.parametrize("stage", ["generator", "tokenizer"])
-def test_the_command_ends_with_a_line_of_json(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "train", "--stage", stage, "--steps", "1", "--batch", "2"]) == 0
-    told = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert told["stage"] == stage
-    assert (told["share"] is None) == (stage == "tokenizer")
-    assert told["step_seconds"] > 0
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="says what is missing where there is no GPU")
