@@ -51,9 +51,7 @@ def with_travel(dance: Controls, counts: Counts, home: Controls, rng: np.random.
     return replace(dance, pelvis_position=place, foot_position=foot)
 
 
-def _wanted(
-    own: Controls, first: int, counts: Counts, home: Controls, rng: np.random.Generator
-) -> Float[Array, "t 2"]:
+def _wanted(own: Controls, first: int, counts: Counts, home: Controls, rng: np.random.Generator) -> Float[Array, "t 2"]:
     """Shift in x and z, frame by frame, by which the dance would be at one side and the other in turns."""
     clock = (first + np.arange(len(own))) / FRAME_RATE_HZ
     path = smoothed(own.pelvis_position[:, ::2] - home.pelvis_position[first, ::2], OWN_S)
