@@ -30,6 +30,8 @@ def test_what_is_typed_wins_over_the_environment_and_that_over_the_file(
     assert build_parser(["bench"]).parse_args(["bench", "stream"]).model == "b"
     found = build_parser(["serve"]).parse_args(["serve", "--model", "c", "--port", "1"])
     assert (found.model, found.port) == ("c", 1)
+    monkeypatch.setenv("ECHOAVATAR_MODEL", "")  # empty is unset: an empty token must not open a server to a network
+    assert build_parser(["bench"]).parse_args(["bench", "stream"]).model == "a"
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,9 @@ async function start() {
   gltf.scene.traverse((node) => {
     if (node.isBone) bones[node.name] = node;
     if (node.morphTargetInfluences) faces.push(node);
-    if (node.isSkinnedMesh) Object.assign(node, { castShadow: true, receiveShadow: !low, frustumCulled: false });
+    if (!node.isSkinnedMesh) return;
+    Object.assign(node, { castShadow: true, receiveShadow: !low, frustumCulled: false });
+    if (node.material.alphaTest > 0) node.material.alphaToCoverage = !low; // soft edges of hair
   });
   const mixer = new THREE.AnimationMixer(gltf.scene);
   const player = makePlayer(data.clips, gltf.animations, mixer);

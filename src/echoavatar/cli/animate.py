@@ -20,6 +20,7 @@ from echoavatar.errors import EchoAvatarError
 from .serve import DEVICE_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
+    from echoavatar.files.avatar import Character
     from echoavatar.files.avatar.video import View
     from echoavatar.files.exports import Take
 
@@ -80,6 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--size", type=_size, metavar="WxH", help="pixels of the film (default: 1280x720, face 720x720)"
     )
+    parser.add_argument("--character", metavar="NAME", help="who is filmed (.mp4): maya (default), theo or amara")
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
 
 
@@ -87,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
     """Animate every sound, write the motion, print the real-time factor."""
     from echoavatar.engine import animate
     from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.files.avatar import load_character
     from echoavatar.files.exports import Take, read_rig, writer
     from echoavatar.files.exports.formats import FORMATS as SUFFIXES
     from echoavatar.models.audio import stream_audio
@@ -95,6 +98,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = _outputs(args, SUFFIXES)
     writers = [writer(output, has_rig=args.rig is not None) for output in outputs]
     rig = None if args.rig is None else read_rig(args.rig)
+    character = load_character(args.character)
     if args.in_place and "leash" in args.without:
         raise EchoAvatarError(
             "--in-place needs the stage `leash`, which --without leash leaves out; drop one of the two"
@@ -117,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
             )
         motion, take = done.motion, Take(done.motion, done.face, done.audio)
         if output.suffix.lower() == ".mp4":
-            _film(output, take, args)
+            _film(output, take, character, args)
         else:
             write(output, take if rig is None else rig.retarget(take), rig)
         print(
@@ -161,7 +165,7 @@ def _readable(sound: Path) -> Iterator[Path]:
         yield kept
 
 
-def _film(path: Path, take: "Take", args: argparse.Namespace) -> None:
+def _film(path: Path, take: "Take", character: "Character", args: argparse.Namespace) -> None:
     from echoavatar.files.avatar.video import write_mp4
 
     audio = np.zeros(0, np.float32) if take.audio is None else take.audio
@@ -172,6 +176,7 @@ def _film(path: Path, take: "Take", args: argparse.Namespace) -> None:
             take.motion,
             audio,
             face=take.face,
+            character=character,
             view=view,
             size=args.size or ((720, 720) if view == "face" else (1280, 720)),
             progress=lambda made, _: _advance(bar, made),

@@ -79,7 +79,7 @@ def _apply(
         known.add(long)
         own = PREFIX + "_".join([*words, long]).upper().replace("-", "_")
         shared = PREFIX + long.upper().replace("-", "_")
-        found = next((environment[name] for name in (own, shared) if name in environment), None)
+        found = next((environment[name] for name in (own, shared) if environment.get(name)), None)  # empty is unset
         found = section.get(long, for_all.get(long)) if found is None else found
         if found is not None:
             action.default, action.required = _value(action, found, long), False

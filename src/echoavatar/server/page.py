@@ -1,13 +1,15 @@
 """The live page: the built client, our character and the bundled sounds, all served from here."""
 
+import gzip
 from collections.abc import Awaitable, Callable
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 
 import anyio.to_thread
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -37,7 +39,7 @@ def page_routes() -> list[BaseRoute]:
     routes: list[BaseRoute] = [Route("/avatar.glb", _avatar)]
     routes += [Route(f"/sounds/{name}", _file(assets / name)) for name in SOUNDS]
     if (static / "index.html").is_file():
-        return [*routes, Mount("/", StaticFiles(directory=static, html=True))]
+        return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static, html=True), compresslevel=6))]
     return [*routes, Route("/", _plain)]
 
 
@@ -68,17 +70,28 @@ def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
     return answer
 
 
-async def _avatar(_: Request) -> Response:
-    data = await anyio.to_thread.run_sync(_character)
-    return Response(data, media_type="model/gltf-binary", headers=_FOR_ALL)
+async def _avatar(request: Request) -> Response:
+    from echoavatar.files.avatar import CHARACTERS
+
+    name = request.query_params.get("character", CHARACTERS[0])
+    if name not in CHARACTERS:
+        return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404)
+    data = await anyio.to_thread.run_sync(_character, name)
+    headers = {**_FOR_ALL, "vary": "Accept-Encoding"}
+    if "gzip" not in request.headers.get("accept-encoding", ""):
+        data = gzip.decompress(data)
+    else:
+        headers["content-encoding"] = "gzip"
+    return Response(data, media_type="model/gltf-binary", headers=headers)
 
 
-@lru_cache(maxsize=1)
-def _character() -> bytes:
+@lru_cache
+def _character(name: str) -> bytes:
+    """A character's GLB, gzipped."""
     from echoavatar.files.avatar import load_character
     from echoavatar.files.avatar.gltf import pack_glb
 
-    return pack_glb(load_character(), [])
+    return gzip.compress(pack_glb(load_character(name), []), 6)
 
 
 async def _plain(_: Request) -> Response:

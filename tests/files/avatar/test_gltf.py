@@ -91,7 +91,7 @@ def test_attributes_and_triangles_survive(file: tuple[dict[str, Any], bytes]) ->
         for primitive in mesh["primitives"]:
             attributes = primitive["attributes"]
             weights = array(document, binary, attributes["WEIGHTS_0"]).astype(int)
-            np.testing.assert_array_equal(weights.sum(1), 65535)
+            np.testing.assert_array_equal(weights.sum(1), 255)
             indices = array(document, binary, primitive["indices"])[:, 0]
             corners.append(array(document, binary, attributes["POSITION"])[indices])
             used.add(document["materials"][primitive["material"]]["name"])

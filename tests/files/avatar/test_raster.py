@@ -4,14 +4,34 @@ import pytest
 raster = pytest.importorskip("echoavatar.files.avatar.raster", reason="the render extra is not installed")
 
 
-def test_a_triangle_covers_half_its_box_and_nearer_ones_win() -> None:
-    screen = np.array([[0, 0, 0.5], [0, 20, 0.5], [20, 0, 0.5], [0, 0, 0.9], [0, 4, 0.9], [4, 0, 0.9]], np.float32)
+def _visible(screen: list[list[float]], triangles: list[list[int]], cutouts: list[bool], alpha: list[int]):
+    """Which triangle each of 20 x 20 pixels shows; one picture, of texels side by side with these alphas."""
     depth, ids = np.zeros((20, 20), np.float32), np.zeros((20, 20), np.int32)
-    raster.visible(screen, np.array([[0, 1, 2], [3, 4, 5]], np.int32), depth, ids)
+    corners = np.array(screen, np.float32)
+    texels = np.zeros((len(alpha), 4), np.uint8)
+    texels[:, 3] = alpha
+    table = np.array([[[0, len(alpha), 1]] * 2])
+    uvs = (corners[:, :2] / 20).astype(np.float32)
+    index, pictures = np.array(triangles, np.int32), np.zeros(len(triangles), np.int32)
+    raster.visible(corners, index, depth, ids, uvs, pictures, np.array(cutouts), texels, table)
+    return ids
+
+
+def test_a_triangle_covers_half_its_box_and_nearer_ones_win() -> None:
+    screen = [[0, 0, 0.5], [0, 20, 0.5], [20, 0, 0.5], [0, 0, 0.9], [0, 4, 0.9], [4, 0, 0.9]]
+    ids = _visible(screen, [[0, 1, 2], [3, 4, 5]], [False, False], [255])
     assert abs((ids >= 0).sum() - 200) <= 20
     assert ids[0, 0] == 1
     assert ids[5, 5] == 0
     assert ids[19, 19] == -1
+
+
+def test_a_cut_out_is_seen_from_behind_and_only_where_its_picture_is() -> None:
+    screen = [[0, 0, 0.5], [20, 0, 0.5], [0, 20, 0.5]]
+    assert (_visible(screen, [[0, 1, 2]], [False], [255, 0]) == -1).all()
+    ids = _visible(screen, [[0, 1, 2]], [True], [255, 0])
+    assert (ids[1, :9] == 0).all()
+    assert (ids[1, 11:] == -1).all()
 
 
 def test_the_shadow_map_keeps_the_highest_surface() -> None:

@@ -1,23 +1,41 @@
+from dataclasses import replace
+
 import numpy as np
 
-from echoavatar.files.avatar.render import Camera, Renderer, Surface
+from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
+from echoavatar.files.avatar.textures import Texels
 
 
 def square(z: float = 0.0, *, colour: tuple[float, float, float] = (1.0, 0.0, 0.0), flip: bool = False) -> Surface:
     """A square metre one metre above the floor, facing +Z (or away)."""
     points = np.array([[-0.5, 0.6, z], [0.5, 0.6, z], [0.5, 1.6, z], [-0.5, 1.6, z]])
-    triangles = np.array([[0, 1, 2], [0, 2, 3]])
-    return Surface(
-        points, np.tile([0.0, 0.0, 1.0], (4, 1)), np.tile(colour, (4, 1)), triangles[:, ::-1] if flip else triangles
+    triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    return Surface(points, np.tile([0.0, 0.0, 1.0], (4, 1)), painted(colour, triangles[:, ::-1] if flip else triangles))
+
+
+def painted(colour: tuple[float, float, float], triangles: np.ndarray, picture: int = -1) -> Paint:
+    """One colour on all corners; picture 0 is opaque red above its middle and clear below."""
+    values = np.zeros((4, 4, 4), np.uint8)
+    values[:2] = [255, 0, 0, 255]
+    table = np.tile(np.array([0, 4, 4]), (1, 6, 1))
+    corners = int(triangles.max()) + 1
+    return Paint(
+        colours=np.tile(np.float32(colour), (corners, 1)),
+        triangles=np.ascontiguousarray(triangles),
+        uvs=np.tile(np.float32([[0, 1], [1, 1], [1, 0], [0, 0]]), (corners // 4, 1)),
+        pictures=np.full(len(triangles), picture, np.int32),
+        cutouts=np.full(len(triangles), picture >= 0),
+        glosses=np.tile(np.float32([0.1, 20]), (len(triangles), 1)),
+        texels=Texels(values.reshape(-1, 4), table),
     )
 
 
 def joined(*surfaces: Surface) -> Surface:
-    first = np.cumsum([0, *(len(s.points) for s in surfaces)])
-    return Surface(
-        *(np.concatenate([getattr(s, name) for s in surfaces]) for name in ("points", "normals", "colours")),
-        np.concatenate([s.triangles + at for s, at in zip(surfaces, first, strict=False)]),
-    )
+    triangles = np.concatenate([s.paint.triangles + 4 * i for i, s in enumerate(surfaces)])
+    paint = painted((0, 0, 0), triangles.astype(np.int32))
+    colours = np.concatenate([s.paint.colours for s in surfaces])
+    points, normals = (np.concatenate([getattr(s, name) for s in surfaces]) for name in ("points", "normals"))
+    return Surface(points, normals, replace(paint, colours=colours))
 
 
 CAMERA = Camera(position=(0.0, 1.1, 4.0), target=(0.0, 1.1, 0.0), field_of_view=0.6)
@@ -43,6 +61,16 @@ def test_the_nearer_surface_hides_the_farther_one_whatever_the_order() -> None:
 
 def test_what_faces_away_is_not_drawn() -> None:
     assert not is_red(Renderer(64, 64, camera=CAMERA).draw(square(flip=True))[32, 32])
+
+
+def test_a_cut_out_picture_is_seen_from_both_sides_where_it_is_opaque() -> None:
+    """The picture is red above its middle and clear below; the square spans rows 19 to 45 of 64."""
+    for flip in (False, True):
+        triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+        surface = replace(square(), paint=painted((1.0, 1.0, 1.0), triangles[:, ::-1] if flip else triangles, 0))
+        picture = Renderer(64, 64, camera=CAMERA).draw(surface)
+        assert is_red(picture[25, 32])
+        assert not is_red(picture[40, 32])
 
 
 def test_a_body_casts_a_shadow_on_the_floor() -> None:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
-from echoavatar.files.avatar.video import film, linear, write_mp4
+from echoavatar.files.avatar.video import film, write_mp4
 from echoavatar.motion.kinematics import HUMANOID, Motion
 
 
@@ -64,8 +64,3 @@ def test_an_unwritable_place_is_named_and_leaves_nothing(tmp_path: Path) -> None
     with pytest.raises(MotionError, match="cannot write"):
         write_mp4(tmp_path / "no" / "clip.mp4", standing(2), np.zeros(1600, np.float32), size=(32, 32), samples=1)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_colours_become_linear() -> None:
-    values = linear(np.array([[0, 128, 255]], np.uint8))[0]
-    np.testing.assert_allclose(values, [0, 0.2159, 1], atol=1e-3)

@@ -24,7 +24,11 @@ export class AvatarSlot {
     if (this.ready) next.bind(this.ready);
     next.object.traverse((node) => {
       const mesh = node as Mesh;
-      if (mesh.isMesh) Object.assign(mesh, { castShadow: true, receiveShadow: !this.viewport.low, frustumCulled: false });
+      if (!mesh.isMesh) return;
+      Object.assign(mesh, { castShadow: true, receiveShadow: !this.viewport.low, frustumCulled: false });
+      for (const material of [mesh.material].flat()) {
+        if (material.alphaTest > 0) material.alphaToCoverage = !this.viewport.low; // soft edges of hair
+      }
     });
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();

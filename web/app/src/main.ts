@@ -66,7 +66,8 @@ async function start(): Promise<void> {
 
 async function loadOwnAvatar(avatar: AvatarSlot): Promise<void> {
   try {
-    const response = await fetch("./avatar.glb");
+    const character = settings.get("character");
+    const response = await fetch(`./avatar.glb${character ? `?character=${encodeURIComponent(character)}` : ""}`);
     if (!response.ok) throw new Error(`the server answered ${response.status}`);
     await avatar.load(await response.arrayBuffer(), true);
   } catch (error) {

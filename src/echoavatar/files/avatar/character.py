@@ -14,25 +14,32 @@ from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of
 
 from .morphs import Morphs
+from .textures import NAMES, Textures, decoded, looked_up
+
+CHARACTERS = ("maya", "theo", "amara")
+UV_UNITS = 8192
+PLACE_UNIT = 2.0**-14  # metres; how places are stored
 
 
 class Material(NamedTuple):
-    """How a surface reflects light; colours are per vertex."""
+    """How a surface reflects light. Its colour is that of its picture times those of the vertices."""
 
     name: str
     roughness: float
-    metallic: float = 0.0
+    picture: str = ""
+    is_cutout: bool = False  # drawn from both sides, and not where the picture's alpha is below a half
 
 
 MATERIALS = (
-    Material("skin", 0.55),
-    Material("hair", 0.45),
-    Material("eye", 0.12),
-    Material("cloth", 0.85),
-    Material("denim", 0.90),
-    Material("shoe", 0.50),
-    Material("metal", 0.35, 0.6),
-    Material("mouth", 0.30),
+    Material("skin", 0.52, "atlas"),
+    Material("eye", 0.06, "atlas"),
+    Material("mouth", 0.22, "atlas"),
+    Material("lash", 0.80, is_cutout=True),
+    Material("hair", 0.80, "hair", is_cutout=True),
+    Material("cloth", 0.92, "knit"),
+    Material("trousers", 0.88, "twill"),
+    Material("shoe", 0.60),
+    Material("sole", 0.70),
 )
 
 
@@ -42,12 +49,14 @@ class Character:
 
     positions: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
-    colours: UInt8[np.ndarray, "v 3"]  # sRGB
+    colours: UInt8[np.ndarray, "v 3"]  # sRGB; a factor on the picture
+    uvs: Float[np.ndarray, "v 2"]  # v downwards; may leave 0..1 where the picture repeats
     materials: UInt8[np.ndarray, " v"]  # index into MATERIALS
     joints: UInt8[np.ndarray, "v 4"]
     weights: Float[np.ndarray, "v 4"]  # rows sum to 1
     triangles: Int[np.ndarray, "f 3"]
     face: Morphs  # blendshapes of the first vertices
+    textures: Textures
 
     @cached_property
     def dense_weights(self) -> Float[np.ndarray, "v j"]:
@@ -63,6 +72,12 @@ class Character:
         """World positions of the joints in the rest pose."""
         return HUMANOID.rest_positions.numpy()
 
+    def flat_colours(self) -> Float[np.ndarray, "v 3"]:
+        """The sRGB colour of each vertex, 0 to 1, for files without pictures."""
+        order = {name: row for row, name in enumerate(NAMES)}
+        picture = np.array([order.get(material.picture, -1) for material in MATERIALS])[self.materials]
+        return looked_up(decoded(self.textures), picture, self.uvs) * (self.colours / np.float32(255))
+
     def with_face(self, weights: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
         """Positions and unit normals in the rest pose with an expression; weights are in the order of `face.names`."""
         positions, normals = self.positions.copy(), self.normals.copy()
@@ -77,30 +92,44 @@ class Character:
         """Write an npz. Normals and weights are stored as integers, triangles in the smallest type that fits."""
         np.savez_compressed(
             path,
-            positions=self.positions.astype(np.float32),
-            normals=np.round(self.normals * 32767).astype(np.int16),
+            positions=np.round(self.positions / PLACE_UNIT).astype(np.int16),
+            normals=np.round(self.normals * 127).astype(np.int8),
             colours=self.colours,
             materials=self.materials,
             joints=self.joints,
-            weights=np.round(self.weights * 65535).astype(np.uint16),
+            weights=np.round(self.weights * 255).astype(np.uint8),
             triangles=self.triangles.astype(np.uint16 if len(self.positions) < 65536 else np.int32),
+            uvs=np.round(self.uvs * UV_UNITS).astype(np.int32),
             **self.face.arrays(),
+            **self.textures.arrays(),
         )
 
 
-def load_character(path: Path | None = None) -> Character:
-    """Read a character file, or without a path the shipped one; raises CheckpointError where it is damaged."""
-    if path is None:
-        with as_file(files("echoavatar") / "assets" / "character.npz") as shipped:
-            return load_character(shipped)
+def load_character(path: Path | str | None = None) -> Character:
+    """Read a character file, or a shipped one by its name (None: the first of `CHARACTERS`).
+
+    Raises:
+        CheckpointError: the file is damaged, or no character has this name.
+    """
+    if path is None or isinstance(path, str):
+        return _shipped(path or CHARACTERS[0])
     try:
         stored = arrays_of(path, CheckpointError)
-        raw = {field.name: stored[field.name] for field in fields(Character) if field.name != "face"}
-        face = Morphs.of_arrays(stored)
+        raw = {field.name: stored[field.name] for field in fields(Character) if field.name not in ("face", "textures")}
+        face, textures = Morphs.of_arrays(stored), Textures.of_arrays(stored)
     except NPZ_ERRORS as error:
         raise CheckpointError(f"{path} is not a character ({error}); make it again with tools/character") from error
     normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
     raw["normals"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     raw["weights"] = weights / weights.sum(1, keepdims=True)
     raw["triangles"] = raw["triangles"].astype(np.int32)
-    return Character(**raw, face=face)
+    raw["positions"] = raw["positions"].astype(np.float32) * np.float32(PLACE_UNIT)
+    raw["uvs"] = (raw["uvs"] / UV_UNITS).astype(np.float32)
+    return Character(**raw, face=face, textures=textures)
+
+
+def _shipped(name: str) -> Character:
+    if name not in CHARACTERS:
+        raise CheckpointError(f"there is no character {name!r}; choose from {', '.join(CHARACTERS)}, or give a file")
+    with as_file(files("echoavatar") / "assets" / "characters" / f"{name}.npz") as shipped:
+        return load_character(shipped)

@@ -21,7 +21,7 @@ from echoavatar.motion.kinematics.tables import write_whole
 
 from .character import Character
 from .gltf_buffer import Buffer, Tracks
-from .gltf_mesh import materials, meshes
+from .gltf_mesh import materials, meshes, pictures
 from .morphs import checked_face
 
 BODY_NODE = HUMANOID.joints
@@ -67,6 +67,7 @@ def pack_glb(character: Character, animations: Sequence[Animation], *, compact: 
         ],
         "materials": materials(),
         "meshes": meshes(buffer, character),
+        **pictures(buffer, character),
         "skins": [_skin(buffer)],
     }  # fmt: skip
     if animations:

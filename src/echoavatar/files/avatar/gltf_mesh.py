@@ -7,10 +7,13 @@ vertices.
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt16
+from jaxtyping import Float, Int, UInt8
 
 from .character import MATERIALS, Character
 from .gltf_buffer import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
+from .textures import NAMES
+
+PLACE_STEP, MOVE_STEP, NORMAL_STEP, TURN_STEP = 2.0**-14, 2.0**-14, 2.0**-7, 2.0**-5  # metres (and UVs); parts of 1
 
 
 def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
@@ -28,18 +31,32 @@ def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
 
 
 def materials() -> list[dict[str, Any]]:
-    """The glTF form of `MATERIALS`; colours are per vertex."""
-    return [
-        {
-            "name": material.name,
-            "pbrMetallicRoughness": {
-                "baseColorFactor": [1, 1, 1, 1],
-                "metallicFactor": material.metallic,
-                "roughnessFactor": material.roughness,
-            },
-        }
-        for material in MATERIALS
-    ]
+    """The glTF form of `MATERIALS`; colours of vertices are factors on the pictures."""
+    made = []
+    for material in MATERIALS:
+        surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": material.roughness}
+        if material.picture:
+            surface["baseColorTexture"] = {"index": NAMES.index(material.picture)}
+        entry: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": surface}
+        if material.is_cutout:
+            entry["doubleSided"] = True
+            if material.picture:
+                entry |= {"alphaMode": "MASK", "alphaCutoff": 0.5}
+        made.append(entry)
+    return made
+
+
+def pictures(buffer: Buffer, character: Character) -> dict[str, list[dict[str, Any]]]:
+    """The images, samplers and textures of a document, in the order of `NAMES`."""
+    images = []
+    for name in NAMES:
+        encoded = getattr(character.textures, name)
+        kind = "image/png" if encoded[:4] == b"\x89PNG" else "image/jpeg"
+        view = buffer.view(np.frombuffer(encoded, np.uint8))
+        images.append({"name": name, "mimeType": kind, "bufferView": view})
+    textures = [{"name": name, "source": i, "sampler": 0} for i, name in enumerate(NAMES)]
+    sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
+    return {"images": images, "samplers": [sampler], "textures": textures}
 
 
 def _primitives(buffer: Buffer, character: Character, triangles: Int[np.ndarray, "f 3"]) -> list[dict[str, Any]]:
@@ -81,7 +98,7 @@ def _targets(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"]) 
         at = place[face.vertices[part]]
         here = at >= 0
         places = buffer.view(at[here].astype(np.uint16)) if here.any() else -1
-        moves, turns = face.moves[part][here], face.turns[part][here]
+        moves, turns = stepped(face.moves[part][here], MOVE_STEP), stepped(face.turns[part][here], TURN_STEP)
         targets.append(
             {
                 "POSITION": buffer.sparse(len(used), places, moves, bounds=True),
@@ -96,19 +113,34 @@ def _attributes(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"
     colours = np.concatenate([linear, np.ones((len(linear), 1))], 1)
     weights = character.weights[used]
     return {
-        "POSITION": buffer.add(character.positions[used].astype(np.float32), target=ARRAY_BUFFER, bounds=True),
-        "NORMAL": buffer.add(character.normals[used].astype(np.float32), target=ARRAY_BUFFER),
-        "COLOR_0": buffer.add(np.round(colours * 65535).astype(np.uint16), target=ARRAY_BUFFER, normalized=True),
+        "POSITION": buffer.add(stepped(character.positions[used], PLACE_STEP), target=ARRAY_BUFFER, bounds=True),
+        "NORMAL": buffer.add(_unit(character.normals[used]), target=ARRAY_BUFFER),
+        "TEXCOORD_0": buffer.add(stepped(character.uvs[used], PLACE_STEP), target=ARRAY_BUFFER),
+        "COLOR_0": buffer.add(
+            np.round(colours * 1023).astype(np.uint16) * 64 + 63, target=ARRAY_BUFFER, normalized=True
+        ),
         "JOINTS_0": buffer.add(np.where(weights > 0, character.joints[used], 0).astype(np.uint8), target=ARRAY_BUFFER),
         "WEIGHTS_0": buffer.add(_integer_weights(weights), target=ARRAY_BUFFER, normalized=True),
     }
 
 
-def _integer_weights(weights: Float[np.ndarray, "v 4"]) -> UInt16[np.ndarray, "v 4"]:
-    """Weights as integers whose sum is exactly 65535."""
-    whole = np.round(weights * 65535).astype(np.int64)
-    whole[np.arange(len(whole)), whole.argmax(1)] += 65535 - whole.sum(1)
-    return whole.astype(np.uint16)
+def _integer_weights(weights: Float[np.ndarray, "v 4"]) -> UInt8[np.ndarray, "v 4"]:
+    """Weights as integers whose sum is exactly 255."""
+    whole = np.round(weights * 255).astype(np.int64)
+    whole[np.arange(len(whole)), whole.argmax(1)] += 255 - whole.sum(1)
+    return whole.astype(np.uint8)
+
+
+def stepped(values: Float[np.ndarray, "n d"], step: float) -> Float[np.ndarray, "n d"]:
+    """Values rounded to multiples of a power of two: the last bits are 0, and the file packs to half the size."""
+    return (np.round(values / step) * step).astype(np.float32)
+
+
+def _unit(normals: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
+    """Unit normals whose last bits are 0, which changes their length by less than a validator allows."""
+    rounded = stepped(normals, NORMAL_STEP)
+    unit = rounded / np.linalg.norm(rounded, axis=1, keepdims=True)
+    return stepped(unit, 2.0**-13)
 
 
 def _indices(buffer: Buffer, triangles: Int[np.ndarray, "f 3"]) -> int:

@@ -13,7 +13,7 @@ from echoavatar.errors import MotionError
 
 MOVE_UNIT = 2e-6  # metres; how moves are stored
 TURN_UNIT = 1 / 64  # how changes of normals are stored
-LEAST_MOVE, LEAST_TURN = 8e-5, 0.045  # what is less is left out
+LEAST_MOVE, LEAST_TURN = 1.5e-4, 0.06  # what is less is left out
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,11 @@ BANDS = 16
 
 
 @kernel(fastmath=True, parallel=True)
-def visible(screen, triangles, depth, ids):  # type: ignore[no-untyped-def]
-    """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) from `screen` (v, 3): x, y in pixels, 1/z."""
+def visible(screen, triangles, depth, ids, uvs, pictures, cutouts, texels, table):  # type: ignore[no-untyped-def]
+    """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) from `screen` (v, 3): x, y in pixels, 1/z.
+
+    Triangles with `cutouts` (f) are seen from both sides, and only where the alpha of their picture is a half or more.
+    """
     height, width = depth.shape
     for band in prange(BANDS):
         top, bottom = band * height // BANDS, (band + 1) * height // BANDS
@@ -40,8 +43,9 @@ def visible(screen, triangles, depth, ids):  # type: ignore[no-untyped-def]
             if min(screen[a, 2], screen[b, 2], screen[c, 2]) <= ZERO:
                 continue
             area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-            if area >= ZERO:  # y points down, so triangles that face us turn the other way
+            if area == ZERO or (area > ZERO and not cutouts[t]):  # y points down: triangles that face us turn left
                 continue
+            picture = pictures[t] if cutouts[t] else -1
             low = max(top, int(math.floor(min(ay, by, cy))))
             high = min(bottom - 1, int(math.ceil(max(ay, by, cy))))
             left = max(0, int(math.floor(min(ax, bx, cx))))
@@ -57,6 +61,13 @@ def visible(screen, triangles, depth, ids):  # type: ignore[no-untyped-def]
                     if u >= ZERO and v >= ZERO and w >= ZERO:
                         near = u * screen[a, 2] + v * screen[b, 2] + w * screen[c, 2]
                         if near > depth[row, column]:
+                            if picture >= 0:
+                                start, wide, tall = table[picture, 1, 0], table[picture, 1, 1], table[picture, 1, 2]
+                                tu = int((u * uvs[a, 0] + v * uvs[b, 0] + w * uvs[c, 0]) * F(wide))
+                                tv = int((u * uvs[a, 1] + v * uvs[b, 1] + w * uvs[c, 1]) * F(tall))
+                                texel = start + min(tall - 1, max(0, tv)) * wide + min(wide - 1, max(0, tu))
+                                if texels[texel, 3] < 128:
+                                    continue
                             depth[row, column] = near
                             ids[row, column] = t
 
@@ -127,8 +138,30 @@ def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
 
 
 @kernel(fastmath=True)
-def body_light(u, v, w, t, ray, points, normals, colours, triangles, to_light, shadow, look):  # type: ignore[no-untyped-def]
-    """Linear colour of a point on the surface, barycentric (u, v, w) in triangle t, seen along `ray`."""
+def sampled(texels, table, to_linear, picture, level, x, y):  # type: ignore[no-untyped-def]
+    """Linear colour of a picture at (x, y), which may repeat, between the four texels around."""
+    level = min(table.shape[1] - 1, max(0, level))
+    start, wide, high = table[picture, level, 0], table[picture, level, 1], table[picture, level, 2]
+    px, py = (x - math.floor(x)) * F(wide) - HALF, (y - math.floor(y)) * F(high) - HALF
+    left, top = int(math.floor(px)), int(math.floor(py))
+    fx, fy = F(px - left), F(py - top)
+    red, green, blue = ZERO, ZERO, ZERO
+    for dy in range(2):
+        for dx in range(2):
+            share = (fx if dx else ONE - fx) * (fy if dy else ONE - fy)
+            texel = start + (top + dy) % high * wide + (left + dx) % wide
+            red += share * to_linear[texels[texel, 0]]
+            green += share * to_linear[texels[texel, 1]]
+            blue += share * to_linear[texels[texel, 2]]
+    return red, green, blue
+
+
+@kernel(fastmath=True)
+def body_light(u, v, w, t, ray, paint, gloss, points, normals, colours, triangles, to_light, shadow, look):  # type: ignore[no-untyped-def]
+    """Linear colour of a point on the surface, barycentric (u, v, w) in triangle t, seen along `ray`.
+
+    `paint` is the picture's colour there, `gloss` the strength and sharpness of highlights.
+    """
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     dx, dy, dz = ray
     lx, ly, lz = look[0, 0], look[0, 1], look[0, 2]
@@ -148,20 +181,24 @@ def body_light(u, v, w, t, ray, points, normals, colours, triangles, to_light, s
     rim = rim * rim * rim * F(0.22) * up
     hx, hy, hz = lx - dx, ly - dy, lz - dz
     h = ONE / math.sqrt(hx * hx + hy * hy + hz * hz + F(1e-12))
-    gloss = max(ZERO, (nx * hx + ny * hy + nz * hz) * h) ** 2
-    gloss = gloss * gloss * gloss * gloss
-    gloss = gloss * gloss * gloss * light * F(0.08)
+    shine = max(ZERO, (nx * hx + ny * hy + nz * hz) * h) ** gloss[1] * gloss[0] * light
     near_floor = min(ONE, F(0.55) + y * F(0.9))
-    red = (u * colours[a, 0] + v * colours[b, 0] + w * colours[c, 0]) * (
-        look[1, 0] * light + (look[3, 0] + (look[2, 0] - look[3, 0]) * up) * near_floor + rim
+    red = (
+        paint[0]
+        * (u * colours[a, 0] + v * colours[b, 0] + w * colours[c, 0])
+        * (look[1, 0] * light + (look[3, 0] + (look[2, 0] - look[3, 0]) * up) * near_floor + rim)
     )
-    green = (u * colours[a, 1] + v * colours[b, 1] + w * colours[c, 1]) * (
-        look[1, 1] * light + (look[3, 1] + (look[2, 1] - look[3, 1]) * up) * near_floor + rim
+    green = (
+        paint[1]
+        * (u * colours[a, 1] + v * colours[b, 1] + w * colours[c, 1])
+        * (look[1, 1] * light + (look[3, 1] + (look[2, 1] - look[3, 1]) * up) * near_floor + rim)
     )
-    blue = (u * colours[a, 2] + v * colours[b, 2] + w * colours[c, 2]) * (
-        look[1, 2] * light + (look[3, 2] + (look[2, 2] - look[3, 2]) * up) * near_floor + rim
+    blue = (
+        paint[2]
+        * (u * colours[a, 2] + v * colours[b, 2] + w * colours[c, 2])
+        * (look[1, 2] * light + (look[3, 2] + (look[2, 2] - look[3, 2]) * up) * near_floor + rim)
     )
-    return red + gloss, green + gloss, blue + gloss
+    return red + shine, green + shine, blue + shine
 
 
 @kernel(fastmath=True)
@@ -204,10 +241,12 @@ def ray_through(rays, px, py):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, parallel=True)
 def shade(  # type: ignore[no-untyped-def]
-    screen, points, normals, colours, triangles, ids, depth, samples, camera, rays, to_light, shadow, look, tone, image
-):
+    screen, points, normals, colours, triangles, ids, depth, samples, camera, rays, to_light, shadow, look, tone, image,
+    uvs, pictures, glosses, texels, table, to_linear,
+):  # fmt: skip
     """Colour every pixel of `image` (h, w, 3) uint8 from `samples` x `samples` visibility samples each.
 
+    `pictures` (f) and `glosses` (f, 2) are the picture (or -1) and the highlights of each triangle.
     `look` rows: light direction, key light, sky, ground, floor, backdrop. Samples that see the same stretch of surface
     (or none) are lit once.
     """
@@ -250,8 +289,20 @@ def shade(  # type: ignore[no-untyped-def]
                         near = ONE / depth[y, x]
                         w = (ONE - u - v) * screen[k, 2] * near
                         u, v = u * screen[i, 2] * near, v * screen[j, 2] * near
+                        paint = (ONE, ONE, ONE)
+                        if pictures[t] >= 0:
+                            picture = pictures[t]
+                            flat = (uvs[j, 0] - uvs[i, 0]) * (uvs[k, 1] - uvs[i, 1])
+                            flat -= (uvs[k, 0] - uvs[i, 0]) * (uvs[j, 1] - uvs[i, 1])
+                            texel = abs(flat) * F(table[picture, 0, 1] * table[picture, 0, 2]) / abs(area)
+                            texel *= F((samples * samples) // (wanted * wanted))
+                            level = int(HALF * math.log2(texel + F(1e-6)) + F(0.35))
+                            tu = u * uvs[i, 0] + v * uvs[j, 0] + w * uvs[k, 0]
+                            tv = u * uvs[i, 1] + v * uvs[j, 1] + w * uvs[k, 1]
+                            paint = sampled(texels, table, to_linear, picture, level, tu, tv)
+                        gloss = (glosses[t, 0], glosses[t, 1])
                         red, green, blue = body_light(
-                            u, v, w, t, ray, points, normals, colours, triangles, to_light, shadow, look
+                            u, v, w, t, ray, paint, gloss, points, normals, colours, triangles, to_light, shadow, look
                         )
                     r, g, b = r + toned(red, tone), g + toned(green, tone), b + toned(blue, tone)
             image[row, column, 0] = r * share

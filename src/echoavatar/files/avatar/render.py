@@ -8,11 +8,15 @@ grid, a filmic tone curve, and 2 x 2 supersampling.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
 from . import raster
+from .character import MATERIALS, Character
+from .textures import NAMES, Texels, decoded
 
+_BYTES = np.arange(256) / 255
+_LINEAR = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4).astype(np.float32)
 SHADOW_TEXELS = 1024
 SHADOW_METRES = 3.6
 LIGHT = np.array([0.45, 0.8, 0.55], np.float32) / np.float32(np.linalg.norm([0.45, 0.8, 0.55]))
@@ -36,13 +40,44 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Paint:
+    """What stays the same from frame to frame: colours, triangles, pictures, and highlights (strength, exponent)."""
+
+    colours: Float[np.ndarray, "v 3"]  # linear factors on the pictures
+    triangles: Int[np.ndarray, "f 3"]
+    uvs: Float[np.ndarray, "v 2"]
+    pictures: Int[np.ndarray, " f"]  # -1: none
+    cutouts: Bool[np.ndarray, " f"]  # seen from both sides, and only where the picture is opaque
+    glosses: Float[np.ndarray, "f 2"]
+    texels: Texels
+
+    @classmethod
+    def of(cls, character: Character) -> "Paint":
+        """The paint of a character; its pictures are decoded here."""
+        material = character.materials[character.triangles[:, 0]]
+        return cls(
+            colours=_LINEAR[character.colours],
+            triangles=np.ascontiguousarray(character.triangles, np.int32),
+            uvs=np.ascontiguousarray(character.uvs, np.float32),
+            pictures=np.array([NAMES.index(m.picture) if m.picture else -1 for m in MATERIALS], np.int32)[material],
+            cutouts=np.array([m.is_cutout for m in MATERIALS])[material],
+            glosses=np.array([_gloss(m.roughness) for m in MATERIALS], np.float32)[material],
+            texels=decoded(character.textures),
+        )
+
+
+def _gloss(roughness: float) -> tuple[float, float]:
+    """Strength and exponent of a highlight."""
+    return 0.9 * (1 - roughness) ** 2.5, min(600.0, 2 / roughness**4)
+
+
+@dataclass(frozen=True)
 class Surface:
-    """One frame to draw: world positions and normals, linear colours, triangles."""
+    """One frame to draw: world positions and normals, and what is painted on them."""
 
     points: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
-    colours: Float[np.ndarray, "v 3"]
-    triangles: Int[np.ndarray, "f 3"]
+    paint: Paint
 
 
 class Renderer:
@@ -62,17 +97,18 @@ class Renderer:
     def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w 3"]:
         """The picture in sRGB."""
         points = np.ascontiguousarray(surface.points, np.float32)
-        triangles = np.ascontiguousarray(surface.triangles, np.int32)
+        paint = surface.paint
+        triangles, texels = paint.triangles, paint.texels
         screen, rays = self._project(points)
         to_light = _light_space(points)
         light = (points @ to_light[:, :3].T + to_light[:, 3]).astype(np.float32)
         raster.shadow_depth(light, triangles, self._shadow)
-        raster.visible(screen, triangles, self._depth, self._ids)
+        raster.visible(screen, triangles, self._depth, self._ids, paint.uvs, paint.pictures, paint.cutouts, *texels)
         raster.shade(
             screen,
             points,
             np.ascontiguousarray(surface.normals, np.float32),
-            np.ascontiguousarray(surface.colours, np.float32),
+            paint.colours,
             triangles,
             self._ids,
             self._depth,
@@ -84,6 +120,12 @@ class Renderer:
             _LOOK,
             self._tone,
             self._image,
+            paint.uvs,
+            paint.pictures,
+            paint.glosses,
+            texels.values,
+            texels.table,
+            _LINEAR,
         )
         return self._image.copy()
 

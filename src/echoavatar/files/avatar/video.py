@@ -17,7 +17,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .character import Character, load_character
 from .morphs import checked_face
-from .render import Camera, Renderer, Surface
+from .render import Camera, Paint, Renderer, Surface
 from .skinning import skin
 
 SOUND_RATE_HZ = 48_000
@@ -76,7 +76,7 @@ def film(
     """
     character = character or load_character()
     renderer = Renderer(*size, camera=camera, samples=samples)
-    colours = linear(character.colours)
+    paint = Paint.of(character)
     pose = motion.pose()
     rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
     followed = _smoothed(positions[:, HEAD if view == "face" else 0], motion.fps)
@@ -85,19 +85,13 @@ def film(
         if camera is None:
             renderer.camera = close_up(middle) if view == "face" else _following(middle, view)
         points, normals = skin(character, turned, placed, weights)
-        yield renderer.draw(Surface(points, normals, colours, character.triangles))
+        yield renderer.draw(Surface(points, normals, paint))
 
 
 def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
     """A camera on the face, placed by the head joint; `side` is its distance to the character's left in metres."""
     x, y, z = (float(value) for value in head)
     return Camera(position=(x + side, y + 0.09, z + 0.78), target=(x, y + 0.075, z), field_of_view=0.33)
-
-
-def linear(colours: UInt8[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
-    """SRGB bytes as linear light in [0, 1]."""
-    c = colours.astype(np.float32) / 255
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def _following(middle: Float[np.ndarray, " 3"], view: View) -> Camera:

@@ -131,7 +131,7 @@ def _mesh(
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateExtentAttr([tuple(map(float, positions.min(0))), tuple(map(float, positions.max(0)))])
-    linear = ((character.colours[used] / 255.0) ** 2.2).astype(np.float32)
+    linear = (character.flat_colours()[used] ** 2.2).astype(np.float32)
     colour = mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex)
     colour.Set(Vt.Vec3fArray.FromNumpy(linear))
     weights = character.weights[used].astype(np.float32)

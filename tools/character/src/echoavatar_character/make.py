@@ -1,148 +1,215 @@
-"""Make the character: signed distances -> meshes -> baked light -> skin weights -> one npz.
+"""Make the people that ship: `python -m echoavatar_character.make [NAME ...]` writes them into echoavatar/assets."""
 
-Run `python -m echoavatar_character.make [OUT]`; deterministic, under a minute on one core.
-"""
-
-import sys
+import argparse
+import io
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
+from PIL import Image
 
-from echoavatar.files.avatar.character import MATERIALS, Character
+import echoavatar
+from echoavatar.files.avatar import MATERIALS, Character, Textures
+from echoavatar.files.avatar.morphs import LEAST_MOVE, LEAST_TURN, Morphs
+from echoavatar.motion.arkit import ARKIT_NAMES
 
-from .face_bake import face_morphs, neutral
-from .figure import PIECES, Piece, piece_colours, piece_mesh
-from .figure_eyes import EYE, EYE_RADIUS, LASH, eyeball, lashes
-from .figure_mouth import closed, inside_mask, lip_mask
-from .figure_teeth import teeth, tongue
-from .rigging import smooth, strongest, weigh
-from .sculpt import Mesh
-from .sdf import mirrored, sphere
+from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, skin
+from .body import Body, make_body
+from .person import PEOPLE, Person
+from .surface import Surface, normals, smoothed, triangles
 
-SHIPPED = Path(__file__).parents[4] / "src" / "echoavatar" / "assets" / "character.npz"
-BEHIND_EYES = 0.0025  # metres into an eyeball at which skin is never seen
-SMOOTHED = ("jacket", "ribbing", "zips", "stripes", "pockets", "shirt", "crew neck", "trousers", "turn-ups")
+ARMS = [j for j, name in enumerate(fit.NAMES) if name.endswith("UpperArm")]
+INDEX = {material.name: i for i, material in enumerate(MATERIALS)}
+
+
+def surfaces(body: Body) -> tuple[list[Surface], Surface]:
+    """All visible parts, and the whole skin."""
+    whole = skin.whole_skin(body)
+    cloth = clothes.tights(body)
+    seen = skin.seen_skin(whole, body, clothes.neckline(whole.positions, body))
+    parts = [seen, *(eyes.eyeball(body, side) for side in ("Left", "Right"))]
+    parts += [eyes.lashes(body, side) for side in ("Left", "Right")]
+    parts += [mouth.teeth(body, upper=True), mouth.teeth(body, upper=False), mouth.tongue(body)]
+    parts += hair.hair(body, whole)
+    parts += [clothes.top(body, cloth), clothes.trousers(body, cloth), *clothes.shoes(body, cloth)]
+    return parts, whole
+
+
+def make_character(person: Person) -> Character:
+    """Build one person."""
+    body = make_body(person)
+    parts, whole = surfaces(body)
+    parts = _shaded(parts, body)
+    tints = _tints(person)
+    blocks = [_block(part, body, np.array(tints[part.material])) for part in parts]
+    return _joined(blocks, textures(body, whole))
+
+
+def textures(body: Body, whole: Surface) -> Textures:
+    """The pictures, encoded."""
+    picture = skin.paint(body, whole, hair.scalp_share(body, whole.positions))
+    for rect, image in (
+        (atlas.EYE, eyes.paint_eye(body.person, round((atlas.EYE[2] - atlas.EYE[0]) * atlas.SIZE))),
+        (atlas.TEETH, np.ones((8, 8, 3))),
+        (atlas.TONGUE, np.ones((8, 8, 3))),
+        (atlas.LASH, np.ones((8, 8, 3))),
+    ):
+        left, top, right, bottom = (round(x * atlas.SIZE) for x in rect)
+        margin = 12 if rect is not atlas.EYE else 0
+        fitted = Image.fromarray(np.round(image * 255).astype(np.uint8)).resize(
+            (right - left + 2 * margin, bottom - top + 2 * margin)
+        )
+        picture[top - margin : bottom + margin, left - margin : right + margin] = np.asarray(fitted) / 255
+    strands = hair.paint_hair(body.person)
+    grey = np.clip(strands[..., :3].mean(2) / (np.array(body.person.hair).mean() / 255), 0, 1.8) / 1.8
+    pair = np.stack([grey, strands[..., 3]], 2)
+    pair = np.round(np.round(pair * 20) / 20 * 255).astype(np.uint8)
+    return Textures(
+        atlas=_encoded(Image.fromarray(np.round(picture * 255).astype(np.uint8)), "JPEG", quality=82),
+        hair=_encoded(Image.fromarray(pair, "LA"), "PNG", optimize=True),
+        knit=_encoded(_grey(fabric.knit()), "JPEG", quality=80),
+        twill=_encoded(_grey(fabric.twill()), "JPEG", quality=75),
+    )
+
+
+def _grey(picture: Float[np.ndarray, "h w"]) -> Image.Image:
+    return Image.fromarray(np.round(picture * 255).astype(np.uint8))
+
+
+def _encoded(image: Image.Image, kind: str, **options: object) -> bytes:
+    stream = io.BytesIO()
+    image.save(stream, kind, **options)
+    return stream.getvalue()
+
+
+def _tints(person: Person) -> dict[str, tuple[float, ...]]:
+    """Linear factors by material; pictures that are grey get their colour here."""
+    made: dict[str, tuple[float, ...]] = dict.fromkeys(INDEX, (1.0, 1.0, 1.0))
+    hair_colour = tuple(1.8**2.2 * _linear(x) for x in person.hair)
+    made |= {
+        "hair": hair_colour,
+        "lash": tuple(0.35 * _linear(x) for x in person.hair),
+        "cloth": tuple(_linear(x) * 1.25 for x in person.top),
+        "trousers": tuple(_linear(x) * 1.15 for x in person.trousers),
+        "shoe": tuple(_linear(x) for x in person.shoes),
+        "sole": (0.78, 0.77, 0.74),
+    }
+    return made
+
+
+def _linear(value: float) -> float:
+    return float((value / 255) ** 2.2)
+
+
+def _shaded(parts: list[Surface], body: Body) -> list[Surface]:
+    """Each part with its ambient occlusion in the colours, and its normals."""
+    from dataclasses import replace
+
+    turned = [normals(part.positions, part.quads) if part.normals is None else part.normals for part in parts]
+    starts = np.cumsum([0, *(len(part.positions) for part in parts)])
+    points, out = np.concatenate([part.positions for part in parts]), np.concatenate(turned)
+    faces = np.concatenate(
+        [triangles(part.quads) + start for part, start in zip(parts, starts, strict=False) if part.material != "lash"]
+    )
+    whole = occlusion.openness(points, out, faces, span=2.1, middle=np.array([0, 0.86, 0]), bias=0.006)
+    head = body.joint("head") + [0, 0.06, 0.02]
+    close = occlusion.openness(points, out, faces, span=0.5, middle=head, bias=0.0025)
+    near = np.clip((points[:, 1] - body.joint("neck")[1] - 0.01) / 0.04, 0, 1)
+    light = whole + (close - whole) * near
+    made = []
+    for part, start, normal in zip(parts, starts, turned, strict=False):
+        own = light[start : start + len(part.positions)]
+        floor = {"eye": 1.0, "lash": 1.0, "mouth": 0.75, "hair": 0.45, "skin": 0.42}.get(part.material, 0.35)
+        shade = floor + (1 - floor) * np.clip(own * 1.25, 0, 1)
+        tone = np.repeat(shade[:, None], 3, 1)
+        if part.material == "skin":  # light that enters skin comes out red
+            tone = tone ** np.array([0.75, 1.08, 1.15])
+        made.append(replace(part, colours=part.colours * tone, normals=normal))
+    return made
+
+
+def _block(part: Surface, body: Body, tint: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:
+    """Vertices in the T-pose, one for each place in the texture."""
+    maps = np.einsum("vj,jik->vik", part.weights, body.fitted.pose)
+    points = fit.to_rest(body.fitted, part.positions, part.weights)
+    if part.material == "cloth":  # where arm and trunk share a vertex, undoing the pose tears; a smooth surface is kept
+        shared = part.weights[:, ARMS].sum(1)
+        points = smoothed(points, part.quads, 12, 0.5 * np.clip(4 * shared * (1 - shared), 0, 1) ** 0.5)
+    assert part.normals is not None
+    out = np.einsum("vik,vi->vk", maps[:, :, :3], part.normals)
+    names = [name for name in ARKIT_NAMES if name in part.moves]
+    moves = np.zeros((len(ARKIT_NAMES), *points.shape))
+    turns = np.zeros_like(moves)
+    back = np.linalg.inv(maps[:, :, :3])
+    flat = normals(part.positions, part.quads)
+    for name in names:
+        i = ARKIT_NAMES.index(name)
+        moves[i] = np.einsum("vik,vk->vi", back, part.moves[name])
+        turned = normals(part.positions + part.moves[name], part.quads) - flat
+        turned = smoothed(turned, part.quads, 1, 0.5) if part.material == "skin" else turned
+        turns[i] = np.einsum("vik,vi->vk", maps[:, :, :3], turned)
+        if part.material == "lash":
+            turns[i] = 0
+    corner = part.quads.ravel()
+    keys = np.concatenate([corner[:, None], np.round(part.uvs.reshape(-1, 2) * 8192).astype(int)], 1)
+    unique, first, local = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    of = unique[:, 0]
+    return {
+        "positions": points[of],
+        "normals": (out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9))[of],
+        "uvs": part.uvs.reshape(-1, 2)[first],
+        "colours": np.clip(part.colours * tint, 0, 1)[of],
+        "weights": part.weights[of],
+        "materials": np.full(len(of), INDEX[part.material]),
+        "moves": moves[:, of],
+        "turns": turns[:, of],
+        "triangles": triangles(local.reshape(-1, 4)),
+    }
+
+
+def _joined(blocks: list[dict[str, np.ndarray]], pictures: Textures) -> Character:
+    """One mesh; vertices that the face moves come first."""
+    starts = np.cumsum([0, *(len(block["positions"]) for block in blocks)])
+    faces = np.concatenate([block["triangles"] + start for block, start in zip(blocks, starts, strict=False)])
+    joined = {
+        name: np.concatenate([block[name] for block in blocks])
+        for name in ("positions", "normals", "uvs", "colours", "weights", "materials")
+    }
+    moves, turns = (np.concatenate([block[name] for block in blocks], 1) for name in ("moves", "turns"))
+    moved = (np.abs(moves).max((0, 2)) > LEAST_MOVE) | (np.abs(turns).max((0, 2)) > LEAST_TURN)
+    order = np.argsort(~moved, kind="stable")
+    place = np.empty(len(order), int)
+    place[order] = np.arange(len(order))
+    table = joined["weights"][order]
+    joints = np.argsort(-table, axis=1)[:, :4]
+    shares = np.take_along_axis(table, joints, 1)
+    shares = np.where(shares < 0.004, 0, shares)
+    return Character(
+        positions=joined["positions"][order].astype(np.float32),
+        normals=joined["normals"][order].astype(np.float32),
+        colours=np.round(joined["colours"][order] ** (1 / 2.2) * 255).astype(np.uint8),
+        uvs=joined["uvs"][order].astype(np.float32),
+        materials=joined["materials"][order].astype(np.uint8),
+        joints=joints.astype(np.uint8),
+        weights=(shares / shares.sum(1, keepdims=True)).astype(np.float32),
+        triangles=place[faces].astype(np.int32),
+        face=Morphs.of_dense(ARKIT_NAMES, moves[:, order], turns[:, order]),
+        textures=pictures,
+    )
 
 
 def main() -> None:
-    """Make the character and save it."""
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else SHIPPED
-    out.parent.mkdir(parents=True, exist_ok=True)
-    character = build()
-    character.save(out)
-    print(
-        f"{out}: {len(character.positions)} vertices, {len(character.triangles)} triangles, {out.stat().st_size} bytes"
-    )
-
-
-class Part(NamedTuple):
-    """A finished surface; for a part of the face, `side` says which lip each vertex goes with."""
-
-    name: str
-    material: str
-    mesh: Mesh
-    colours: np.ndarray
-    side: np.ndarray | None = None
-
-
-def build() -> Character:
-    """The whole character in the rest pose; the parts that expressions move come first."""
-    parts = [sculpted(piece) for piece in PIECES] + face_parts()
-    parts.sort(key=lambda part: part.side is None)
-    joints, weights = strongest(all_weights(parts))
-    starts = np.cumsum([0, *(len(part.mesh.positions) for part in parts)])
-    names = [material.name for material in MATERIALS]
-    return Character(
-        positions=np.concatenate([part.mesh.positions for part in parts]),
-        normals=np.concatenate([part.mesh.normals for part in parts]),
-        colours=np.clip(np.round(np.concatenate([part.colours for part in parts])), 0, 255).astype(np.uint8),
-        materials=np.concatenate(
-            [np.full(len(part.mesh.positions), names.index(part.material), np.uint8) for part in parts]
-        ),
-        joints=joints,
-        weights=weights,
-        triangles=np.concatenate([part.mesh.triangles + start for part, start in zip(parts, starts, strict=False)]),
-        face=face_morphs([(part.name, part.mesh, part.side) for part in parts if part.side is not None]),
-    )
-
-
-def sculpted(piece: Piece) -> Part:
-    """Mesh, colour and shade a piece; the mouth of the head is closed."""
-    mesh = without_buried(piece, piece_mesh(piece))
-    colours = piece_colours(piece, mesh.positions.astype(np.float64)) * shade(piece, mesh)[:, None]
-    print(f"  {piece.name:13s}{len(mesh.triangles):6d} triangles")
-    if piece.name == "head":
-        mesh, side = neutral(mesh)
-        return Part("skin", piece.material, mesh, colours, side)
-    on_face = np.ones(len(mesh.positions)) if piece.name == "brows" else None
-    return Part(piece.name, piece.material, mesh, colours, on_face)
-
-
-def face_parts() -> list[Part]:
-    """Eyes, lashes, teeth and tongue."""
-    made = [
-        *(("lashes", "hair", painted(lashes(side), LASH)) for side in (1.0, -1.0)),
-        ("left eye", "eye", eyeball(1.0)),
-        ("right eye", "eye", eyeball(-1.0)),
-        ("upper teeth", "mouth", teeth(upper=True)),
-        ("lower teeth", "mouth", teeth(upper=False)),
-        ("tongue", "mouth", tongue()),
-    ]
-    return [
-        Part(name, material, mesh, colours, np.ones(len(mesh.positions))) for name, material, (mesh, colours) in made
-    ]
-
-
-def painted(mesh: Mesh, colour: tuple[int, int, int]) -> tuple[Mesh, np.ndarray]:
-    """A mesh in one colour."""
-    return mesh, np.tile(np.asarray(colour, np.float64), (len(mesh.positions), 1))
-
-
-def all_weights(parts: list[Part]) -> np.ndarray:
-    """The weights of every vertex; those of cloth are smoothed across its layers."""
-    points = [part.mesh.positions.astype(np.float64) for part in parts]
-    weights = [weigh(part.name, p) for part, p in zip(parts, points, strict=True)]
-    cloth = [i for i, part in enumerate(parts) if part.name in SMOOTHED]
-    merged = smooth(np.concatenate([weights[i] for i in cloth]), np.concatenate([points[i] for i in cloth]), passes=8)
-    for i, part in zip(cloth, np.split(merged, np.cumsum([len(points[i]) for i in cloth])[:-1]), strict=True):
-        weights[i] = part
-    return np.concatenate(weights)
-
-
-def without_buried(piece: Piece, mesh: Mesh) -> Mesh:
-    """The mesh without triangles that lie deep inside other pieces, unused vertices dropped."""
-    depth = np.full(len(mesh.positions), np.inf)
-    for other in PIECES:
-        if other is not piece:
-            near = inside_box(other, mesh.positions)
-            depth[near] = np.minimum(depth[near], other.field(mesh.positions[near].astype(np.float64)))
-    eyes = sphere(mirrored(mesh.positions.astype(np.float64)), EYE, EYE_RADIUS)
-    depth[eyes < -BEHIND_EYES] = -1
-    kept = mesh.triangles[(depth[mesh.triangles] > -piece.buried).any(1)]
-    used, compact = np.unique(kept, return_inverse=True)
-    return Mesh(mesh.positions[used], mesh.normals[used], compact.reshape(-1, 3).astype(np.int32))
-
-
-def shade(piece: Piece, mesh: Mesh) -> np.ndarray:
-    """The ambient light at each vertex, 0..1, from the distances along its normal."""
-    light = np.ones(len(mesh.positions))
-    for reach, strength in ((0.004, 0.16), (0.010, 0.16), (0.022, 0.16)):
-        points = mesh.positions.astype(np.float64) + mesh.normals * reach
-        clear = np.full(len(points), reach)
-        for other in PIECES:
-            near = inside_box(other, points)
-            clear[near] = np.minimum(clear[near], other.field(points[near]))
-        light -= strength * np.clip((reach - clear) / reach, 0, 1.4)
-    if piece.name == "head":  # closed lips hide less from the light than the modelled, open ones
-        points = mesh.positions.astype(np.float64)
-        light[(lip_mask(closed(points)) < 0.001) & (inside_mask(points) > 0)] = 1
-    return np.clip(light, 0.35, 1)
-
-
-def inside_box(piece: Piece, points: np.ndarray) -> np.ndarray:
-    """Which points lie in the piece's box."""
-    return np.asarray(((points > piece.low) & (points < piece.high)).all(1))
+    """Make the named people, or all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=list(PEOPLE), help=f"of {', '.join(PEOPLE)}")
+    parser.add_argument("--out", type=Path, default=Path(echoavatar.__file__).parent / "assets" / "characters")
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    for name in args.names:
+        made = make_character(PEOPLE[name])
+        made.save(args.out / f"{name}.npz")
+        size = (args.out / f"{name}.npz").stat().st_size
+        print(f"{name}: {len(made.triangles)} triangles, {len(made.positions)} vertices, {size / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":

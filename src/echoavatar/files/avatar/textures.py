@@ -1,0 +1,85 @@
+"""The pictures on a character: encoded in its file, decoded with their reductions (mip levels) for the rasteriser."""
+
+import io
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from echoavatar.errors import DependencyError
+
+NAMES = ("atlas", "hair", "knit", "twill")
+
+
+@dataclass(frozen=True)
+class Textures:
+    """Encoded pictures, JPEG or PNG. `hair` has alpha; `knit` and `twill` are grey and repeat."""
+
+    atlas: bytes
+    hair: bytes
+    knit: bytes
+    twill: bytes
+
+    def arrays(self) -> dict[str, Any]:
+        """As arrays of bytes for an npz."""
+        return {f"texture_{field.name}": np.frombuffer(getattr(self, field.name), np.uint8) for field in fields(self)}
+
+    @classmethod
+    def of_arrays(cls, stored: dict[str, np.ndarray]) -> "Textures":
+        """What `arrays` made."""
+        return cls(*(stored[f"texture_{name}"].tobytes() for name in NAMES))
+
+
+class Texels(NamedTuple):
+    """All decoded pictures in one list, RGBA in sRGB; `table` (picture, level) holds start, width, height."""
+
+    values: UInt8[np.ndarray, "n 4"]
+    table: Int[np.ndarray, "p l 3"]
+
+
+LEVELS = 6
+
+
+def decoded(textures: Textures) -> Texels:
+    """Decode the pictures and reduce each by halves; raises DependencyError without pillow."""
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise DependencyError("pictures need pillow; run: pip install 'echoavatar[render]'") from error
+    lists, table, start = [], np.zeros((len(NAMES), LEVELS, 3), np.int64), 0
+    for row, name in enumerate(NAMES):
+        level = np.asarray(Image.open(io.BytesIO(getattr(textures, name))).convert("RGBA"))
+        for column in range(LEVELS):
+            height, width = level.shape[:2]
+            table[row, column] = start, width, height
+            lists.append(level.reshape(-1, 4))
+            start += width * height
+            level = _halved(level)
+    return Texels(np.ascontiguousarray(np.concatenate(lists)), table)
+
+
+def _halved(level: UInt8[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "i j 4"]:
+    """Half as wide and high. Alpha counts as weight, and is raised so that cut-out strands do not thin out."""
+    height, width = level.shape[0] // 2 * 2, level.shape[1] // 2 * 2
+    if min(height, width) < 2:
+        return level
+    four = level[:height, :width].reshape(height // 2, 2, width // 2, 2, 4).astype(np.float32)
+    alpha = four[..., 3:]
+    total = alpha.sum((1, 3))
+    colour = np.where(total > 0, (four[..., :3] * alpha).sum((1, 3)) / np.maximum(total, 1), four[..., :3].mean((1, 3)))
+    return np.concatenate([colour, np.minimum(total / 4 * 1.12, 255)], 2).astype(np.uint8)
+
+
+def looked_up(
+    texels: Texels, picture: Int[np.ndarray, " v"], uvs: Float[np.ndarray, "v 2"]
+) -> Float[np.ndarray, "v 3"]:
+    """The sRGB colour (0 to 1) of a picture at each place, from the third level; -1 is white."""
+    out = np.ones((len(uvs), 3), np.float32)
+    for row in range(len(NAMES)):
+        start, width, height = texels.table[row, 2]
+        here = picture == row
+        x = (uvs[here, 0] % 1 * width).astype(int).clip(0, width - 1)
+        y = (uvs[here, 1] % 1 * height).astype(int).clip(0, height - 1)
+        out[here] = texels.values[start + y * width + x, :3] / np.float32(255)
+    return out

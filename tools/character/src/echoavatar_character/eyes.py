@@ -1,0 +1,156 @@
+"""Eyeballs with a cornea and an iris, the turns of the eyes, and lashes."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
+
+from . import atlas
+from .base import load_base
+from .body import Body, Eye
+from .person import Person
+from .surface import Surface, border, make
+
+AROUND, RINGS = 24, 14
+FAR = np.radians(112)  # how far back the eyeball reaches
+IRIS = np.radians(26)  # half the angle of the iris
+ACROSS, UPWARDS = 0.52, 0.42  # radians of a full look
+LASHES = {"2": 54, "1": 20}  # helper strip and number of lashes
+
+
+def eyeball(body: Body, side: str) -> Surface:
+    """One eyeball; curves of both eyes turn it as far as they concern its side."""
+    eye = body.eyes[side]
+    angles = FAR * np.linspace(0, 1, RINGS) ** 1.25
+    turn = np.arange(AROUND) * 2 * np.pi / AROUND
+    bulge = 0.055 * np.clip(1 - (angles / (IRIS * 1.25)) ** 2, 0, 1)
+    radius = eye.radius * (0.985 + bulge)
+    ring = np.stack([np.cos(turn), np.sin(turn)], 1)
+    points = np.concatenate(
+        [
+            [[*(radius[i] * np.sin(a) * ring[k]), radius[i] * np.cos(a)] for k in range(AROUND)]
+            for i, a in enumerate(angles)
+        ]
+    )
+    spots = np.concatenate([0.5 + 0.5 * a / FAR * ring * [1, -1] for a in angles])
+    quads = np.array(
+        [
+            [i * AROUND + k, (i + 1) * AROUND + k, (i + 1) * AROUND + (k + 1) % AROUND, i * AROUND + (k + 1) % AROUND]
+            for i in range(RINGS - 1)
+            for k in range(AROUND)
+        ]
+    )
+    shade = 1 - 0.38 * np.clip((points[:, 1] / eye.radius - 0.10) / 0.5, 0, 1) ** 1.2
+    shade = shade * (1 - 0.25 * np.clip(np.abs(points[:, 0]) / eye.radius - 0.45, 0, 1))
+    moves = {}
+    outwards = 1 if side == "Left" else -1
+    for name, across, up in (("Up", 0, 1), ("Down", 0, -1), ("Out", outwards, 0), ("In", -outwards, 0)):
+        moves[f"eyeLook{name}{side}"] = points @ _turn(across * ACROSS, up * UPWARDS).T - points
+    return make(
+        points + eye.middle,
+        quads,
+        body.one("head", len(points)),
+        "eye",
+        uvs=atlas.within(atlas.EYE, spots)[quads],
+        colours=np.repeat(shade[:, None], 3, 1),
+        moves=moves,
+    )
+
+
+def _turn(across: float, up: float) -> Float[np.ndarray, "3 3"]:
+    c, s, d, t = np.cos(across), np.sin(across), np.cos(up), np.sin(up)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array([[1, 0, 0], [0, d, t], [0, -t, d]])
+
+
+def paint_eye(person: Person, size: int) -> Float[np.ndarray, "s s 3"]:
+    """The picture on the eyeball in sRGB: sclera with veins, limbal ring, iris with fibres, pupil."""
+    rng = np.random.default_rng(11)
+    at = (np.arange(size) + 0.5) / size * 2 - 1
+    x, y = np.meshgrid(at, at)
+    angle = np.hypot(x, y) * FAR / IRIS  # 1 at the edge of the iris
+    turn = np.arctan2(y, x)
+    white = np.array([0.83, 0.80, 0.775]) * np.ones((size, size, 3))
+    veins = gaussian_filter(rng.standard_normal((size, size)), 2.2)
+    veins = np.clip(1 - np.abs(veins) / veins.std() * 4.5, 0, 1) * np.clip((angle - 1.5) / 1.6, 0, 1)
+    white = white * (1 - veins[..., None] * np.array([0.03, 0.20, 0.20]))
+    white = white * (1 - np.clip((angle - 1.6) / 2.2, 0, 1)[..., None] * np.array([0.05, 0.20, 0.22]))
+    iris = np.array(person.iris) / 255
+    fibres = np.zeros((size, size))
+    for count, weight in ((37, 0.30), (83, 0.35), (151, 0.35)):
+        phase = rng.uniform(0, 2 * np.pi, 4)
+        wave = np.cos(count * turn + phase[0] + 1.3 * np.sin(3 * angle + phase[1]) + 1.5 * np.sin(5 * turn + phase[2]))
+        fibres += weight * wave
+    ring = np.exp(-(((angle - 0.47) / 0.13) ** 2))
+    tone = iris * (0.95 + 0.40 * fibres[..., None] * np.clip((angle - 0.2) / 0.3, 0, 1)[..., None])
+    tone = tone * (1 + ring[..., None] * np.array([0.45, 0.33, 0.18]))
+    lower = 1 + 0.35 * np.clip(y / (IRIS / FAR), -1, 1)  # light falls in from above and meets the iris below
+    tone = tone * lower[..., None] * (1 - 0.72 * np.clip((angle - 0.74) / 0.26, 0, 1) ** 1.6)[..., None]
+    edge = np.clip((angle - 0.955) / 0.11, 0, 1)
+    edge = (edge * edge * (3 - 2 * edge))[..., None]
+    colour = tone * (1 - edge) + white * edge
+    pupil = np.clip((angle - 0.335) / 0.05, 0, 1)[..., None]
+    colour = 0.012 + (colour - 0.012) * pupil
+    shine = np.hypot(x / (IRIS / FAR) + 0.30, y / (IRIS / FAR) + 0.24)  # a window's light, which life needs
+    colour = colour + (0.97 - colour) * np.clip(1.6 - shine / 0.115, 0, 1)[..., None] * 0.9
+    return np.clip(colour, 0, 1)
+
+
+def lashes(body: Body, side: str) -> Surface:
+    """Lashes as curved, tapering strands along the helper strips of both lids."""
+    rng = np.random.default_rng(3)
+    base, eye = load_base(), body.eyes[side]
+    strands, owners = [], []
+    for strip, count in LASHES.items():
+        group = f"helper-{side[0].lower()}-eyelashes-{strip}"
+        rim = np.unique(border(base.quads[base.groups[group]]))
+        far = np.linalg.norm(body.points[rim] - eye.middle, axis=1) / eye.radius
+        roots, tips = (_ordered(body.points[rim[chosen]], eye) for chosen in (far < 1.10, far > 1.20))
+        upper = strip == "2"
+        length = (0.85 if upper else 0.40) * body.person.lash_length
+        for i in range(count):
+            share = (i + rng.uniform(0.2, 0.8)) / count
+            root = _along(roots, 0.04 + 0.93 * share)
+            tip = _along(tips, np.clip(0.04 + 0.93 * share + rng.normal(0, 0.012), 0, 1))
+            reach = length * rng.uniform(0.75, 1.08)
+            end = root + (tip - root) * reach
+            curl = np.array([0, 0.0016 if upper else -0.0006, 0.0010]) * reach
+            middle = (root + end) / 2 - curl * [0.3, 0.6, -0.6]
+            end = end + curl * 0.6
+            across = np.cross(end - root, middle - eye.middle)
+            across /= max(float(np.linalg.norm(across)), 1e-9)
+            thick = (0.00021 if upper else 0.00015) * across
+            strands.append([root - thick, root + thick, middle + thick * 0.75, middle - thick * 0.75, end])
+        owners.append(base.vertices_of(group))
+    points = np.array(strands).reshape(-1, 3)
+    first = np.arange(len(strands)) * 5
+    quads = np.concatenate(
+        [
+            np.stack([first, first + 1, first + 2, first + 3], 1),
+            np.stack([first + 3, first + 2, first + 4, first + 4], 1),
+        ]
+    )
+    owner = np.concatenate(owners)
+    distance, near = cKDTree(body.points[owner]).query(points, 4)
+    share = 1 / (distance + 1e-5)
+    share /= share.sum(1, keepdims=True)
+    from echoavatar.motion.arkit import ARKIT_NAMES
+
+    moves = {}
+    for name in ARKIT_NAMES:
+        move = body.move(name)[owner]
+        if np.abs(move).max() > 1e-5:
+            moves[name] = np.einsum("vn,vni->vi", share, move[near])
+    spots = np.tile(atlas.within(atlas.LASH, np.array([[0.5, 0.5]])), (len(quads), 4, 1))
+    out = points - eye.middle
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    return make(points, quads, body.one("head", len(points)), "lash", uvs=spots, moves=moves, normals=out)
+
+
+def _ordered(points: Float[np.ndarray, "n 3"], eye: Eye) -> Float[np.ndarray, "n 3"]:
+    """Points of a lid's edge from its inner to its outer corner."""
+    return points[np.argsort(points[:, 0] * np.sign(eye.middle[0]))]
+
+
+def _along(line: Float[np.ndarray, "n 3"], share: float) -> Float[np.ndarray, " 3"]:
+    length = np.concatenate([[0], np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum()])
+    return np.array([np.interp(share * length[-1], length, line[:, i]) for i in range(3)])
