@@ -1,6 +1,8 @@
 # The live server:
 #   docker build -t echoavatar . && docker run -p 8765:8765 -e ECHOAVATAR_TOKEN=secret echoavatar
-FROM python:3.11-slim AS build
+# Pin it where you build for others: --build-arg PYTHON=python:3.11-slim@sha256:... (`docker pull` prints the digest).
+ARG PYTHON=python:3.11-slim
+FROM ${PYTHON} AS build
 # The CPU build of torch; another index has another build (https://pypi.org/simple: CUDA, see compose.gpu.yaml).
 ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
 RUN python -m venv /venv
@@ -12,7 +14,7 @@ COPY pyproject.toml README.md LICENSE NOTICE ./
 COPY src ./src
 RUN pip install -c constraints.txt '.[serve]'
 
-FROM python:3.11-slim
+FROM ${PYTHON}
 RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/* \
     && useradd --create-home --uid 1000 avatar
 COPY --from=build /venv /venv

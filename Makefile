@@ -12,7 +12,7 @@ SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/quantize tests/mo
 # Packages of their own beside the main one.
 DISTRIBUTIONS = studio research tools/character
 
-.PHONY: demo test release-check docs integration-test web web-test browser-test lint clean
+.PHONY: demo test audit release-check docs integration-test web web-test browser-test lint clean
 
 demo: .venv-demo/ready
 	.venv-demo/bin/echoavatar demo
@@ -59,6 +59,16 @@ integration-test: .venv-integrations/ready
 	    $(DISTRIBUTIONS:%=-e ./%)
 	touch $@
 
+# What the demo's environment is made of (sbom.json, CycloneDX), and whether a known weakness is in it. Needs PyPI.
+audit: .venv-demo/ready .venv-audit/ready
+	.venv-audit/bin/cyclonedx-py environment .venv-demo/bin/python --pyproject pyproject.toml -o sbom.json
+	.venv-audit/bin/pip-audit --path "$$(.venv-demo/bin/python -c 'import site; print(site.getsitepackages()[0])')"
+
+.venv-audit/ready:
+	$(PYTHON) -m venv .venv-audit
+	.venv-audit/bin/pip install $(PIP_FLAGS) 'pip-audit>=2.9,<3' 'cyclonedx-bom>=7,<8'
+	touch $@
+
 # The pages are built into src/echoavatar/server/static and studio/src/echoavatar_studio/static, and committed: Node is
 # needed only to change web/.
 web: web/node_modules
@@ -76,4 +86,4 @@ web/node_modules: web/package-lock.json
 	touch $@
 
 clean:
-	rm -rf .venv-demo .venv-test .venv-integrations demo
+	rm -rf .venv-demo .venv-test .venv-integrations .venv-audit sbom.json demo
