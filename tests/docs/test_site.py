@@ -58,5 +58,3 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     for page in site.rglob("*.html"):
         text = page.read_text("utf-8")
         assert not re.search(r'<(script|link|img)[^>]+(src|href)="https?://', text), page
-            page
-        )
