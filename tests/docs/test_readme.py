@@ -3,7 +3,9 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 import echoavatar
 from echoavatar.cli import COMMANDS
@@ -13,16 +15,25 @@ README = (ROOT / "README.md").read_text()
 
 
 def test_the_python_example_runs_and_prints_what_it_says(capsys: pytest.CaptureFixture[str]) -> None:
-    [code] = re.findall(r"```python\n(.*?)```", README, re.S)
+    _, code = re.findall(r"```python\n(.*?)```", README, re.S)
     exec(compile(code, "README.md", "exec"), {})
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "(8, 52, 4) (8, 3)"
     assert len(printed) == 7  # two seconds are seven and a half chunks
 
 
-def test_it_opens_with_the_two_commands() -> None:
-    first = re.findall(r"```sh\n(.*?)```", README, re.S)[0]
-    assert [line.split("#")[0].strip() for line in first.strip().splitlines()] == ["make demo", "make test"]
+def test_the_three_lines_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    soundfile.write("talk.wav", np.zeros(24_000), 24_000)
+    code = re.findall(r"```python\n(.*?)```", README, re.S)[0]
+    exec(compile(code, "README.md", "exec"), {})
+    assert (tmp_path / "talk.glb").read_bytes()[:4] == b"glTF"
+
+
+def test_it_opens_with_one_line_to_install_and_two_commands_for_a_clone() -> None:
+    install, clone = re.findall(r"```sh\n(.*?)```", README, re.S)[:2]
+    assert install.startswith("pip install echoavatar --extra-index-url")
+    assert [line.split("#")[0].strip() for line in clone.strip().splitlines()] == ["make demo", "make test"]
 
 
 def test_every_command_is_named_and_every_link_leads_somewhere() -> None:
