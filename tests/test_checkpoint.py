@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
 from torch import nn
 
 from echoavatar import checkpoint
@@ -35,6 +36,22 @@ def test_half_precision_storage_loads_as_float32(tmp_path: Path) -> None:
     weights = checkpoint.read_weights(tmp_path)
     assert weights["weight"].dtype == torch.float32
     torch.testing.assert_close(weights["weight"], layer.weight, atol=1e-3, rtol=1e-3)
+
+
+def test_int8_storage_keeps_each_row_to_half_a_step(tmp_path: Path) -> None:
+    """What was stored once is stored again without a change: the integers are those of `Int8Linear`."""
+    layer = write(tmp_path, torch.int8)
+    weights = checkpoint.read_weights(tmp_path)
+    assert weights["weight"].dtype == torch.float32
+    step = layer.weight.abs().amax(1, keepdim=True) / 127
+    assert ((weights["weight"] - layer.weight).abs() <= 0.501 * step).all()
+    torch.testing.assert_close(weights["bias"], layer.bias, atol=1e-3, rtol=1e-3)
+    checkpoint.save(tmp_path / "again", config=Shape(), weights=weights, card={}, dtype=torch.int8)
+    torch.testing.assert_close(checkpoint.read_weights(tmp_path / "again"), weights, rtol=1e-6, atol=0)
+    stored = load_file(tmp_path / "model.safetensors")
+    save_file({"weight.int8_scale": stored["weight.int8_scale"]}, tmp_path / "model.safetensors")
+    with pytest.raises(CheckpointError, match="has no weights of its size"):
+        checkpoint.read_weights(tmp_path)
 
 
 def test_every_mismatch_is_named() -> None:

@@ -25,6 +25,7 @@ from .limits import CONFIG_BYTES, check_file
 ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
 LARGEST_WEIGHTS_BYTES = 1 << 36
+_SCALE = ".int8_scale"
 
 
 def read_config(folder: Path, kind: type[ConfigT]) -> ConfigT:
@@ -61,7 +62,7 @@ def read_card(folder: Path) -> dict[str, object]:
 
 
 def read_weights(folder: Path) -> dict[str, Tensor]:
-    """Read `model.safetensors`; half-precision storage becomes float32."""
+    """Read `model.safetensors`; storage in half precision or in int8 (see `save`) becomes float32."""
     path = folder / "model.safetensors"
     try:
         check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
@@ -71,6 +72,11 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
     except SafetensorError as error:
         raise CheckpointError(f"{path} is damaged ({error}); copy or download it again") from error
     half = (torch.float16, torch.bfloat16)
+    for key in [key for key in weights if key.endswith(_SCALE)]:
+        scale, rounded = weights.pop(key), weights.get(key.removesuffix(_SCALE))
+        if rounded is None or rounded.dtype != torch.int8 or scale.shape != (*rounded.shape[:1], 1):
+            raise CheckpointError(f"{path} is damaged ({key} has no weights of its size); copy or download it again")
+        weights[key.removesuffix(_SCALE)] = rounded.float() * scale.float()
     return {key: value.float() if value.dtype in half else value for key, value in weights.items()}
 
 
@@ -155,12 +161,21 @@ def save(
     card: Mapping[str, object],
     dtype: torch.dtype | None = None,
 ) -> None:
-    """Write a checkpoint folder whole or not at all; `dtype` stores floating weights in that precision."""
+    """Write a checkpoint folder whole or not at all; `dtype` stores floating weights in that precision.
+
+    With `torch.int8` matrices are stored as integers with one scale per row, and vectors in half precision.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    stored = {
-        key: (value.to(dtype) if dtype is not None and value.is_floating_point() else value).detach().cpu().contiguous()
-        for key, value in weights.items()
-    }
+    stored = {}
+    for key, value in weights.items():
+        kept = value.detach().cpu()
+        if dtype == torch.int8 and kept.is_floating_point() and kept.ndim == 2:
+            scale = (kept.abs().amax(1, keepdim=True) / 127).clamp(min=1e-12)
+            stored[key + _SCALE] = scale.float()
+            kept = (kept / scale).round().to(torch.int8)
+        elif dtype is not None and kept.is_floating_point():
+            kept = kept.to(torch.float16 if dtype == torch.int8 else dtype)
+        stored[key] = kept.contiguous()
     partial = folder / "model.safetensors.partial"
     save_file(stored, partial)
     partial.replace(folder / "model.safetensors")

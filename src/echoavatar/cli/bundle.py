@@ -22,6 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, help="folder of the new bundle; without it the bundle's card is shown"
     )
+    parser.add_argument(
+        "--int8",
+        action="store_true",
+        help="store the generator in int8, in which a CPU runs it anyway: half the size (a GPU would run bfloat16)",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,14 +38,14 @@ def run(args: argparse.Namespace) -> int:
         print(f"{bundle.name}: {bundle.parameters / 1e6:.1f} M parameters, {bundle.skeleton.joints} joints")
         print(json.dumps(bundle.card, indent=2))
         return 0
-    assemble(Path(args.source), args.output)
+    assemble(Path(args.source), args.output, is_int8=args.int8)
     bundle = load_bundle(args.output)
     print(f"{args.output}: {bundle.parameters / 1e6:.1f} M parameters; try `echoavatar evaluate {args.output}`")
     return 0
 
 
-def assemble(source: Path, output: Path) -> None:
-    """Copy the checkpoints without their training state, with weights in half precision.
+def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
+    """Copy the checkpoints without their training state, with weights in half precision, or the generator's in int8.
 
     A face model (`face/`) and a warp model (`warp/`) are copied where they exist. Without an `actions.json`, our own
     actions are made.
@@ -65,7 +70,9 @@ def assemble(source: Path, output: Path) -> None:
 
     generator_card = {"data": "codes", "licence": "Apache-2.0", "command": "echoavatar train generator"}
     Generator.load(source / "generator").save(
-        output / "generator", generator_card | read_card(source / "generator"), dtype=torch.float16
+        output / "generator",
+        generator_card | read_card(source / "generator"),
+        dtype=torch.int8 if is_int8 else torch.float16,
     )
     AudioCodec.load(source / "codec")
     (output / "codec").mkdir(exist_ok=True)
