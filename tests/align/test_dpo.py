@@ -15,7 +15,7 @@ def test_a_policy_learns_the_wanted_code_from_comparisons():
         stage = dpo(model=model, prompts=24, batch=12, learning_rate=3e-2)
         loop = Loop(stage)
         told = [loop.advance() for _ in range(8)]
-        assert told[0]["accuracy"] == 0.0  # policy and reference are the same: no margin yet
+        assert abs(told[0]["margin"]) < 1e-5  # policy and reference are the same
         assert told[-1]["accuracy"] > 0.9
         assert told[-1]["loss"] < 0.5 < told[0]["loss"]
     prompts = book().draw(99, 32)

@@ -50,11 +50,12 @@ def test_feet_change_place_one_after_the_other_and_in_the_air():
 
 
 def test_dancing_starts_soon_after_the_music_and_stops_with_it(show: Controls):
+    """After the music it ends its move, steps home within 2.6 s, and stands."""
     pelvis = np.linalg.norm(np.diff(show.pelvis_position, axis=0), axis=-1) * 30
-    speech, music, silence = pelvis[:90], pelvis[round(4.4 * 30) : 330], pelvis[round(12.4 * 30) :]
+    speech, music, silence = pelvis[:90], pelvis[round(4.4 * 30) : 330], pelvis[round(13.8 * 30) :]
     assert music.mean() > 4 * speech.mean()
     assert pelvis[round(3.4 * 30) : round(4.4 * 30)].max() > 2 * speech.mean()
-    assert silence.mean() < 0.2 * music.mean()
+    assert silence.mean() < 0.1 * music.mean()
 
 
 def test_the_same_seed_gives_the_same_show(talk_then_music: SoundTrack, show: Controls):

@@ -15,6 +15,7 @@ HEIGHTS = {"upperChest": 1.7, "neck": 1.5, "head": 1.08}  # of an ellipsoid, rel
 TRUNK_HEIGHT = 2.2  # the same for the other slices
 COVERED = 0.97  # share of a slice's vertices that must lie inside; the rest are hems, buckles, strands
 CHEST = 0.72  # of the way to the shoulder joints: near their height, vertices further out do not belong to the chest
+GRID = 0.015  # metres
 FEWEST = 24  # vertices in a slice
 ROUNDS, STEP = 20, 0.002  # of shrinking; metres per step
 
@@ -67,13 +68,15 @@ def _slices(
     """Cut the body at the joints of the spine, and put a generous ellipsoid around each slice."""
     column = [bone for bone in COLUMN if bone in bones]
     rest = skeleton.rest_positions.numpy()
-    trunk = vertices[weights[:, [bones[bone] for bone in column]].sum(1) > 0.5]
+    is_head = weights[:, bones["head"]] > 0.5
+    head = vertices[is_head]
+    if len(head) < FEWEST:
+        raise MotionError(f"{len(head)} vertices follow the head, {FEWEST} are needed; check the weights")
+    trunk = vertices[(weights[:, [bones[bone] for bone in column]].sum(1) > 0.5) & ~is_head]
+    head, trunk = _thinned(head), _thinned(trunk)
     arm = rest[bones["leftUpperArm"]]
     is_shoulder = (np.abs(trunk[:, 0]) > CHEST * abs(arm[0])) & (trunk[:, 1] > arm[1] - 0.4 * abs(arm[0]))
     trunk = trunk[~is_shoulder]
-    head = vertices[weights[:, bones["head"]] > 0.5]
-    if len(head) < FEWEST:
-        raise MotionError(f"{len(head)} vertices follow the head, {FEWEST} are needed; check the weights")
     floors = [float(rest[bones[bone], 1]) for bone in column] + [float(head[:, 1].max())]
     floors[0] = float(np.percentile(trunk[:, 1], 1))
     fits = []
@@ -82,6 +85,11 @@ def _slices(
         if len(inside) >= FEWEST:
             fits.append(_around(bone, inside))
     return fits
+
+
+def _thinned(points: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "n 3"]:
+    """One vertex of each cell of a grid: a finely meshed mouth must not outvote the back of the skull."""
+    return points[np.unique(np.round(points / GRID), axis=0, return_index=True)[1]]
 
 
 def _around(bone: str, inside: Float[np.ndarray, "v 3"]) -> _Fit:
@@ -97,7 +105,11 @@ def _around(bone: str, inside: Float[np.ndarray, "v 3"]) -> _Fit:
 
 
 def _tightened(fits: list[_Fit]) -> list[_Fit]:
-    """Shrink every ellipsoid at the front, back and sides while all of them together still cover every slice."""
+    """Shrink every ellipsoid at the front, back and sides while all of them together still cover every slice.
+
+    None loses more than half of a radius: where neighbours reach over a short slice, it would vanish.
+    """
+    least = [fit.radii / 2 for fit in fits]
     steps = [np.array(step) for step in ((0, 0, -STEP), (0, 0, STEP), (0, 0, -STEP), (STEP, 0, 0))]
     for _ in range(ROUNDS):
         for i, fit in enumerate(fits):
@@ -105,7 +117,9 @@ def _tightened(fits: list[_Fit]) -> list[_Fit]:
                 shift = step * [0, 0, 1]
                 smaller = replace(fit, middle=fit.middle + shift, radii=fit.radii - np.abs(step))
                 others = [*fits[:i], smaller, *fits[i + 1 :]]
-                if all(_covered(part.slice, others) >= COVERED for part in others):
+                if (smaller.radii >= least[i]).all() and all(
+                    _covered(part.slice, others) >= COVERED for part in others
+                ):
                     fits[i] = fit = smaller
     return fits
 

@@ -100,17 +100,17 @@ def _forearm(skeleton: Skeleton, bones: dict[str, int]) -> float:
 
 
 def _ours() -> BodyProfile:
-    """The profile of the shipped character, as `measure_body` gives it."""
+    """The profile of the first shipped character without her hair, as `measure_body` gives it."""
     rows: tuple[tuple[str, Vector, Vector], ...] = (
-        ("hips", (0.0, -0.0062, -0.0103), (0.2065, 0.1784, 0.1427)),
-        ("spine", (0.0, 0.0568, 0.0024), (0.2018, 0.1248, 0.1420)),
-        ("chest", (0.0, 0.0633, 0.0107), (0.1927, 0.1355, 0.1325)),
-        ("upperChest", (0.0, 0.0825, 0.0055), (0.2118, 0.1400, 0.1468)),
-        ("neck", (0.0, 0.0475, 0.0173), (0.1266, 0.0712, 0.0937)),
-        ("head", (0.0, 0.0770, 0.0066), (0.1208, 0.1387, 0.1240)),
+        ("hips", (0.0, 0.0133, 0.007), (0.1955, 0.1349, 0.1408)),
+        ("spine", (0.0, 0.0576, 0.027), (0.1975, 0.1262, 0.1395)),
+        ("chest", (0.0, 0.0625, 0.0327), (0.2487, 0.1374, 0.143)),
+        ("upperChest", (0.0, 0.0825, 0.0128), (0.2717, 0.1402, 0.1368)),
+        ("neck", (0.0, 0.0405, 0.0058), (0.0402, 0.0594, 0.0419)),
+        ("head", (0.0, 0.0499, 0.0295), (0.0949, 0.1367, 0.1126)),
     )
     parts = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in rows]
-    return BodyProfile.model_validate({"parts": parts, "palm": 0.0198, "finger": 0.0086})
+    return BodyProfile.model_validate({"parts": parts, "palm": 0.019, "finger": 0.0117})
 
 
 _OURS = _ours()
