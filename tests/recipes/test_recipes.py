@@ -71,9 +71,7 @@ def test_a_recipe_opens_with_its_commands_and_has_valid_settings(path: Path, mon
         assert words[:1] == ["train"]
         assert words[words.index("--recipe") + 1] == str(path.relative_to(ROOT))
         kind, settings = settings_of(words)
-        assert kind.replace("-", "_") == path.stem.split("_stage")[0].removesuffix("_offline").removesuffix(
-            "_depth"
-        ).removesuffix("_fine")
+        assert kind.replace("-", "_") == path.stem.split("_stage")[0].removesuffix("_offline").removesuffix("_depth")
         model, training = CONFIGS[kind]
         settings.checked(training, "training")
         if model is None:
@@ -88,13 +86,21 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
     bundles = ROOT / "src" / "echoavatar" / "bundles"
     cards = {
         "tokenizer": bundles / "default" / "tokenizer",
-        "generator_stage3": bundles / "default" / "generator",
+        "generator_depth": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
         "warp": bundles / "default" / "warp",
         "fingers": bundles / "fingers",
         "fid_encoder": bundles / "fid_encoder",
     }
+    two_runs = (
+        "steps",
+        "learning_rate",
+        "warmup",
+        "decay_at",
+        "quantize_from",
+        "is_principal_start",
+    )  # of the tokenizer
     renamed = {"gradient_norm": "clip", "checkpoint_minutes": "save_minutes", "noise": "noise_spread"}
     for stem, folder in cards.items():
         kind, settings = settings_of(commands(ROOT / "recipes" / "rehearsal" / f"{stem}.yaml")[-1])
@@ -102,6 +108,8 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         theirs = json.loads((folder / "card.json").read_text())["training"]
         for key, value in theirs.items():
             if key in ("evaluate_every", "save_every") or (stem == "face" and key == "listening_rate"):
+                continue
+            if stem == "tokenizer" and key in two_runs:
                 continue
             expected = [round(v, 4) for v in value] if key == "depth_weights" else value
             assert ours[renamed.get(key, key)] == expected, f"{stem}: {key}"

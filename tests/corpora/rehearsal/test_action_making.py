@@ -39,7 +39,7 @@ def test_invalid_clips_are_refused(tokenizer: BodyTokenizer, frames: int, name: 
 
 def test_the_shipped_library_holds_every_script_and_fits_its_tokenizer() -> None:
     bundle = Path(__file__).parents[3] / "src" / "echoavatar" / "bundles" / "default"
-    library = ActionLibrary.load(bundle, 512)
+    library = ActionLibrary.load(bundle, 1024)
     assert set(library) == set(SCRIPTS)
     assert library["agree"].overlay is not None
     assert not library["agree"].guides
