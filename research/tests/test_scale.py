@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from echoavatar_research.scale import PAPER, REHEARSAL, SCALES
+from echoavatar_research.scale import PAPER, SCALES
 
 RECIPES = Path(__file__).parents[2] / "recipes"
 OWN = {"parts", "log_every", "losses", "depth_weights", "is_principal_start", "is_scaled_by_reach"}
@@ -14,7 +14,6 @@ OWN = {"parts", "log_every", "losses", "depth_weights", "is_principal_start", "i
     [
         ("paper/tokenizer", PAPER.tokenizer, PAPER.tokenizer_training),
         ("paper/generator_stage2", PAPER.generator, PAPER.generator_training),
-        ("rehearsal/tokenizer", REHEARSAL.tokenizer, REHEARSAL.tokenizer_training),
     ],
 )
 def test_settings_are_those_of_the_recipes(recipe: str, sizes, training) -> None:

@@ -92,7 +92,7 @@ def test_an_engine_that_cannot_be_healed_ends_the_server(caplog: pytest.LogCaptu
     with serving() as server, server.call(Hello()) as caller:
         caller.until(Motion)
         server.manager.engine.pipeline.seconds = "not a number of seconds"
-        assert caller.closing()[0] == 1011
+        assert caller.closing()[0] in (1011, 1012)  # the session's end or the server's, whichever is first
         server.thread.join(10)
         assert not server.thread.is_alive()
         assert isinstance(server.manager.failure, TypeError)
