@@ -221,6 +221,7 @@ class SessionManager:
 
     def _beat(self, *, with_stats: bool) -> None:
         """Advance all sessions to the present."""
+        self._thread.watch()
         now, step_s = time.monotonic(), self.engine.step_seconds
         if self.engine.restarts > self._restarts:
             self.metrics.restarts.inc(self.engine.restarts - self._restarts)
