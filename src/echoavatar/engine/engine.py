@@ -72,6 +72,7 @@ class Engine:
         self.busy_seconds = 0.0  # duration of all steps
         self.fault: Exception | None = None  # why the pipeline steps nobody any more
         self.restarts = 0
+        self.on_step: Callable[[Pipeline], None] = _ignore  # called when a step begins, in its thread
         self._reload = reload or (lambda: pipeline)
         self._codes: int = getattr(pipeline, "directive_codes", 0)
         self._state = pipeline.init_state(seats)
@@ -220,6 +221,7 @@ class Engine:
     def _step(self, ready: list[SessionCore], make: Callable[[list[SessionCore]], None]) -> None:
         """The next chunk of one session; or of several, in one batch of all seats."""
         began = time.perf_counter()
+        self.on_step(self.pipeline)
         try:
             make(ready)
         finally:
@@ -304,6 +306,10 @@ class Engine:
         except Exception as error:
             for session in ready:
                 session.fail(error)
+
+
+def _ignore(pipeline: Pipeline) -> None:
+    del pipeline
 
 
 def _in_one_thread() -> None:
