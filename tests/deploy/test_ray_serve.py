@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,27 +19,44 @@ PATIENCE = {"RAY_worker_niceness": "0"} | {
 }
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs pip install 'echoavatar[ray]'")
-def test_a_killed_replica_moves_its_sessions_and_nobody_hears_it() -> None:
+needs_ray = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs pip install 'echoavatar[ray]'")
+
+
+def drilled(*words: str, seconds: float = 300) -> Any:
     done = subprocess.run(
-        [sys.executable, "tests/deploy/ray_drill.py"],
+        [sys.executable, "tests/deploy/ray_drill.py", *words],
         cwd=ROOT,
         env=os.environ | PATIENCE | {"PYTHONPATH": f"{ROOT}:{ROOT / 'src'}", "RAY_USAGE_STATS_ENABLED": "0"},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=seconds,
         check=False,
     )
     assert done.returncode == 0, done.stderr[-2000:]
     (line,) = [line for line in done.stdout.splitlines() if line.startswith("{")]  # Ray prints there, too
-    report = json.loads(line)
+    return json.loads(line)
+
+
+@pytest.mark.slow
+@needs_ray
+def test_a_killed_replica_moves_its_sessions_and_nobody_hears_it() -> None:
+    report = drilled()
     assert report["victim"]["moved"] == 1
     for person in (report["victim"], report["other"]):
         assert person["spoken_s"] == pytest.approx(14.0, abs=0.3)
         assert person["dry_s"] == 0.0
     if not report["same_host"]:
         assert report["other"]["moved"] == 0
+
+
+@pytest.mark.slow
+@needs_ray
+def test_a_soak_with_a_replica_killed_every_minute_loses_no_speech() -> None:
+    report = drilled("4", seconds=600)
+    assert report["kills"] >= 3
+    assert report["moved"] >= report["kills"]
+    assert report["utterances"] > 40
+    assert (report["failed"], report["cut"]) == ([], [])
 
 
 def test_its_health_check_asks_what_the_server_can_say() -> None:

@@ -150,6 +150,24 @@ class Gated(FakePipeline):
         return super().step(audio, state, active)
 
 
+def test_a_step_that_never_ends_is_noticed_and_left_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    pipeline = Gated()
+    machine = Engine(pipeline, workers=1)  # type: ignore[arg-type]
+    thread = EngineThread(machine).start()
+    try:
+        thread.watch()
+        assert not thread.is_stuck
+        monkeypatch.setattr("echoavatar.engine.thread.STUCK_S", 0.1)
+        machine.open_core().push(np.full(6_400, 1, np.float32))
+        assert soon(lambda: thread.watch() or thread.is_stuck)
+        assert isinstance(thread.error, TimeoutError)
+        thread.stop()
+        assert thread.is_alive
+    finally:
+        pipeline.gates[1.0].set()
+    assert soon(lambda: not thread.is_alive)
+
+
 def test_a_free_worker_takes_what_comes_while_the_other_is_busy() -> None:
     pipeline = Gated()
     machine = Engine(pipeline, seats=2, workers=2)  # type: ignore[arg-type]

@@ -3,6 +3,7 @@ import signal
 import threading
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from tests.server.fakes import FAST, Body
 
@@ -38,3 +39,18 @@ def test_the_server_reports_its_address_and_stops_on_a_signal() -> None:
         serve(app, port=0, on_ready=stop)
     assert told[0].startswith("http://127.0.0.1:")
     assert not app.state.manager.is_well
+
+
+def test_a_step_that_never_ends_ends_the_server(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that whoever started it starts it again: nothing can stop the thread from inside."""
+    monkeypatch.setattr("echoavatar.engine.thread.STUCK_S", 0.2)
+    engine, until = Engine(Body()), threading.Event()  # type: ignore[arg-type]
+    monkeypatch.setattr(engine.pipeline, "step", lambda *_: until.wait(30))
+
+    def speak(_: str) -> None:
+        engine.open_core().push(np.ones(6_400, np.float32))
+
+    with pytest.raises(EchoAvatarError, match="a step has lasted"):
+        serve(create_app(engine, FAST), port=0, on_ready=speak)
+    assert not until.is_set()
+    until.set()

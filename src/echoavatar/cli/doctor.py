@@ -37,6 +37,7 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "mcp": "mcp",
     "mcp_types": "mcp",
     "msgspec": "serve",
+    "opentelemetry": "traces",
     "pretty_midi": "rehearse",
     "prometheus_client": "serve",
     "pxr": "usd",

@@ -74,6 +74,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log", choices=("text", "json"), default="text", help="form of log lines (default: %(default)s)"
     )
+    parser.add_argument(
+        "--traces",
+        metavar="URL",
+        help="send OpenTelemetry traces of every chunk to this OTLP collector, such as http://127.0.0.1:4318/v1/traces",
+    )
     parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", metavar="PEM", help="private key of --certificate")
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
@@ -122,6 +127,7 @@ def run(args: argparse.Namespace) -> int:
         ahead_seconds=args.ahead,
         drain_seconds=args.drain,
         sinks=tuple(args.sink),
+        tracer=_tracer(args.traces),
         lists_sessions=is_loopback(args.host),
     )
     app = create_app(load(args.model, seats=args.seats, device=args.device, without=args.without), settings)
@@ -136,6 +142,17 @@ def run(args: argparse.Namespace) -> int:
     serve(app, host=args.host, port=args.port, on_ready=ready, ssl_certfile=args.certificate, ssl_keyfile=args.key)
     print("echoavatar: stopped", file=sys.stderr)
     return 0
+
+
+def _tracer(address: str | None) -> object | None:
+    if address is None:
+        return None
+    try:
+        from echoavatar.server.tracing import export_to
+
+        return export_to(address)
+    except ModuleNotFoundError as error:
+        raise DependencyError(f"traces need {error.name}: pip install 'echoavatar[traces]'") from error
 
 
 def _unity(args: argparse.Namespace, sink: str) -> int:

@@ -72,11 +72,12 @@ class Engine:
         self.busy_seconds = 0.0  # duration of all steps
         self.fault: Exception | None = None  # why the pipeline steps nobody any more
         self.restarts = 0
+        self.on_step: Callable[[Pipeline], None] = _ignore  # called when a step begins, in its thread
         self._reload = reload or (lambda: pipeline)
         self._codes: int = getattr(pipeline, "directive_codes", 0)
         self._state = pipeline.init_state(seats)
         self._sessions: dict[int, SessionCore] = {}  # by seat, the session that was stepped last at the end
-        self._claimed: set[int] = set()  # seats that a thread works on
+        self._claimed: dict[int, float] = {}  # seats that a thread works on, and since when
         self._seats, self._look_ahead, self._rewind = seats, look_ahead, rewind
         is_on_host = getattr(pipeline, "device", _HOST).type == _HOST.type
         self._workers = (torch.get_num_threads() if is_on_host else 0) if workers is None else workers
@@ -178,6 +179,12 @@ class Engine:
         """Whether a thread steps a session now."""
         return bool(self._claimed)
 
+    @property
+    def longest_step_s(self) -> float:
+        """How long the oldest step that is not over has lasted; 0 if nobody is stepped."""
+        with self._lock:
+            return max((time.monotonic() - since for since in self._claimed.values()), default=0.0)
+
     def restart(self) -> None:
         """Load the pipeline again after a `fault`, while nobody steps.
 
@@ -206,7 +213,7 @@ class Engine:
             idle = [session for seat, session in self._sessions.items() if seat not in self._claimed]
             ready = sorted((session for session in idle if session.is_ready), key=lambda session: session.ahead)[:most]
             for session in ready:
-                self._claimed.add(session.seat)
+                self._claimed[session.seat] = time.monotonic()
                 self._sessions[session.seat] = self._sessions.pop(session.seat)  # last among equals next time
         return ready
 
@@ -214,11 +221,13 @@ class Engine:
     def _step(self, ready: list[SessionCore], make: Callable[[list[SessionCore]], None]) -> None:
         """The next chunk of one session; or of several, in one batch of all seats."""
         began = time.perf_counter()
+        self.on_step(self.pipeline)
         try:
             make(ready)
         finally:
             with self._lock:
-                self._claimed.difference_update(session.seat for session in ready)
+                for session in ready:
+                    del self._claimed[session.seat]
                 self.step_seconds = time.perf_counter() - began
                 self.busy_seconds += self.step_seconds
 
@@ -297,6 +306,10 @@ class Engine:
         except Exception as error:
             for session in ready:
                 session.fail(error)
+
+
+def _ignore(pipeline: Pipeline) -> None:
+    del pipeline
 
 
 def _in_one_thread() -> None:

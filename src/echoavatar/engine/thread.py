@@ -13,18 +13,20 @@ from .engine import Engine
 _LOG = logging.getLogger(__name__)
 NAP_S = 0.05
 MOST_FAULTS, WITHIN_S = 3, 60.0  # the last of so many faults of the engine within a minute ends it
+STUCK_S = 60.0  # a step that lasts so long never ends: a chunk of sound is less than a second
 
 
 class EngineThread:
     """Runs an engine from `start` to `stop`; as a context manager it does both.
 
     A fault of a session ends that session, a fault of the engine restarts it. If it fails again and again, all threads
-    end, and `error` holds the last fault.
+    end, and `error` holds the last fault. `watch` notices a step that never ends.
     """
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self.error: BaseException | None = None
+        self.is_stuck = False  # in a step that never ends
         self._stopping = threading.Event()
         self._healing = threading.Lock()
         self._faults: list[float] = []  # when the engine failed, within the last minute
@@ -45,12 +47,23 @@ class EngineThread:
         return self
 
     def stop(self) -> None:
-        """Let each thread finish the step in hand, and end."""
+        """Let each thread finish the step in hand, and end; a thread whose step never ends is left behind."""
         self._stopping.set()
         self.engine.wake()
         for thread in self._threads:
-            if thread.is_alive():
-                thread.join()
+            while thread.is_alive() and not self.is_stuck:
+                thread.join(NAP_S)
+                self.watch()
+
+    def watch(self) -> None:
+        """Note as `error` that a step never ends; for another thread to call now and then.
+
+        Nothing can stop a thread from outside, so such an engine cannot be restarted: the process must end.
+        """
+        if self.error is None and (seconds := self.engine.longest_step_s) > STUCK_S:
+            self.error, self.is_stuck = TimeoutError(f"a step has lasted {seconds:.0f} s"), True
+            self._stopping.set()
+            _LOG.error("the engine stopped: %s", self.error)
 
     def __enter__(self) -> Self:
         return self.start()

@@ -46,7 +46,7 @@ def draw(reports: Mapping[str, Mapping[str, Any]], path: Path) -> None:
         level = memory[late].mean() + slope * (seconds[late] - seconds[late].mean()) / 3600
         told = f"{name}: {slope:+.1f} MB an hour, {report['turns']} visits"
         axis.plot(seconds[late] / 60, level, "--", lw=1, color=curve.get_color(), label=told)
-    axis.set(xlabel="minutes", ylabel="resident memory (MB)", ylim=(0, None))
+    axis.set(xlabel="minutes", ylabel="resident memory (MB)", ylim=(0, 1.1 * axis.get_ylim()[1]))
     axis.grid(alpha=0.3)
     axis.legend(loc="lower right", fontsize=8)
     try:

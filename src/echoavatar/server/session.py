@@ -7,7 +7,7 @@ event loop and do not block; the model runs elsewhere.
 
 import time
 from collections import deque
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -41,6 +41,9 @@ from .outbox import Outbox
 from .playhead import Playhead
 from .settings import ServerSettings
 from .utterances import UtteranceReader
+
+if TYPE_CHECKING:
+    from .tracing import SessionTrace
 
 MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
 KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
@@ -85,6 +88,7 @@ class ServerSession:
         self.end = 0  # clock up to which motion was sent
         self.underruns = 0
         self.sent: deque[Sent] = deque()
+        self.trace: SessionTrace | None = None
         self._actions, self._size = actions, core.chunk.samples
         self._user_speech = UtteranceReader(hello.audio)
         self._settings = settings
@@ -155,6 +159,8 @@ class ServerSession:
             self.core.push(samples, self._rate, utterance=seg)
         except QueueFullError as error:
             raise ProtocolError("inbox_full", str(error), fatal=False, retry_after=1.0) from error
+        if self.trace:
+            self.trace.heard(len(samples), self._rate)
 
     def finish(self, message: End) -> None:
         """An utterance is complete."""
@@ -173,6 +179,8 @@ class ServerSession:
         done = self.core.interrupt(heard, last)
         self._flush(Flush(at=done.at, epoch=done.epoch, seg=done.utterance, heard=done.heard))
         self.playhead.jump(heard)
+        if self.trace:
+            self.trace.forget()
 
     def act(self, message: Action) -> ActStatus:
         """Begin an action; clients receive its statuses."""
@@ -222,6 +230,8 @@ class ServerSession:
             if end - self.playhead.sample >= bound:
                 return
             self._scheduled_at[end // self._size] = now
+            if self.trace:
+                self.trace.scheduled(end, self._size)
             self.core.schedule()
 
     def collect(self) -> list[float]:
@@ -233,6 +243,8 @@ class ServerSession:
             is_acting = bool(self._running)
             self._tell_statuses()
             self._send(delivery, is_acting=is_acting or bool(self._running))
+            if self.trace:
+                self.trace.shown(delivery.start)
             scheduled = self._scheduled_at.pop(delivery.start // self._size, None)
             if scheduled is not None:
                 took.append(now - scheduled)

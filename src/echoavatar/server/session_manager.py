@@ -5,6 +5,7 @@ import logging
 import secrets
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from anyio import CapacityLimiter, to_thread
@@ -49,6 +50,7 @@ class SessionManager:
         self._sessions: dict[str, ServerSession] = {}  # by public name
         self._keys: dict[str, ServerSession] = {}
         self.toolbox = Toolbox(engine.actions, self.tracks)
+        self._tracing: Any = None  # `Tracing`, with its first session
         self._restarts = 0  # of the engine, as clients know them
         self._decoders = CapacityLimiter(MOST_DECODERS)
         self._actions = tuple(name for name in engine.actions if name not in HIDDEN)
@@ -157,10 +159,27 @@ class SessionManager:
             settings=self.settings,
             actions=self._actions,
         )
-        core.on_motion = _on_loop(asyncio.get_running_loop(), lambda: self._collect(session))
+        collect = _on_loop(asyncio.get_running_loop(), lambda: self._collect(session))
+        core.on_motion = collect
+        if self.settings.tracer is not None:
+            core.on_motion = self._trace(session, collect)
         self._sessions[session.name] = self._keys[session.key] = session
         self.metrics.sessions.set(self.sessions)
         return session
+
+    def _trace(self, session: ServerSession, collect: Callable[[], None]) -> Callable[[], None]:
+        """Trace a session; returns what to do after each of its chunks."""
+        from .tracing import SessionTrace, Tracing
+
+        self._tracing = self._tracing or Tracing(self.engine, self.settings.tracer)
+        trace, core = SessionTrace(self._tracing, session.name), session.core
+        session.trace = trace
+
+        def note() -> None:
+            trace.made(core.made - core.chunk.samples)
+            collect()
+
+        return note
 
     def _known(self, among: dict[str, ServerSession], name: str) -> ServerSession:
         session = among.get(name)
@@ -221,6 +240,7 @@ class SessionManager:
 
     def _beat(self, *, with_stats: bool) -> None:
         """Advance all sessions to the present."""
+        self._thread.watch()
         now, step_s = time.monotonic(), self.engine.step_seconds
         if self.engine.restarts > self._restarts:
             self.metrics.restarts.inc(self.engine.restarts - self._restarts)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from echoavatar.wire import MAX_MESSAGE_BYTES, Limits
 
@@ -24,6 +25,7 @@ class ServerSettings:
     proxies: tuple[str, ...] = ()  # addresses or networks whose X-Forwarded-For is believed
     lists_sessions: bool = True  # to clients with the token; where strangers share a server, names are secrets
     music: Path | None = None  # folder of further tracks
+    tracer: Any = None  # an OpenTelemetry `Tracer` that is told of every chunk, see `tracing`
     sinks: tuple[str, ...] = ()  # programs that show the first session's avatar, such as vmc://127.0.0.1:39539
 
     @property
