@@ -28,6 +28,7 @@ def counted(motions, clips, extractor, *, seed: int = 0) -> list[Row]:
 
 class FakeExperiment:
     seed, scale, extractor, device = 0, TINY, FakeExtractor(), "cpu"
+    runtime = "paper"
 
     def __init__(self) -> None:
         self.said: list[str] = []

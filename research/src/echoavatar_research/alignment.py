@@ -130,10 +130,10 @@ def tuned(experiment: Experiment, method: Method) -> Outcome:
         tune(stage, folder, device=experiment.device, progress=experiment.progress)
 
     make_once(folder, settings, work)
-    motions = folder / "made"
+    motions = folder / "made" / experiment.runtime
     make_once(
         motions,
-        settings | {"clips": [clip.name for clip in experiment.test_clips]},
+        settings | {"runtime": experiment.runtime, "clips": [clip.name for clip in experiment.test_clips]},
         lambda: _generate(experiment, folder),
     )
     return Outcome(
@@ -230,14 +230,16 @@ def _generate(experiment: Experiment, folder: Path) -> None:
     from echoavatar.engine.pipeline.bundle import Bundle
 
     generator = Generator.load(folder).eval()
-    pipeline = Pipeline(Bundle(folder.name, experiment.codec, experiment.tokenizer(OURS), generator, {}))
+    pipeline = Pipeline(
+        Bundle(folder.name, experiment.codec, experiment.tokenizer(OURS), generator, {}).running(experiment.runtime)
+    )
     for first in range(0, len(experiment.test_clips), BATCH):
         clips = experiment.test_clips[first : first + BATCH]
         seeds = list(range(experiment.seed + first, experiment.seed + first + len(clips)))
         done = animate_many(pipeline, [clip.audio for clip in clips], seeds=seeds, progress=experiment.progress)
         for clip, one in zip(clips, done, strict=True):
             moved = replace(clip, rotations=one.motion.rotations, root=one.motion.root)
-            moved.save(folder / "made" / f"{clip.name}.npz")
+            moved.save(folder / "made" / experiment.runtime / f"{clip.name}.npz")
 
 
 def _folder(experiment: Experiment, method: Method) -> Path:

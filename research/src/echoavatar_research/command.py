@@ -49,6 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--extractor", type=Path, help="trained FID extractor (default: the shipped one)")
     parser.add_argument("--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to begin generators with")
     parser.add_argument("--device", default="cpu", help="where to train (default: %(default)s)")
+    parser.add_argument(
+        "--runtime",
+        default="paper",
+        metavar="HOW",
+        help="how generators run: paper, default (all of ours), or what to keep of ours (default: %(default)s)",
+    )
     parser.add_argument("--workers", type=int, default=1, help="processes that make a corpus (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: %(default)s)")
 
@@ -57,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     """Make what is missing, then print and write the table."""
     from tqdm import tqdm
 
+    from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar_research.scale import SCALES
 
     from .experiment import Experiment, Sources
@@ -75,6 +82,7 @@ def run(args: argparse.Namespace) -> int:
             Sources(args.corpus, args.codec, args.extractor, args.qwen),
             device=args.device,
             seed=args.seed,
+            runtime=Runtime().chosen(args.runtime).label,  # refuses an unknown name before any work
             workers=args.workers,
             say=lambda line: tqdm.write(line, file=sys.stderr),
             progress=progress,
@@ -93,5 +101,6 @@ def _command(args: argparse.Namespace) -> str:
         given = getattr(args, name)
         words += [f"--{name} {given.name}"] if given else []
     words += [f"--device {args.device}"] if args.device != "cpu" else []
+    words += [f"--runtime {args.runtime}"] if args.runtime != "paper" else []
     words += [f"--seed {args.seed}"] if args.seed else []
     return " ".join(words)

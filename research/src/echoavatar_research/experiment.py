@@ -62,12 +62,17 @@ class Experiment:
         *,
         device: str = "cpu",
         seed: int = 0,
+        runtime: str = "paper",
         workers: int = 1,
         say: Callable[[str], None] = lambda line: None,
         progress: Progress | None = None,
     ) -> None:
-        """`workers`: processes that make a corpus. `say` is called with the name of each part that is made."""
+        """`runtime`: how generators run (`Runtime.chosen`). `workers`: processes that make a corpus.
+
+        `say` is called with the name of each part that is made.
+        """
         self.folder, self.scale, self.sources, self.device = folder, scale, sources, device
+        self.runtime = runtime
         self.seed, self.workers, self.say, self.progress = seed, workers, say, progress
 
     @cached_property
@@ -202,7 +207,7 @@ class Experiment:
 
     def generated_motions(self, choice: GeneratorChoice) -> list[Motion]:
         """Motion that a generator makes for the sound of the test clips, as long as the clips."""
-        folder = self.folder / "made" / choice.name
+        folder = self.folder / "made" / self.runtime / choice.name
 
         def make() -> None:
             tokenizer, generator = self.tokenizer(choice.tokenizer), self.generator(choice)
@@ -214,7 +219,11 @@ class Experiment:
                     moved = replace(clip, rotations=motion.rotations, root=motion.root)
                     moved.save(folder / f"{clip.name}.npz")
 
-        settings = {"generator": self._generator_settings(choice), "clips": [clip.name for clip in self.test_clips]}
+        settings = {
+            "generator": self._generator_settings(choice),
+            "runtime": self.runtime,
+            "clips": [clip.name for clip in self.test_clips],
+        }
         self._make_once(folder, settings, make)
         return [self.motion(Clip.load(folder / f"{clip.name}.npz")) for clip in self.test_clips]
 
@@ -223,7 +232,7 @@ class Experiment:
         return motion_of(clip)
 
     def _generate(self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds) -> list[Motion]:
-        return live_motion(name, self.codec, tokenizer, generator, sounds, progress=self.progress)
+        return live_motion(name, self.codec, tokenizer, generator, sounds, runtime=self.runtime, progress=self.progress)
 
     def _tokenizer_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
         return {

@@ -25,15 +25,19 @@ def live_motion(
     generator: Generator,
     sounds: Sounds,
     *,
+    runtime: str = "paper",
     progress: Progress | None = None,
 ) -> list[Motion]:
-    """Run one engine session per sound. A generator with lookahead is given the whole sounds beforehand."""
+    """Run one engine session per sound, as `runtime` says (`Runtime.chosen`).
+
+    A generator with lookahead is given the whole sounds beforehand.
+    """
     from echoavatar.engine import animate_many
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar.engine.pipeline.bundle import Bundle
     from echoavatar_research.lookahead import LookaheadPipeline
 
-    bundle = Bundle(name, codec, tokenizer, generator.eval(), {})
+    bundle = Bundle(name, codec, tokenizer, generator.eval(), {}).running(runtime)
     hears_ahead = generator.config.ahead_chunks > 0
     pipeline = LookaheadPipeline(bundle, sounds) if hears_ahead else Pipeline(bundle)
     done = animate_many(pipeline, list(sounds.values()), seeds=list(sounds), progress=progress)

@@ -36,7 +36,7 @@ PAPER = {
 
 def make(experiment: Experiment) -> Table:
     """Measure the stages and make the table."""
-    bundle = load_bundle("default")
+    bundle = load_bundle("default").running(experiment.runtime)
     if experiment.scale.name == "paper":
         bundle = with_random_generator(bundle)
     experiment.say(f"timing: {bundle.name}")

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import platform
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -52,8 +53,20 @@ def reproduce(name: str, experiment: Experiment, *, command: str) -> Table:
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
         notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
-    notes.append(f"Made by `{command}` on {hardware(experiment.device)}; seed {experiment.seed}.")
+    notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; seed {experiment.seed}.")
+    if name not in (codec_probes.NAME, sound_labels.NAME):
+        how = "none: codes decoded alone" if name == beat2.NAME else experiment.runtime
+        notes.append(f"Runtime: {how}.")
     return dataclasses.replace(table, notes=notes)
+
+
+def commit() -> str:
+    """The commit of this checkout, with a plus where files differ from it; `unknown` outside of one."""
+    words = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+", "--exclude=*"]
+    try:
+        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
 
 
 def hardware(device: str) -> str:

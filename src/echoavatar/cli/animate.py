@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .serve import DEVICE_HELP, WITHOUT_HELP
+from .serve import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
     from echoavatar.files.avatar import Character
@@ -83,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--character", metavar="NAME", help="who is filmed (.mp4): maya (default), theo or amara")
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
+    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from tqdm import tqdm
 from echoavatar.errors import DependencyError, EchoAvatarError
 
 from . import command_module
-from .serve import DEVICE_HELP, WITHOUT_HELP
+from .serve import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
@@ -140,6 +140,7 @@ def _models(parser: argparse.ArgumentParser) -> None:
         help="order of that generator; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
     )
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
+    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
 
 def _pipeline(
@@ -153,7 +154,8 @@ def _pipeline(
 
     if args.threads:
         torch.set_num_threads(args.threads)
-    bundle = load_bundle(args.model).without(without)
+    bundle = load_bundle(args.model).running(args.runtime).without(without)
+    print(f"runtime: {bundle.runtime.label}")
     chosen = with_random_generator(bundle, args.sequence) if args.size == "paper" else bundle
     return Pipeline(chosen, precision=precision, device=args.device)
 

@@ -12,6 +12,8 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
+from .serve import RUNTIME_HELP
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -84,6 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="perform every held-out clip N times, with different seeds (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of sampling (default: %(default)s)")
+    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
 
 def _times(text: str) -> int:
@@ -97,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.evaluation.report import evaluate
 
-    bundle = load_bundle(args.model)
+    bundle = load_bundle(args.model).running(args.runtime)
+    print(f"runtime: {bundle.runtime.label}")
     if args.face:
         return _face(args, bundle)
     if args.actions:

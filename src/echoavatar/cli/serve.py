@@ -16,6 +16,10 @@ SINK_HELP = (
 )
 
 DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
+RUNTIME_HELP = (
+    "how the models run: paper (bare decoding, the paper's cylinder for hands), default (the bundle's own), or what"
+    " to keep of ours on top of paper, such as ground,feet"
+)
 WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or warp; may be repeated"
 
 
@@ -70,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
+    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     parser.add_argument(
         "--log", choices=("text", "json"), default="text", help="form of log lines (default: %(default)s)"
@@ -130,7 +135,8 @@ def run(args: argparse.Namespace) -> int:
         tracer=_tracer(args.traces),
         lists_sessions=is_loopback(args.host),
     )
-    app = create_app(load(args.model, seats=args.seats, device=args.device, without=args.without), settings)
+    how = {"without": args.without, "runtime": args.runtime}
+    app = create_app(load(args.model, seats=args.seats, device=args.device, **how), settings)
 
     def ready(address: str) -> None:
         page = f"{address}/?token={token}" if token else f"{address}/"
@@ -177,7 +183,7 @@ def _unity(args: argparse.Namespace, sink: str) -> int:
         unity_host=address.host,
         unity_port=address.port,
     )
-    bundle = load_bundle(args.model).without(args.without)
+    bundle = load_bundle(args.model).running(args.runtime).without(args.without)
     if bundle.runtime.rig is None:
         raise EchoAvatarError(
             f"{args.model} is not made for that Unity project's rig; see `echoavatar import reference`"

@@ -28,6 +28,7 @@ from echoavatar.timing import CHUNK, ChunkSize
 
 from .audio_queue import QUEUE_SECONDS
 from .pipeline import ActionLibrary, Pipeline, load_bundle
+from .pipeline.runtime import SESSION
 from .session import Session
 from .session_core import SessionCore
 from .undo import changes, undo
@@ -68,6 +69,7 @@ class Engine:
         self.pipeline = pipeline
         self.chunk: ChunkSize = getattr(pipeline, "chunk", CHUNK)  # what a step of every session takes
         self.actions: ActionLibrary = getattr(pipeline, "actions", ActionLibrary())
+        self.additions: frozenset[str] = getattr(pipeline, "additions", frozenset(SESSION))
         self.step_seconds = 0.0  # duration of the last step
         self.busy_seconds = 0.0  # duration of all steps
         self.fault: Exception | None = None  # why the pipeline steps nobody any more
@@ -325,10 +327,11 @@ def load(
     look_ahead: int | None = None,
     device: str = "cpu",
     without: Collection[str] = (),
+    runtime: str = "default",
 ) -> Engine:
     """An engine for a bundle: the name of a shipped one, or a folder. For `device` and `precision` see `Pipeline`.
 
-    `without` names stages to leave out, see `Bundle.without`.
+    `without` names stages to leave out, see `Bundle.without`; `runtime` says what of ours runs, see `Runtime.chosen`.
 
     Raises:
         CheckpointError: the bundle is missing or damaged.
@@ -336,7 +339,7 @@ def load(
     """
 
     def build() -> Pipeline:
-        pipeline = Pipeline(load_bundle(bundle).without(without), precision=precision, device=device)
+        pipeline = Pipeline(load_bundle(bundle).running(runtime).without(without), precision=precision, device=device)
         pipeline.warm_up()
         return pipeline
 

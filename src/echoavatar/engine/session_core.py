@@ -44,6 +44,7 @@ class Host(Protocol):
 
     chunk: ChunkSize
     actions: ActionLibrary
+    additions: frozenset[str]  # of `Runtime.session`: what sessions add to the models' motion
 
     @property
     def skeleton(self) -> Skeleton:
@@ -332,7 +333,7 @@ class SessionCore:
             heard = Heard(speech, self._music.next_chunk(speech))
             self._making = chunk, heard
             members = self._actions.members(chunk, codes) if codes else None
-            forgets = self._settling.must_forget(chunk, heard.audio)
+            forgets = "settling" in self._host.additions and self._settling.must_forget(chunk, heard.audio)
             self._plan = ChunkPlan(heard.audio, members, forgets, undone)
             return self._plan
 
@@ -370,7 +371,8 @@ class SessionCore:
         """Breath and shifts of weight, eye contact, and the clip of an action on top."""
         skeleton, is_free = self._host.skeleton, self._is_free(chunk)
         is_idle = source in ("idle", "action") and is_free
-        motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_idle)
+        if "idle" in self._host.additions:
+            motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_idle)
         return self._gaze.apply(
             chunk, motion, skeleton, overlay=self._actions.overlay(chunk), is_wanted=self.is_listening and is_free
         )
@@ -380,6 +382,8 @@ class SessionCore:
         act = self._actions.running(chunk)
         if act is not None and act.action.name in MOODS:
             return self._expression.apply(chunk, motion, mood=act.action.name, strength=act.intensity)
+        if "expression" not in self._host.additions:
+            return motion
         return self._expression.apply(chunk, motion, mood=DANCING if self._settling.is_dancing(chunk) else RESTING)
 
     def _react(self, sign: Sign) -> None:

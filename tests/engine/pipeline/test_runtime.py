@@ -1,11 +1,16 @@
 """How a bundle wants to be run travels beside its checkpoints."""
 
+import numpy as np
 import pytest
+import torch
 
+from echoavatar.engine import animate
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.errors import CheckpointError
+from echoavatar.engine.pipeline.runtime import ADDITIONS, Runtime
+from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.stages.post import SWITCHES
+from echoavatar.timing import CHUNK_SAMPLES
 
 
 def test_without_the_file_everything_is_as_ours(tmp_path):
@@ -32,3 +37,44 @@ def test_a_damaged_file_is_named(tmp_path):
     (tmp_path / "runtime.json").write_text('{"level_control": 3.5}')
     with pytest.raises(CheckpointError, match=r"runtime\.json: level_control"):
         Runtime.load(tmp_path)
+
+
+def test_the_papers_runtime_has_nothing_of_ours() -> None:
+    paper = Runtime().chosen("paper")
+    assert paper.additions == ()
+    assert paper.label == "paper"
+    assert not paper.level_control
+    assert paper.lead_in_s == 0
+    assert paper.cylinder
+    assert paper.silent_temperature == paper.restless_temperature == 1
+
+
+def test_every_addition_has_a_switch() -> None:
+    assert Runtime().label == "default"
+    assert Runtime().additions == ADDITIONS
+    for name in ADDITIONS:
+        assert Runtime().chosen(name).label == name
+        assert Runtime().chosen("paper").chosen(name).label == name  # also where the bundle has it off
+    kept = Runtime(lead_in_s=0.5).chosen("lead-in,hands")
+    assert (kept.label, kept.lead_in_s, kept.cylinder) == ("lead-in,hands", 0.5, False)
+    with pytest.raises(EchoAvatarError, match="no runtime 'breath'.*idle"):
+        Runtime().chosen("breath")
+
+
+def test_a_subset_is_told_and_comes_back() -> None:
+    chosen = Runtime().chosen("feet, ground")
+    assert Runtime().chosen(chosen.label) == chosen
+
+
+def test_without_ours_a_body_in_silence_does_not_breathe(tiny_bundle):
+    """The session shows what the pipeline made, bit for bit; with idle motion alone the spine breathes."""
+    silence = [np.zeros(CHUNK_SAMPLES * 4, np.float32)]
+    bundle = load_bundle(tiny_bundle)
+    shown = {how: animate(Pipeline(bundle.running(how)), silence, seed=3).motion for how in ("paper", "idle")}
+    spine = HUMANOID.index("spine")
+    assert np.abs(shown["paper"].rotations[:, spine] - shown["idle"].rotations[:, spine]).max() > 1e-4
+    pipeline, one = Pipeline(bundle.running("paper")), torch.ones(1, dtype=torch.bool)
+    state = pipeline.init_state(1)
+    pipeline.reset(state, one, seed=3)
+    bare = [pipeline.step(torch.zeros(1, CHUNK_SAMPLES), state, one)[0].rotations.copy() for _ in range(4)]
+    np.testing.assert_array_equal(np.concatenate(bare), shown["paper"].rotations)

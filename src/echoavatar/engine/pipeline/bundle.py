@@ -69,6 +69,14 @@ class Bundle:
         modules = [part for part in parts if part is not None]
         return sum(weight.numel() for module in modules for weight in module.parameters())
 
+    def running(self, runtime: str) -> "Bundle":
+        """The same bundle run as `paper`, `default` or with some of our additions, see `Runtime.chosen`.
+
+        Raises:
+            EchoAvatarError: there is no such addition.
+        """
+        return replace(self, runtime=self.runtime.chosen(runtime))
+
     def without(self, stages: Collection[str]) -> "Bundle":
         """The same bundle with some stages left out: the face, or stages behind the decoder.
 

@@ -27,9 +27,9 @@ from echoavatar.models.generator.stream import GeneratorStream, HistoryState, Ri
 from echoavatar.models.tokenizer.body import BodyState
 from echoavatar.models.tokenizer.model import DecoderState
 from echoavatar.models.warp import WarpModelState
-from echoavatar.motion.ik import BodyProfile
+from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.kinematics.features import part_sizes
-from echoavatar.motion.motion_chunk import MotionChunk, join_batches
+from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState, write_rows
@@ -122,7 +122,9 @@ class Pipeline:
         self.warp = bundle.warp if WARP in chosen else None
         self.time_warp = TimeWarp(self.skeleton.joints) if self.warp else None
         self.post = Post(self.skeleton, stages=chosen - {WARP}, body=body)
-        self.face = FaceStream(bundle.face) if bundle.face else None
+        self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
+        self.additions = frozenset(runtime.session)  # what sessions add, see `SessionCore`
+        self.face = FaceStream(bundle.face, has_idle="blinks" in self.additions) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config
         self.chunk = bundle.chunk
@@ -272,6 +274,8 @@ class Pipeline:
         self.on_stage("rig")
         pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
         motion = join_batches([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
+        if self.cylinder:
+            motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
         if self.warp and self.time_warp:
             brake = self.warp.step(level, state.time_warp[0].model, active)
             motion = self.time_warp.step(motion, brake, state.time_warp[0].playback, active)

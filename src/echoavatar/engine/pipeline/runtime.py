@@ -1,6 +1,8 @@
 """How the pipeline runs a bundle's models: settings beside the checkpoints, in `runtime.json`.
 
-A bundle without the file gets the defaults, which are those of our own bundles.
+A bundle without the file gets the defaults, which are those of our own bundles. Everything that we add to the paper's
+method is in `ADDITIONS` and can be switched by name; `Runtime.chosen("paper")` has none of it: codes are drawn at the
+generator's temperature and decoded, and the paper's cylinder keeps the hands off the body.
 """
 
 from pathlib import Path
@@ -8,7 +10,7 @@ from pathlib import Path
 from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.stages.post import SWITCHES
 
@@ -16,6 +18,14 @@ from .foreign_rig import RigConfig
 from .time_warp import WARP
 
 FILE = "runtime.json"
+SESSION = ("settling", "idle", "expression", "blinks")  # what a session adds to the models' motion and face
+NUMBERS = {
+    "level": ("level_control", False),
+    "calm": ("silent_temperature", 1.0),
+    "restless": ("restless_temperature", 1.0),
+    "lead-in": ("lead_in_s", 0.0),
+}  # addition -> its field, and the paper's value
+ADDITIONS = (*NUMBERS, *SWITCHES, WARP, *SESSION)
 
 
 class Runtime(Config):
@@ -39,9 +49,51 @@ class Runtime(Config):
     stages: tuple[str, ...] = Field(
         default=(WARP, *SWITCHES), description="stages behind the decoder, unless asked for"
     )
+    session: tuple[str, ...] = Field(
+        default=SESSION,
+        description="what a session adds: settling after music, idle motion with breath, moods of the face, blinks",
+    )
+    cylinder: bool = Field(default=False, description="whether the paper's cylinder keeps hands off the body")
     rig: RigConfig | None = Field(
         default=None, description="how the features of a foreign rig differ from ours; None: our rig"
     )
+
+    @property
+    def additions(self) -> tuple[str, ...]:
+        """What of ours is on, in the order of `ADDITIONS`."""
+        numbers = [name for name, (field, paper) in NUMBERS.items() if getattr(self, field) != paper]
+        on = {*numbers, *self.stages, *self.session}
+        return tuple(name for name in ADDITIONS if name in on)
+
+    @property
+    def label(self) -> str:
+        """`paper`, `default` (all of ours) or the names of what is on, as `chosen` takes them; for headers."""
+        on = self.additions
+        return "paper" if not on else "default" if on == ADDITIONS else ",".join(on)
+
+    def chosen(self, name: str) -> "Runtime":
+        """These settings run otherwise: `default` changes nothing, `paper` leaves out everything of ours.
+
+        Any other name lists what to keep of ours, such as `ground,feet`; the rest is as in the paper. A value that this
+        runtime has off is then that of our bundles. The adapter of a foreign rig, with its own cylinder, always stays.
+
+        Raises:
+            EchoAvatarError: there is no addition of that name.
+        """
+        if name == "default":
+            return self
+        kept = () if name == "paper" else tuple(part.strip() for part in name.split(","))
+        if unknown := [part for part in kept if part not in ADDITIONS]:
+            known = ", ".join(ADDITIONS)
+            raise EchoAvatarError(f"no runtime {unknown[0]!r}: give paper, default, or some of {known}, with commas")
+        ours, changed = Runtime(), {}
+        for part, (field, paper) in NUMBERS.items():
+            own = getattr(self, field)
+            changed[field] = paper if part not in kept else own if own != paper else getattr(ours, field)
+        changed["stages"] = tuple(stage for stage in ours.stages if stage in kept)
+        changed["session"] = tuple(part for part in SESSION if part in kept)
+        changed["cylinder"] = "hands" not in kept and self.rig is None
+        return self.model_copy(update=changed)
 
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""

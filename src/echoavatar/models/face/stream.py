@@ -36,12 +36,13 @@ class FaceState(StreamState):
 class FaceStream:
     """A running face model, with idle motion (`idle`) on the channels that it does not move."""
 
-    def __init__(self, model: FaceModel) -> None:
+    def __init__(self, model: FaceModel, *, has_idle: bool = True) -> None:
+        """Without `has_idle` the curves are the model's alone."""
         self.model = model.eval()
         names = APPLE_NAMES if model.config.order == "apple" else ARKIT_NAMES
         self._order = torch.tensor([names.index(name) for name in ARKIT_NAMES])
         moving = model.moving().cpu()[self._order]
-        self.idle = IdleFace(moving if model.config.idle else torch.ones_like(moving))
+        self.idle = IdleFace(moving if model.config.idle and has_idle else torch.ones_like(moving))
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
 
     def init_state(self, rows: int) -> FaceState:

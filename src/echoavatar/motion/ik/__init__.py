@@ -4,6 +4,7 @@ May import `motion.kinematics`, and `nn` and below. Poses are in the root's fram
 matter. Metres, radians, Y up in the rest pose, character facing +Z.
 """
 
+from .cylinder import Cylinder
 from .fit import measure_body
 from .hand_collisions import HandCollisions
 from .measure import penetration_depth_m
@@ -12,6 +13,7 @@ from .swing import SwingConfig, swing_clear
 
 __all__ = [
     "BodyProfile",
+    "Cylinder",
     "HandCollisions",
     "RoundedPart",
     "SwingConfig",
