@@ -14,7 +14,10 @@ def test_a_table_ends_with_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) 
     experiment.corpus = SimpleNamespace(manifest=manifest, frames=lambda: 2 * 60 * 30)
     notes = reproduce("layouts", experiment, command="echoavatar reproduce layouts").notes
     assert {INTERVALS, NOTHING_LEARNED, "4 test clips of sways, 2 minutes in all."} <= set(notes)
-    assert notes[-1].startswith("Made by `echoavatar reproduce layouts` on ")
+    made, runtime = notes[-2:]
+    assert made.startswith("Made by `echoavatar reproduce layouts` on ")
+    assert "; commit " in made
+    assert runtime == "Runtime: paper."
 
 
 def test_hardware_is_named() -> None:

@@ -156,7 +156,8 @@ def _tracer(address: str | None) -> object | None:
     try:
         from echoavatar.server.tracing import export_to
 
-        return export_to(address)
+        tracer: object = export_to(address)
+        return tracer
     except ModuleNotFoundError as error:
         raise DependencyError(f"traces need {error.name}: pip install 'echoavatar[traces]'") from error
 
