@@ -2,8 +2,8 @@
 
 `tiny` runs every part in minutes and learns nothing. `rehearsal` is the size of the first default bundle: hours on
 a CPU. `paper` has the paper's settings and needs the real datasets and GPUs. All rows of a table are trained alike:
-no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none has our
-own loss terms.
+no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none has
+our own loss terms.
 """
 
 from typing import Literal
