@@ -12,7 +12,7 @@ SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/quantize tests/mo
 # Packages of their own beside the main one.
 DISTRIBUTIONS = studio research tools/character
 
-.PHONY: demo test audit release-check docs integration-test web web-test browser-test lint clean
+.PHONY: demo test audit release-check pictures docs integration-test web web-test browser-test lint clean
 
 demo: .venv-demo/ready
 	.venv-demo/bin/echoavatar demo
@@ -28,6 +28,10 @@ test: .venv-test/ready
 # Builds every distribution, installs each alone and tries it outside the checkout; uploads nothing.
 release-check:
 	$(PYTHON) scripts/release_check.py $(RELEASE_FLAGS)
+
+# The README's animated picture.
+pictures: .venv-demo/ready
+	.venv-demo/bin/python scripts/make_pictures.py
 
 # The documentation as a site, in build/site.
 docs: .venv-docs/ready

@@ -91,7 +91,7 @@ def film(
 def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
     """A camera on the face, placed by the head joint; `side` is its distance to the character's left in metres."""
     x, y, z = (float(value) for value in head)
-    return Camera(position=(x + side, y + 0.09, z + 0.78), target=(x, y + 0.075, z), field_of_view=0.33)
+    return Camera(position=(x + side, y + 0.05, z + 0.82), target=(x, y + 0.03, z), field_of_view=0.33)
 
 
 def _following(middle: Float[np.ndarray, " 3"], view: View) -> Camera:
