@@ -57,10 +57,18 @@ def test_liveliness_needs_recordings_and_ends_with_json(
     assert main(["evaluate", str(tiny_bundle), "--alive"]) == 1
     assert "--recordings" in capsys.readouterr().err
     soundfile.write(tmp_path / "voice.wav", np.random.default_rng(0).normal(0, 0.1, 5 * 24_000), 24_000)
+    card = tmp_path / "card.json"
+    card.write_text('{"name": "mine"}', "utf-8")
     asked = ["--recordings", str(tmp_path), "--seconds", "5", "--pictures", str(tmp_path / "a.png")]
+    asked += ["--card", str(card)]
     assert main(["evaluate", str(tiny_bundle), "--alive", *asked]) == 0
     said = capsys.readouterr().out.strip().splitlines()
-    assert json.loads(said[-1])["speech"]["hand_speed"] >= 0
+    speed = json.loads(said[-1])["speech"]["hand_speed"]
+    assert speed >= 0
+    told = json.loads(card.read_text("utf-8"))
+    assert (told["name"], told["alive"]["speech"]["hand_speed"]) == ("mine", speed)
+    assert main(["evaluate", str(tiny_bundle), "--alive", *asked[:-1], str(tmp_path / "none.json")]) == 1
+    assert "none.json" in capsys.readouterr().err
     assert (tmp_path / "a.png").exists()
     assert (tmp_path / "a_plot.png").exists()
 

@@ -79,6 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --actions: a picture of the body in each action; with --alive: stills of each take, and a plot",
     )
     parser.add_argument(
+        "--card", type=Path, metavar="JSON", help="with --alive: also write the rows into this card.json of a bundle"
+    )
+    parser.add_argument(
         "--repeats",
         type=_times,
         default=3,
@@ -211,9 +214,23 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> int:
 
         save_picture(args.pictures, sheet(takes))
         draw(found, args.pictures.with_stem(f"{args.pictures.stem}_plot"))
+    numbers = alive.as_json(found)
+    if args.card:
+        asked = f"--alive --clips {args.clips} --seconds {args.seconds:g} --seed {args.seed}"
+        _write_scores(args.card, f"echoavatar evaluate {asked}", numbers)
     print(alive.as_text(found))
-    print(json.dumps(alive.as_json(found)))
+    print(json.dumps(numbers))
     return 0
+
+
+def _write_scores(path: Path, command: str, numbers: dict[str, dict[str, float | None]]) -> None:
+    """Put the rows of the avatar, without those of people, into a card that is there already."""
+    try:
+        card = json.loads(path.read_text("utf-8"))
+        scores = {label: row for label, row in numbers.items() if "people" not in label and "captured" not in label}
+        path.write_text(json.dumps(card | {"alive": {"command": command} | scores}, indent=2) + "\n", "utf-8")
+    except (OSError, ValueError, TypeError) as error:
+        raise EchoAvatarError(f"--card {path} is not the card of a bundle ({error}); give its card.json") from error
 
 
 def _head_turns(acted: "Sequence[ActionScore]") -> dict[str, dict[str, list[float]]]:
