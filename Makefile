@@ -54,12 +54,12 @@ integration-test: .venv-integrations/ready
 
 .venv-demo/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-demo
-	.venv-demo/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve]'
+	.venv-demo/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve]'
 	touch $@
 
 .venv-test/ready: pyproject.toml constraints.txt $(DISTRIBUTIONS:%=%/pyproject.toml)
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[render,serve,mcp,evaluate,rehearse,train,usd,dev]' \
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,evaluate,rehearse,train,usd,dev]' \
 	    $(DISTRIBUTIONS:%=-e ./%)
 	touch $@
 

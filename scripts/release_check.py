@@ -136,6 +136,7 @@ def check_npm(folder: Path, work: Path) -> Row:
     project = work / f"npm-{folder.name}"
     shutil.rmtree(project, ignore_errors=True)
     project.mkdir()
+    problems += failed("npm ci", run(["npm", "ci", "--no-audit", "--no-fund"], folder=ROOT / "web"))
     packed = run(["npm", "pack", "--pack-destination", project, "--json"], folder=folder)
     problems += failed("npm pack", packed)
     manifest = json.loads((folder / "package.json").read_text("utf-8"))

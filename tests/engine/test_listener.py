@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from tests.engine.fakes import engine
 
 from echoavatar.engine.listener import Listener
@@ -65,4 +66,23 @@ def test_a_session_listens_but_what_was_asked_for_comes_first() -> None:
     assert running.action.name == "wave"
     assert [status.name for status in session.take_statuses()] == ["wave"]
     session.listen(quiet(2))
+    assert not session.is_listening
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_listening_ends_with_the_users_sound_without_a_silence(is_told: bool) -> None:
+    """By word of the client, or after a second in which nothing came."""
+    session = engine().open_core(seed=1)
+    session.listen(talk(1))
+    session.push(quiet(0.6), RATE)
+    while session.take() is None:
+        session.advance()
+    assert session.is_listening
+    if is_told:
+        session.end_listening()
+    else:
+        session.push(quiet(1.6), RATE)
+        while session.made < 6 * 6_400:
+            session.advance()
+            session.take()
     assert not session.is_listening

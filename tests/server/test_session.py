@@ -265,6 +265,17 @@ def test_music_is_heard_danced_to_and_ends() -> None:
     assert "dancing" in {message.state for message in room.box.of(Motion)}
 
 
+def test_a_song_that_a_client_sends_is_danced_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    room = Room()
+    monkeypatch.setattr(room.session.core, "dances_at", lambda sample: True)
+    room.speak(1, 2.0)
+    room.session.finish(End(seg=1))
+    room.go(3.0)
+    assert {message.state for message in room.box.of(Motion)} == {"dancing", "idle"}
+    assert 1 in {state.seg for state in room.box.of(State) if state.state == "dancing"}
+    assert room.box.of(State)[-1].finished == 1
+
+
 def test_speech_over_music_is_whole_and_known_by_its_number() -> None:
     room = Room()
     room.session.play(Music(id="m", op="play"), "Tune", np.full(20 * 24_000, 0.01, np.float32))
@@ -288,6 +299,9 @@ def test_the_avatar_listens_to_the_user_without_saying_it() -> None:
     room.session.hear(Audio(seg=1, start=0, pcm=pack_audio(voice.astype(np.float32)), speaker="user"))
     room.go(0.5)
     assert room.box.of(Motion)[-1].state == "listening"
+    room.session.finish(End(seg=1, speaker="user"))
+    room.go(0.5)
+    assert room.box.of(Motion)[-1].state == "idle"
     assert not room.sound().any()
 
 

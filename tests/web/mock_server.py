@@ -70,6 +70,7 @@ class MockSession:
         self._music = np.zeros(0, np.float32)
         self._played = (0, time.monotonic())
         self._state = "idle"
+        self._hears_user = False
 
     async def run(self) -> None:
         await self._socket.accept(subprotocol="echoavatar.v1.msgpack")
@@ -108,6 +109,10 @@ class MockSession:
             case Music(id=id, op=op, title=title):
                 await self._status(id, title, "started" if op == "play" else "done")
                 self._music = self._recorded["music_pcm"].copy() if op == "play" else np.zeros(0, np.float32)
+            case Audio(speaker="user"):
+                self._hears_user = True
+            case End(speaker="user"):
+                self._hears_user = False
             case Audio() | End():
                 pass
 
@@ -145,10 +150,12 @@ class MockSession:
         pcm[: len(music)] += music
         if self._tell_clock:  # a sawtooth with a period of one second
             pcm = ((self._at + np.arange(CHUNK_SAMPLES)) % SAMPLE_RATE_HZ / SAMPLE_RATE_HZ - 0.5) * 0.5
-        state = "dancing" if len(music) else "speaking" if len(speech) else "idle"
+        resting = "listening" if self._hears_user else "idle"
+        state = "dancing" if len(music) else "speaking" if np.abs(speech).max(initial=0) > 1e-3 else resting
         if state != self._state:
             self._state = state
-            await self._send(State(state=state, at=self._at, seg=self._seg, finished=0))  # type: ignore[arg-type]
+            finished = 0 if len(self._waiting) else self._seg
+            await self._send(State(state=state, at=self._at, seg=self._seg, finished=finished))  # type: ignore[arg-type]
         loudness = np.abs(np.pad(speech + 0, (0, CHUNK_SAMPLES - len(speech)))).reshape(FRAMES, -1).mean(1)
         pose = self._pose(state, loudness)
         await self._send(pack_pose(pose, at=self._at, epoch=self._epoch, state=state))  # type: ignore[arg-type]

@@ -1,9 +1,13 @@
 """The page in a real browser against a mock server: every control works."""
 
+import io
 import json
+import time
 
+import av
 import numpy as np
 import pytest
+import soundfile
 from tests.web.make_vrm import make_vrm
 
 from echoavatar.motion.kinematics import HUMANOID, read_bvh
@@ -34,6 +38,14 @@ def test_a_dropped_vrm_moves_with_its_mouth_and_is_scaled_to_its_own_legs(page, 
     page.shot(tmp_path / "vrm.png")
 
 
+def pauses() -> bytes:
+    """Sound of 20 s with a hole of 1.6 s every 3 s."""
+    seconds = np.arange(20 * 24_000) / 24_000
+    out = io.BytesIO()
+    soundfile.write(out, 0.3 * np.sin(seconds * 1_500) * (seconds % 3 < 1.4), 24_000, format="WAV")
+    return out.getvalue()
+
+
 def test_speech_is_heard_and_interrupting_stops_it(page):
     page.click("[data-source=speech]")
     page.wait("__echo.shown.state === 'speaking' && __echo.sources.output.level > 0.02")
@@ -42,6 +54,72 @@ def test_speech_is_heard_and_interrupting_stops_it(page):
     page.wait("__echo.session.player.played.epoch === 1")
     page.wait("__echo.shown.state === 'idle' && !__echo.shown.held", seconds=10)
     page.wait("document.getElementById('stop').disabled", seconds=20)
+
+
+def test_a_sound_is_one_sound_with_its_pauses_and_pressed_again_it_restarts(page):
+    """The label stays, Interrupt stays, and nothing is queued behind what still plays."""
+    page.drop("pauses.wav", pauses(), "audio/wav")
+    page.wait("__echo.shown.state === 'speaking'")
+    page.wait("document.getElementById('subtitle').textContent === 'Speaking'")
+    subtitle, stop = (f"document.getElementById('{name}')" for name in ("subtitle", "stop"))
+    looks = f"[__echo.shown.state, {subtitle}.textContent, {stop}.disabled]"
+    seen = []
+    for _ in range(60):
+        seen.append(page.ask(looks))
+        time.sleep(0.1)
+    assert "idle" in {state for state, _, _ in seen}  # a pause was seen
+    assert {(label, grey) for _, label, grey in seen} == {("Speaking", False)}
+    before = page.ask("__echo.session.segments.avatar")
+    page.click("[data-source=speech]")
+    page.wait(f"__echo.session.player.played.epoch >= 1 && __echo.session.segments.avatar === {before + 1}")
+    page.click("#stop")
+    page.wait("document.getElementById('stop').disabled", seconds=20)
+
+
+def test_listening_ends_with_the_microphone(page):
+    page.click("[data-source=microphone]")
+    page.wait("!document.getElementById('menu').hidden")
+    page.page.locator("#menu button").nth(1).dispatch_event("click")
+    page.wait("__echo.shown.state === 'listening'")
+    assert page.ask("document.getElementById('stop').disabled") is False
+    page.click("#stop")
+    page.wait("__echo.shown.state === 'idle'")
+
+
+def test_without_a_voice_it_says_what_to_install(new_page, mock_url):
+    driver = new_page()
+    driver.page.route("**/v1/voice", lambda route: route.fulfill(json={"voice": "", "max_letters": 600}))
+    driver.open(f"{mock_url}?quality=low")
+    driver.click("[data-source=text]")
+    driver.wait("document.getElementById('toasts').textContent.includes('Install espeak-ng')")
+    assert driver.ask("document.getElementById('typed').hidden")
+
+
+def test_raised_hands_stay_in_the_picture(page):
+    """A hand high over the head and one far to the side, held for two seconds."""
+    page.page.evaluate("__echo.viewport.frame(1)")
+    for place in ([0.1, 1.28, 0.1], [0.6, 0.8, 0.1]):  # of the body's height
+        inside = """(place) => {
+          const { viewport, avatar } = __echo;
+          const [x, y, z] = place.map((part) => part * viewport.tall);
+          const point = avatar.here.clone().set(x + avatar.here.x, y, z + avatar.here.z);
+          for (let k = 0; k < 60; k++) {
+            viewport.camera.updateMatrixWorld();
+            viewport.attend([point], 1 / 30);
+          }
+          viewport.camera.updateMatrixWorld();
+          point.project(viewport.camera);
+          return Math.max(Math.abs(point.x), Math.abs(point.y));
+        }"""
+        assert page.page.evaluate(inside, place) < 1
+
+
+def test_the_meter_counts_pictures(page):
+    count = "__echo.viewport.renderer.info.render.frame"
+    before, begun = page.ask(count), time.monotonic()
+    time.sleep(3)
+    drawn = (page.ask(count) - before) / (time.monotonic() - begun)
+    assert page.ask("__echo.metrics.fps") == pytest.approx(drawn, rel=0.5, abs=3)
 
 
 def test_actions_show_what_became_of_them(page):
@@ -73,8 +151,16 @@ def test_typed_text_is_said(page):
 def test_a_dropped_sound_is_played_and_nonsense_is_explained(page):
     page.drop("notes.txt", b"no sound at all", "text/plain")
     page.wait("document.getElementById('toasts').textContent.includes('holds no sound')")
-    page.drop("broken.vrm", b"no model at all")
-    page.wait("document.getElementById('toasts').textContent.includes('could not be worn')")
+    whole = make_vrm()
+    for data, told in (
+        (b"no model at all", "is not a .vrm or .glb"),
+        (b'{"asset": {}}', "separate parts"),
+        (whole[:-99], "cut off"),
+    ):
+        page.drop("broken.vrm", data)
+        page.wait(f"document.getElementById('toasts').textContent.includes('{told}')")
+    page.drop("broken.vrm", whole[:24] + b"#" * 40 + whole[64:])
+    page.wait("document.getElementById('toasts').textContent.includes('damaged inside')")
     assert page.ask("!!__echo.avatar.driver.vrm")
 
 
@@ -124,7 +210,12 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
     with page.page.expect_download() as waiting:
         page.click("#record")
     waiting.value.save_as(tmp_path / "take.webm")
-    assert (tmp_path / "take.webm").read_bytes()[:4] == b"\x1aE\xdf\xa3"
+    with av.open(str(tmp_path / "take.webm")) as film:
+        (picture,) = film.streams.video
+        assert (picture.width, picture.height) == (1920, 1080)
+        assert film.duration is not None
+        assert film.duration / av.time_base > 2
+    assert page.ask("__echo.viewport.canvas.width") < 1000  # the page's own size again
 
 
 def test_a_broken_line_comes_back_by_itself(page):

@@ -6,7 +6,7 @@ import type { Plugin } from "vite";
 const BUNDLED = [
   "three", "@pixiv/three-vrm", "@pixiv/three-vrm-core", "@pixiv/three-vrm-materials-hdr-emissive-multiplier",
   "@pixiv/three-vrm-materials-mtoon", "@pixiv/three-vrm-materials-v0compat", "@pixiv/three-vrm-node-constraint",
-  "@pixiv/three-vrm-springbone", "@msgpack/msgpack",
+  "@pixiv/three-vrm-springbone", "@msgpack/msgpack", "fix-webm-duration",
 ];
 
 /** `fileName` is relative to the built page. */

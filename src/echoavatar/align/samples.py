@@ -3,7 +3,6 @@
 Token files hold no waveform, so the codec's decoder makes the sound.
 """
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,11 +21,6 @@ from .prompts import Prompt, batch_of
 
 SIZE = (480, 360)
 SEED = 20
-
-
-def can_render_videos() -> bool:
-    """Whether the extra `render` is installed."""
-    return importlib.util.find_spec("PIL") is not None
 
 
 class SampleVideos:

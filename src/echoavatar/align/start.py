@@ -32,7 +32,7 @@ from .prompts import PromptSampler, read_token_clips
 from .quality import QualityReward
 from .reference_statistics import ReferenceStatistics, measure_reference_statistics
 from .rewards import Reward, RewardMix, imported, parse_weights
-from .samples import SampleVideos, can_render_videos
+from .samples import SampleVideos
 from .trainer import DivergedError, PolicyTask, RunContext
 
 DEFAULT_REWARDS = ("beats=1", "stresses=1", "liveliness=0.3", "smoothness=0.1", "planted_feet=0.1", "stillness=0.5")
@@ -164,7 +164,7 @@ def training_task(
     if ready.test and ready.mix.weights:
         asked = book(ready.test).spread(training.probe)
         probe = Probe(asked, judge, group=training.probe_group, motion_metrics=_motion_metrics(ready, asked))
-        if training.videos and ready.codec is not None and can_render_videos():
+        if training.videos and ready.codec is not None:
             sample_writer = SampleVideos(ready.codec, ready.tokenizer, asked[: training.videos])
     context = RunContext(
         card=ready.card | {"command": command},

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -198,12 +197,9 @@ def _draw(folder: Path) -> None:
 
 
 def _train(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> str:
-    from echoavatar.align.samples import can_render_videos
     from echoavatar.align.start import training_task, tune
 
     training = _training(args)
-    if training.videos and not can_render_videos():
-        sys.stderr.write("no videos at checkpoints: they need pip install 'echoavatar[render]'\n")
     names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
     given = {name: getattr(args, name) for name in names}
     stage = training_task(args.kind, training, ready, command=align_rewards.command_line(args), **given)

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 OK, OPTIONAL, BROKEN = "ok", "--", "!!"
 Finding = tuple[str, str, str]  # mark, what, remark
 EXTRA_OF = {  # packages that come with an extra, by the name they are imported under
-    "PIL": "render",
     "accelerate": "train",
     "anyio": "serve",
     "elevenlabs": "elevenlabs",
@@ -120,7 +119,6 @@ def _failure(module: str, error: Exception) -> Finding:
 
 def _extras() -> list[Finding]:
     uses = {
-        "PIL": "pictures and contact sheets",
         "huggingface_hub": "models from the hub",
         "librosa": "beat alignment scores",
         "pretty_midi": "music rendered with a soundfont",

@@ -56,6 +56,11 @@ class Listener:
             noticed += self._judge(frame)
         return noticed
 
+    def end(self) -> list[Noticed]:
+        """The user's sound has ended, which need not end in silence."""
+        was, self.is_listening, self._speech, self._silence = self.is_listening, False, 0.0, TURN_S
+        return [Noticed("ends", self._at)] if was else []
+
     def _judge(self, frame: Float[np.ndarray, " f"]) -> list[Noticed]:
         level = 10 * np.log10(float(np.mean(np.square(frame, dtype=np.float64))) + 1e-10)
         self._floor = min(self._floor + 0.06, level) if level > -90 else self._floor

@@ -27,7 +27,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
-from .listener import Listener, Sign
+from .listener import TURN_S, Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline import ActionLibrary
 from .playout import Delivery, PlayoutBuffer
@@ -104,6 +104,7 @@ class SessionCore:
         self._actions = ActionScheduler(host.actions, self.chunk)
         self._listener = Listener(seed)
         self._user_resampler: StreamResampler | None = None
+        self._heard_user = 0  # the next chunk when the user's sound came last
         self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
         self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
         self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
@@ -156,7 +157,14 @@ class SessionCore:
         with self._lock:
             if self._user_resampler is None or self._user_resampler.rate != rate:
                 self._user_resampler = StreamResampler(rate)
+            self._heard_user = self._barge_in.next_chunk
             for noticed in self._listener.hear(self._user_resampler.push(audio)):
+                self._react(noticed.sign)
+
+    def end_listening(self) -> None:
+        """The user's sound has ended: no silence need tell so."""
+        with self._lock:
+            for noticed in self._listener.end():
                 self._react(noticed.sign)
 
     # ---- requests
@@ -277,6 +285,11 @@ class SessionCore:
         """Whether the user speaks, or has just stopped."""
         return self._listener.is_listening
 
+    def dances_at(self, sample: int) -> bool:
+        """Whether the legs dance in the chunk of a sample, which was made."""
+        with self._lock:
+            return self._settling.is_dancing(sample // self.chunk.samples)
+
     def utterance_at(self, sample: int) -> int:
         """The utterance that begins the chunk of a sample, 0 for none."""
         with self._lock:
@@ -369,6 +382,8 @@ class SessionCore:
 
     def _with_idle_motion(self, chunk: int, motion: MotionChunk, source: str) -> MotionChunk:
         """Breath and shifts of weight, eye contact, and the clip of an action on top."""
+        if chunk - self._heard_user > self.chunk.within(TURN_S):  # the user's sound stopped without an end
+            self.end_listening()
         skeleton, is_free = self._host.skeleton, self._is_free(chunk)
         is_idle = source in ("idle", "action") and is_free
         if "idle" in self._host.additions:

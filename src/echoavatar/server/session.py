@@ -165,7 +165,8 @@ class ServerSession:
     def finish(self, message: End) -> None:
         """An utterance is complete."""
         if message.speaker == "user":
-            self._user_speech.end(message.seg)
+            if self._user_speech.end(message.seg):
+                self.core.end_listening()
         elif self.speech.end(message.seg):
             self.core.end_utterance(message.seg)
             self._tell_state(self._state.state, self.end)
@@ -267,7 +268,7 @@ class ServerSession:
     @property
     def is_quiet(self) -> bool:
         """Whether everything that was said has been played."""
-        is_silent = self.core.waiting == 0 and self._state.state != "speaking"
+        is_silent = self.core.waiting == 0 and self._state.seg == 0
         return is_silent and (self.playhead.sample >= self._state.at or not self.listeners)
 
     # ---- inside
@@ -285,6 +286,8 @@ class ServerSession:
         state = _STATES[delivery.source]
         if state == "idle" or (state == "acting" and not is_acting):  # nothing was requested
             state = "listening" if self.core.is_listening else "idle"
+        elif state == "speaking" and self.core.dances_at(delivery.start):  # a song that a client sends
+            state = "dancing"
         motion = pack_pose(Pose(*delivery.motion), at=delivery.start, epoch=self.epoch, state=state)
         sound = Sound(
             at=delivery.start,
@@ -316,7 +319,7 @@ class ServerSession:
         finished = self._state.finished
         if (done := self.core.take_finished(self.end)) is not None:
             finished, at = done[0], max(at, done[1])
-        seg = self.core.utterance_at(max(0, self.end - 1)) if state == "speaking" else 0
+        seg = self.core.utterance_at(max(0, self.end - 1)) if state in ("speaking", "dancing") else 0
         if (state, seg, finished) != (self._state.state, self._state.seg, self._state.finished):
             self._state = State(state=state, at=at, seg=seg, finished=finished)
             self.tell(self._state)

@@ -5,6 +5,8 @@ import { loadAvatar } from "@echoavatar/client/three";
 import { Box3, type Mesh, type Object3D, Vector3 } from "three";
 import type { Viewport } from "./viewport.js";
 
+const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i, /(^|[^a-z])head$/i]; // stay in the picture
+
 type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null };
 
 export class AvatarSlot {
@@ -15,6 +17,8 @@ export class AvatarSlot {
   private ready: protocol.ReadyMessage | null = null;
   private readonly here = new Vector3();
   private placed = false;
+  private ends: readonly Object3D[] = [];
+  private readonly places = ENDS.map(() => new Vector3());
 
   constructor(private readonly viewport: Viewport) {}
 
@@ -35,6 +39,11 @@ export class AvatarSlot {
     this.driver = next;
     [this.isOurs, this.file] = [isOurs, data];
     this.placed = false;
+    this.ends = ENDS.flatMap((name) => {
+      let found: Object3D | null = null;
+      next.object.traverse((node) => (found ??= name.test(node.name) ? node : null));
+      return found ?? [];
+    });
     this.viewport.scene.add(next.object);
     this.viewport.setHeight(size.max.y);
   }
@@ -44,11 +53,12 @@ export class AvatarSlot {
     this.driver?.bind(ready);
   }
 
-  /** Keeps the camera on the avatar. */
+  /** Keeps the camera on the avatar, its hands in the picture. */
   follow(seconds: number): void {
     if (!this.driver?.hips) return;
     this.driver.hips.getWorldPosition(this.here);
     this.viewport.follow(this.here.x, this.here.z, this.placed ? 1 - Math.exp(-1.5 * seconds) : 1);
     this.placed = true;
+    this.viewport.attend(this.ends.map((node, k) => node.getWorldPosition(this.places[k]!)), seconds);
   }
 }

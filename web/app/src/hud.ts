@@ -10,7 +10,7 @@ export class Hud {
   private readonly trace: number[] = [];
   private stats: protocol.StatsMessage | null = null;
   private roundTrip = NaN;
-  private fps = 60;
+  private readonly drawn: number[] = []; // when pictures were drawn in the last second
 
   constructor(private readonly box: HTMLElement, private readonly session: EchoSession) {
     const rows = ["Sync, mean", "Sync, 99 %", "First reaction", "Buffered ahead", "Network, there and back", "Model step", "Model load", "Pictures per second", "Waits for data"];
@@ -28,9 +28,11 @@ export class Hud {
     setInterval(() => !box.hidden && this.write(), 500);
   }
 
-  /** Call once per display frame. */
-  picture(seconds: number): void {
-    if (seconds > 0) this.fps += (1 / seconds - this.fps) * 0.05;
+  /** Call after each picture that was drawn. */
+  picture(): void {
+    const now = performance.now();
+    this.drawn.push(now);
+    while (this.drawn[0]! < now - 1000) this.drawn.shift();
     const { player } = this.session;
     if (!player || this.box.hidden) return;
     this.trace.push(player.sync.last);
@@ -39,7 +41,7 @@ export class Hud {
   }
 
   get summary() {
-    return { fps: this.fps, roundTrip: this.roundTrip, stats: this.stats };
+    return { fps: this.drawn.length, roundTrip: this.roundTrip, stats: this.stats };
   }
 
   private write(): void {
@@ -55,7 +57,7 @@ export class Hud {
     set("Network, there and back", ms(this.roundTrip));
     set("Model step", ms(this.stats?.step_ms ?? NaN));
     set("Model load", this.stats ? `${(this.stats.rtf * 100).toFixed(0)} %` : "–");
-    set("Pictures per second", this.fps.toFixed(0));
+    set("Pictures per second", String(this.drawn.length));
     set("Waits for data", String(player.played.underruns));
   }
 

@@ -97,8 +97,9 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
     avatar.follow(seconds);
     viewport.echoes.advance(sources.output?.level ?? 0, seconds);
     states.show(picture);
+    if (picture) viewport.suit(picture.state, seconds);
     viewport.render(seconds);
-    hud.picture(seconds);
+    hud.picture();
   };
   requestAnimationFrame(draw);
 }

@@ -2,19 +2,25 @@
 
 import type { EchoSession } from "@echoavatar/client";
 import { Take, toBvh, toGlb, toVrma } from "@echoavatar/client/export";
+import fixWebmDuration from "fix-webm-duration";
 import type { AvatarSlot } from "./avatars.js";
+import type { Viewport } from "./viewport.js";
 
 const TYPES = ["video/webm;codecs=vp9,opus", "video/webm;codecs=vp8,opus", "video/webm", "video/mp4"];
-const BITS = 6_000_000;
+const BITS = 8_000_000;
+const SIZE = { width: 1920, height: 1080 };
 
 export class VideoRecorder {
   private readonly parts: Blob[] = [];
   private readonly recorder: MediaRecorder;
 
-  constructor(canvas: HTMLCanvasElement, sound: MediaStream) {
+  private readonly begun = performance.now();
+
+  constructor(private readonly viewport: Viewport, sound: MediaStream) {
     const type = TYPES.find((candidate) => MediaRecorder.isTypeSupported(candidate));
     if (!type) throw new Error("This browser cannot record video.");
-    const stream = new MediaStream([...canvas.captureStream(30).getVideoTracks(), ...sound.getAudioTracks()]);
+    viewport.fix(SIZE);
+    const stream = new MediaStream([...viewport.canvas.captureStream(30).getVideoTracks(), ...sound.getAudioTracks()]);
     this.recorder = new MediaRecorder(stream, { mimeType: type, videoBitsPerSecond: BITS });
     this.recorder.ondataavailable = ({ data }) => data.size && this.parts.push(data);
     this.recorder.start(1000);
@@ -24,11 +30,16 @@ export class VideoRecorder {
   stop(): Promise<File> {
     const { recorder } = this;
     return new Promise((resolve) => {
-      recorder.onstop = () => {
+      const milliseconds = performance.now() - this.begun;
+      recorder.onstop = async () => {
         const type = recorder.mimeType.split(";")[0]!;
-        resolve(new File(this.parts, `echoavatar.${type.endsWith("mp4") ? "mp4" : "webm"}`, { type }));
+        const blob = new Blob(this.parts, { type });
+        if (type.endsWith("mp4")) return resolve(new File([blob], "echoavatar.mp4", { type }));
+        const whole = await fixWebmDuration(blob, milliseconds, { logger: false }); // browsers write none
+        resolve(new File([whole], "echoavatar.webm", { type }));
       };
       recorder.stop();
+      this.viewport.fix(null);
     });
   }
 }

@@ -1,6 +1,6 @@
 /** The dock: the sound sources, and the button that interrupts the avatar. */
 
-import type { EchoSession, protocol } from "@echoavatar/client";
+import type { EchoSession, Picture, Utterance, protocol } from "@echoavatar/client";
 import { Chat } from "./chat.js";
 import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
@@ -25,14 +25,16 @@ export class SourceBar {
 
   private readonly textToSpeech: TextToSpeech;
   private readonly chat: Chat;
-  private voiced = false;
+  private readonly voiced: Promise<boolean>; // whether the server's machine has a voice
+  private explained = false;
+  private spoken: { readonly utterance: Utterance; until: number } | null = null; // the avatar's newest, until it was heard
 
   constructor(private readonly session: EchoSession, token: string) {
     this.textToSpeech = new TextToSpeech(token, () => this.rate, (samples) => this.speak("text", samples), (error) => toast(explain(error)));
-    void this.textToSpeech.isPossible().then((possible) => this.show("text", (this.voiced = possible)));
+    this.voiced = this.textToSpeech.isPossible();
     this.chat = new Chat(session, {
       token,
-      voice: async (text) => (this.voiced ? this.textToSpeech.speak(text) : null),
+      voice: async (text) => ((await this.voiced) ? this.textToSpeech.speak(text) : this.explainSilence()),
       say: (samples) => this.answer(samples),
       stopSpeech: () => this.stopSpeech(),
     });
@@ -40,9 +42,11 @@ export class SourceBar {
     for (const name of Object.keys(LABELS) as Name[]) this.addButton(name);
     this.show("tab", canShareTabs());
     this.show("music", false);
-    this.show("text", false);
     this.show("chat", false);
     session.on("ready", (ready) => this.offer(ready));
+    session.on("state", ({ finished, at }) => {
+      if (this.spoken && finished >= this.spoken.utterance.seg) this.spoken.until = Math.min(this.spoken.until, at);
+    });
     const isWatching = "watch" in document.documentElement.dataset;
     if (isWatching) element("begin").textContent = "Hear it";
     element("begin").addEventListener("click", () => void (isWatching ? this.wake() : this.choose("speech")));
@@ -90,7 +94,7 @@ export class SourceBar {
   private async speak(name: Name, samples: Float32Array, title = ""): Promise<void> {
     await this.wake();
     this.replace(name, title);
-    say(this.session, samples);
+    this.hold(samples);
   }
 
   /** Plays the companion's speech; music continues under it. */
@@ -98,13 +102,19 @@ export class SourceBar {
     await this.wake();
     this.stopSpeech();
     this.mark("chat");
-    say(this.session, samples);
+    this.hold(samples);
+  }
+
+  /** Says a sound, and remembers it until it was heard. */
+  private hold(samples: Float32Array): void {
+    this.spoken = { utterance: say(this.session, samples), until: Infinity };
   }
 
   /** Stops speech but not music. */
   private stopSpeech(): void {
     this.stopCapture();
     if (this.active) this.session.interrupt();
+    this.spoken = null;
   }
 
   interrupt(): void {
@@ -112,7 +122,13 @@ export class SourceBar {
     this.stopCapture();
     this.session.music("stop");
     this.session.interrupt();
+    this.spoken = null;
     this.mark(null);
+  }
+
+  /** Whether the newest sound, its pauses included, is not over. */
+  isSpeaking({ at }: Picture): boolean {
+    return this.spoken !== null && at < this.spoken.until;
   }
 
   /** Whether anything can be interrupted. */
@@ -154,14 +170,26 @@ export class SourceBar {
     else if (name === "microphone") this.chooseSpeaker(button);
     else if (name === "tab") await this.listen("tab", await openTab(), "avatar");
     else if (name === "file") element("file").click();
-    else if (name === "text") this.textToSpeech.toggle();
+    else if (name === "text") await this.openText();
     else this.chat.toggle();
+  }
+
+  private explainSilence(): null {
+    if (!this.explained) toast("It answers in writing: the server's machine has no voice. Install espeak-ng or flite there.");
+    this.explained = true;
+    return null;
+  }
+
+  private async openText(): Promise<void> {
+    if (!(await this.voiced)) return toast("The server's machine has no voice. Install espeak-ng or flite there, and load this page again.");
+    this.textToSpeech.toggle();
   }
 
   /** Ends the previous source and starts the next. */
   private replace(name: Name, title: string): void {
-    const interrupted = this.active !== null;
+    const interrupted = this.active !== null || this.spoken !== null;
     this.stopCapture();
+    this.spoken = null;
     if (interrupted) {
       this.session.music("stop");
       this.session.interrupt();

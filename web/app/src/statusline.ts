@@ -11,7 +11,9 @@ const LINES: Record<LineState, string> = {
 
 export class StatusLine {
   private text = "";
-  private busyAt = -Infinity; // sample at which the avatar last spoke or danced
+  private busyAt = -Infinity; // sample at which there was last something to interrupt
+  private isBusy = false;
+  private last: protocol.MotionMessage["state"] = "speaking";
 
   constructor(session: EchoSession, private readonly actions: ActionPanel, private readonly sources: SourceBar) {
     const line = document.getElementById("line")!;
@@ -23,10 +25,13 @@ export class StatusLine {
   show(picture: Picture | null): void {
     if (!picture) return;
     const { state } = picture;
-    const busy = state === "speaking" || state === "dancing";
-    if (busy) this.busyAt = picture.at;
-    this.sources.busy = Math.abs(picture.at - this.busyAt) < 36_000; // a new session's clock starts at 0
-    const text = this.words(state);
+    const speaking = this.sources.isSpeaking(picture);
+    const acting = state === "acting" && this.isBusy; // sound may go on under an action
+    if (state === "speaking" || state === "dancing" || speaking || acting) this.busyAt = picture.at;
+    this.isBusy = Math.abs(picture.at - this.busyAt) < 36_000; // a new session's clock starts at 0
+    this.sources.busy = this.isBusy;
+    if (state === "speaking" || state === "dancing") this.last = state;
+    const text = this.words(speaking && (state === "idle" || state === "acting") ? this.last : state); // through pauses
     if (text !== this.text) subtitle(text);
     this.text = text;
   }

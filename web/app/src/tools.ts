@@ -11,7 +11,7 @@ import type { Viewport } from "./viewport.js";
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
 type Kind = MotionKind | "webm";
 const KINDS: readonly { id: Kind; label: string; hint: string }[] = [
-  { id: "webm", label: "Video with sound", hint: "WebM" },
+  { id: "webm", label: "Video with sound", hint: "WebM, 1920 × 1080" },
   { id: "glb", label: "The moving character", hint: "GLB, for Blender, Unity, Unreal, Godot" },
   { id: "vrma", label: "Motion for VRM avatars", hint: "VRMA, body and face" },
   { id: "bvh", label: "Motion capture file", hint: "BVH, body" },
@@ -76,7 +76,7 @@ export class Tools {
   private begin(button: HTMLElement, kind: Kind): void {
     try {
       const sound = this.output()?.recording.stream ?? new MediaStream();
-      this.recording = kind === "webm" ? new VideoRecorder(this.viewport.canvas, sound) : new MotionRecorder(this.session, kind, this.avatar);
+      this.recording = kind === "webm" ? new VideoRecorder(this.viewport, sound) : new MotionRecorder(this.session, kind, this.avatar);
       button.classList.add("on");
       button.setAttribute("aria-label", "Stop recording");
       toast("Recording. Press the red button to end it.");

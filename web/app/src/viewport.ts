@@ -16,6 +16,14 @@ const VIEWS = [
   { height: 0.9, distance: 1.25, side: 0.12 },
 ];
 
+const GLIDE = 2.2; // per second, how fast the camera reaches a view
+const SETTLED_S = 1.2; // a state must last so long before the camera follows it
+const MARGIN = 0.86; // of the picture's half height and width, in which hands and head stay
+const REACH = 0.14; // metres of fingers beyond a wrist, for a body of 1.65 m
+const FULL = 0;
+const UPPER = 1;
+const CLOSE = 2;
+
 export class Viewport {
   readonly renderer: WebGLRenderer;
   readonly scene = new Scene();
@@ -27,7 +35,15 @@ export class Viewport {
   private readonly key = new DirectionalLight(0xfff1e0, 2.6);
   private readonly floor = new Mesh(new PlaneGeometry(30, 30), new ShadowMaterial({ opacity: 0.3 }));
   private readonly centre = new Vector3();
-  private view = 0;
+  private readonly goal = { position: new Vector3(), target: new Vector3() };
+  private readonly arm = new Vector3();
+  private readonly sight = { forward: new Vector3(), right: new Vector3(), up: new Vector3() };
+  private view = FULL;
+  private isGliding = false;
+  private isChosen = false; // by the visitor
+  private suited = { view: FULL, seconds: 0 };
+  private widened = 1; // how much further away the camera is so that hands stay in the picture
+  private fixed: { width: number; height: number } | null = null;
   private tall = 1.65;
 
   constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean) {
@@ -41,8 +57,12 @@ export class Viewport {
     this.floor.rotation.x = -Math.PI / 2;
     this.floor.receiveShadow = true;
     this.scene.add(this.backdrop.mesh, this.floor, this.echoes.mesh);
+    this.controls.addEventListener("start", () => ([this.isGliding, this.isChosen] = [false, true]));
     canvas.addEventListener("dblclick", () => this.frame());
-    window.addEventListener("resize", () => this.resize());
+    window.addEventListener("resize", () => {
+      this.resize();
+      if (!this.isChosen) this.frame(this.view, true);
+    });
     this.resize();
     this.frame();
   }
@@ -56,21 +76,64 @@ export class Viewport {
   }
 
   /** Returns to the chosen view; `index` chooses another. */
-  frame(index = this.view): void {
+  frame(index = this.view, glides = false): void {
     this.view = index % VIEWS.length;
     const { height, distance: wide, side } = VIEWS[this.view]!;
     const narrow = Math.min(1, this.camera.aspect / 0.72);
     const distance = (wide * (this.tall / 1.65)) / narrow ** 0.75;
-    this.controls.target.set(this.centre.x, height * this.tall, this.centre.z);
     const forward = Math.sqrt(1 - side * side);
-    this.camera.position.set(
-      this.centre.x + side * distance, height * this.tall + 0.07 * distance, this.centre.z + forward * distance,
-    );
+    const { position, target } = this.goal;
+    target.set(this.centre.x, height * this.tall, this.centre.z);
+    position.set(this.centre.x + side * distance, height * this.tall + 0.07 * distance, this.centre.z + forward * distance);
+    this.isGliding = glides;
+    if (glides) return;
+    this.widened = 1;
+    this.controls.target.copy(target);
+    this.camera.position.copy(position);
     this.controls.update();
   }
 
   nextView(): void {
-    this.frame(this.view + 1);
+    this.isChosen = true;
+    this.frame(this.view + 1, true);
+  }
+
+  /** Shows the upper body of who speaks and the whole body of who dances, until the visitor chooses a view. */
+  suit(state: string, seconds: number): void {
+    const view = state === "dancing" ? FULL : state === "speaking" ? UPPER : this.view;
+    this.suited = view === this.suited.view ? { view, seconds: this.suited.seconds + seconds } : { view, seconds: 0 };
+    if (!this.isChosen && view !== this.view && this.suited.seconds > SETTLED_S) this.frame(view, true);
+  }
+
+  /** Moves the camera back while one of these points (hands, head) would leave the picture. */
+  attend(points: readonly Vector3[], seconds: number): void {
+    if (this.view === CLOSE || !points.length) return;
+    const { forward, right, up } = this.sight;
+    const { target } = this.controls;
+    this.camera.matrixWorld.extractBasis(right, up, forward); // the camera looks along -Z
+    const distance = this.camera.position.distanceTo(target) / this.widened;
+    const half = Math.tan((this.camera.fov * Math.PI) / 360) * MARGIN;
+    const reach = (REACH * this.tall) / 1.65;
+    let needed = distance;
+    for (const point of points) {
+      this.arm.copy(point).sub(target);
+      const high = Math.abs(this.arm.dot(up)) + reach;
+      const wide = (Math.abs(this.arm.dot(right)) + reach) / this.camera.aspect;
+      needed = Math.max(needed, Math.max(high, wide) / half + this.arm.dot(forward));
+    }
+    const wanted = Math.min(2.2, needed / distance);
+    const speed = wanted > this.widened ? 6 : 0.7; // quickly away, slowly back
+    const next = this.widened + (wanted - this.widened) * (1 - Math.exp(-speed * seconds));
+    this.camera.position.sub(target).multiplyScalar(next / this.widened).add(target);
+    this.widened = next;
+  }
+
+  /** Draws pictures of this size whatever the window's, for a recording; `null` ends it. */
+  fix(size: { width: number; height: number } | null): void {
+    this.fixed = size;
+    this.canvas.classList.toggle("fixed", size !== null);
+    this.resize();
+    this.frame(this.view, true);
   }
 
   /** Scales the views to the avatar's height in metres. */
@@ -84,7 +147,7 @@ export class Viewport {
     const [dx, dz] = [(x - this.centre.x) * ease, (z - this.centre.z) * ease];
     this.centre.x += dx;
     this.centre.z += dz;
-    for (const vector of [this.controls.target, this.camera.position]) {
+    for (const vector of [this.controls.target, this.camera.position, this.goal.target, this.goal.position]) {
       vector.x += dx;
       vector.z += dz;
     }
@@ -94,19 +157,33 @@ export class Viewport {
 
   /** Draws a frame; `seconds` since the previous one. */
   render(seconds: number): void {
-    if (this.resolution.picture(seconds)) this.resize();
+    if (!this.fixed && this.resolution.picture(seconds)) this.resize();
+    this.glide(seconds);
     this.controls.update();
     this.renderer.render(this.scene, this.camera);
   }
 
   resize(): void {
-    const [width, height] = [window.innerWidth, window.innerHeight];
-    this.renderer.setPixelRatio((this.low ? 1 : Math.min(window.devicePixelRatio, 2)) * this.resolution.scale);
+    const { width, height } = this.fixed ?? { width: window.innerWidth, height: window.innerHeight };
+    const density = (this.low ? 1 : Math.min(window.devicePixelRatio, 2)) * this.resolution.scale;
+    this.renderer.setPixelRatio(this.fixed ? 1 : density);
     this.renderer.setSize(width, height, false);
     this.backdrop.resize(width, height);
     this.camera.aspect = width / height;
     this.camera.setViewOffset(width, height, 0, height * (width < 900 ? 0.1 : 0.045), width, height);
     this.camera.updateProjectionMatrix();
+  }
+
+  private glide(seconds: number): void {
+    if (!this.isGliding) return;
+    const { position, target } = this.goal;
+    const { camera, controls } = this;
+    camera.position.sub(controls.target).divideScalar(this.widened).add(controls.target);
+    const share = 1 - Math.exp(-GLIDE * seconds);
+    camera.position.lerp(position, share);
+    controls.target.lerp(target, share);
+    this.isGliding = camera.position.distanceTo(position) > 0.01;
+    camera.position.sub(controls.target).multiplyScalar(this.widened).add(controls.target);
   }
 
   private light(): void {

@@ -25,7 +25,7 @@ def draw_overview(corpus: Corpus, folder: Path, *, sheets: int = 3) -> list[Path
     """Write `duration.png`, `speed.png`, `pose.png` and contact sheets of clips spread over the set.
 
     Raises:
-        DependencyError: matplotlib or pillow is missing.
+        DependencyError: matplotlib is missing.
     """
     plot = _pyplot()
     folder.mkdir(parents=True, exist_ok=True)
@@ -57,7 +57,7 @@ def _pyplot() -> Any:
         import matplotlib
     except ImportError as error:
         raise DependencyError(
-            "pictures need matplotlib; run: pip install 'echoavatar[evaluate,render]', or pass --no-pictures"
+            "pictures need matplotlib; run: pip install 'echoavatar[evaluate]', or pass --no-pictures"
         ) from error
     matplotlib.use("Agg")
     from matplotlib import pyplot

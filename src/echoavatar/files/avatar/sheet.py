@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from echoavatar.errors import DependencyError
 from echoavatar.motion.kinematics import Motion
 
 from .video import film
@@ -37,9 +36,7 @@ def contact_sheet(
 
 
 def save_picture(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write a PNG or JPEG, chosen by the suffix; raises DependencyError without pillow."""
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise DependencyError("pictures need pillow; run: pip install 'echoavatar[render]'") from error
+    """Write a PNG or JPEG, chosen by the suffix."""
+    from PIL import Image
+
     Image.fromarray(picture).save(path)

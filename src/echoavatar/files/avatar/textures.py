@@ -7,8 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from echoavatar.errors import DependencyError
-
 NAMES = ("atlas", "hair", "knit", "twill")
 
 
@@ -42,11 +40,9 @@ LEVELS = 6
 
 
 def decoded(textures: Textures) -> Texels:
-    """Decode the pictures and reduce each by halves; raises DependencyError without pillow."""
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise DependencyError("pictures need pillow; run: pip install 'echoavatar[render]'") from error
+    """Decode the pictures and reduce each by halves."""
+    from PIL import Image
+
     lists, table, start = [], np.zeros((len(NAMES), LEVELS, 3), np.int64), 0
     for row, name in enumerate(NAMES):
         level = np.asarray(Image.open(io.BytesIO(getattr(textures, name))).convert("RGBA"))
