@@ -49,7 +49,7 @@ export class SourceBar {
     });
     const isWatching = "watch" in document.documentElement.dataset;
     if (isWatching) element("begin").textContent = "Hear it";
-    element("begin").addEventListener("click", () => void (isWatching ? this.wake() : this.choose("speech")));
+    element("begin").addEventListener("click", () => void (isWatching ? this.wake() : this.greet()));
     element("stop").addEventListener("click", () => this.interrupt());
     const input = element("file") as HTMLInputElement;
     input.addEventListener("change", () => {
@@ -80,6 +80,12 @@ export class SourceBar {
       this.mark(null);
       toast(explain(error as Error));
     }
+  }
+
+  /** Begins to speak with a wave. */
+  private async greet(): Promise<void> {
+    await this.choose("speech");
+    if (this.session.ready?.actions.includes("wave")) this.session.act("wave");
   }
 
   /** Plays a sound file. */
