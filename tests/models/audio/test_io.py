@@ -26,7 +26,7 @@ def encode(path, codec: str, rate: int = 44_100, seconds: float = 3.0) -> None:
 
 
 @pytest.mark.parametrize("rate", [8_000, 16_000, 24_000, 96_000])
-@pytest.mark.parametrize("channels", [1, 2, 6])
+@pytest.mark.parametrize("channels", [1, 2, 6, 9, 40])
 def test_wav_of_any_rate_and_channel_count(tmp_path, rate, channels):
     soundfile.write(tmp_path / "a.wav", np.repeat(tone(rate)[:, None], channels, 1), rate)
     audio = read_audio(tmp_path / "a.wav")

@@ -131,6 +131,7 @@ def _frames(container: Any, path: Path) -> Iterator[tuple[Float[np.ndarray, "s c
         if packet is None:
             return
         for frame in frames:
-            converter = converter or av.AudioResampler(format="fltp", layout=frame.layout, rate=frame.sample_rate)
+            # Packed samples: PyAV reads beyond the list of planes where there are more than eight.
+            converter = converter or av.AudioResampler(format="flt", layout=frame.layout, rate=frame.sample_rate)
             for converted in converter.resample(frame):
-                yield converted.to_ndarray().T, converted.sample_rate
+                yield converted.to_ndarray().reshape(converted.samples, -1), converted.sample_rate
