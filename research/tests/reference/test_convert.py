@@ -39,7 +39,7 @@ def test_everything_about_running_it_is_data(bundle, imported):
     assert bundle.generator.config.sequence == "prefix"
     assert not bundle.runtime.level_control
     assert bundle.runtime.lead_in_s == 0
-    assert bundle.runtime.silent_temperature == bundle.runtime.restless_temperature == 1.0
+    assert bundle.runtime.silent_temperature == 1.0
     assert bundle.face.config.context == 56
     assert list(bundle.actions) == ["idle", "wave", "stand"]
     card = json.loads((imported / "card.json").read_text())

@@ -46,7 +46,7 @@ def test_the_papers_runtime_has_nothing_of_ours() -> None:
     assert not paper.level_control
     assert paper.lead_in_s == 0
     assert paper.cylinder
-    assert paper.silent_temperature == paper.restless_temperature == 1
+    assert paper.silent_temperature == 1
 
 
 def test_every_addition_has_a_switch() -> None:

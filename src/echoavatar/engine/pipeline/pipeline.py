@@ -28,11 +28,10 @@ from echoavatar.models.tokenizer.body import BodyState
 from echoavatar.models.tokenizer.model import DecoderState
 from echoavatar.models.warp import WarpModelState
 from echoavatar.motion.ik import BodyProfile, Cylinder
-from echoavatar.motion.kinematics.features import part_sizes
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
-from echoavatar.nn import StreamState, write_rows
+from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import compilations
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
@@ -47,8 +46,6 @@ _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
-STILL = 0.0125  # a body is still below this mean, over a chunk, of each frame's largest change of an upper-body feature
-PATIENCE = 6  # still chunks (1.6 s) after which codes are drawn at a higher temperature
 SILENCE = 0.003  # RMS of a silent chunk behind the level control, -50 dBFS
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, WARP)
 
@@ -74,7 +71,6 @@ class PipelineState(StreamState):
     face: list[FaceState]  # one, or none without a face model
     time_warp: list[WarpState]  # one, or none without a warp model
     seeds: Int[Tensor, " b"]
-    still: Int[Tensor, " b"]  # consecutive chunks in which the body was still although there was sound
 
 
 class Pipeline:
@@ -129,11 +125,7 @@ class Pipeline:
         config = bundle.generator.config
         self.chunk = bundle.chunk
         self.directive_codes = len(config.directed) * config.layout.motion_codes
-        self._silent, self._restless = runtime.silent_temperature, runtime.restless_temperature
-        sizes = {} if runtime.rig else part_sizes(bundle.skeleton)
-        before = list(sizes).index("upper") if "upper" in sizes else 0
-        start = sum(list(sizes.values())[:before])
-        self._upper = slice(start, start + sizes.get("upper", 0))  # the features that show stillness
+        self._silent = runtime.silent_temperature
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.on_stage: OnStage = _ignore
@@ -161,7 +153,6 @@ class Pipeline:
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
             self._init_warp(rows),
-            torch.zeros(rows, dtype=torch.int64),
             torch.zeros(rows, dtype=torch.int64),
         )
 
@@ -202,24 +193,10 @@ class Pipeline:
             self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
             self.warm_start.state()
 
-    def _temperature(self, is_silent: Bool[Tensor, " b"], state: PipelineState) -> Float[Tensor, " b"]:
-        """The sampling temperature of each row: lower in silence, so that hands settle; higher after long stillness."""
+    def _temperature(self, is_silent: Bool[Tensor, " b"]) -> Float[Tensor, " b"]:
+        """The sampling temperature of each row: lower in silence, so that hands settle."""
         full = torch.full(is_silent.shape, self.generator.config.temperature)
-        full = torch.where(state.still >= PATIENCE, self._restless * full, full)
         return torch.where(is_silent, self._silent * full, full)
-
-    def _count_still_chunks(
-        self, features: Float[Tensor, "b t c"], is_free: Bool[Tensor, " b"], state: PipelineState, active: Tensor
-    ) -> None:
-        """Count the consecutive chunks in which a row was still although it was free to move and there was sound.
-
-        A generator can get stuck in a pose that predicts itself, for many seconds of speech.
-        """
-        upper = features[..., self._upper]
-        if not upper.shape[2]:
-            return
-        moved = upper.diff(dim=1).abs().amax(2).mean(1).cpu()
-        write_rows(state.still, torch.where(is_free & (moved < STILL), state.still + 1, 0), active)
 
     def encode_audio(
         self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
@@ -260,14 +237,12 @@ class Pipeline:
             state.generator,
             active.to(there),
             seeds=state.seeds.to(there),
-            temperature=self._temperature(is_silent, state).to(there),
+            temperature=self._temperature(is_silent).to(there),
             exemplar=exemplar,
             bias=bias,
         )
         self.on_stage("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
-        is_free = ~is_silent if directive is None else ~is_silent & ~(directive.exemplar > 0).any(1).cpu()
-        self._count_still_chunks(features, is_free, state, active)
         self.on_stage("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)

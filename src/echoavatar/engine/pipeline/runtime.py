@@ -22,7 +22,6 @@ SESSION = ("settling", "idle", "expression", "blinks")  # what a session adds to
 NUMBERS = {
     "level": ("level_control", False),
     "calm": ("silent_temperature", 1.0),
-    "restless": ("restless_temperature", 1.0),
     "lead-in": ("lead_in_s", 0.0),
 }  # addition -> its field, and the paper's value
 ADDITIONS = (*NUMBERS, *SWITCHES, WARP, *SESSION)
@@ -34,11 +33,6 @@ class Runtime(Config):
     level_control: bool = Field(default=True, description="whether sound is brought to one loudness first")
     silent_temperature: float = Field(
         default=0.3, ge=0, description="factor of the temperature in silence (ours: 0.3, paper: 1)"
-    )
-    restless_temperature: float = Field(
-        default=1.5,
-        gt=0,
-        description="factor of the temperature once the body has been still for 1.6 s of sound (paper: 1)",
     )
     lead_in_s: float = Field(
         default=2.0,
