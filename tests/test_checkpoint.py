@@ -93,7 +93,9 @@ def test_a_module_is_loaded_with_its_weights(tmp_path: Path) -> None:
     assert torch.equal(next(module.parameters()), checkpoint.read_weights(tmp_path)["0.weight"])
 
 
-@pytest.mark.parametrize("asked", [{"layers": 10**9}, {"width": 10**5}, {"width": 10**9}, {"width": -1}])
+@pytest.mark.parametrize(
+    "asked", [{"layers": 10**9}, {"width": 10**5}, {"width": 10**9}, {"width": 10**21}, {"width": -1}]
+)
 def test_a_config_that_asks_for_more_than_there_is_is_refused_at_once(tmp_path: Path, asked: dict[str, int]) -> None:
     with pytest.raises(CheckpointError, match=r"config\.json describes no model of these weights"):
         checkpoint.load(stored(tmp_path, **asked), Stack, stack)

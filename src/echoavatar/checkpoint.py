@@ -99,7 +99,7 @@ def build_for(weights: Mapping[str, Tensor], build: Callable[[], ModuleT], *, or
     try:
         with _no_larger_than(weights):
             module = build()
-    except (ArithmeticError, MemoryError, RuntimeError, ValueError) as error:
+    except (ArithmeticError, MemoryError, RuntimeError, TypeError, ValueError) as error:  # torch: 2^70 is a TypeError
         reason = str(error).split("\n")[0][:160]
         raise CheckpointError(f"{origin}: config.json describes no model of these weights: {reason}") from error
     load_into(module, weights, origin=origin)
