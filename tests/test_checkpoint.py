@@ -93,6 +93,13 @@ def test_a_module_is_loaded_with_its_weights(tmp_path: Path) -> None:
     assert torch.equal(next(module.parameters()), checkpoint.read_weights(tmp_path)["0.weight"])
 
 
+def test_no_random_values_are_drawn_for_weights_that_are_stored(tmp_path: Path) -> None:
+    stored(tmp_path)
+    before = torch.get_rng_state()
+    checkpoint.load(tmp_path, Stack, stack)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
 @pytest.mark.parametrize(
     "asked", [{"layers": 10**9}, {"width": 10**5}, {"width": 10**9}, {"width": 10**21}, {"width": -1}]
 )

@@ -17,6 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.nn.modules.module import register_module_parameter_registration_hook
+from torch.overrides import TorchFunctionMode
 
 from .config import Config
 from .errors import CheckpointError
@@ -26,6 +27,7 @@ ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
 LARGEST_WEIGHTS_BYTES = 1 << 36
 _SCALE = ".int8_scale"
+_DRAWS = {Tensor.normal_, Tensor.uniform_, nn.init.normal_, nn.init.uniform_, nn.init.kaiming_uniform_}
 
 
 def read_config(folder: Path, kind: type[ConfigT]) -> ConfigT:
@@ -97,13 +99,32 @@ def build_for(weights: Mapping[str, Tensor], build: Callable[[], ModuleT], *, or
         CheckpointError: the module is larger than the weights, or does not fit them.
     """
     try:
-        with _no_larger_than(weights):
+        with _no_larger_than(weights), _Unset():
             module = build()
     except (ArithmeticError, MemoryError, RuntimeError, TypeError, ValueError) as error:  # torch: 2^70 is a TypeError
         reason = str(error).split("\n")[0][:160]
         raise CheckpointError(f"{origin}: config.json describes no model of these weights: {reason}") from error
     load_into(module, weights, origin=origin)
     return module
+
+
+class _Unset(TorchFunctionMode):
+    """Leave out the random first values of parameters: `load_into` overwrites every one of them.
+
+    Drawing them takes as long as reading the weights that replace them.
+    """
+
+    def __torch_function__(
+        self,
+        func: Callable[..., object],
+        types: object,
+        args: tuple[object, ...] = (),
+        kwargs: dict[str, object] | None = None,
+    ) -> object:
+        kwargs = kwargs or {}
+        if func in _DRAWS:
+            return args[0] if args else kwargs["tensor"]
+        return func(*args, **kwargs)
 
 
 @contextmanager

@@ -62,6 +62,7 @@ def serve(
     name = f"[{host}]" if ":" in host else host
     address = f"{'https' if ssl_certfile else 'http'}://{name}:{listener.getsockname()[1]}"
     gc.collect()
+    gc.set_threshold(700, 10, 10)  # Python's own: the command line raised it for the start
     gc.freeze()  # what was loaded stays: else Python lets 100,000 objects of garbage gather before it looks for cycles
     config = configure(app, ssl_certfile=ssl_certfile, ssl_keyfile=ssl_keyfile)
     with listener:
