@@ -93,7 +93,8 @@ def test_a_loss_that_is_no_number_ends_the_run():
         loop.advance()
 
 
-def test_bfloat16_products_are_close_and_not_the_same():
+def test_bfloat16_products_are_close_and_not_the_same(monkeypatch):
+    monkeypatch.setattr("echoavatar.training.loop.multiplies_bfloat16", lambda device: True)
     rough, fine = (Loop(Line(CONFIG.model_copy(update={"autocast": on}))) for on in (True, False))
     torch.manual_seed(0)
     a = rough.advance()["loss"]
@@ -101,6 +102,16 @@ def test_bfloat16_products_are_close_and_not_the_same():
     b = fine.advance()["loss"]
     assert a != b
     assert a == pytest.approx(b, rel=0.02)
+
+
+def test_a_processor_that_is_slow_at_bfloat16_is_not_asked_for_it(monkeypatch):
+    monkeypatch.setattr("echoavatar.training.loop.multiplies_bfloat16", lambda device: False)
+    losses = []
+    for on in (True, False):
+        loop = Loop(Line(CONFIG.model_copy(update={"autocast": on})))
+        torch.manual_seed(0)
+        losses.append(loop.advance()["loss"])
+    assert losses[0] == losses[1]
 
 
 def test_the_clock_counts_where_it_is_part_of_the_schedule():

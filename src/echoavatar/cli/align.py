@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
         child.add_argument("--credit", choices=("sequence", "to_go"), help="(default: the recipe's)")
         child.add_argument(
-            "--autocast", action="store_true", help="multiply in bfloat16; faster on processors that support it"
+            "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
         )
         child.add_argument(
             "--track",

@@ -56,7 +56,7 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     alignment.add_argument("--batch", type=int, default=64, help="windows per step (default: %(default)s)")
     for child in (quality, alignment):
         child.add_argument(
-            "--autocast", action="store_true", help="multiply in bfloat16; faster on processors that support it"
+            "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
         )
     for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
         child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")

@@ -27,6 +27,7 @@ The live pipeline does not import this room. May import `checkpoint`, `config` a
 
 from .config import Schedule, TrainingConfig
 from .loop import Loop
+from .muon import Muon
 from .run import Progress, train
 from .signals import Interrupted
 from .state import has_state
@@ -37,6 +38,7 @@ __all__ = [
     "Interrupted",
     "Loop",
     "Loss",
+    "Muon",
     "Progress",
     "Schedule",
     "TrainingTask",

@@ -15,6 +15,7 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 
 from . import state
 from .averaged_weights import AveragedWeights
+from .muon import multiplies_bfloat16
 from .processes import Processes, full_state_dicts, full_tensor, placed_like
 from .task import BatchT, Loss, TrainingTask, row_count, take_rows
 
@@ -51,6 +52,7 @@ class Loop(Generic[BatchT]):
         self.average = AveragedWeights(stage.modules, stage.config.average) if stage.config.average else None
         self.step = 0
         self.seconds = 0.0
+        self._autocast = stage.config.autocast and multiplies_bfloat16(self.processes.device)
 
     def done(self) -> float:
         """Share of the run completed, by steps or by time, whichever is larger."""
@@ -79,7 +81,7 @@ class Loop(Generic[BatchT]):
             share = stage.weight(batch) / every
             is_last = piece == first + stage.config.accumulation - 1
             with nullcontext() if is_last else self.processes.without_reduction(self._loss_module):
-                with torch.autocast(device.type, torch.bfloat16, enabled=stage.config.autocast):
+                with torch.autocast(device.type, torch.bfloat16, enabled=self._autocast):
                     loss = self._loss_module(batch, step)
                 # processes average their gradients, but the shares add up over all processes
                 (loss.total * (share * self.processes.count)).backward()

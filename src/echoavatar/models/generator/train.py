@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
-from echoavatar.training import Loss, Progress, TrainingTask, adamw, has_state, train
+from echoavatar.training import Loss, Muon, Progress, TrainingTask, adamw, has_state, train
 
 from ..tokens import corrupt_hierarchically, corrupt_uniformly
 from .config import GeneratorConfig
@@ -93,7 +93,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         inner = layers if self.config.optimiser == "muon" else []
         found: list[torch.optim.Optimizer] = [adamw(self.modules.values(), self.config, but=inner)]
         if inner:  # matched to AdamW's step size, one rate serves both
-            found.append(torch.optim.Muon(inner, lr=rate, weight_decay=decay, adjust_lr_fn="match_rms_adamw"))
+            found.append(Muon(inner, rate=rate, weight_decay=decay))
         return found
 
     def clipped_parameters(self) -> Iterable[nn.Parameter]:
