@@ -42,6 +42,9 @@ class FakeExperiment:
     def say(self, line: str) -> None:
         self.said.append(line)
 
+    def foreign_motions(self):
+        return {}
+
     def generated_motions(self, choice):
         self.asked.append(choice.name)
         return [motion_of(one) for one in self.test_clips]

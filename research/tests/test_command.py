@@ -1,7 +1,9 @@
 import argparse
+import re
 from pathlib import Path
 
 import pytest
+from tests.evaluation.clips import clip, folder
 
 from echoavatar.cli import main
 from echoavatar_research import run
@@ -21,7 +23,29 @@ def test_a_command_is_told_without_places() -> None:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     args = parser.parse_args(["main", "-o", "/a/b/runs", "--corpus", "/c/set", "--seed", "3"])
-    assert _command(args) == "echoavatar reproduce main --scale tiny -o runs --corpus set --seed 3"
+    assert _command(args, "main") == "echoavatar reproduce main --scale tiny -o runs --corpus set --seed 3"
+
+
+def test_bad_requests_are_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one = folder(tmp_path / "unsplit", [clip(name, 90, split="train") for name in "abc"], is_corpus=True)
+    two = folder(
+        tmp_path / "split", [*(clip(name, 90) for name in "abc"), clip("d", 90, split="train")], is_corpus=True
+    )
+    for words, told in (
+        (
+            ["main", "--corpus", str(one)],
+            r"unsplit has no split to test on \(3 train, 0 val, 0 test\).*--test-every 10",
+        ),
+        (["layouts", "--with", "A=made"], "layouts has no lines of other systems; --with goes with main"),
+        (["main", "--with", "A=x", "--with", "A=y"], "two --with have the same name"),
+        (["main", "--corpus", str(two), "--with", "A=none"], "none is not a folder"),
+        (["main", "--device", "tpu"], "no device 'tpu'"),
+        (["latency", "--model", str(tmp_path)], f"{tmp_path}"),
+    ):
+        assert main(["reproduce", *words, "-o", str(tmp_path / "out")]) == 1
+        err = capsys.readouterr().err
+        assert re.search(told, err), err
+        assert err.splitlines()[-1].startswith("echoavatar: ")
 
 
 @pytest.mark.slow

@@ -1,6 +1,11 @@
+import sys
 from pathlib import Path
 
-from echoavatar_research.formats import as_csv, draw, latex, markdown, write
+import pytest
+
+from echoavatar.cli import main
+from echoavatar.errors import DependencyError
+from echoavatar_research.formats import as_csv, draw, latex, markdown, want_pictures, write
 from echoavatar_research.table import Cell, Column, Line, Table
 
 TABLE = Table(
@@ -42,3 +47,18 @@ def test_a_table_is_written_four_ways_and_the_picture_has_a_panel_for_each_colum
     draw(TABLE, tmp_path / "t.svg")
     text = (tmp_path / "t.svg").read_text()
     assert all(said in text for said in ("FID", "Time (ms)", "paper", "a_b"))
+
+
+def test_a_deviation_over_seeds_stands_beside_its_mean() -> None:
+    table = Table("t", "T", [Column("fid", "FID")], [Line("a", {}, {"fid": Cell(2.0, spread=0.25)})])
+    assert "| a | 2 ± 0.25 |" in markdown(table)
+    assert as_csv(table).splitlines() == ["row,fid,fid_low,fid_high,fid_spread", "a,2,,,0.25"]
+    assert r"2 $\pm$ 0.25" in latex(table)
+
+
+def test_missing_matplotlib_is_told_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(DependencyError, match="pip install"):
+        want_pictures()
+    assert main(["reproduce", "main", "-o", str(tmp_path)]) == 1
+    assert not any(tmp_path.iterdir())

@@ -10,11 +10,11 @@ def test_every_generator_and_baseline_has_a_line(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(main, "generation_scores", counted)
     experiment = FakeExperiment()
     table = main.make(experiment)
-    assert experiment.asked == ["corruption-none", "corruption-uniform", "body-parts", "offline"]
+    assert experiment.asked == ["corruption-none", "corruption-uniform", "body-parts", "exemplars", "offline"]
     lines = {line.name: line for line in table.lines}
     assert lines["GT"].ours["fid"].value < 1e-6 < lines["Mean pose"].ours["fid"].value
-    assert lines["MECo"].paper["fid"] == 14.73
-    assert not lines["MECo"].ours
+    assert lines["MECo (quoted)"].paper["fid"] == 14.73
+    assert not lines["MECo (quoted)"].ours
     assert "fid" not in lines["Ours (uniform corruption)"].paper
     assert not lines[main.OFFLINE].paper
 

@@ -4,7 +4,7 @@ import pytest
 from research.tests.fakes import FakeExperiment, counted
 
 from echoavatar_research import layouts
-from echoavatar_research.run import INTERVALS, NOTHING_LEARNED, hardware, reproduce
+from echoavatar_research.run import INTERVALS, NOTHING_LEARNED, reproduce
 
 
 def test_a_table_ends_with_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -18,7 +18,3 @@ def test_a_table_ends_with_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) 
     assert made.startswith("Made by `echoavatar reproduce layouts` on ")
     assert "; commit " in made
     assert runtime == "Runtime: paper."
-
-
-def test_hardware_is_named() -> None:
-    assert "cores" in hardware("cpu")

@@ -13,7 +13,9 @@ OWN = {"parts", "log_every", "losses", "depth_weights", "is_principal_start", "i
     ("recipe", "sizes", "training"),
     [
         ("paper/tokenizer", PAPER.tokenizer, PAPER.tokenizer_training),
+        ("paper/generator_stage1", PAPER.generator, PAPER.stage1),
         ("paper/generator_stage2", PAPER.generator, PAPER.generator_training),
+        ("paper/generator_stage3", PAPER.generator, PAPER.stage3),
     ],
 )
 def test_settings_are_those_of_the_recipes(recipe: str, sizes, training) -> None:
@@ -21,6 +23,7 @@ def test_settings_are_those_of_the_recipes(recipe: str, sizes, training) -> None
     said = yaml.safe_load((RECIPES / f"{recipe}.yaml").read_text())
     for section, config in (("model", sizes), ("training", training)):
         wanted = {key: value for key, value in said[section].items() if key not in OWN}
+        wanted.pop("exemplar" if section == "model" else "", None)  # stage 3's generator is told by its choice
         assert type(config).model_validate(config.model_dump() | wanted) == config
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from echoavatar.evaluation.metrics.bootstrap import Interval
 from echoavatar.evaluation.score_row import Row
-from echoavatar_research.table import Cell, Column, Line, Table, Wanted, cells, orderings
+from echoavatar_research.table import Cell, Column, Line, Table, Wanted, cells, orderings, over_seeds
 
 
 def test_cells_are_scores_in_the_columns_unit() -> None:
@@ -27,3 +27,15 @@ def test_orderings_count_pairs_the_right_way_round() -> None:
 
 def test_a_heading_says_unit_and_direction() -> None:
     assert Column("d", "Diversity", "m", better="higher").heading == "Diversity (m) ↑"
+
+
+def test_several_seeds_become_means_with_deviations() -> None:
+    def table(ours: float) -> Table:
+        lines = [Line("truth", ours={"fid": Cell(0.0, 0.0, 0.1)}), Line("ours", ours={"fid": Cell(ours, 0.0, 9.0)})]
+        return Table("t", "T", [Column("fid", "FID")], lines)
+
+    truth, ours = over_seeds([table(1.0), table(2.0), table(3.0)]).lines
+    assert truth.ours["fid"] == Cell(0.0, 0.0, 0.1)
+    assert ours.ours["fid"][0] == 2.0
+    assert ours.ours["fid"].spread == 1.0
+    assert math.isnan(ours.ours["fid"].low)

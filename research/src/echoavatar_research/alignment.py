@@ -8,7 +8,9 @@ through the live pipeline.
 
 import copy
 import json
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,16 +31,16 @@ from echoavatar.align.reference_statistics import ReferenceStatistics
 from echoavatar.align.rewards import RewardMix
 from echoavatar.align.start import AlignmentSetup, make_pairs, training_task, tune
 from echoavatar.align.trainer import fingerprint
-from echoavatar.data import Clip
 from echoavatar.models.generator import Generator, TokenClip
 from echoavatar.motion.kinematics import Motion
 from echoavatar_research.scale import ScaleName
 
 from .choices import OURS, GeneratorChoice
-from .experiment import BATCH, Experiment, motion_of
+from .experiment import Experiment, motion_of
 from .make_once import make_once
 from .scores import GENERATION, generation_scores
 from .table import Cell, Column, Line, Table, cells
+from .waves import Part, generator_waves
 
 NAME = "alignment"
 REWARDS = ("quality", "alignment")
@@ -87,6 +89,11 @@ class Outcome(NamedTuple):
     rewards: dict[str, Cell]
 
 
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `waves`: the generator, both rewards, the three methods."""
+    return [*generator_waves([GeneratorChoice(OURS.name)]), [_setting], [partial(tuned, method=one) for one in LINES]]
+
+
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
     keys = ("fid", "diversity", "ba_g", "ba_d")
@@ -127,18 +134,16 @@ def tuned(experiment: Experiment, method: Method) -> Outcome:
             if not pairs.exists():
                 _rank(experiment, ready, pairs, training)
         stage = training_task(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
-        tune(stage, folder, device=experiment.device, progress=experiment.progress)
+        tune(stage, folder, device=experiment.device, trackers=experiment.trackers, progress=experiment.progress)
 
     make_once(folder, settings, work)
     motions = folder / "made" / experiment.runtime
     make_once(
         motions,
         settings | {"runtime": experiment.runtime, "clips": [clip.name for clip in experiment.test_clips]},
-        lambda: _generate(experiment, folder),
+        lambda: experiment.write_motions(motions, experiment.tokenizer(OURS), Generator.load(folder)),
     )
-    return Outcome(
-        [motion_of(Clip.load(motions / f"{clip.name}.npz")) for clip in experiment.test_clips], rewards_of(folder)
-    )
+    return Outcome(experiment.written_motions(motions), rewards_of(folder))
 
 
 def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
@@ -158,8 +163,11 @@ def _training(experiment: Experiment, method: Method) -> AlignTraining:
 def _setting(experiment: Experiment) -> AlignmentSetup:
     choice = GeneratorChoice(OURS.name)
     generator = experiment.generator(choice)
-    train_clips, test_clips = _clips(experiment)
-    own = {"quality": _quality(experiment, train_clips).judge, "alignment": _alignment(experiment, train_clips).judge}
+    train_clips, test_clips = token_clips(experiment)
+    own = {
+        "quality": _quality(experiment, train_clips).judge,
+        "alignment": alignment_reward(experiment, train_clips).judge,
+    }
     mix = RewardMix(dict.fromkeys(REWARDS, 1.0), NO_STATISTICS, own)
     card: dict[str, object] = {"data": experiment.corpus.folder.name, "begun_from": OURS.name}
     return AlignmentSetup(
@@ -167,7 +175,7 @@ def _setting(experiment: Experiment) -> AlignmentSetup:
     )
 
 
-def _clips(experiment: Experiment) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
+def token_clips(experiment: Experiment) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
     """Codes of the training clips and of the other clips, by name."""
     experiment.codes(OURS)
     clips = read_token_clips(experiment.folder / "tokens" / OURS.name)
@@ -179,18 +187,19 @@ def _quality(experiment: Experiment, clips: dict[str, TokenClip]) -> QualityRewa
     folder, budget = experiment.folder / "rewards" / "quality", BUDGETS[experiment.scale.name]
     training = QualityTraining(steps=budget.quality_steps, seed=experiment.seed)
     tokenizer = experiment.tokenizer(OURS)
-    levels = CorruptedWindows(tokenizer, list(clips.values()), seed=experiment.seed, chunks=_window(clips))
+    levels = CorruptedWindows(tokenizer, list(clips.values()), seed=experiment.seed, chunks=reward_window(clips))
     settings = {"training": training.model_dump(mode="json"), "width": budget.width}
     config = QualityConfig(features=tokenizer.mean.numel(), width=budget.width)
     make_once(folder, settings, lambda: train_quality(levels, folder, training, config=config))
     return QualityReward.load(folder)
 
 
-def _alignment(experiment: Experiment, clips: dict[str, TokenClip]) -> AudioMotion:
+def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> AudioMotion:
+    """The reward that compares sound and motion, trained or loaded."""
     folder, budget = experiment.folder / "rewards" / "alignment", BUDGETS[experiment.scale.name]
     training = AudioRewardTraining(steps=budget.alignment_steps, seed=experiment.seed)
     books = experiment.codec.codebooks.detach(), experiment.tokenizer(OURS).codebooks().detach()
-    pairs = AudioMotionWindows(clips, chunks=_window(clips))
+    pairs = AudioMotionWindows(clips, chunks=reward_window(clips))
     settings = {"training": training.model_dump(mode="json"), "width": budget.width}
 
     def work() -> None:
@@ -203,7 +212,7 @@ def _alignment(experiment: Experiment, clips: dict[str, TokenClip]) -> AudioMoti
     return AudioMotion.load(folder)
 
 
-def _window(clips: dict[str, TokenClip]) -> int:
+def reward_window(clips: dict[str, TokenClip]) -> int:
     """The window of both rewards in chunks: 4 s, or less if the clips are shorter."""
     return min(WINDOW_CHUNKS, *(clip.chunks for clip in clips.values()))
 
@@ -221,25 +230,6 @@ def _rank(experiment: Experiment, ready: AlignmentSetup, path: Path, training: A
         seed=experiment.seed,
         progress=experiment.progress,
     )
-
-
-def _generate(experiment: Experiment, folder: Path) -> None:
-    """Generate motion for the test clips with the tuned generator in a folder."""
-    from echoavatar.engine import animate_many
-    from echoavatar.engine.pipeline import Pipeline
-    from echoavatar.engine.pipeline.bundle import Bundle
-
-    generator = Generator.load(folder).eval()
-    pipeline = Pipeline(
-        Bundle(folder.name, experiment.codec, experiment.tokenizer(OURS), generator, {}).running(experiment.runtime)
-    )
-    for first in range(0, len(experiment.test_clips), BATCH):
-        clips = experiment.test_clips[first : first + BATCH]
-        seeds = list(range(experiment.seed + first, experiment.seed + first + len(clips)))
-        done = animate_many(pipeline, [clip.audio for clip in clips], seeds=seeds, progress=experiment.progress)
-        for clip, one in zip(clips, done, strict=True):
-            moved = replace(clip, rotations=one.motion.rotations, root=one.motion.root)
-            moved.save(folder / "made" / experiment.runtime / f"{clip.name}.npz")
 
 
 def _folder(experiment: Experiment, method: Method) -> Path:

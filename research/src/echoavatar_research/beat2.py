@@ -18,12 +18,15 @@ from echoavatar.evaluation.score import fid_row
 from echoavatar.evaluation.score_beats import ClipAudio, gesture_rows
 from echoavatar.evaluation.score_row import Row, row_of_means
 from echoavatar.motion.kinematics import Motion
+from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar_research.baselines import Baselines, Kind
 
 from .beat2_experiment import Beat2Experiment
 from .choices import OURS, GeneratorChoice
+from .main import foreign_notes
 from .skeleton_convolution import extractor_input
 from .table import Cell, Column, Line, Table, Wanted, cells
+from .waves import Part, generator_waves
 
 NAME = "beat2"
 COLUMNS = (
@@ -57,12 +60,21 @@ PAPER = (2.874, 7.342, 13.53)
 BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}
 
 
+def waves(experiment: Beat2Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `waves`."""
+    _ = experiment.extractor
+    return generator_waves([GeneratorChoice(OURS.name)])
+
+
 def make(experiment: Beat2Experiment) -> Table:
     """Train what is missing, score it and make the table."""
     keys = ("fid", "ba_g", "diversity")
+    others = experiment.foreign_motions()  # first: a bad file must be told before hours of training
     truth = [experiment.motion(clip) for clip in experiment.test_clips]
     line = partial(_line, experiment)
-    lines = [Line(name, dict(zip(keys, values, strict=True))) for name, values in QUOTED.items()]
+    published = {name: dict(zip(keys, values, strict=True)) for name, values in QUOTED.items()}
+    ours = {name.lower(): name for name in others}
+    lines = [Line(f"{name} (quoted)", values) for name, values in published.items() if name.lower() not in ours]
     rows = scored(experiment, truth)
     lines.append(Line("Real motion", {}, cells(rows, SCORES)))
     lines.append(Line("Real motion, one half against the other", {}, _halves(rows)))
@@ -70,22 +82,29 @@ def make(experiment: Beat2Experiment) -> Table:
     for name, kind in BASELINES.items():
         sounds = enumerate(experiment.test_clips, experiment.seed)
         lines.append(line(name, [baselines.make(kind, clip.audio, seed=seed) for seed, clip in sounds]))
+    quoted = {name.lower(): values for name, values in published.items()}
+    lines += [line(name, motions, quoted.get(name.lower())) for name, motions in others.items()]
     choice = GeneratorChoice(OURS.name)
     lines.append(line("Ours", experiment.generated_motions(choice), dict(zip(keys, PAPER, strict=True))))
-    return Table(NAME, "BEAT2 (paper, Comparison with the state of the art)", COLUMNS, lines, _notes(experiment))
+    notes = (*_notes(experiment), *foreign_notes(experiment, others))
+    return Table(NAME, "BEAT2 (paper, Comparison with the state of the art)", COLUMNS, lines, notes)
 
 
 def scored(experiment: Beat2Experiment, motions: Sequence[Motion]) -> list[Row]:
     """FID, all forms of BA_G, and L1 diversity of motion generated for the test clips."""
     clips, seed = experiment.test_clips, experiment.seed
-    made = [motion.cut(0, clip.frames) for motion, clip in zip(motions, clips, strict=True)]
-    true = [experiment.motion(clip) for clip in clips]
+    frames = [min(motion.frames, clip.frames) for motion, clip in zip(motions, clips, strict=True)]
+    made = [motion.cut(0, stop) for motion, stop in zip(motions, frames, strict=True)]
+    true = [experiment.motion(clip).cut(0, stop) for clip, stop in zip(clips, frames, strict=True)]
     places, truths = (
         [experiment.positions(motion).numpy().astype(np.float64) for motion in side] for side in (made, true)
     )
     latents, aims = ([_latents(experiment, motion) for motion in side] for side in (made, true))
-    heard = [ClipAudio(clip.audio, np.full(clip.frames, SPEECH)) for clip in clips]  # all of BEAT2 is speech
-    lengths = np.array([clip.frames for clip in clips], float)
+    heard = [  # all of BEAT2 is speech
+        ClipAudio(clip.audio[: stop * SAMPLES_PER_FRAME], np.full(stop, SPEECH))
+        for clip, stop in zip(clips, frames, strict=True)
+    ]
+    lengths = np.array(frames, float)
     spread = np.array([l1_deviation(place) for place in places])
     return [
         fid_row(latents, aims, seed=seed),

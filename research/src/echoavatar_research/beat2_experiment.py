@@ -1,5 +1,6 @@
 """The experiment behind the BEAT2 table: SMPL-X's 55 joints as recorded, and EMAGE's extractor or one like it."""
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -18,7 +19,7 @@ from echoavatar_research.datasets import Options, prepare, survey_of
 from echoavatar_research.scale import ScaleName
 
 from .beat2_sample import write_sample
-from .experiment import Experiment
+from .experiment import Experiment, Sources, want_test_clips
 from .generate import Sounds, decoded_motion
 from .skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig, extractor_input
 from .skeleton_convolution_train import SkeletonConvolutionTraining, train_skeleton_convolution
@@ -43,9 +44,15 @@ class Beat2Experiment(Experiment):
             device=other.device,
             seed=other.seed,
             workers=other.workers,
+            trackers=other.trackers,
             say=other.say,
             progress=other.progress,
         )
+
+    def _shared_sources(self) -> Sources:
+        """Corpus, and the extractor: distances in different latents cannot be compared."""
+        _ = self.extractor
+        return replace(super()._shared_sources(), extractor=self.sources.extractor or self.folder / "extractor")
 
     @cached_property
     def is_synthetic(self) -> bool:
@@ -67,8 +74,7 @@ class Beat2Experiment(Experiment):
                 f"{corpus.folder} is not on SMPL-X's joints; prepare it with"
                 " `echoavatar data prepare beat2 ... --rig native --fingers keep`"
             )
-        if len(corpus.names("test", has_mirrored=False)) < 2:
-            raise EchoAvatarError(f"{corpus.folder} has fewer than two test clips; give a larger copy")
+        want_test_clips(corpus)
         return corpus
 
     @cached_property

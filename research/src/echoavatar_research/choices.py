@@ -37,6 +37,7 @@ class GeneratorChoice:
         sizes: fields of `GeneratorSizes` that differ.
         training: fields of `GeneratorTraining` that differ.
         only: train only on clips that are mostly this kind of sound; None: on all clips.
+        after: the generator that stage 3 goes on from; None: stages 1 and 2.
     """
 
     name: str
@@ -44,3 +45,12 @@ class GeneratorChoice:
     sizes: Mapping[str, object] = field(default_factory=dict)
     training: Mapping[str, object] = field(default_factory=dict)
     only: Literal["speech", "music"] | None = None
+    after: "GeneratorChoice | None" = None
+
+    @property
+    def first_stage(self) -> "GeneratorChoice":
+        """The generator of stage 1, which all choices of these codes, clips and order of the sequence begin with."""
+        words = [self.tokenizer.name, *([str(self.sizes["sequence"])] if "sequence" in self.sizes else [])]
+        words += [self.only] if self.only else []
+        sizes = {key: value for key, value in self.sizes.items() if key == "sequence"}
+        return GeneratorChoice("-".join(words), self.tokenizer, sizes, only=self.only)

@@ -4,7 +4,7 @@ The paper asked people for their overall preference (mean over pairs, -2 to 2). 
 clips of mostly speech for gesture, of mostly music for dance. Only the order of the lines can be compared.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from .choices import OURS, GeneratorChoice
 from .experiment import Experiment
 from .scores import GENERATION, generation_scores
 from .table import Cell, Column, Line, Table, cells
+from .waves import Part, generator_waves
 
 NAME = "dataset-composition"
 COLUMNS = (
@@ -46,13 +47,18 @@ VARIANTS = (
 )
 
 
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `waves`."""
+    return generator_waves([one.generator for one in VARIANTS])
+
+
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
     lines = []
     for name, paper, choice in VARIANTS:
         experiment.say(f"line: {name}")
         lines.append(Line(name, paper, _scored(experiment, choice)))
-    counts = {kind: len(_of_kind(experiment.test_clips, domain)) for kind, (domain, _) in SHOWN.items()}
+    counts = {kind: len(of_kind(experiment.test_clips, domain)) for kind, (domain, _) in SHOWN.items()}
     notes = (
         "Preference: the paper's user study (overall preference); nobody was asked here.",
         f"Test clips: {counts['gesture']} of mostly speech, {counts['dance']} of mostly music.",
@@ -65,7 +71,7 @@ def _scored(experiment: Experiment, choice: GeneratorChoice) -> dict[str, Cell]:
     motions = experiment.generated_motions(choice)
     found: dict[str, Cell] = {}
     for kind, (domain, keys) in SHOWN.items():
-        chosen = _of_kind(experiment.test_clips, domain)
+        chosen = of_kind(experiment.test_clips, domain)
         if chosen:
             rows = generation_scores(
                 [motions[number] for number in chosen],
@@ -78,7 +84,7 @@ def _scored(experiment: Experiment, choice: GeneratorChoice) -> dict[str, Cell]:
     return found
 
 
-def _of_kind(clips: list[Clip], domain: int) -> list[int]:
+def of_kind(clips: list[Clip], domain: int) -> list[int]:
     """Indices of the clips with more frames of this kind of sound than of the other."""
     other = MUSIC if domain == SPEECH else SPEECH
     return [n for n, clip in enumerate(clips) if np.sum(clip.domain == domain) > np.sum(clip.domain == other)]

@@ -4,11 +4,11 @@ Each part is made once and kept. An interrupted training run resumes. Tables in 
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -22,11 +22,12 @@ from echoavatar.models.generator.recipe import GeneratorTraining
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, as_one_part, body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.training import Progress
 from echoavatar_research.scale import Scale
 
 from .choices import GeneratorChoice, TokenizerChoice
+from .foreign import foreign_motion
 from .generate import Sounds, live_motion
 from .make_once import make_once
 
@@ -43,12 +44,22 @@ class Sources:
         codec: trained audio codec; None: the one of the default bundle.
         extractor: trained FID extractor; None: the shipped one.
         qwen: Qwen2.5-0.5B-Instruct, the initial weights of generators; None: random weights.
+        others: folders of motion that other systems made for the test clips, by the systems' names.
+        is_resampling: take their motion at other rates than 30 fps, too.
+        model: bundle whose latency is measured; None: the default bundle, at scale `paper` of the paper's size.
     """
 
     corpus: Path | None = None
     codec: Path | None = None
     extractor: Path | None = None
     qwen: Path | None = None
+    others: Mapping[str, Path] = field(default_factory=dict)
+    is_resampling: bool = False
+    model: str | None = None
+
+
+def quiet(line: str) -> None:
+    """Say nothing."""
 
 
 class Experiment:
@@ -64,16 +75,37 @@ class Experiment:
         seed: int = 0,
         runtime: str = "paper",
         workers: int = 1,
-        say: Callable[[str], None] = lambda line: None,
+        trackers: Sequence[str] = (),
+        say: Callable[[str], None] = quiet,
         progress: Progress | None = None,
     ) -> None:
         """`runtime`: how generators run (`Runtime.chosen`). `workers`: processes that make a corpus.
 
-        `say` is called with the name of each part that is made.
+        `trackers`: where else metrics of training go. `say` is called with the name of each part that is made.
         """
         self.folder, self.scale, self.sources, self.device = folder, scale, sources, device
-        self.runtime = runtime
+        self.runtime, self.trackers = runtime, tuple(trackers)
         self.seed, self.workers, self.say, self.progress = seed, workers, say, progress
+
+    def again(self, *, seed: int | None = None, device: str | None = None, is_quiet: bool = False) -> Self:
+        """The same experiment, perhaps elsewhere and without output; or with another seed, on the same corpus."""
+        is_other = seed is not None and seed != self.seed
+        how: dict[str, Any] = {} if is_quiet else {"say": self.say, "progress": self.progress}
+        return type(self)(
+            self.folder / "seeds" / str(seed) if is_other else self.folder,
+            self.scale,
+            self._shared_sources() if is_other else self.sources,
+            device=device or self.device,
+            seed=self.seed if seed is None else seed,
+            runtime=self.runtime,
+            workers=self.workers,
+            trackers=self.trackers,
+            **how,
+        )
+
+    def _shared_sources(self) -> Sources:
+        """What an experiment with another seed must not make again."""
+        return replace(self.sources, corpus=self.corpus.folder)
 
     @cached_property
     def corpus(self) -> Corpus:
@@ -86,8 +118,7 @@ class Experiment:
         corpus = Corpus(folder)
         if corpus.skeleton.names != HUMANOID.names:
             raise EchoAvatarError(f"{folder} is on a rig of its own; prepare it with --rig unified")
-        if len(corpus.names("test", has_mirrored=False)) < 2:
-            raise EchoAvatarError(f"{folder} has fewer than two test clips; give a larger corpus")
+        want_test_clips(corpus)
         return corpus
 
     @cached_property
@@ -138,6 +169,7 @@ class Experiment:
                 folder,
                 card=self._card("tokenizer"),
                 device=self.device,
+                trackers=self.trackers,
                 progress=self.progress,
             )
 
@@ -164,60 +196,69 @@ class Experiment:
         self._make_once(folder, self._codes_settings(choice), make)
         return [TokenClip.load(path) for path in sorted(folder.glob("*.npz"))]
 
-    def generator(self, choice: GeneratorChoice) -> Generator:
-        """Train the generator, or load it if it is finished."""
-        from echoavatar.models.generator.train import train_generator
+    def embeddings(self, choice: GeneratorChoice) -> Generator:
+        """Stage 1 (paper, Embedding Space Alignment), or load it: the body is frozen, Qwen's where it is given."""
+        first = choice.first_stage
+        folder = self.folder / "stage1" / first.name
+        make = partial(self._train_generator, first, folder, self.scale.stage1, None)
+        self._make_once(folder, self._embeddings_settings(first), make)
+        return Generator.load(folder)
 
+    def generator(self, choice: GeneratorChoice) -> Generator:
+        """Train stage 2 after stage 1, or stage 3 after the generator that the choice names; or load it."""
         folder = self.folder / "generators" / choice.name
 
         def make() -> None:
-            tokenizer = self.tokenizer(choice.tokenizer)
-            clips = [clip for clip in self.codes(choice.tokenizer) if is_mostly(clip, choice.only)]
-            if not any(clip.split == "train" for clip in clips):
-                raise EchoAvatarError(f"no training clip is mostly {choice.only}; give a corpus with some (--corpus)")
-            layers = tokenizer.config.layers
-            layout = TokenLayout.compact(
-                audio_codes=self.codec.config.codes,
-                motion_layers=layers,
-                motion_codes=tokenizer.config.codes,
-                parts=len(tokenizer.config.parts),
-            )
-            sizes = self.scale.generator.model_dump() | dict(choice.sizes)
-            config = GeneratorConfig(layout=layout, patience=self.scale.patience, **sizes)
-            chosen: dict[str, Any] = {
-                "chunks": config.window_chunks + EXTRA_CHUNKS,
-                "depth_weights": tuple(0.7**layer for layer in range(layers)),
-                "seed": self.seed,
-            }
-            training = self.scale.generator_training.model_dump() | chosen | dict(choice.training)
-            train_generator(
-                config,
-                GeneratorTraining.model_validate(training),
-                clips,
-                folder,
-                device=self.device,
-                qwen=self.sources.qwen,
-                audio_codebooks=self.codec.codebooks,
-                motion_codebooks=tokenizer.codebooks(),
-                progress=self.progress,
-            )
+            start = self.embeddings(choice) if choice.after is None else self.generator(choice.after)
+            training = self.scale.generator_training if choice.after is None else self.scale.stage3
+            self._train_generator(choice, folder, training, start)
 
         self._make_once(folder, self._generator_settings(choice), make)
         return Generator.load(folder)
+
+    def _train_generator(
+        self, choice: GeneratorChoice, folder: Path, training: GeneratorTraining, start: Generator | None
+    ) -> None:
+        from echoavatar.models.generator.train import train_generator
+
+        tokenizer = self.tokenizer(choice.tokenizer)
+        clips = [clip for clip in self.codes(choice.tokenizer) if is_mostly(clip, choice.only)]
+        if not any(clip.split == "train" for clip in clips):
+            raise EchoAvatarError(f"no training clip is mostly {choice.only}; give a corpus with some (--corpus)")
+        layers = tokenizer.config.layers
+        layout = TokenLayout.compact(
+            audio_codes=self.codec.config.codes,
+            motion_layers=layers,
+            motion_codes=tokenizer.config.codes,
+            parts=len(tokenizer.config.parts),
+        )
+        sizes = self.scale.generator.model_dump() | dict(choice.sizes)
+        config = GeneratorConfig(layout=layout, patience=self.scale.patience, **sizes)
+        chosen: dict[str, Any] = {
+            "chunks": config.window_chunks + EXTRA_CHUNKS,
+            "depth_weights": tuple(0.7**layer for layer in range(layers)),
+            "seed": self.seed,
+        }
+        train_generator(
+            config,
+            GeneratorTraining.model_validate(training.model_dump() | chosen | dict(choice.training)),
+            clips,
+            folder,
+            device=self.device,
+            start=start,
+            qwen=self.sources.qwen if start is None else None,
+            audio_codebooks=self.codec.codebooks,
+            motion_codebooks=tokenizer.codebooks(),
+            trackers=self.trackers,
+            progress=self.progress,
+        )
 
     def generated_motions(self, choice: GeneratorChoice) -> list[Motion]:
         """Motion that a generator makes for the sound of the test clips, as long as the clips."""
         folder = self.folder / "made" / self.runtime / choice.name
 
         def make() -> None:
-            tokenizer, generator = self.tokenizer(choice.tokenizer), self.generator(choice)
-            for first in range(0, len(self.test_clips), BATCH):
-                clips = self.test_clips[first : first + BATCH]
-                sounds = {self.seed + first + n: clip.audio for n, clip in enumerate(clips)}
-                motions = self._generate(choice.name, tokenizer, generator, sounds)
-                for clip, motion in zip(clips, motions, strict=True):
-                    moved = replace(clip, rotations=motion.rotations, root=motion.root)
-                    moved.save(folder / f"{clip.name}.npz")
+            self.write_motions(folder, self.tokenizer(choice.tokenizer), self.generator(choice))
 
         settings = {
             "generator": self._generator_settings(choice),
@@ -225,14 +266,43 @@ class Experiment:
             "clips": [clip.name for clip in self.test_clips],
         }
         self._make_once(folder, settings, make)
+        return self.written_motions(folder)
+
+    def write_motions(self, folder: Path, tokenizer: BodyTokenizer, generator: Generator) -> None:
+        """Write a clip for each test clip, with the motion that a generator makes for its sound; kept ones stay."""
+        for first in range(0, len(self.test_clips), BATCH):
+            numbered = list(enumerate(self.test_clips[first : first + BATCH], self.seed + first))
+            left = {seed: clip for seed, clip in numbered if not (folder / f"{clip.name}.npz").exists()}
+            if not left:
+                continue
+            sounds = {seed: clip.audio for seed, clip in left.items()}
+            motions = self._generate(folder.name, tokenizer, generator, sounds)
+            for clip, motion in zip(left.values(), motions, strict=True):
+                with_motion(clip, motion).save(folder / f"{clip.name}.npz")
+
+    def written_motions(self, folder: Path) -> list[Motion]:
+        """What `write_motions` wrote."""
         return [self.motion(Clip.load(folder / f"{clip.name}.npz")) for clip in self.test_clips]
+
+    def foreign_motions(self) -> dict[str, list[Motion]]:
+        """Motion of other systems for the test clips, by the systems' names, on the rig of this experiment.
+
+        Raises:
+            EchoAvatarError: a folder lacks a clip, or one is too short or cannot be used; the message names the file.
+        """
+        is_resampling, skeleton = self.sources.is_resampling, self.corpus.skeleton
+        return {
+            name: [foreign_motion(folder, clip, skeleton, is_resampling=is_resampling) for clip in self.test_clips]
+            for name, folder in self.sources.others.items()
+        }
 
     def motion(self, clip: Clip) -> Motion:
         """The motion of a clip on the rig of this experiment."""
         return motion_of(clip)
 
     def _generate(self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds) -> list[Motion]:
-        return live_motion(name, self.codec, tokenizer, generator, sounds, runtime=self.runtime, progress=self.progress)
+        how = {"runtime": self.runtime, "device": self.device}
+        return live_motion(name, self.codec, tokenizer, generator, sounds, **how, progress=self.progress)
 
     def _tokenizer_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
         return {
@@ -250,13 +320,21 @@ class Experiment:
         return settings | {"patience": self.scale.patience}
 
     def _generator_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
-        own = {key: value for key, value in asdict(choice).items() if key != "tokenizer"}
+        if choice.after is None:
+            start, training = self._embeddings_settings(choice.first_stage), self.scale.generator_training
+        else:
+            start, training = self._generator_settings(choice.after), self.scale.stage3
+        return {"start": start, "training": training.model_dump(mode="json")} | self._own_settings(choice)
+
+    def _embeddings_settings(self, first: GeneratorChoice) -> dict[str, Any]:
+        qwen = str(self.sources.qwen or "")
+        return {"training": self.scale.stage1.model_dump(mode="json"), "qwen": qwen} | self._own_settings(first)
+
+    def _own_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
         return {
             "codes": self._codes_settings(choice.tokenizer),
-            "choice": own,
-            "sizes": self.scale.generator.model_dump(),
-            "training": self.scale.generator_training.model_dump(mode="json"),
-            "qwen": str(self.sources.qwen or ""),
+            "sizes": self.scale.generator.model_dump() | dict(choice.sizes),
+            "choice": {"name": choice.name, "training": dict(choice.training), "only": choice.only},
         }
 
     @cached_property
@@ -285,6 +363,17 @@ class Experiment:
         make_once(folder, settings, lambda: (self.say(str(folder.relative_to(self.folder))), make()))
 
 
+def want_test_clips(corpus: Corpus) -> None:
+    """Raise EchoAvatarError unless a set holds clips out: two for testing, and some to train on."""
+    found = {split: len(corpus.names(split, has_mirrored=False)) for split in ("train", "val", "test")}
+    if found["test"] < 2 or not found["train"]:
+        counts = ", ".join(f"{count} {split}" for split, count in found.items())
+        raise EchoAvatarError(
+            f"{corpus.folder} has no split to test on ({counts}): fewer than two test clips or nothing to train on;"
+            " prepare it again with --test-every 10, or give a larger set"
+        )
+
+
 def is_mostly(clip: TokenClip, kind: str | None) -> bool:
     """Whether a clip has more speech than music (`kind` "speech") or the reverse ("music"); None accepts any clip."""
     speech, music = (int(np.sum(clip.domain == number)) for number in (1, 2))
@@ -294,3 +383,15 @@ def is_mostly(clip: TokenClip, kind: str | None) -> bool:
 def motion_of(clip: Clip) -> Motion:
     """The motion of a clip, on our rig."""
     return Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ))
+
+
+def with_motion(clip: Clip, motion: Motion) -> Clip:
+    """The clip with other motion, cut to what both have."""
+    frames = min(clip.frames, motion.frames)
+    return replace(
+        clip,
+        audio=clip.audio[: frames * SAMPLES_PER_FRAME],
+        domain=clip.domain[:frames],
+        rotations=motion.rotations[:frames],
+        root=motion.root[:frames],
+    )

@@ -6,8 +6,7 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from echoavatar.errors import DependencyError
 
 from .table import Cell, Column, Line, Table
 
@@ -29,6 +28,14 @@ def write(table: Table, folder: Path) -> list[Path]:
     return paths
 
 
+def want_pictures() -> None:
+    """Raise DependencyError where matplotlib is missing: called before any work."""
+    try:
+        import matplotlib  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise DependencyError("tables are drawn with matplotlib; run: pip install 'echoavatar[evaluate]'") from error
+
+
 def markdown(table: Table) -> str:
     """The title, the table and the notes."""
     fields = _fields(table)
@@ -41,13 +48,18 @@ def markdown(table: Table) -> str:
 
 
 def as_csv(table: Table) -> str:
-    """One line per row; value, lower and upper end have columns of their own, empty if there is none."""
+    """One line per row; value, lower and upper end have columns of their own, empty if there is none.
+
+    A table over several seeds has the standard deviation in a further column.
+    """
+    is_over_seeds = any(math.isfinite(cell.spread) for line in table.lines for cell in line.ours.values())
+    kinds = ("", "_low", "_high", "_spread")[: 4 if is_over_seeds else 3]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     head = ["row"]
     for column in table.columns:
         head += [f"{column.key}_paper"] if table.has_paper(column) else []
-        head += [f"{column.key}", f"{column.key}_low", f"{column.key}_high"] if table.has_ours(column) else []
+        head += [f"{column.key}{kind}" for kind in kinds] if table.has_ours(column) else []
     writer.writerow(head)
     for line in table.lines:
         cells = [line.name]
@@ -55,7 +67,7 @@ def as_csv(table: Table) -> str:
             if table.has_paper(column):
                 cells.append(_plain(line.paper.get(column.key, math.nan)))
             if table.has_ours(column):
-                cells += [_plain(value) for value in line.ours.get(column.key, Cell(math.nan))]
+                cells += [_plain(value) for value in line.ours.get(column.key, Cell(math.nan))[: len(kinds)]]
         writer.writerow(cells)
     return out.getvalue()
 
@@ -79,6 +91,9 @@ def draw(table: Table, path: Path) -> None:
     Each column has a panel with bars for our numbers and diamonds for the paper's. The paper's numbers have an axis of
     their own at the top: data and extractors differ, so only the order is comparable.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     columns = [column for column in table.columns if table.has_ours(column)]
     figure = Figure(figsize=(2.0 + 2.8 * len(columns), 1.6 + 0.36 * len(table.lines)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -105,8 +120,9 @@ def _fields(table: Table) -> list[_Field]:
 def _ours(line: Line, key: str) -> str:
     if key not in line.ours:
         return "-"
-    value, low, high = line.ours[key]
+    value, low, high, spread = line.ours[key]
     span = f" [{_number(low)}, {_number(high)}]" if math.isfinite(low) else ""
+    span = f" ± {spread:.2g}" if math.isfinite(spread) else span
     return _number(value) + span
 
 
@@ -119,7 +135,14 @@ def _plain(value: float) -> str:
 
 
 def _escaped(text: str) -> str:
-    for plain, mark in (("&", r"\&"), ("%", r"\%"), ("_", r"\_"), ("↓", r"$\downarrow$"), ("↑", r"$\uparrow$")):
+    for plain, mark in (
+        ("&", r"\&"),
+        ("%", r"\%"),
+        ("_", r"\_"),
+        ("↓", r"$\downarrow$"),
+        ("↑", r"$\uparrow$"),
+        ("±", r"$\pm$"),
+    ):
         text = text.replace(plain, mark)
     return text
 
@@ -128,7 +151,9 @@ def _panel(axis: Any, table: Table, column: Column) -> None:
     for place, line in enumerate(table.lines):
         if column.key not in line.ours:
             continue
-        value, low, high = line.ours[column.key]
+        value, low, high, spread = line.ours[column.key]
+        if math.isfinite(spread):
+            low, high = value - spread, value + spread
         axis.barh(place, value, color=_OURS, alpha=0.75, height=0.6)
         if math.isfinite(low):
             axis.hlines(place, low, high, color="#2e2e2e", lw=1.5)

@@ -26,9 +26,10 @@ def live_motion(
     sounds: Sounds,
     *,
     runtime: str = "paper",
+    device: str = "cpu",
     progress: Progress | None = None,
 ) -> list[Motion]:
-    """Run one engine session per sound, as `runtime` says (`Runtime.chosen`).
+    """Run one engine session per sound, all in one batch, as `runtime` says (`Runtime.chosen`).
 
     A generator with lookahead is given the whole sounds beforehand.
     """
@@ -39,7 +40,7 @@ def live_motion(
 
     bundle = Bundle(name, codec, tokenizer, generator.eval(), {}).running(runtime)
     hears_ahead = generator.config.ahead_chunks > 0
-    pipeline = LookaheadPipeline(bundle, sounds) if hears_ahead else Pipeline(bundle)
+    pipeline = LookaheadPipeline(bundle, sounds, device=device) if hears_ahead else Pipeline(bundle, device=device)
     done = animate_many(pipeline, list(sounds.values()), seeds=list(sounds), progress=progress)
     return [each.motion for each in done]
 
@@ -54,20 +55,26 @@ def decoded_motion(
     device: str = "cpu",
     progress: Progress | None = None,
 ) -> list[Motion]:
-    """Sample and decode codes on the tokenizer's rig, without the stages behind the decoder: published tables do so."""
+    """Sample codes for all sounds in one batch and decode them on the tokenizer's rig.
+
+    Nothing behind the decoder runs: published tables do so.
+    """
     from echoavatar.engine.pipeline.tokenize import audio_codes
     from echoavatar.models.generator import open_stream
 
-    stream, motions = open_stream(generator.eval().to(device)), []
-    one = torch.ones(1, dtype=torch.bool, device=device)
-    for number, (seed, sound) in enumerate(sounds.items(), 1):
+    stream, count = open_stream(generator.eval().to(device)), len(sounds)
+    longest = max(len(sound) for sound in sounds.values())
+    samples = longest + -longest % CHUNK_SAMPLES
+    codes = [audio_codes(codec, np.pad(sound, (0, samples - len(sound)))) for sound in sounds.values()]
+    heard, seeds = torch.from_numpy(np.stack(codes)).long(), torch.tensor(list(sounds))
+    active = torch.ones(count, dtype=torch.bool, device=device)
+    made = stream.step(heard.to(device), stream.init_state(count), active, seeds=seeds.to(device))  # type: ignore[arg-type]
+    motions = []
+    for number, (sound, drawn) in enumerate(zip(sounds.values(), made.cpu(), strict=True), 1):
         frames = len(sound) // SAMPLES_PER_FRAME
-        heard = torch.from_numpy(audio_codes(codec, np.pad(sound, (0, -len(sound) % CHUNK_SAMPLES)))).long()
-        heard, seeds = heard[None].to(device), torch.tensor([seed], device=device)
-        codes = stream.step(heard, stream.init_state(1), one, seeds=seeds)  # type: ignore[arg-type]
-        made = from_features(tokenizer.skeleton, tokenizer.decode(codes.cpu())[0])
-        turns, root = quaternion_from_matrix(made.rotations[:frames]).numpy(), made.root[:frames].numpy()
+        body = from_features(tokenizer.skeleton, tokenizer.decode(drawn[None])[0])
+        turns, root = quaternion_from_matrix(body.rotations[:frames]).numpy(), body.root[:frames].numpy()
         motions.append(Motion(tokenizer.skeleton, turns, root, float(FRAME_RATE_HZ)))
         if progress:
-            progress(number, len(sounds))
+            progress(number, count)
     return motions

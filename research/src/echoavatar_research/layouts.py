@@ -3,10 +3,13 @@
 The paper uses only the first and has no table of them. Here both are trained alike, on the same codes.
 """
 
+from collections.abc import Sequence
+
 from .choices import GeneratorChoice
 from .experiment import Experiment
 from .scores import GENERATION, generation_scores
 from .table import Column, Line, Table, cells
+from .waves import Part, generator_waves
 
 NAME = "layouts"
 COLUMNS = (
@@ -21,6 +24,11 @@ VARIANTS = {
     "prefix (paper)": GeneratorChoice("order-prefix", sizes={"sequence": "prefix"}),
     "interleaved (ours)": GeneratorChoice("order-interleaved", sizes={"sequence": "interleaved"}),
 }
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `waves`."""
+    return generator_waves(list(VARIANTS.values()))
 
 
 def make(experiment: Experiment) -> Table:

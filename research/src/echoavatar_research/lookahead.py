@@ -32,9 +32,9 @@ class LookaheadPipeline(Pipeline):
 
     has_lookahead: ClassVar[bool] = True
 
-    def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]]) -> None:
+    def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]], *, device: str = "cpu") -> None:
         """`sounds` (24 kHz) are keyed by the seed of the session that will hear them; silence follows each."""
-        super().__init__(bundle)
+        super().__init__(bundle, device=device)
         self._ahead = bundle.generator.config.ahead_chunks
         self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # for the warm start
         self.warm_start.state()

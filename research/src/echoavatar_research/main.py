@@ -1,8 +1,10 @@
 """The paper's table "Quantitative evaluation on test set": kinds of token corruption, beside baselines.
 
-The paper has no uniform corruption. MECo, EDGE and the tuned models are quoted, not run.
+The paper has no uniform corruption and does not score the generator with exemplars. MECo, EDGE and the tuned models are
+quoted; motion of other systems (`--with`) is scored like ours.
 """
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from echoavatar.motion.kinematics import Motion
@@ -13,6 +15,7 @@ from .choices import OURS, GeneratorChoice
 from .experiment import EXTRA_CHUNKS, Experiment, motion_of
 from .scores import GENERATION, generation_scores
 from .table import Cell, Column, Line, Table, cells
+from .waves import Part, generator_waves
 
 NAME = "main"
 COLUMNS = (
@@ -31,6 +34,7 @@ QUOTED = {
     "Ours (GRPO)": (24.13, 20.89, 8.239, 2.618),
 }
 OFFLINE = "Ours, offline (hears ahead)"
+EXEMPLARS = "Ours, with exemplars (stage 3)"
 BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}
 
 
@@ -64,11 +68,22 @@ def offline(scale: Scale) -> GeneratorChoice:
     return GeneratorChoice("offline", sizes={"ahead_chunks": ahead}, training={"chunks": window + EXTRA_CHUNKS - ahead})
 
 
+def directed() -> GeneratorChoice:
+    """The generator of the last line, taught control by example (paper, Exemplar-Driven Control)."""
+    return GeneratorChoice("exemplars", sizes={"exemplar": True}, after=GeneratorChoice(OURS.name))
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `waves`."""
+    return generator_waves([*(one.generator for one in VARIANTS), directed(), offline(experiment.scale)])
+
+
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
     keys = ("fid", "diversity", "ba_g", "ba_d")
     truth = _scored(experiment, [motion_of(clip) for clip in experiment.test_clips])
     lines = [Line("GT", dict(zip(keys, TRUTH, strict=True)), truth)]
+    others = experiment.foreign_motions()  # first: a bad file must be told before hours of training
     baselines = Baselines(experiment.train_clips)
     for name, kind in BASELINES.items():
         experiment.say(f"line: {name}")
@@ -77,21 +92,46 @@ def make(experiment: Experiment) -> Table:
             for number, clip in enumerate(experiment.test_clips)
         ]
         lines.append(Line(name, {}, _scored(experiment, motions)))
+    for name, motions in others.items():
+        experiment.say(f"line: {name}")
+        lines.append(Line(name, _quoted(name), _scored(experiment, motions)))
     for name, paper, choice in VARIANTS:
         experiment.say(f"line: {name}")
         quoted = dict(zip(keys, paper, strict=False))
         lines.append(Line(name, quoted, _scored(experiment, experiment.generated_motions(choice))))
-    experiment.say(f"line: {OFFLINE}")
-    choice = offline(experiment.scale)
-    lines.append(Line(OFFLINE, {}, _scored(experiment, experiment.generated_motions(choice))))
-    lines += [Line(name, dict(zip(keys, values, strict=True))) for name, values in QUOTED.items()]
+    for name, choice in ((EXEMPLARS, directed()), (OFFLINE, offline(experiment.scale))):
+        experiment.say(f"line: {name}")
+        lines.append(Line(name, {}, _scored(experiment, experiment.generated_motions(choice))))
+    scored = {name.lower() for name in others}
+    lines += [Line(f"{name} (quoted)", _quoted(name)) for name in QUOTED if name.lower() not in scored]
     notes = (
         "Diversity: L1 deviation from the mean pose, summed over joints, metres; the paper does not give its unit.",
         f"{OFFLINE}: hierarchical corruption, and sound that is heard {choice.sizes['ahead_chunks']} chunks of 0.27 s"
         " before it is due; it cannot stream. An upper reference of ours, not the paper's.",
-        "The paper has no uniform corruption; MECo, EDGE, DPO and GRPO are quoted, not made here.",
+        f"{EXEMPLARS}: trained further from the line of hierarchical corruption, given no exemplar here.",
+        "The paper has no uniform corruption. Lines marked as quoted are the paper's numbers and nothing else.",
+        *foreign_notes(experiment, others),
     )
     return Table(NAME, "Generation (paper, Quantitative evaluation on test set)", COLUMNS, lines, notes)
+
+
+def foreign_notes(experiment: Experiment, others: Mapping[str, Sequence[Motion]]) -> list[str]:
+    """What was scored of other systems: the same clips, and how many of them are cut short."""
+    told = []
+    for name, motions in others.items():
+        short = [clip.frames - motion.frames for motion, clip in zip(motions, experiment.test_clips, strict=True)]
+        cut = f"; {sum(map(bool, short))} are short by up to {max(short)} frames and scored as far as they go"
+        told.append(
+            f"{name}: motion of that system for the same {len(motions)} clips, at 30 frames a second, on the same rig,"
+            f" with the same extractor{cut if any(short) else ''}; the paper's numbers beside it are quoted."
+        )
+    return told
+
+
+def _quoted(name: str) -> dict[str, float]:
+    """The paper's numbers of a system, if it has them."""
+    values = next((QUOTED[own] for own in QUOTED if own.lower() == name.lower()), ())
+    return dict(zip(("fid", "diversity", "ba_g", "ba_d"), values, strict=False))
 
 
 def _scored(experiment: Experiment, motions: list[Motion]) -> dict[str, Cell]:

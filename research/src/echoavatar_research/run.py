@@ -1,14 +1,11 @@
 """Makes a table by its name, with notes on how it was made."""
 
 import dataclasses
-import os
-import platform
+import math
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-import torch
 
 from . import (
     alignment,
@@ -18,12 +15,15 @@ from . import (
     latency,
     layouts,
     main,
+    retrieval,
     sound_labels,
     tokenizer_ablation,
 )
 from .beat2_experiment import Beat2Experiment
 from .experiment import Experiment
-from .table import Table, orderings
+from .hardware import hardware
+from .table import Table, orderings, over_seeds
+from .waves import Part, make_in_waves
 
 TABLES: dict[str, Callable[[Any], Table]] = {
     tokenizer_ablation.NAME: tokenizer_ablation.make,
@@ -33,31 +33,57 @@ TABLES: dict[str, Callable[[Any], Table]] = {
     layouts.NAME: layouts.make,
     latency.NAME: latency.make,
     alignment.NAME: alignment.make,
+    retrieval.NAME: retrieval.make,
     codec_probes.NAME: codec_probes.make,
     sound_labels.NAME: sound_labels.make,
 }
+WAVES: dict[str, Callable[[Any], Sequence[Sequence[Part]]]] = {
+    module.NAME: module.waves
+    for module in (tokenizer_ablation, main, beat2, dataset_composition, layouts, alignment, retrieval)
+}
+"""The parts of the tables that train; only these have several seeds and take several processes."""
 NOTHING_LEARNED = "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."
 FOREIGN = "Numbers of the paper are the paper's, not comparable: other data and extractor. Only order can be compared."
 CHANCE = "Over chance: less what the same motion scores with the sound of other clips."
 INTERVALS = "In brackets: 95 % intervals, resampling test clips; of training runs there is one seed."
+SPREAD = "±: standard deviation over {} seeds, of training and of sampling, on one corpus; in brackets: 95 % intervals."
 
 
-def reproduce(name: str, experiment: Experiment, *, command: str) -> Table:
-    """Make the table with all its notes. Finished parts are reused."""
+def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1, processes: int = 1) -> Table:
+    """Make the table with all its notes. Finished parts are reused.
+
+    With several `seeds` all is trained and sampled with each, from the experiment's own on; numbers are then means.
+    `processes` make parts at a time.
+    """
     experiment = Beat2Experiment.of(experiment) if name == beat2.NAME else experiment
-    table = TABLES[name](experiment)
+    experiments = [experiment]
+    if name in WAVES:
+        experiments += [experiment.again(seed=experiment.seed + more) for more in range(1, seeds)]
+        if processes > 1:
+            _ = experiment.test_clips  # the corpus, which all parts need
+            make_in_waves(WAVES[name](experiment), experiments, processes)
+    made = [TABLES[name](one) for one in experiments]
+    table = over_seeds(made) if len(made) > 1 else made[0]
     notes = list(table.notes)
-    if name not in (latency.NAME, codec_probes.NAME, sound_labels.NAME):  # these need no corpus of motion
+    if name in WAVES:  # the others need no corpus of motion
         notes += [FOREIGN] if any(line.paper for line in table.lines) else []
-        notes.append(INTERVALS)
+        if len(made) > 1:
+            notes.append(SPREAD.format(len(made)))
+        elif any(math.isfinite(cell.low) for line in table.lines for cell in line.ours.values()):
+            notes.append(INTERVALS)
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
         notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
-    notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; seed {experiment.seed}.")
+    notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; {_seeds(experiments)}.")
     if name not in (codec_probes.NAME, sound_labels.NAME):
         how = "none: codes decoded alone" if name == beat2.NAME else experiment.runtime
         notes.append(f"Runtime: {how}.")
     return dataclasses.replace(table, notes=notes)
+
+
+def _seeds(experiments: Sequence[Experiment]) -> str:
+    seeds = [str(one.seed) for one in experiments]
+    return f"seed{'s' * (len(seeds) > 1)} {', '.join(seeds)}"
 
 
 def commit() -> str:
@@ -67,22 +93,6 @@ def commit() -> str:
         return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
-
-
-def hardware(device: str) -> str:
-    """The name of the GPU, or of the processor with its cores."""
-    if device.startswith("cuda"):
-        return torch.cuda.get_device_name()
-    return f"{_processor()} ({torch.get_num_threads()} of {os.cpu_count()} cores)"
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
 
 
 def _about(experiment: Experiment) -> str:

@@ -1,9 +1,10 @@
 """Sizes and schedules of training at three scales, for `bench train` and for the paper's tables (`research/`).
 
 `tiny` runs every part in minutes and learns nothing. `rehearsal` is the size of the first default bundle: hours on
-a CPU. `paper` has the paper's settings and needs the real datasets and GPUs. All rows of a table are trained alike:
-no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none has
-our own loss terms.
+a CPU. `paper` has the paper's settings and needs the real datasets and GPUs. Generators take the paper's curriculum:
+stage 1 before every line, stage 2 for the line, stage 3 for the line with exemplars. All rows of a table are trained
+alike: no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none
+has our own loss terms.
 """
 
 from typing import Literal
@@ -46,7 +47,11 @@ class Scale(Config):
     tokenizer: MotionTokenizerConfig = Field(description="sizes; features are replaced")
     tokenizer_training: TokenizerTraining = Field(description="schedule")
     generator: GeneratorSizes = Field(description="sizes")
-    generator_training: GeneratorTraining = Field(description="schedule; weights by depth and window are filled in")
+    generator_training: GeneratorTraining = Field(
+        description="schedule of stage 2; weights by depth and window are filled in"
+    )
+    stage1: GeneratorTraining = Field(description="schedule of stage 1: embeddings learn, the body is frozen")
+    stage3: GeneratorTraining = Field(description="schedule of stage 3: control by example")
 
 
 TINY = Scale(
@@ -64,6 +69,8 @@ TINY = Scale(
     ),
     generator=GeneratorSizes(window_chunks=4, width=32, layers=2, mlp=96),
     generator_training=GeneratorTraining(steps=20, batch=4, warmup=2),
+    stage1=GeneratorTraining(objective="streams", steps=10, batch=4, learning_rate=2e-4, schedule="constant", warmup=2),
+    stage3=GeneratorTraining(steps=10, batch=4, warmup=2, exemplar=0.8),
 )
 
 REHEARSAL = Scale(
@@ -89,6 +96,10 @@ REHEARSAL = Scale(
     ),
     generator=GeneratorSizes(window_chunks=10, width=192, layers=6, mlp=576),
     generator_training=GeneratorTraining(steps=2200, batch=4, optimiser="muon"),
+    stage1=GeneratorTraining(
+        objective="streams", steps=300, batch=8, learning_rate=2e-4, schedule="constant", weight_decay=0
+    ),
+    stage3=GeneratorTraining(steps=1200, batch=4, optimiser="muon", exemplar=0.3),
 )
 
 PAPER = Scale(
@@ -111,6 +122,31 @@ PAPER = Scale(
         warmup=500,
         weight_decay=0.01,
         autocast=True,
+        short_windows=0,
+        save_every=1000,
+    ),
+    stage1=GeneratorTraining(
+        objective="streams",
+        steps=5000,
+        batch=256,
+        accumulation=2,
+        learning_rate=2e-4,
+        schedule="constant",
+        warmup=200,
+        weight_decay=0,
+        autocast=True,
+        save_every=500,
+    ),
+    stage3=GeneratorTraining(
+        steps=10_000,
+        batch=256,
+        accumulation=4,
+        learning_rate=5e-5,
+        final_rate=0.1,
+        warmup=200,
+        weight_decay=0.01,
+        autocast=True,
+        exemplar=0.9,
         short_windows=0,
         save_every=1000,
     ),

@@ -20,7 +20,7 @@ from echoavatar.models.tokenizer import BodyTokenizer, clip_features
 from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics, from_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
+from echoavatar.timing import FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_FRAME
 
 from .experiment import motion_of
 from .table import Cell, Wanted, cells
@@ -72,12 +72,15 @@ def reconstruction_scores(
 def generation_scores(
     motions: Sequence[Motion], clips: Sequence[Clip], extractor: Extractor, *, seed: int = 0
 ) -> list[Row]:
-    """All scores of generated motion against the clips whose sound it was generated from."""
-    pairs = [
-        Pair(clip.name, motion.cut(0, clip.frames), motion_of(clip), clip.audio, clip.domain)
-        for motion, clip in zip(motions, clips, strict=True)
-    ]
+    """All scores of generated motion against the clips whose sound it was generated from, over what both have."""
+    pairs = [_pair(motion, clip) for motion, clip in zip(motions, clips, strict=True)]
     return score(pairs, extractor, seed=seed)
+
+
+def _pair(motion: Motion, clip: Clip) -> Pair:
+    frames = min(motion.frames, clip.frames)
+    audio, domain = clip.audio[: frames * SAMPLES_PER_FRAME], clip.domain[:frames]
+    return Pair(clip.name, motion.cut(0, frames), motion_of(clip).cut(0, frames), audio, domain)
 
 
 def _moments(extractor: Extractor, rotations: torch.Tensor, root: torch.Tensor) -> Moments:

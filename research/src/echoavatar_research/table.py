@@ -1,8 +1,9 @@
 """The content of a table: the paper's numbers and ours, independent of the format it is written in."""
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 from echoavatar.evaluation.metrics.bootstrap import UNKNOWN
@@ -12,11 +13,12 @@ NAN = float("nan")
 
 
 class Cell(NamedTuple):
-    """A number we measured, with its 95 % interval over clips if there is one."""
+    """A number we measured, with its 95 % interval over clips, or its deviation over seeds, if there is one."""
 
     value: float
     low: float = NAN
     high: float = NAN
+    spread: float = NAN
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,25 @@ class Table:
     def has_ours(self, column: Column) -> bool:
         """Whether we measured this quantity for at least one line."""
         return any(column.key in line.ours for line in self.lines)
+
+
+def over_seeds(tables: Sequence[Table]) -> Table:
+    """One table of several that differ in the seed: means with standard deviations over seeds, without intervals.
+
+    Numbers that do not depend on the seed keep their interval.
+    """
+    lines = [_over_seeds(versions) for versions in zip(*(table.lines for table in tables), strict=True)]
+    return replace(tables[0], lines=lines)
+
+
+def _over_seeds(versions: Sequence[Line]) -> Line:
+    first = versions[0]
+    found = {}
+    for key, cell in first.ours.items():
+        values = [line.ours[key].value for line in versions if key in line.ours]
+        spread = statistics.stdev(values) if len(values) > 1 else NAN
+        found[key] = Cell(statistics.fmean(values), spread=spread) if spread > 0 else cell
+    return replace(first, ours=found)
 
 
 class Wanted(NamedTuple):

@@ -10,6 +10,7 @@ of the codes; "w/ bodypart" is the full model. We read the names as follows:
   same.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from echoavatar.models.tokenizer import LossWeights
@@ -18,6 +19,7 @@ from .choices import OURS, GeneratorChoice, TokenizerChoice
 from .experiment import Experiment, motion_of
 from .scores import GENERATION, generation_scores, reconstruction_scores
 from .table import Cell, Column, Line, Table, Wanted, cells
+from .waves import Part, generator_waves
 
 NAME = "tokenizer-ablation"
 NO_AUXILIARY = LossWeights(position=0, velocity=0, acceleration=0, foot_velocity=0, foot_position=0)
@@ -61,6 +63,11 @@ VARIANTS = (
     ),
     Variant("Attn (w/ bodypart)", (1.306, 184.1, 9.637, 9.465), OURS),
 )
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `waves`."""
+    return generator_waves([GeneratorChoice(one.tokenizer.name, tokenizer=one.tokenizer) for one in VARIANTS])
 
 
 def make(experiment: Experiment) -> Table:

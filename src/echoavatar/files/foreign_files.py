@@ -153,6 +153,28 @@ def read_table(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> di
     return found
 
 
+def read_pickled_table(path: Path) -> dict[str, object]:
+    """The entries of a pickled dictionary by name: arrays of numbers as NumPy's, and plain numbers and texts.
+
+    Raises:
+        CheckpointError: missing, damaged, no dictionary, or with anything in it that would run when read.
+    """
+    try:
+        check_file(path, PICKLED_BYTES, CheckpointError)
+        stored = unpickle_arrays(path.read_bytes())
+    except CheckpointError:
+        raise
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} does not exist; check the name") from error
+    except RefusedError as error:
+        raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
+    except Exception as error:  # a damaged pickle raises errors of any kind
+        raise CheckpointError(f"{path} is no pickle or is cut off ({type(error).__name__}); fetch it again") from error
+    if not isinstance(stored, dict):
+        raise CheckpointError(f"{path} holds no table of arrays but a {type(stored).__name__}; give another file")
+    return {name: part.content if isinstance(part, PickledArray) else part for name, part in stored.items()}
+
+
 def read_pickled_array(data: bytes) -> np.ndarray:
     """One pickled array of numbers, as the release's tools send it over a socket.
 

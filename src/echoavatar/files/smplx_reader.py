@@ -123,6 +123,22 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
         raise MotionError(f"{path} does not exist; check the name") from error
     except (*_FOREIGN, TypeError) as error:
         raise MotionError(f"{path} cannot be read as npz ({error}); fetch it again") from error
+    rest = None if body_model is None else rest_joints(body_model, betas)
+    return smplx_motion(path, poses, trans, fps, rest)
+
+
+def smplx_motion(
+    path: Path,
+    poses: Float[np.ndarray, "t 165"],
+    trans: Float[np.ndarray, "t 3"],
+    fps: float,
+    rest: Float[np.ndarray, "55 3"] | None = None,
+) -> Motion:
+    """Axis angles and places of the pelvis, read from `path`, as motion with +Y up that stands on the floor.
+
+    Raises:
+        MotionError: another shape, not finite, a rate that is none, or not upright; names the file.
+    """
     t = len(poses)
     if poses.shape != (t, 165) or trans.shape != (t, 3) or t == 0:
         raise MotionError(
@@ -131,7 +147,9 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
     if not (np.isfinite(poses).all() and np.isfinite(trans).all()):
         bad = int(np.flatnonzero(~np.isfinite(np.hstack([poses, trans])).all(1))[0])
         raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
-    rig = skeleton(None if body_model is None else rest_joints(body_model, betas))
+    if not 0 < fps < 1000:
+        raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
+    rig = skeleton(rest)
     matrices = matrix_from_axis_angle(torch.from_numpy(poses.reshape(t, 55, 3)))
     matrices, trans = _with_y_up(matrices, trans, path)
     rotations = quaternion_from_matrix(matrices).numpy().astype(np.float32)

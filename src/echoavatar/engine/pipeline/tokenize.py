@@ -75,7 +75,7 @@ def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.nda
     one = torch.ones(1, dtype=torch.bool)
     usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
     heard = level.step(torch.from_numpy(audio[None, :usable].copy()), level.init_state(1), one)
-    return codec.encode(heard)[0].numpy().astype(np.int16)
+    return codec.encode(heard.to(codec.codebooks.device))[0].cpu().numpy().astype(np.int16)
 
 
 def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
