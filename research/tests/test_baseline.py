@@ -44,3 +44,16 @@ def test_bad_audio_files_are_refused(corpus: Path, tmp_path: Path, capsys: pytes
     ):
         assert main(["baseline", "mean", "--train", str(corpus), *words, "-o", str(tmp_path / "x")]) == 1
         assert complaint in capsys.readouterr().err
+
+
+def test_prepared_and_merged_sets_serve_like_a_rehearsal_corpus(corpus: Path, tmp_path: Path, capsys) -> None:
+    pytest.importorskip("librosa", reason="the evaluate extra is not installed")
+    both, made = str(tmp_path / "both"), str(tmp_path / "made")
+    assert main(["data", "merge", str(corpus), "-o", both]) == 0
+    assert main(["baseline", "nearest", "--train", both, both, "-o", made]) == 0
+    assert main(["score", made, both]) == 0
+    shards = capsys.readouterr().out.splitlines()[-1]
+    assert main(["score", made, str(corpus)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == shards
+    assert main(["score", made, both, "--split", "val"]) == 1
+    assert "has no clips of split 'val', only test, train; name another --split" in capsys.readouterr().err

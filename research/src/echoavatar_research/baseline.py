@@ -2,6 +2,8 @@
 
 import argparse
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,12 +17,13 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar baseline nearest --train corpus talk.wav song.mp3 -o made    motion whose audio was most similar
-  echoavatar baseline random --train corpus corpus -o made                for the test clips of a corpus
+  echoavatar baseline random --train sets/all sets/zeroeggs -o made       for the test clips of a set
   echoavatar baseline mean --train corpus clips/*.npz -o made             for the audio of clips
-then: echoavatar score made corpus --common
+then: echoavatar score made sets/zeroeggs
 
 mean: the mean pose, standing still. random: stretches of training motion, whatever the audio. nearest: every 2.1 s the
-training motion with the most similar audio. All use only the training clips of the corpus.
+training motion with the most similar audio. All use only the training clips of the set. A set is a corpus of `data
+rehearse`, `data prepare` or `data merge`.
 """
 
 
@@ -39,34 +42,42 @@ def run(args: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from echoavatar.data import Corpus
+    from echoavatar.motion.kinematics import HUMANOID
     from echoavatar_research.baselines import Baselines
 
-    paths = [found for given in args.audio for found in _sounds(given)]
-    names = [path.stem for path in paths]
+    sounds = [found for given in args.audio for found in _sounds(given)]
+    names = [name for name, _ in sounds]
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise EchoAvatarError(f"two audio files are named {twice}; rename one of them")
     corpus = Corpus(args.train)
-    show = not sys.stderr.isatty()
-    training = [corpus.load(name) for name in tqdm(corpus.names("train"), "reading", unit="clip", disable=show)]
+    if corpus.skeleton.names != HUMANOID.names:
+        raise EchoAvatarError(f"{args.train} is on a rig of its own; prepare it with --rig unified")
+    show, train = not sys.stderr.isatty(), corpus.names("train", has_mirrored=False)
+    if not train:
+        raise EchoAvatarError(f"{args.train} has no training clips; prepare it again with --test-every 10")
+    training = [corpus.load(name) for name in tqdm(train, "reading", unit="clip", disable=show)]
     baselines = Baselines(training)
-    for number, path in enumerate(tqdm(paths, "making", unit="clip", disable=show)):
-        heard = _heard(path)
-        motion = baselines.make(args.kind, heard.audio, seed=args.seed + number)
-        replace(heard, rotations=motion.rotations, root=motion.root).save(args.output / f"{path.stem}.npz")
-    print(f"{len(paths)} clips in {args.output}")
+    for number, (name, heard) in enumerate(tqdm(sounds, "making", unit="clip", disable=show)):
+        clip = heard()
+        motion = baselines.make(args.kind, clip.audio, seed=args.seed + number)
+        replace(clip, rotations=motion.rotations, root=motion.root).save(args.output / f"{name}.npz")
+    print(f"{len(sounds)} clips in {args.output}")
     return 0
 
 
-def _sounds(given: Path) -> list[Path]:
-    """The file itself, or the test clips of a corpus."""
+def _sounds(given: Path) -> "list[tuple[str, Callable[[], Clip]]]":
+    """The file itself, or the test clips with sound of a set: names, and how the clips are read."""
     if not given.is_dir():
-        return [given]
+        return [(given.stem, partial(_heard, given))]
     from echoavatar.data import Corpus
 
     corpus = Corpus(given)
-    if not (names := corpus.names("test")):
-        raise EchoAvatarError(f"{given} has no test clips; give audio files instead")
-    return [corpus.path(name) for name in names]
+    held_out = [entry.name for entry in corpus.entries("test", has_mirrored=False) if entry.has_sound]
+    if not held_out:
+        raise EchoAvatarError(
+            f"{given} has no test clips with sound; give audio files, or prepare it again with --test-every 10"
+        )
+    return [(name, partial(corpus.load, name)) for name in held_out]
 
 
 def _heard(path: Path) -> "Clip":

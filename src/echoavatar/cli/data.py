@@ -80,6 +80,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     describe.add_argument(
         "--beside", type=Path, action="append", default=[], help="a BVH clip to compare with; may be repeated"
     )
+    merge = kinds.add_parser(
+        "merge",
+        help="several sets as one, such as the paper's mixture of speech and dance",
+        description="Make one set of several. Clips keep names and splits; shards are linked, so it takes no space.",
+        epilog="example: echoavatar data merge sets/zeroeggs sets/motorica -o sets/all",
+    )
+    merge.add_argument("sets", type=Path, nargs="+", metavar="SET", help="folders of sets or corpora")
+    merge.add_argument("-o", "--output", type=Path, required=True, help="folder of the new set")
     faces = kinds.add_parser("face", help="sound and ARKit curves: takes of Live Link Face, or synthetic clips")
     data_face.add_arguments(faces)
     for kind, summary in RESEARCH.items():
@@ -96,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
         "preview": _preview,
         "describe": _describe,
         "face": data_face.run,
+        "merge": _merge,
     }
     code: int = command_module(f"data {args.kind}").run(args) if args.kind in RESEARCH else kinds[args.kind](args)
     return code
@@ -112,6 +121,20 @@ def _rehearse(args: argparse.Namespace) -> int:
         made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))
     print(f"{made} clips, {plan.clips * plan.clip_seconds / 3600:.2f} hours in {plan.folder}")
     print(f"fingerprint {Corpus(plan.folder).fingerprint}")
+    return 0
+
+
+def _merge(args: argparse.Namespace) -> int:
+    from echoavatar.data.merge import merge
+    from echoavatar.timing import FRAME_RATE_HZ
+
+    with tqdm(total=len(args.sets), unit="set") as bar:
+        corpus = merge(args.sets, args.output, progress=lambda done, _: bar.update(done - bar.n))
+    counts = {split: len(corpus.names(split, has_mirrored=False)) for split in ("train", "val", "test")}
+    told = ", ".join(f"{count} {split}" for split, count in counts.items() if count)
+    print(f"{sum(counts.values())} clips ({told}), {corpus.frames() / FRAME_RATE_HZ / 60:.1f} minutes in {args.output}")
+    if licence := corpus.manifest.info["licence"]:
+        print(f"licence: {licence}")
     return 0
 
 

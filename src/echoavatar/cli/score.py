@@ -14,13 +14,16 @@ if TYPE_CHECKING:
     from echoavatar.evaluation.score import Extractor
 
 EXAMPLES = """examples:
-  echoavatar score made true                              folders of .npz or .bvh with the same file names
-  echoavatar score made corpus --common                   only those clips of a corpus that `made` has
+  echoavatar score made true                              folders of motion with the same file names
+  echoavatar score made sets/zeroeggs                     the test clips of a set (data prepare, merge or rehearse)
+  echoavatar score made sets/zeroeggs --split val --common   of another split, only the clips that `made` has
   echoavatar score made true --audio sounds --picture score.png
   echoavatar score made true --extractor runs/fid         FID with your own extractor: `echoavatar train fid-encoder`
   echoavatar score --embeddings pairs.npz                 retrieval: arrays `audio` and `motion`, (pairs, size) each
 
-What each row means: docs/metrics.md.
+Motion is .bvh of any known rig, .npz (ours, or SMPL-X parameters as EMAGE and its kin write them; the res_ before a
+name is dropped, gt_ files are passed over) or .pkl (SMPL parameters as EDGE writes them; the test_ before a name is
+dropped, and nothing in the file is run). What each row means: docs/metrics.md.
 """
 
 
@@ -35,6 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--kind",
         choices=("speech", "music"),
         help="what the audio is (default: its labels; music if folder or file are named so, else speech)",
+    )
+    parser.add_argument(
+        "--split",
+        choices=("test", "val", "train", "all"),
+        default="test",
+        help="which clips of a set are taken (default: %(default)s)",
     )
     parser.add_argument("--common", action="store_true", help="score only the clips that both folders have")
     parser.add_argument("--resample", action="store_true", help="accept motion that is not at 30 fps")
@@ -55,6 +64,10 @@ def run(args: argparse.Namespace) -> int:
 
     if (args.made is None) != (args.true is None) or (args.made is None and not args.embeddings):
         raise EchoAvatarError("give two folders, MADE and TRUE; `echoavatar score --help` has examples")
+    if args.picture:
+        from echoavatar.evaluation.score_picture import want_matplotlib
+
+        want_matplotlib()  # before any work
     rows = _motion_rows(args) if args.made else []
     if args.embeddings:
         from echoavatar.evaluation.score_retrieval import read_embeddings, retrieval_rows
@@ -82,6 +95,7 @@ def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
         kind={"speech": SPEECH, "music": MUSIC, None: None}[args.kind],
         is_common=args.common,
         is_resampling=args.resample,
+        split=None if args.split == "all" else args.split,
     )
     with tqdm(unit="clip", disable=not sys.stderr.isatty()) as bar:
 

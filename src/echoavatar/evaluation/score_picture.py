@@ -11,6 +11,14 @@ from .score_row import Row
 _MADE, _TRUTH, _CHANCE = "#1f5fa8", "#2e2e2e", "#b5432a"
 
 
+def want_matplotlib() -> None:
+    """Raise DependencyError where matplotlib is missing; called before work whose end is a picture."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError as error:
+        raise DependencyError("pictures need matplotlib; run: pip install 'echoavatar[evaluate]'") from error
+
+
 def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
     """Write a picture (.png, .pdf or .svg).
 
@@ -18,11 +26,10 @@ def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
         DependencyError: matplotlib is missing.
         EchoAvatarError: the picture cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise DependencyError("pictures need matplotlib; run: pip install 'echoavatar[evaluate]'") from error
+    want_matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(8.0, 0.9 + 0.42 * len(rows)), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=11, x=0.02, ha="left")
