@@ -7,7 +7,7 @@ what came from where, with the terms of each part, and the strictest reading app
 
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +125,7 @@ def _link(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def _info(parts: Sequence[Corpus]) -> Mapping[str, Any]:
+def _info(parts: Sequence[Corpus]) -> dict[str, Any]:
     """What the set is made of: kind, terms and split of each part."""
     infos = {part.folder.name: part.manifest.info for part in parts}
     licences = {name: str(info["licence"]) for name, info in infos.items() if info.get("licence")}
