@@ -52,6 +52,8 @@ def test_the_sums_are_right() -> None:
 
 NOT_RUN = {
     "data rl-corpus": "its speech comes from a paid service",
+    "align reward-quality": "a thousand steps and more; `reproduce alignment` trains it",
+    "align reward-alignment": "a thousand steps and more; `reproduce alignment` trains it",
     "bench train": "its own test runs it",
     "bench stream": "its own test runs it",
     "bench sessions": "its own test runs it",
