@@ -18,7 +18,7 @@ from PIL import Image
 from echoavatar.engine import animate
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.video import View, film
+from echoavatar.files.avatar.video import Shot, View, film
 from echoavatar.models.audio import stream_audio
 
 SHIPPED = Path(__file__).parents[1] / "docs" / "pictures" / "speech_and_music.webp"
@@ -42,7 +42,8 @@ def panel(
     motion = replace(
         done.motion, rotations=done.motion.rotations[shown], root=done.motion.root[shown], fps=done.motion.fps / EVERY
     )
-    for large in film(motion, face=face, character=load_character(who), size=(2 * width, 2 * HEIGHT), view=view):
+    shot = Shot((2 * width, 2 * HEIGHT), view)
+    for large in film(motion, face=face, character=load_character(who), shot=shot):
         yield np.asarray(Image.fromarray(large).resize((width, HEIGHT), Image.Resampling.BILINEAR))
 
 

@@ -24,7 +24,7 @@ from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.gltf import Animation as GltfAnimation
 from echoavatar.files.avatar.gltf import pack_glb
 from echoavatar.files.avatar.page import PageClip, page_text
-from echoavatar.files.avatar.video import View, write_mp4
+from echoavatar.files.avatar.video import Shot, View, write_film
 from echoavatar.files.exports import Take, read_rig, writer
 from echoavatar.models.audio import stream_audio
 from echoavatar.models.audio.resample import StreamResampler
@@ -55,17 +55,17 @@ class Animation(Made):
         Args:
             path: where to write.
             rig: your own character or skeleton (.vrm, .glb or .bvh), which then moves.
-            size: width and height of an .mp4, in pixels.
-            view: of an .mp4: front, left, right or back of the body, or the face alone.
+            size: width and height of a film (.mp4, .webm), in pixels.
+            view: of a film: front, left, right or back of the body, bust, or the face alone.
 
         Raises:
             EchoAvatarError: the suffix is unknown, the rig does not fit it, or the file cannot be written there.
         """
         path = Path(path)
         write = writer(path, has_rig=rig is not None)
-        if path.suffix.lower() == ".mp4":
+        if path.suffix.lower() in (".mp4", ".webm"):
             take = self.take.on_humanoid()
-            write_mp4(path, take.motion, self.audio, face=self.face, size=size, view=view)
+            write_film(path, take.motion, self.audio, face=self.face, shot=Shot(size, view))
         elif rig is None:
             write(path, self.take, None)
         else:

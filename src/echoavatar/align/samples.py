@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from echoavatar.files.avatar.video import write_mp4
+from echoavatar.files.avatar.video import Shot, write_film
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, from_features
@@ -40,7 +40,7 @@ class SampleVideos:
         path.parent.mkdir(parents=True, exist_ok=True)
         for at, (row, sound) in enumerate(zip(codes, sounds, strict=True)):
             target = path.with_name(f"{path.name}_{at}.mp4")
-            write_mp4(target, self._motion(row), sound.numpy(), size=SIZE, samples=1)
+            write_film(target, self._motion(row), sound.numpy(), shot=Shot(SIZE, samples=1))
 
     def _motion(self, codes: Tensor) -> Motion:
         moved = from_features(self._tokenizer.skeleton, self._tokenizer.decode(codes[None]))

@@ -25,13 +25,14 @@ if TYPE_CHECKING:
     from echoavatar.files.exports import Take
 
 STDIN = Path("-")
-VIEWS = ("front", "left", "right", "back", "face")
-FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4; .vrm with --rig"
+VIEWS = ("front", "left", "right", "back", "bust", "face")
+FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4, .webm; .vrm with --rig"
 RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
   echoavatar animate talk.wav -o talk.mp4 --close-up the face alone, to judge lips and eyes
+  echoavatar animate talk.wav -o talk.webm --alpha   the character without a background
   echoavatar animate talk.wav -o talk.bvh --fps 60   skeleton and rotations, interpolated to 60 fps
   echoavatar animate *.wav -o motion/ --format .bvh  each sound into a file of its name
   cat talk.mp3 | echoavatar animate - -o talk.glb    sound from standard input
@@ -79,9 +80,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
     parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
     parser.add_argument(
-        "--size", type=_size, metavar="WxH", help="pixels of the film (default: 1280x720, face 720x720)"
+        "--size", type=_size, metavar="WxH", help="pixels of the film (default: 1280x720, bust and face 720x720)"
     )
-    parser.add_argument("--character", metavar="NAME", help="who is filmed (.mp4): maya (default), theo or amara")
+    parser.add_argument("--character", metavar="NAME", help="who is filmed: maya (default), theo or amara")
+    parser.add_argument(
+        "--background",
+        default="studio",
+        metavar="WHAT",
+        help="behind the character in a film: studio (default), dusk, plain, or a colour such as #00ff00",
+    )
+    parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
@@ -100,6 +108,7 @@ def run(args: argparse.Namespace) -> int:
     writers = [writer(output, has_rig=args.rig is not None) for output in outputs]
     rig = None if args.rig is None else read_rig(args.rig)
     character = load_character(args.character)
+    _check_film(args, outputs)
     if args.in_place and "leash" in args.without:
         raise EchoAvatarError(
             "--in-place needs the stage `leash`, which --without leash leaves out; drop one of the two"
@@ -121,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
                 progress=partial(_advance, bar),
             )
         motion, take = done.motion, Take(done.motion, done.face, done.audio)
-        if output.suffix.lower() == ".mp4":
+        if output.suffix.lower() in (".mp4", ".webm"):
             _film(output, take, character, args)
         else:
             write(output, take if rig is None else rig.retarget(take), rig)
@@ -130,6 +139,15 @@ def run(args: argparse.Namespace) -> int:
             f"real-time factor {done.real_time_factor:.2f}"
         )
     return 0
+
+
+def _check_film(args: argparse.Namespace, outputs: list[Path]) -> None:
+    """Find what a film cannot be before the motion is made."""
+    from echoavatar.files.avatar.stage import Stage
+
+    Stage.of(args.background)
+    if args.alpha and any(output.suffix.lower() != ".webm" for output in outputs):
+        raise EchoAvatarError("--alpha needs a format with an alpha channel; let -o end in .webm")
 
 
 def _outputs(args: argparse.Namespace, known: Collection[str]) -> list[Path]:
@@ -167,19 +185,18 @@ def _readable(sound: Path) -> Iterator[Path]:
 
 
 def _film(path: Path, take: "Take", character: "Character", args: argparse.Namespace) -> None:
-    from echoavatar.files.avatar.video import write_mp4
+    from echoavatar.files.avatar.video import Shot, default_size, write_film
 
     audio = np.zeros(0, np.float32) if take.audio is None else take.audio
     view: View = "face" if args.close_up else args.camera
     with tqdm(total=take.motion.frames, unit="frame", desc="filming", disable=_is_quiet()) as bar:
-        write_mp4(
+        write_film(
             path,
             take.motion,
             audio,
             face=take.face,
             character=character,
-            view=view,
-            size=args.size or ((720, 720) if view == "face" else (1280, 720)),
+            shot=Shot(args.size or default_size(view), view, args.background, args.alpha),
             progress=lambda made, _: _advance(bar, made),
         )
 

@@ -141,7 +141,7 @@ def _merge(args: argparse.Namespace) -> int:
 def _preview(args: argparse.Namespace) -> int:
     from echoavatar.data import Corpus
     from echoavatar.files.avatar.sheet import contact_sheet, save_picture
-    from echoavatar.files.avatar.video import write_mp4
+    from echoavatar.files.avatar.video import Shot, write_film
     from echoavatar.motion.kinematics import HUMANOID
     from echoavatar.motion.kinematics.retarget import retarget
     from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
@@ -157,7 +157,7 @@ def _preview(args: argparse.Namespace) -> int:
         motion = motion if motion.skeleton.names == HUMANOID.names else retarget(motion)  # the character's rig
         save_picture(args.output / f"{name}.png", contact_sheet(motion))
         sound = clip.audio[: motion.frames * SAMPLES_PER_FRAME]
-        write_mp4(args.output / f"{name}.mp4", motion, sound, size=(640, 480))
+        write_film(args.output / f"{name}.mp4", motion, sound, shot=Shot((640, 480)))
     print(f"contact sheets and videos in {args.output}")
     return 0
 

@@ -57,7 +57,7 @@ def _files(args: argparse.Namespace) -> int:
     from echoavatar.files.avatar import load_character
     from echoavatar.files.avatar.gltf import Animation, pack_glb, write_glb
     from echoavatar.files.avatar.page import PageClip, write_page
-    from echoavatar.files.avatar.video import write_mp4
+    from echoavatar.files.avatar.video import Shot, write_film
     from echoavatar.models.audio import read_audio
 
     try:
@@ -79,12 +79,12 @@ def _files(args: argparse.Namespace) -> int:
         write_glb(args.output / f"{name}.glb", character, motion.rotations, motion.root, face=face)
         if not args.no_video:
             with tqdm(total=motion.frames, unit="frame", desc="  filming") as bar:
-                write_mp4(
+                write_film(
                     args.output / f"{name}.mp4",
                     motion,
                     done.audio,
                     face=face,
-                    size=(960, 540),
+                    shot=Shot((960, 540)),
                     progress=partial(_advance, bar),
                 )
         animations.append(Animation(name, motion.rotations, motion.root, face=face))

@@ -181,10 +181,10 @@ def _motion() -> list[Finding]:
 
 
 def _film(path: Path, take: "Take") -> None:
-    from echoavatar.files.avatar.video import write_mp4
+    from echoavatar.files.avatar.video import Shot, write_film
 
     assert take.audio is not None
-    write_mp4(path, take.motion, take.audio, size=(160, 90), samples=1)
+    write_film(path, take.motion, take.audio, shot=Shot((160, 90), samples=1))
 
 
 def _said(error: Exception) -> str:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
-from echoavatar.files.avatar.morphs import Morphs, checked_face
+from echoavatar.files.avatar.morphs import Morphs, added, checked_face
 
 
 def some() -> tuple[Morphs, np.ndarray, np.ndarray]:
@@ -18,10 +18,12 @@ def some() -> tuple[Morphs, np.ndarray, np.ndarray]:
 def test_sparse_shapes_add_up_as_full_ones() -> None:
     morphs, moves, turns = some()
     assert morphs.reach == 17
-    weights = np.array([0.2, 0.7, 1.0])
-    added = morphs.added(weights)
-    np.testing.assert_allclose(added[0], np.einsum("n,nvi->vi", weights, moves)[:17], atol=1e-6)
-    np.testing.assert_allclose(added[1], np.einsum("n,nvi->vi", weights, turns)[:17], atol=1e-6)
+    weights = np.array([0.2, 0.7, 1.0], np.float32)
+    positions, normals = np.zeros((20, 3), np.float32), np.tile(np.float32([0, 0, 1]), (20, 1))
+    added(weights, morphs.starts, morphs.vertices, morphs.moves, morphs.turns, positions, normals, morphs.reach)
+    np.testing.assert_allclose(positions, np.einsum("n,nvi->vi", weights, moves), atol=1e-6)
+    turned = [0, 0, 1] + np.einsum("n,nvi->vi", weights, turns)
+    np.testing.assert_allclose(normals, turned / np.linalg.norm(turned, axis=1, keepdims=True), atol=1e-5)
 
 
 def test_what_hardly_moves_is_left_out() -> None:

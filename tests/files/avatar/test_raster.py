@@ -13,7 +13,7 @@ def _visible(screen: list[list[float]], triangles: list[list[int]], cutouts: lis
     table = np.array([[[0, len(alpha), 1]] * 2])
     uvs = (corners[:, :2] / 20).astype(np.float32)
     index, pictures = np.array(triangles, np.int32), np.zeros(len(triangles), np.int32)
-    raster.visible(corners, index, depth, ids, uvs, pictures, np.array(cutouts), texels, table)
+    raster.visible(corners, index, depth, ids, (0, 0, 20, 20), uvs, pictures, np.array(cutouts), texels, table)
     return ids
 
 
@@ -38,6 +38,8 @@ def test_the_shadow_map_keeps_the_highest_surface() -> None:
     corners = np.array([[0, 0], [32, 0], [0, 32]], np.float32)
     light = np.concatenate([np.c_[corners, np.full(3, height)] for height in (1.0, 2.0)]).astype(np.float32)
     shadow = np.zeros((32, 32), np.float32)
-    raster.shadow_depth(light, np.array([[3, 4, 5], [0, 1, 2]], np.int32), shadow)
+    still = np.eye(3, 4, dtype=np.float32)
+    triangles = np.array([[3, 4, 5], [0, 1, 2]], np.int32)
+    raster.shadow_depth(light, triangles, np.zeros(2, bool), still, np.zeros_like(light), shadow)
     assert shadow[4, 4] == 2
     assert shadow[31, 31] < -1e8

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
-from echoavatar.files.avatar.video import film, write_mp4
+from echoavatar.files.avatar.video import Shot, film, write_film
 from echoavatar.motion.kinematics import HUMANOID, Motion
 
 
@@ -20,7 +20,7 @@ def standing(frames: int) -> Motion:
 def test_picture_and_sound_have_the_same_length_and_rate(tmp_path: Path) -> None:
     """15 frames at 30 fps and 12,000 samples at 24 kHz are half a second each."""
     path = tmp_path / "clip.mp4"
-    write_mp4(path, standing(15), np.sin(np.arange(12_000) / 20).astype(np.float32), size=(96, 96), samples=1)
+    write_film(path, standing(15), np.sin(np.arange(12_000) / 20).astype(np.float32), shot=Shot((96, 96), samples=1))
     with av.open(str(path)) as container:
         assert sum(1 for _ in container.decode(video=0)) == 15
         assert container.streams.video[0].average_rate == 30
@@ -31,7 +31,7 @@ def test_picture_and_sound_have_the_same_length_and_rate(tmp_path: Path) -> None
 
 
 def test_the_character_stands_in_the_picture() -> None:
-    picture = next(film(standing(1), size=(96, 160), samples=1))
+    picture = next(film(standing(1), shot=Shot((96, 160), samples=1)))
     background = picture[:20].reshape(-1, 3).astype(int)
     assert np.abs(picture[80, 48].astype(int) - background.mean(0)).sum() > 60
 
@@ -41,7 +41,7 @@ def test_a_close_up_shows_the_face_and_what_it_does() -> None:
     shut, wide = np.zeros((1, 52), np.float32), np.zeros((1, 52), np.float32)
     wide[0, 17] = 1
     one, other = (
-        next(film(standing(1), face=face, size=(96, 96), samples=1, view="face")).astype(int) for face in (shut, wide)
+        next(film(standing(1), face=face, shot=Shot((96, 96), "face", samples=1))).astype(int) for face in (shut, wide)
     )
     changed = np.abs(one - other).sum(2) > 30
     assert changed[48:].sum() > 100
@@ -50,17 +50,47 @@ def test_a_close_up_shows_the_face_and_what_it_does() -> None:
 
 def test_a_face_of_another_length_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="2 frames take"):
-        write_mp4(
+        write_film(
             tmp_path / "clip.mp4",
             standing(2),
             np.zeros(1600, np.float32),
             face=np.zeros((5, 52), np.float32),
-            size=(32, 32),
-            samples=1,
+            shot=Shot((32, 32), samples=1),
         )
 
 
 def test_an_unwritable_place_is_named_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="cannot write"):
-        write_mp4(tmp_path / "no" / "clip.mp4", standing(2), np.zeros(1600, np.float32), size=(32, 32), samples=1)
+        write_film(
+            tmp_path / "no" / "clip.mp4", standing(2), np.zeros(1600, np.float32), shot=Shot((32, 32), samples=1)
+        )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_webm_keeps_the_alpha_channel(tmp_path: Path) -> None:
+    """Corners are clear, the body is opaque; read by libvpx, because FFmpeg's own decoder drops alpha."""
+    path = tmp_path / "clip.webm"
+    write_film(path, standing(3), np.zeros(2400, np.float32), shot=Shot((96, 160), alpha=True, samples=1))
+    with av.open(str(path)) as container:
+        decoder = av.CodecContext.create("libvpx-vp9", "r")
+        packet = next(packet for packet in container.demux(video=0) if packet.size)
+        frame = decoder.decode(packet)[0]
+    assert frame.format.name == "yuva420p"
+    alpha = frame.reformat(format="rgba").to_ndarray()[..., 3]
+    assert alpha[:10].max() < 20
+    assert alpha[80, 48] > 235
+
+
+def test_a_format_without_alpha_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match=r"write \.webm"):
+        write_film(tmp_path / "clip.mp4", standing(1), np.zeros(800, np.float32), shot=Shot((32, 32), alpha=True))
+
+
+def test_two_threads_draw_the_frames_in_order() -> None:
+    """The jaw opens frame by frame; each picture is the one that a single renderer draws of this frame."""
+    face = np.zeros((9, 52), np.float32)
+    face[:, 17] = np.linspace(0, 1, 9)
+    shot = Shot((64, 64), "face", samples=1)
+    pictures = list(film(standing(9), face=face, shot=shot))
+    alone = [next(film(standing(1), face=face[i : i + 1], shot=shot)) for i in range(9)]
+    np.testing.assert_array_equal(pictures, alone)

@@ -13,7 +13,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of
 
-from .morphs import Morphs
+from .morphs import Morphs, added
 from .textures import NAMES, Textures, decoded, looked_up
 
 CHARACTERS = ("maya", "theo", "amara")
@@ -60,7 +60,7 @@ class Character:
 
     @cached_property
     def dense_weights(self) -> Float[np.ndarray, "v j"]:
-        """Weights as one matrix over all joints, so that skinning is one matrix product."""
+        """Weights as one matrix over all joints."""
         dense = np.zeros((len(self.positions), HUMANOID.joints), np.float32)
         rows = np.arange(len(dense))
         for column in range(self.joints.shape[1]):
@@ -80,12 +80,9 @@ class Character:
 
     def with_face(self, weights: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
         """Positions and unit normals in the rest pose with an expression; weights are in the order of `face.names`."""
-        positions, normals = self.positions.copy(), self.normals.copy()
-        moves, turns = self.face.added(weights)
-        positions[: len(moves)] += moves
-        turned = normals[: len(turns)] + turns
-        turned /= np.maximum(np.sqrt(np.einsum("vi,vi->v", turned, turned)), 1e-9)[:, None]
-        normals[: len(turns)] = turned
+        positions, normals, face = self.positions.copy(), self.normals.copy(), self.face
+        strengths = np.asarray(weights, np.float32)
+        added(strengths, face.starts, face.vertices, face.moves, face.turns, positions, normals, face.reach)
         return positions, normals
 
     def save(self, path: Path) -> None:

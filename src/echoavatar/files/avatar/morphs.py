@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from echoavatar.errors import MotionError
+from echoavatar.nn.kernels import kernel
 
 MOVE_UNIT = 2e-6  # metres; how moves are stored
 TURN_UNIT = 1 / 64  # how changes of normals are stored
@@ -34,24 +35,10 @@ class Morphs:
     moves: Float[np.ndarray, "m 3"]
     turns: Float[np.ndarray, "m 3"]
 
-    @property
+    @cached_property
     def reach(self) -> int:
         """All moving vertices are before this one."""
         return int(self.vertices.max(initial=-1)) + 1
-
-    @cached_property
-    def dense(self) -> Float[np.ndarray, "n d"]:
-        """Moves, then turns, of all vertices up to `reach` as one row a shape: one product applies them all."""
-        table = np.zeros((len(self.names), 2, self.reach, 3), np.float32)
-        shape = np.repeat(np.arange(len(self.names)), np.diff(self.starts))
-        table[shape, 0, self.vertices] = self.moves
-        table[shape, 1, self.vertices] = self.turns
-        return table.reshape(len(self.names), -1)
-
-    def added(self, weights: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
-        """What the weights add to positions and normals of the first `reach` vertices."""
-        total = (np.asarray(weights, np.float32) @ self.dense).reshape(2, self.reach, 3)
-        return total[0], total[1]
 
     def part(self, index: int) -> slice:
         """The entries of one shape."""
@@ -104,3 +91,21 @@ def checked_face(curves: ArrayLike, frames: int, shapes: int = 52) -> Float[np.n
     if not np.isfinite(face).all():
         raise MotionError("the face holds values that are not finite; repair it before export")
     return np.clip(face, 0, 1)
+
+
+@kernel(fastmath=True)
+def added(weights, starts, vertices, moves, turns, positions, normals, reach):  # type: ignore[no-untyped-def]
+    """Add the shapes with weights (n) to `positions` and `normals` (v, 3), and make the first `reach` normals unit."""
+    for shape in range(weights.shape[0]):
+        weight = np.float32(weights[shape])
+        if weight != 0:
+            for entry in range(starts[shape], starts[shape + 1]):
+                v = vertices[entry]
+                for i in range(3):
+                    positions[v, i] += weight * moves[entry, i]
+                    normals[v, i] += weight * turns[entry, i]
+    for v in range(reach):
+        length = normals[v, 0] ** 2 + normals[v, 1] ** 2 + normals[v, 2] ** 2
+        scale = np.float32(1.0) / max(np.sqrt(length), np.float32(1e-9))
+        for i in range(3):
+            normals[v, i] *= scale

@@ -1,8 +1,9 @@
 """Render the character without a display, by a small rasteriser of our own.
 
 Off-screen OpenGL needs system libraries that bare machines lack; these loops need only numba. The picture has a
-perspective camera, a key light with soft shadows, light from sky and ground, a rim light, a floor with a one-metre
-grid, a filmic tone curve, and 2 x 2 supersampling.
+perspective camera, a key light with soft shadows, light from sky and ground and from behind, a contact shadow on the
+floor, a filmic tone curve, and 2 x 2 supersampling. The compiled loops release the interpreter's lock, so several
+renderers draw at once in threads.
 """
 
 from dataclasses import dataclass
@@ -11,15 +12,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
-from . import raster
+from . import raster, shading
 from .character import MATERIALS, Character
+from .stage import Stage, tone_curve
 from .textures import NAMES, Texels, decoded
 
 _BYTES = np.arange(256) / 255
 _LINEAR = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4).astype(np.float32)
 SHADOW_TEXELS = 1024
-SHADOW_METRES = 3.6
-LIGHT = np.array([0.45, 0.8, 0.55], np.float32) / np.float32(np.linalg.norm([0.45, 0.8, 0.55]))
+SHADOW_METRES = 2.6
+CONTACT_CELLS = 128
+CONTACT_METRES = 1.92
+NEAR_M = 1.5  # to the target: a closer camera sees shadows in finer texels
 
 
 @dataclass(frozen=True)
@@ -81,45 +85,76 @@ class Surface:
 
 
 class Renderer:
-    """Draws surfaces at one picture size, and keeps its buffers between frames."""
+    """Draws surfaces at one picture size before one stage, and keeps its buffers between frames; for one thread."""
 
-    def __init__(self, width: int = 1280, height: int = 720, *, camera: Camera | None = None, samples: int = 2) -> None:
-        """`samples` is the supersampling per axis; 1 is fast but jagged."""
+    def __init__(
+        self,
+        width: int = 1280,
+        height: int = 720,
+        *,
+        camera: Camera | None = None,
+        samples: int = 2,
+        background: str = "studio",
+        alpha: bool = False,
+    ) -> None:
+        """`samples` is the supersampling per axis; 1 is fast but jagged. `alpha` leaves the backdrop clear.
+
+        Raises:
+            MotionError: there is no such background.
+        """
         self.width, self.height, self.samples = width, height, samples
         self.camera = camera or Camera()
+        self._stage = Stage.of(background)
         wide, high = width * samples, height * samples
         self._depth = np.zeros((high, wide), np.float32)
         self._ids = np.zeros((high, wide), np.int32)
-        self._image = np.zeros((height, width, 3), np.uint8)
+        self._empty = self._stage.picture(width, height)
+        if alpha:
+            self._empty = np.zeros((height, width, 4), np.uint8)
         self._shadow = np.zeros((SHADOW_TEXELS, SHADOW_TEXELS), np.float32)
-        self._tone = _tone_curve()
+        self._contact = np.zeros((CONTACT_CELLS, CONTACT_CELLS), np.float32)
+        self._spread = np.zeros(CONTACT_CELLS, np.float32)
+        self._strength = np.array(self._stage.shadow, np.float32)
+        self._tone = tone_curve()
+        self._screen = np.zeros((0, 3), np.float32)
+        self._light = self._screen
+        self._bounds = np.zeros((3, 2, 3), np.float32)
 
-    def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w 3"]:
-        """The picture in sRGB."""
+    def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w c"]:
+        """The picture in sRGB, and its alpha as a fourth channel if the backdrop is clear."""
         points = np.ascontiguousarray(surface.points, np.float32)
-        paint = surface.paint
-        triangles, texels = paint.triangles, paint.texels
-        screen, rays = self._project(points)
-        to_light = _light_space(points)
-        light = (points @ to_light[:, :3].T + to_light[:, 3]).astype(np.float32)
-        raster.shadow_depth(light, triangles, self._shadow)
-        raster.visible(screen, triangles, self._depth, self._ids, paint.uvs, paint.pictures, paint.cutouts, *texels)
-        raster.shade(
-            screen,
+        normals = np.ascontiguousarray(surface.normals, np.float32)
+        paint, texels, look = surface.paint, surface.paint.texels, self._stage.look
+        if len(self._screen) != len(points):
+            self._screen, self._light = (np.zeros((len(points), 3), np.float32) for _ in range(2))
+        place = np.array(self.camera.position, np.float32)
+        rays = self._rays()
+        self._project(points, self._screen)
+        raster.bounds(points, look[0], self._bounds)
+        to_light = self._light_space(look[0])
+        raster.shadow_depth(points, paint.triangles, paint.cutouts, to_light, self._light, self._shadow)
+        image = self._empty.copy()
+        self._draw_shadow(image, points, place, rays, to_light)
+        box = self._box(self._screen)
+        buffers = self._depth, self._ids, box
+        raster.visible(self._screen, paint.triangles, *buffers, paint.uvs, paint.pictures, paint.cutouts, *texels)
+        shading.shade(
+            self._screen,
             points,
-            np.ascontiguousarray(surface.normals, np.float32),
+            normals,
             paint.colours,
-            triangles,
+            paint.triangles,
             self._ids,
             self._depth,
+            box,
             self.samples,
-            np.array(self.camera.position, np.float32),
+            place,
             rays,
             to_light,
             self._shadow,
-            _LOOK,
+            look,
             self._tone,
-            self._image,
+            image,
             paint.uvs,
             paint.pictures,
             paint.glosses,
@@ -127,49 +162,68 @@ class Renderer:
             texels.table,
             _LINEAR,
         )
-        return self._image.copy()
+        return image
 
-    def _project(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Screen x, y and 1/depth of the points, and the affine map from pixels to ray directions."""
+    def _draw_shadow(
+        self,
+        image: NDArray[np.uint8],
+        points: NDArray[np.float32],
+        place: NDArray[np.float32],
+        rays: NDArray[np.float32],
+        to_light: NDArray[np.float32],
+    ) -> None:
+        """Darken the floor around the places that the body's shadow can reach."""
+        middle = self._bounds[0, :, ::2].mean(0)
+        scale = CONTACT_CELLS / CONTACT_METRES
+        contact_map = np.array([[scale, CONTACT_CELLS / 2 - scale * at] for at in middle], np.float32)
+        shading.contact_shadow(points, self._contact, contact_map, self._spread)
+        low, high = self._bounds[2, 0] - 0.25, self._bounds[2, 1] + 0.25
+        corners = np.array([[x, 0, z] for x in (low[0], high[0]) for z in (low[2], high[2])], np.float32)
+        seen = np.zeros_like(corners)
+        self._project(corners, seen)
+        if (seen[:, 2] <= 0).any():  # the floor beneath the camera is seen, if any
+            box = (0, 0, self.width, self.height)
+        else:
+            left, top, right, bottom = self._box(seen)
+            box = left // self.samples, top // self.samples, right // self.samples, bottom // self.samples
+        shading.floor_shadow(
+            image, box, self.samples, place, rays, middle, to_light, self._shadow, self._contact, contact_map,
+            self._strength,
+        )  # fmt: skip
+
+    @property
+    def _focal(self) -> float:
+        return float(0.5 * len(self._depth) / np.tan(self.camera.field_of_view / 2))
+
+    def _project(self, points: NDArray[np.float32], screen: NDArray[np.float32]) -> None:
         high, wide = self._depth.shape
-        axes = self.camera.axes()
-        focal = 0.5 * high / np.tan(self.camera.field_of_view / 2)
-        seen = (points - np.array(self.camera.position)) @ axes.T
-        near = 1.0 / np.maximum(-seen[:, 2], 1e-3)
-        near[seen[:, 2] > -0.05] = 0
-        screen = np.stack([wide / 2 + focal * seen[:, 0] * near, high / 2 - focal * seen[:, 1] * near, near], 1)
-        right, up, back = axes
-        corner = -back - right * (wide / 2) / focal + up * (high / 2) / focal
-        return screen.astype(np.float32), np.stack([corner, right / focal, -up / focal]).astype(np.float32)
+        axes = self.camera.axes().astype(np.float32)
+        place = np.array(self.camera.position, np.float32)
+        raster.projected(points, place, axes, np.float32(self._focal), np.float32(wide), np.float32(high), screen)
 
+    def _box(self, screen: NDArray[np.float32]) -> tuple[int, int, int, int]:
+        """The samples around the points, in whole pixels."""
+        high, wide = self._depth.shape
+        left, top, right, bottom = raster.box_of(screen, wide, high)
+        n = self.samples
+        return left // n * n, top // n * n, -(-right // n) * n, -(-bottom // n) * n
 
-def _light_space(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The (3, 4) map from world to shadow texels and height towards the light, centred on the surface."""
-    side = np.cross([0.0, 1.0, 0.0], LIGHT)
-    side /= np.linalg.norm(side)
-    axes = np.stack([side, np.cross(LIGHT, side), LIGHT])
-    middle = axes @ ((points.min(0) + points.max(0)) / 2)
-    scale = np.array([SHADOW_TEXELS / SHADOW_METRES] * 2 + [1.0])
-    shift = np.array([SHADOW_TEXELS / 2] * 2 + [0.0]) - scale * middle
-    return np.concatenate([axes * scale[:, None], shift[:, None]], 1).astype(np.float32)
+    def _rays(self) -> NDArray[np.float32]:
+        """The affine map from samples to ray directions: of the corner, a step to the right, a step down."""
+        high, wide = self._depth.shape
+        right, up, back = self.camera.axes()
+        corner = -back - right * (wide / 2) / self._focal + up * (high / 2) / self._focal
+        return np.stack([corner, right / self._focal, -up / self._focal]).astype(np.float32)
 
-
-def _tone_curve() -> NDArray[np.uint8]:
-    """A table from linear light, 0 to 4 in 4,096 steps, to sRGB bytes through a filmic shoulder."""
-    x = np.arange(4096) / 1024
-    filmic = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
-    srgb = np.where(filmic <= 0.0031308, 12.92 * filmic, 1.055 * np.maximum(filmic, 1e-9) ** (1 / 2.4) - 0.055)
-    return np.round(np.clip(srgb, 0, 1) * 255).astype(np.uint8)
-
-
-_LOOK = np.array(
-    [
-        LIGHT,
-        [0.92, 0.87, 0.78],  # key light
-        [0.36, 0.41, 0.50],  # from the sky
-        [0.18, 0.16, 0.15],  # from the ground
-        [0.24, 0.25, 0.27],  # floor
-        [0.10, 0.115, 0.14],  # backdrop
-    ],
-    np.float32,
-)
+    def _light_space(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The (3, 4) map from world to shadow texels and height towards the light, around what the camera looks at."""
+        target = np.array(self.camera.target)
+        is_near = np.linalg.norm(np.array(self.camera.position) - target) < NEAR_M
+        metres = SHADOW_METRES / 2 if is_near else SHADOW_METRES
+        side = np.cross([0.0, 1.0, 0.0], light)
+        side /= np.linalg.norm(side)
+        axes = np.stack([side, np.cross(light, side), light])
+        middle = axes @ (target if is_near else self._bounds[0].mean(0))
+        scale = np.array([SHADOW_TEXELS / metres] * 2 + [1.0])
+        shift = np.array([SHADOW_TEXELS / 2] * 2 + [0.0]) - scale * middle
+        return np.concatenate([axes * scale[:, None], shift[:, None]], 1).astype(np.float32)

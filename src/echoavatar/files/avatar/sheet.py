@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 
 from echoavatar.motion.kinematics import Motion
 
-from .video import film
+from .video import Shot, film
 
 
 def contact_sheet(
@@ -29,7 +29,7 @@ def contact_sheet(
     at = np.minimum(np.arange(count) * step, motion.frames - 1)
     picked = Motion(motion.skeleton, motion.rotations[at], motion.root[at], motion.fps)
     curves = None if face is None else face[at]
-    pictures = np.stack(list(film(picked, face=curves, size=size, samples=2, view="face" if is_close else "front")))
+    pictures = np.stack(list(film(picked, face=curves, shot=Shot(size, "face" if is_close else "front"))))
     width, height = size
     grid = pictures.reshape(rows, columns, height, width, 3)
     return grid.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, 3)

@@ -1,58 +1,65 @@
-"""Film motion and its sound as an MP4 of the shaded character (H.264 and AAC through PyAV)."""
+"""Film motion and its sound: MP4 (H.264 and AAC) or WebM (VP9 and Opus, with alpha if asked) through PyAV."""
 
-import math
+from collections import deque
 from collections.abc import Callable, Generator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal, get_args
+from queue import SimpleQueue
 
 import av
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import SAMPLE_RATE_HZ
 
+from .avatar_renderer import CLOSE, VIEWS, AvatarRenderer, Shot, View, aimed, close_up, followed_joint
 from .character import Character, load_character
 from .morphs import checked_face
-from .render import Camera, Paint, Renderer, Surface
-from .skinning import skin
+from .render import Camera
+
+__all__ = ["SUFFIXES", "VIEWS", "Shot", "View", "close_up", "film", "write_film"]
 
 SOUND_RATE_HZ = 48_000
 FOLLOW_SECONDS = 0.7  # standard deviation of the window that smooths the camera's path
-HEAD = HUMANOID.index("head")
-View = Literal["front", "left", "right", "back", "face"]  # left and right are the character's
-VIEWS: tuple[View, ...] = get_args(View)
-_TURNS = {"front": 0.0, "left": 75.0, "right": -90.0, "back": 180.0}  # degrees of the camera about the body
+THREADS = 2  # renderers at once
+SUFFIXES = (".mp4", ".webm")
+_CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus")}
+_OPTIONS: dict[str, dict[str, str]] = {
+    ".mp4": {"preset": "veryfast", "crf": "20"},
+    ".webm": {"deadline": "realtime", "cpu-used": "7", "row-mt": "1", "crf": "24", "b": "0"},
+}
 
 
-def write_mp4(
+def write_film(
     path: Path,
     motion: Motion,
     audio: Float[np.ndarray, " s"],
     *,
     face: Float[np.ndarray, "t n"] | None = None,
     character: Character | None = None,
-    size: tuple[int, int] = (1280, 720),
-    samples: int = 2,
-    view: View = "front",
+    shot: Shot | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Film the character. `audio` is mono at 24 kHz and starts with the first frame; `size` is even.
+    """Film the character into .mp4 or .webm. `audio` is mono at 24 kHz and starts with the first frame.
 
-    `face` holds blendshape weights beside the motion; None is a still face.
+    `face` holds blendshape weights beside the motion; None is a still face. The size of the shot is even.
 
     Raises:
-        MotionError: the file cannot be written, or the face does not fit the motion.
+        MotionError: the file cannot be written, the suffix has no alpha channel, or the face does not fit the motion.
     """
+    shot, suffix = shot or Shot(), path.suffix.lower()
+    if shot.alpha and suffix != ".webm":
+        raise MotionError(f"{path.name} cannot hold an alpha channel; write .webm")
     curves = None if face is None else checked_face(face, motion.frames)
-    frames = film(motion, face=curves, character=character, size=size, samples=samples, view=view)
+    frames = film(motion, face=curves, character=character, shot=shot)
     partial = path.with_name(path.name + ".partial")
     try:
-        with av.open(str(partial), "w", format="mp4") as container:
-            _encode(container, frames, motion, audio, size, progress)
+        with av.open(str(partial), "w", format=suffix[1:]) as container:
+            _encode(container, frames, motion, audio, shot, suffix, progress)
         partial.replace(path)
     except (OSError, av.error.FFmpegError) as error:
         raise MotionError(f"cannot write {path} ({error}); choose another place") from error
@@ -65,67 +72,73 @@ def film(
     *,
     face: Float[np.ndarray, "t n"] | None = None,
     character: Character | None = None,
-    size: tuple[int, int] = (1280, 720),
-    samples: int = 2,
+    shot: Shot | None = None,
     camera: Camera | None = None,
-    view: View = "front",
-) -> Generator[UInt8[np.ndarray, "h w 3"], None, None]:
-    """The pictures of a motion, frame by frame.
+) -> Generator[UInt8[np.ndarray, "h w c"], None, None]:
+    """The pictures of a motion, frame by frame, drawn by two threads.
 
-    Without `camera` the camera smoothly follows the hips, or the head where the face is in view.
+    Without `camera` the camera smoothly follows the hips, or the head where the view is close.
     """
-    character = character or load_character()
-    renderer = Renderer(*size, camera=camera, samples=samples)
-    paint = Paint.of(character)
+    shot = shot or Shot()
+    first = AvatarRenderer(character or load_character(), shot)
+    idle: SimpleQueue[AvatarRenderer] = SimpleQueue()
+    for renderer in (first, *(first.twin() for _ in range(THREADS - 1))):
+        idle.put(renderer)
     pose = motion.pose()
     rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
-    followed = _smoothed(positions[:, HEAD if view == "face" else 0], motion.fps)
-    curves = [None] * motion.frames if face is None else list(face)
-    for turned, placed, middle, weights in zip(rotations, positions, followed, curves, strict=True):
-        if camera is None:
-            renderer.camera = close_up(middle) if view == "face" else _following(middle, view)
-        points, normals = skin(character, turned, placed, weights)
-        yield renderer.draw(Surface(points, normals, paint))
+    followed = _smoothed(positions[:, followed_joint(shot.view)], motion.fps)
+
+    def drawn(frame: int) -> UInt8[np.ndarray, "h w c"]:
+        renderer = idle.get()
+        weights = None if face is None else face[frame]
+        picture = renderer.draw(
+            rotations[frame], positions[frame], weights, camera or aimed(shot.view, followed[frame])
+        )
+        idle.put(renderer)
+        return picture
+
+    waiting: deque[Future[UInt8[np.ndarray, "h w c"]]] = deque()
+    with ThreadPoolExecutor(THREADS) as threads:
+        for frame in range(motion.frames):
+            waiting.append(threads.submit(drawn, frame))
+            if len(waiting) > 2 * THREADS:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
 
 
-def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
-    """A camera on the face, placed by the head joint; `side` is its distance to the character's left in metres."""
-    x, y, z = (float(value) for value in head)
-    return Camera(position=(x + side, y + 0.05, z + 0.82), target=(x, y + 0.03, z), field_of_view=0.33)
+def default_size(view: View) -> tuple[int, int]:
+    """The size of a film of which none was asked for."""
+    return (720, 720) if view in CLOSE else (1280, 720)
 
 
-def _following(middle: Float[np.ndarray, " 3"], view: View) -> Camera:
-    x, z, turn = float(middle[0]), float(middle[2]), math.radians(_TURNS[view])
-    beside, before = 0.55, 3.9
-    placed = (
-        x + beside * math.cos(turn) + before * math.sin(turn),
-        z - beside * math.sin(turn) + before * math.cos(turn),
-    )
-    return Camera(position=(placed[0], 1.35, placed[1]), target=(x, 0.93, z))
-
-
-def _smoothed(hips: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"]:
+def _smoothed(places: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"]:
     from scipy.ndimage import gaussian_filter1d
 
-    return np.asarray(gaussian_filter1d(hips, FOLLOW_SECONDS * fps, axis=0, mode="nearest"))
+    return np.asarray(gaussian_filter1d(places, FOLLOW_SECONDS * fps, axis=0, mode="nearest"))
 
 
 def _encode(
     container: "av.container.OutputContainer",
-    frames: Generator[UInt8[np.ndarray, "h w 3"], None, None],
+    frames: Generator[UInt8[np.ndarray, "h w c"], None, None],
     motion: Motion,
     audio: Float[np.ndarray, " s"],
-    size: tuple[int, int],
+    shot: Shot,
+    suffix: str,
     progress: Callable[[int, int], None] | None,
 ) -> None:
     rate = Fraction(motion.fps).limit_denominator(1001)
-    video = container.add_stream("libx264", rate=rate)
-    video.width, video.height, video.pix_fmt = *size, "yuv420p"
-    video.options = {"preset": "veryfast", "crf": "20"}
-    sound = container.add_stream("aac", rate=SOUND_RATE_HZ, layout="mono")
+    codec, sound_codec = _CODECS[suffix]
+    video = container.add_stream(codec, rate=rate)
+    assert isinstance(video, av.VideoStream)
+    video.width, video.height = shot.size
+    video.pix_fmt = "yuva420p" if shot.alpha else "yuv420p"
+    video.options = dict(_OPTIONS[suffix])
+    sound = container.add_stream(sound_codec, rate=SOUND_RATE_HZ, layout="mono")
+    assert isinstance(sound, av.AudioStream)
     with closing(frames):
         for index, picture in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+            frame = av.VideoFrame.from_ndarray(picture, format="rgba" if shot.alpha else "rgb24")
             frame.pts = index
             frame.time_base = 1 / rate
             container.mux(video.encode(frame))
@@ -141,8 +154,9 @@ def _encode_sound(
     import soxr
 
     samples = soxr.resample(np.asarray(audio, np.float32), SAMPLE_RATE_HZ, SOUND_RATE_HZ)
-    for start in range(0, len(samples), 1024):
-        frame = av.AudioFrame.from_ndarray(samples[None, start : start + 1024], format="fltp", layout="mono")
+    form = "flt" if stream.codec_context.name == "libopus" else "fltp"  # what each encoder takes
+    for start in range(0, len(samples), 960):
+        frame = av.AudioFrame.from_ndarray(samples[None, start : start + 960], format=form, layout="mono")
         frame.sample_rate, frame.pts, frame.time_base = SOUND_RATE_HZ, start, Fraction(1, SOUND_RATE_HZ)
         container.mux(stream.encode(frame))
     container.mux(stream.encode(None))

@@ -15,7 +15,7 @@ from .take import Take
 from .target_rig import Rig
 from .usd import SUFFIXES as USD
 
-FORMATS = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", ".mp4")
+FORMATS = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", ".mp4", ".webm")
 Writer = Callable[[Path, Take, Rig | None], None]
 
 
@@ -34,7 +34,7 @@ def writer(output: Path, *, has_rig: bool) -> Writer:
     if not os.access(output.parent, os.W_OK) or output.is_dir():
         raise EchoAvatarError(f"cannot write {output}: no permission or a folder of that name; choose another -o")
     special = next((end for end in _SPECIAL if name.endswith(end)), None)
-    if has_rig and (special or suffix in (*USD, ".mp4")):
+    if has_rig and (special or suffix in (*USD, ".mp4", ".webm")):
         raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
     if suffix == ".vrm" and not has_rig:
         raise EchoAvatarError("a .vrm is written into your own character: name it with --rig, or write .glb or .vrma")
@@ -129,12 +129,12 @@ def _smplx(path: Path, take: Take, _: Rig | None) -> None:
     write_smplx(path, take)
 
 
-def _mp4(path: Path, take: Take, _: Rig | None) -> None:
-    from ..avatar.video import write_mp4
+def _film(path: Path, take: Take, _: Rig | None) -> None:
+    from ..avatar.video import write_film
 
     take = take.on_humanoid()
     audio = np.zeros(0, np.float32) if take.audio is None else take.audio
-    write_mp4(path, take.motion, audio, face=take.face)
+    write_film(path, take.motion, audio, face=take.face)
 
 
 FACE_CSV, FACE47_CSV = ".face.csv", ".face47.csv"
@@ -148,5 +148,6 @@ _WRITERS: Mapping[str, Writer] = {
     ".fbx": _fbx,
     ".npz": _npz,
     ".csv": _csv,
-    ".mp4": _mp4,
+    ".mp4": _film,
+    ".webm": _film,
 }

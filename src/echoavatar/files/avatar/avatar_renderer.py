@@ -1,0 +1,87 @@
+"""The one way from a pose to a picture: films, live video and virtual cameras all draw through it."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from echoavatar.motion.kinematics import HUMANOID
+
+from .character import Character
+from .render import Camera, Paint, Renderer, Surface
+from .skinning import skin
+
+HEAD = HUMANOID.index("head")
+View = Literal["front", "left", "right", "back", "bust", "face"]  # left and right are the character's
+VIEWS: tuple[View, ...] = get_args(View)
+_TURNS = {"front": 0.0, "left": 75.0, "right": -90.0, "back": 180.0}  # degrees of the camera about the body
+CLOSE: tuple[View, ...] = ("bust", "face")
+
+
+@dataclass(frozen=True)
+class Shot:
+    """How an avatar is pictured: size in pixels, view, background, and samples a pixel along each axis.
+
+    With `alpha` pictures have a fourth channel and no backdrop.
+    """
+
+    size: tuple[int, int] = (1280, 720)
+    view: View = "front"
+    background: str = "studio"
+    alpha: bool = False
+    samples: int = 2
+
+
+class AvatarRenderer:
+    """Draws one character's poses; for one thread. Several renderers may share a character's `Paint`."""
+
+    def __init__(self, character: Character, shot: Shot, paint: Paint | None = None) -> None:
+        """Raises MotionError where there is no such background."""
+        self.shot, self.paint = shot, paint or Paint.of(character)
+        self._character = character
+        self._renderer = Renderer(*shot.size, samples=shot.samples, background=shot.background, alpha=shot.alpha)
+
+    def draw(
+        self,
+        rotations: Float[np.ndarray, "j 3 3"],
+        positions: Float[np.ndarray, "j 3"],
+        face: Float[np.ndarray, " n"] | None = None,
+        camera: Camera | None = None,
+    ) -> UInt8[np.ndarray, "h w c"]:
+        """The picture of world rotations and positions; without `camera` it stands before the body where it is."""
+        self._renderer.camera = camera or aimed(self.shot.view, positions[followed_joint(self.shot.view)])
+        points, normals = skin(self._character, rotations, positions, face)
+        return self._renderer.draw(Surface(points, normals, self.paint))
+
+    def twin(self) -> "AvatarRenderer":
+        """Another renderer of the same character, for another thread."""
+        return AvatarRenderer(self._character, replace(self.shot), self.paint)
+
+
+def followed_joint(view: View) -> int:
+    """The joint that the camera follows."""
+    return HEAD if view in CLOSE else 0
+
+
+def aimed(view: View, at: Float[np.ndarray, " 3"]) -> Camera:
+    """The camera of a view, placed by the hips, or by the head in a close view."""
+    if view == "face":
+        return close_up(at)
+    x, y, z = (float(value) for value in at)
+    if view == "bust":
+        return Camera((x + 0.22, y - 0.02, z + 1.45), (x, y - 0.12, z), 0.50)
+    turn = math.radians(_TURNS[view])
+    beside, before = 0.55, 3.9
+    placed = (
+        x + beside * math.cos(turn) + before * math.sin(turn),
+        z - beside * math.sin(turn) + before * math.cos(turn),
+    )
+    return Camera((placed[0], 1.35, placed[1]), (x, 0.93, z))
+
+
+def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
+    """A camera on the face, placed by the head joint; `side` is its distance to the character's left in metres."""
+    x, y, z = (float(value) for value in head)
+    return Camera(position=(x + side, y + 0.05, z + 0.82), target=(x, y + 0.03, z), field_of_view=0.33)
