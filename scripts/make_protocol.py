@@ -28,6 +28,7 @@ from echoavatar.wire import (
     Latency,
     Limits,
     Music,
+    PackedSound,
     Ping,
     Played,
     Pong,
@@ -157,6 +158,7 @@ def examples() -> dict[str, ClientMessage | ServerMessage]:
         "motion": pack_pose(example_pose(), at=6_400, epoch=1, state="speaking"),
         "motion_no_face": pack_pose(example_pose()._replace(face=None), at=0),
         "audio_out": Sound(at=6_400, epoch=1, seg=1, pcm=tone),
+        "opus": PackedSound(at=6_400, epoch=1, seg=1, skip=156, packets=(b"\x48\x0b", b"\x48")),
         "flush": Flush(at=19_200, epoch=2, seg=1, heard=16_000),
         "action_status": ActionStatus(
             id="a1", name="wawe", status="rejected", at=0, reason="no action 'wawe'", choices=("wave", "bow")

@@ -1,14 +1,18 @@
 """The page in a real browser against the real server with the default bundle: a visitor's first minute."""
 
+import itertools
 import json
+from importlib.resources import files
 
 import numpy as np
 import pytest
 from tests.web.make_vrm import make_vrm
 from tests.web.test_page_in_browser import record_motion
 
+from echoavatar.models.audio import read_audio
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID, read_bvh
+from echoavatar.timing import CHUNK_SAMPLES
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PATIENCE = 120  # seconds; the machine that runs this may be busy
@@ -36,6 +40,23 @@ def boxes(page):
     page.drop("boxes.vrm", make_vrm())
     page.wait("!!__echo.avatar.driver.vrm")
     return page
+
+
+def test_the_sound_comes_as_opus_and_lies_on_its_sample(page):
+    """Utterances begin with a chunk, so what was decoded is late by whole chunks and no sample more."""
+    assert page.ask("__echo.session.ready.sound") == "opus"
+    page.click("[data-source=speech]")
+    page.wait("__echo.shown.state === 'speaking'", PATIENCE)
+    page.wait("__echo.session.player.sounds.some((s) => s.at > __echo.session.heardOf.from + 48000)", PATIENCE)
+    blocks = page.ask("__echo.session.player.sounds.map((s) => [s.at, [...s.pcm]])")
+    assert all(at + len(pcm) == after for (at, pcm), (after, _) in itertools.pairwise(blocks))
+    heard = np.concatenate([np.array(pcm) for _, pcm in blocks])
+    speech = read_audio(files("echoavatar") / "assets" / "speech.ogg")
+    size = len(heard) + len(speech)
+    match = np.fft.irfft(np.fft.rfft(heard, size) * np.conj(np.fft.rfft(speech, size)), size)
+    late = int(np.argmax(match))
+    late -= size if late > len(heard) else 0
+    assert (blocks[0][0] + late) % CHUNK_SAMPLES == 0
 
 
 class Seen:

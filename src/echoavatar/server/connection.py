@@ -31,6 +31,7 @@ from echoavatar.wire import (
 from echoavatar.wire.guard import check_origin, check_token
 
 from .answers import answer
+from .opus import choose
 from .outbox import Outbox
 from .session import ServerSession
 from .session_manager import SessionManager
@@ -109,7 +110,7 @@ class Connection:
         if not isinstance(message, Hello):
             raise ProtocolError("bad_order", "the first message must be a hello")
         check_token(self._manager.settings.token, message.token, self._socket.headers)
-        self._outbox = Outbox(message.want)
+        self._outbox = Outbox(message.want, choose(message.sound))
         self._session = self._manager.enter(message, self._outbox)
         self._manager.admission.greet(self._silence)
 

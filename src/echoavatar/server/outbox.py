@@ -4,8 +4,8 @@ import asyncio
 from collections import deque
 from collections.abc import Iterable
 
-from echoavatar.wire import Error, Motion, ProtocolError, ServerMessage, Sound
-from echoavatar.wire.messages import Stream
+from echoavatar.wire import Error, Motion, PackedSound, ProtocolError, ServerMessage, Sound
+from echoavatar.wire.messages import SoundFormat, Stream
 
 MOST_MOTION = 16  # messages, 4 s
 MOST_SOUND = 128  # messages, 34 s
@@ -15,7 +15,8 @@ MOST_OTHER = 512
 class Outbox:
     """A bounded queue of messages, filled and emptied on the event loop."""
 
-    def __init__(self, wants: Iterable[Stream] = ("motion", "audio")) -> None:
+    def __init__(self, wants: Iterable[Stream] = ("motion", "audio"), sound: SoundFormat = "pcm") -> None:
+        self.sound = sound  # how the client takes it
         self.dropped = 0  # motion messages
         self._wants = frozenset(wants)
         self._queue: deque[ServerMessage] = deque()
@@ -40,17 +41,21 @@ class Outbox:
             if "motion" not in self._wants:
                 return
             self._make_room()
-        elif isinstance(message, Sound) and "audio" not in self._wants:
+        elif isinstance(message, Sound | PackedSound) and "audio" not in self._wants:
             return
         self._queue.append(message)
         self._filled.set()
-        sounds = sum(isinstance(kept, Sound) for kept in self._queue) if len(self._queue) > MOST_SOUND else 0
+        sounds = (
+            sum(isinstance(kept, Sound | PackedSound) for kept in self._queue) if len(self._queue) > MOST_SOUND else 0
+        )
         self.is_hopeless = sounds > MOST_SOUND or len(self._queue) - sounds > MOST_OTHER
 
     def forget_after(self, at: int) -> None:
         """Drop motion and sound from clock `at` on, which were taken back."""
         self._queue = deque(
-            message for message in self._queue if not (isinstance(message, Motion | Sound) and message.at >= at)
+            message
+            for message in self._queue
+            if not (isinstance(message, Motion | Sound | PackedSound) and message.at >= at)
         )
 
     async def take(self) -> ServerMessage | None:

@@ -25,6 +25,7 @@ from echoavatar.wire import (
     Interrupt,
     Motion,
     Music,
+    PackedSound,
     Played,
     Pose,
     ProtocolError,
@@ -37,6 +38,7 @@ from echoavatar.wire import (
 )
 
 from .answers import TrackWatch, answer
+from .opus import OpusPacker
 from .outbox import Outbox
 from .playhead import Playhead
 from .settings import ServerSettings
@@ -56,11 +58,17 @@ class Sent(NamedTuple):
 
     motion: Motion
     sound: Sound
+    packed: PackedSound | None  # the same sound, if a client took it so
 
     @property
     def end(self) -> int:
         """First sample after it."""
         return self.motion.at + self.motion.frames * SAMPLES_PER_FRAME
+
+    def put_into(self, outbox: Outbox) -> None:
+        """Send to a client, the sound in the form that it takes."""
+        outbox.put(self.motion)
+        outbox.put(self.packed if self.packed is not None and outbox.sound == "opus" else self.sound)
 
 
 class ServerSession:
@@ -96,6 +104,7 @@ class ServerSession:
         self._rate = hello.audio.rate
         self._running: set[str] = set()  # ids of actions that were accepted and are not done
         self._track = TrackWatch()
+        self._packer = OpusPacker()
         self._scheduled_at: dict[int, float] = {}  # by chunk: when it was scheduled
 
     def close(self) -> None:
@@ -114,9 +123,8 @@ class ServerSession:
 
     def join(self, outbox: Outbox, *, received: int | None) -> None:
         """Add a client. `received` is the clock up to which it already has everything."""
-        for motion, sound in self._missed(received):
-            outbox.put(motion)
-            outbox.put(sound)
+        for sent in self._missed(received):
+            sent.put_into(outbox)
         outbox.put(self._state)
         self.listeners.append(outbox)
 
@@ -289,18 +297,16 @@ class ServerSession:
         elif state == "speaking" and self.core.dances_at(delivery.start):  # a song that a client sends
             state = "dancing"
         motion = pack_pose(Pose(*delivery.motion), at=delivery.start, epoch=self.epoch, state=state)
-        sound = Sound(
-            at=delivery.start,
-            epoch=self.epoch,
-            seg=self.core.utterance_at(delivery.start),
-            pcm=pack_audio(delivery.audio),
-        )
+        seg, packed = self.core.utterance_at(delivery.start), None
+        sound = Sound(at=delivery.start, epoch=self.epoch, seg=seg, pcm=pack_audio(delivery.audio))
+        if any(outbox.sound == "opus" for outbox in self.listeners):
+            packed = self._packer.pack(delivery.audio, at=delivery.start, epoch=self.epoch, seg=seg)
         self.end = delivery.start + len(delivery.audio)
-        self.sent.append(Sent(motion, sound))
+        self.sent.append(Sent(motion, sound, packed))
         while self.sent[0].motion.at < self.end - KEPT_S * SAMPLE_RATE_HZ:
             self.sent.popleft()
-        self.tell(motion)
-        self.tell(sound)
+        for outbox in self.listeners:
+            self.sent[-1].put_into(outbox)
         for status in self._track.follow(delivery.start, has_music=delivery.music is not None):
             self.tell(status)
         self._tell_state(state, delivery.start)

@@ -19,6 +19,7 @@ from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar.wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
+from echoavatar.wire.messages import SoundFormat
 
 from . import memory
 from .admission import Admission
@@ -121,7 +122,7 @@ class SessionManager:
             self.metrics.resumed.inc()
         else:
             session = self._seat(hello)
-        outbox.put(self._ready(session, hello, version, received))
+        outbox.put(self._ready(session, hello, version, received, outbox.sound))
         session.join(outbox, received=received)
         if hello.role == "source":
             session.source, session.left_at = outbox, None
@@ -194,7 +195,9 @@ class SessionManager:
             session.leave(old)
             old.fail(ProtocolError("replaced", "the session goes on over another connection"))
 
-    def _ready(self, session: ServerSession, hello: Hello, version: int, received: int | None) -> Ready:
+    def _ready(
+        self, session: ServerSession, hello: Hello, version: int, received: int | None, sound: SoundFormat
+    ) -> Ready:
         return Ready(
             version=version,
             server=f"echoavatar {__version__} {self.settings.name}".strip(),
@@ -214,6 +217,7 @@ class SessionManager:
             tracks=self.tracks.titles,
             latency=Latency(algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds),
             limits=self.settings.limits,
+            sound=sound,
         )
 
     def _rig(self) -> Rig:

@@ -25,6 +25,7 @@ Role = Literal["source", "viewer"]
 Speaker = Literal["avatar", "user"]
 SampleFormat = Literal["s16le", "f32le"]
 Stream = Literal["motion", "audio"]
+SoundFormat = Literal["pcm", "opus"]
 AvatarState = Literal["idle", "listening", "speaking", "dancing", "acting"]
 ActionState = Literal["accepted", "started", "done", "rejected"]
 ErrorCode = Literal[
@@ -87,6 +88,9 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
     token: Secret = ""
     audio: AudioFormat = AudioFormat()
     want: Annotated[tuple[Stream, ...], Meta(max_length=4, description="streams to be sent")] = ("motion", "audio")
+    sound: Annotated[
+        tuple[Name, ...], Meta(max_length=8, description="how sound may be sent: pcm, opus; unknown names are ignored")
+    ] = ("pcm",)
     session: Annotated[Name, Meta(description="viewer: the session to watch")] = ""
     resume: Annotated[Secret, Meta(description="the key of `ready`, to resume after the connection broke")] = ""
     played: Annotated[
@@ -203,6 +207,7 @@ class Ready(_Message, frozen=True, kw_only=True, tag="ready"):
     tracks: tuple[str, ...]
     latency: Latency
     limits: Limits
+    sound: Annotated[SoundFormat, Meta(description="opus: most sound comes as `opus` messages, not `audio`")] = "pcm"
 
 
 class Motion(_Message, frozen=True, kw_only=True, tag="motion"):
@@ -224,6 +229,16 @@ class Sound(_Message, frozen=True, kw_only=True, tag="audio"):
     epoch: int
     seg: Annotated[Segment, Meta(description="utterance that speaks here; 0 is none")]
     pcm: Annotated[bytes, Meta(description="s16le mono at `ready.sample_rate`")]
+
+
+class PackedSound(_Message, frozen=True, kw_only=True, tag="opus"):
+    """The sound of `audio` as Opus, for clients whose `hello.sound` has it. It lags motion by less than 27 ms."""
+
+    at: Annotated[Samples, Meta(description="clock of the first sample decoded, after `skip`")]
+    epoch: int
+    seg: Annotated[Segment, Meta(description="utterance that speaks here; 0 is none")]
+    skip: Annotated[int, Meta(ge=0, description="samples to drop first, at 24 kHz; above 0: begin with a new decoder")]
+    packets: Annotated[tuple[bytes, ...], Meta(description="20 ms each, mono")]
 
 
 class Flush(_Message, frozen=True, kw_only=True, tag="flush"):
@@ -284,4 +299,4 @@ class Pong(_Message, frozen=True, kw_only=True, tag="pong"):
     at: Samples
 
 
-ServerMessage = Ready | Motion | Sound | Flush | ActionStatus | State | Stats | Error | Pong
+ServerMessage = Ready | Motion | Sound | PackedSound | Flush | ActionStatus | State | Stats | Error | Pong

@@ -9,7 +9,7 @@ import { Hud } from "./hud.js";
 import { drawIcons } from "./icons.js";
 import { toast } from "./notices.js";
 import { SourceBar } from "./sourcebar.js";
-import { Viewport } from "./viewport.js";
+import { Viewport, isSoftware } from "./viewport.js";
 import { StatusLine } from "./statusline.js";
 import { Tools } from "./tools.js";
 
@@ -37,7 +37,8 @@ async function watched(token: string): Promise<string> {
 
 async function start(): Promise<void> {
   drawIcons();
-  const low = settings.get("quality") === "low";
+  const quality = settings.get("quality");
+  const low = quality === "low" || (quality !== "high" && isSoftware());
   document.documentElement.dataset["quality"] = low ? "low" : "high";
   const viewport = new Viewport(element<HTMLCanvasElement>("view"), low);
   const token = takeToken();

@@ -4,7 +4,7 @@ import { decode, encode } from "@msgpack/msgpack";
 import type { ClientMessage, ServerMessage } from "./protocol.generated.js";
 
 const KNOWN: ReadonlySet<string> = new Set<ServerMessage["type"]>([
-  "ready", "motion", "audio", "flush", "action_status", "state", "stats", "error", "pong",
+  "ready", "motion", "audio", "opus", "flush", "action_status", "state", "stats", "error", "pong",
 ]);
 
 export class ProtocolError extends Error {

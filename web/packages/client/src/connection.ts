@@ -2,6 +2,7 @@
 
 import { decodeMessage, encodeMessage } from "./codec.js";
 import { Emitter } from "./emitter.js";
+import { canDecodeOpus } from "./opus.js";
 import {
   type ClientMessage, type ErrorMessage as ServerError, type HelloMessage, type ReadyMessage, type ServerMessage, SUBPROTOCOLS, VERSIONS,
 } from "./protocol.generated.js";
@@ -55,7 +56,7 @@ export class Connection extends Emitter<ConnectionEvents> {
     socket.binaryType = "arraybuffer";
     this.socket = socket;
     this.greeted = false;
-    socket.onopen = () => socket.send(encodeMessage(this.hello()));
+    socket.onopen = () => this.greet(socket);
     socket.onmessage = ({ data }) => this.receive(data as ArrayBuffer);
     socket.onclose = () => this.broken(socket);
   }
@@ -80,10 +81,17 @@ export class Connection extends Emitter<ConnectionEvents> {
     return this.socket?.bufferedAmount ?? 0;
   }
 
-  private hello(): HelloMessage {
+  private greet(socket: WebSocket): void {
+    if (typeof AudioDecoder === "undefined") return socket.send(encodeMessage(this.hello(["pcm"])));
+    void canDecodeOpus().then((can) => {
+      if (socket.readyState === WebSocket.OPEN) socket.send(encodeMessage(this.hello(can ? ["opus", "pcm"] : ["pcm"])));
+    });
+  }
+
+  private hello(sound: string[]): HelloMessage {
     const { token = "", role = "source", session = "", seed = 0 } = this.options;
     return {
-      type: "hello", versions: [...VERSIONS], role, token, session, seed,
+      type: "hello", versions: [...VERSIONS], role, token, session, seed, sound,
       audio: { rate: 24000, channels: 1, format: "s16le" },
       resume: this.ready?.resume ?? "",
       played: this.ready ? this.received() : 0,

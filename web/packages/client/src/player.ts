@@ -3,8 +3,9 @@
 import { pcmToFloat } from "./codec.js";
 import { Inertia } from "./inertia.js";
 import { SyncMeter } from "./metrics.js";
+import { OpusPlayer } from "./opus.js";
 import { type Pose, makePose } from "./pose.js";
-import type { FlushMessage, MotionMessage, ReadyMessage, SoundMessage } from "./protocol.generated.js";
+import type { FlushMessage, MotionMessage, PackedSoundMessage, ReadyMessage, SoundMessage } from "./protocol.generated.js";
 import { MotionTimeline } from "./timeline.js";
 import { AudioTransport, type Transport, type TransportSettings, WallTransport } from "./transport.js";
 
@@ -26,6 +27,7 @@ export class Player {
   private readonly timeline: MotionTimeline;
   private readonly inertia: Inertia;
   private readonly hop: number;
+  private readonly opus: OpusPlayer;
   private transport: Transport;
   private sounds: { at: number; pcm: Float32Array }[] = [];
   private epoch: number;
@@ -43,6 +45,7 @@ export class Player {
     this.pose = makePose(rig.names.length, face.length);
     this.sync = new SyncMeter(rate);
     this.epoch = ready.epoch;
+    this.opus = new OpusPlayer(rate, (at, pcm) => this.play(at, pcm));
     this.transport = new WallTransport(this.settings);
     this.transport.jump(ready.at);
     this.passed = ready.at;
@@ -67,9 +70,16 @@ export class Player {
 
   takeSound(sound: SoundMessage): void {
     if (this.stopped !== null || sound.epoch < this.epoch) return;
-    const pcm = pcmToFloat(sound.pcm);
-    this.sounds.push({ at: sound.at, pcm });
-    this.transport.push(sound.at, pcm);
+    this.play(sound.at, pcmToFloat(sound.pcm));
+  }
+
+  takePacked(sound: PackedSoundMessage): void {
+    if (this.stopped === null && sound.epoch >= this.epoch) this.opus.take(sound);
+  }
+
+  private play(at: number, pcm: Float32Array): void {
+    this.sounds.push({ at, pcm });
+    this.transport.push(at, pcm);
   }
 
   takeFlush(flush: FlushMessage): void {
@@ -89,6 +99,7 @@ export class Player {
   /** Continues after a reconnect; returns the interruption that the server may not have received. */
   resume(ready: ReadyMessage): number | null {
     this.epoch = ready.epoch;
+    this.opus.stop(); // the last chunk is sent again
     return this.stopped;
   }
 
@@ -133,6 +144,7 @@ export class Player {
   }
 
   close(): void {
+    this.opus.stop();
     this.transport.close();
   }
 
@@ -142,6 +154,7 @@ export class Player {
   }
 
   private cut(at: number): void {
+    this.opus.stop();
     this.timeline.flush(at);
     this.transport.flush(at);
     this.sounds = this.sounds

@@ -110,6 +110,8 @@ export interface HelloMessage {
   audio?: AudioFormat;
   /** streams to be sent */
   want?: ("audio" | "motion")[];
+  /** how sound may be sent: pcm, opus; unknown names are ignored */
+  sound?: string[];
   /** viewer: the session to watch */
   session?: string;
   /** the key of `ready`, to resume after the connection broke */
@@ -174,6 +176,20 @@ export interface MusicMessage {
   title?: string;
 }
 
+/** The sound of `audio` as Opus, for clients whose `hello.sound` has it. It lags motion by less than 27 ms. */
+export interface PackedSoundMessage {
+  type: "opus";
+  /** clock of the first sample decoded, after `skip` */
+  at: number;
+  epoch: number;
+  /** utterance that speaks here; 0 is none */
+  seg: number;
+  /** samples to drop first, at 24 kHz; above 0: begin with a new decoder */
+  skip: number;
+  /** 20 ms each, mono */
+  packets: Uint8Array[];
+}
+
 /** Answered at once by `pong` with the same number. */
 export interface PingMessage {
   type: "ping";
@@ -226,6 +242,8 @@ export interface ReadyMessage {
   tracks: string[];
   latency: Latency;
   limits: Limits;
+  /** opus: most sound comes as `opus` messages, not `audio` */
+  sound: "opus" | "pcm";
 }
 
 /** The skeleton: metres, Y up, facing +Z, left at +X; the rest pose is a T-pose with identity rotations. */
@@ -284,4 +302,4 @@ export interface StatsMessage {
 
 export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MusicMessage | PlayedMessage | PingMessage;
 
-export type ServerMessage = ReadyMessage | MotionMessage | SoundMessage | FlushMessage | ActionStatusMessage | StateMessage | StatsMessage | ErrorMessage | PongMessage;
+export type ServerMessage = ReadyMessage | MotionMessage | SoundMessage | PackedSoundMessage | FlushMessage | ActionStatusMessage | StateMessage | StatsMessage | ErrorMessage | PongMessage;

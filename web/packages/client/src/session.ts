@@ -3,7 +3,7 @@
 import { Connection, type ConnectionOptions, type LineState } from "./connection.js";
 import { Emitter } from "./emitter.js";
 import { type Picture, Player } from "./player.js";
-import type { ActionStatusMessage, ErrorMessage as ServerError, FlushMessage, ReadyMessage, ServerMessage, SoundMessage, StateMessage, StatsMessage } from "./protocol.generated.js";
+import type { ActionStatusMessage, ErrorMessage as ServerError, FlushMessage, PackedSoundMessage, ReadyMessage, ServerMessage, SoundMessage, StateMessage, StatsMessage } from "./protocol.generated.js";
 import { type Speaker, Utterance } from "./utterance.js";
 
 export interface SessionEvents {
@@ -126,6 +126,10 @@ export class EchoSession extends Emitter<SessionEvents> {
         this.note(message);
         this.player?.takeSound(message);
         break;
+      case "opus":
+        this.note(this.aligned(message));
+        this.player?.takePacked(message);
+        break;
       case "flush":
         this.player?.takeFlush(message);
         this.emit("flush", message);
@@ -147,8 +151,14 @@ export class EchoSession extends Emitter<SessionEvents> {
     }
   }
 
+  /** Packets begin a little before the chunk that they belong to. */
+  private aligned({ at, seg }: PackedSoundMessage): { at: number; seg: number } {
+    const chunk = this.ready?.chunk_samples ?? 1;
+    return { at: Math.ceil(at / chunk) * chunk, seg };
+  }
+
   /** The sample at which a new utterance begins. */
-  private note({ seg, at }: SoundMessage): void {
+  private note({ seg, at }: Pick<SoundMessage, "seg" | "at">): void {
     if (seg === this.heardOf.seg) return;
     this.heardOf = { seg, from: at };
     const utterance = this.utterances.find((one) => one.seg === seg && one.speaker === "avatar");

@@ -16,9 +16,11 @@ function bytes(name: string): Uint8Array {
 
 /** The JSON form of the message, with its blobs decoded to bytes. */
 function twin(name: string): Record<string, unknown> {
-  return JSON.parse(readFileSync(new URL(`${name}.json`, folder), "utf8"), (key, value) =>
-    BLOBS.has(key) && typeof value === "string" ? new Uint8Array(Buffer.from(value, "base64")) : value,
-  ) as Record<string, unknown>;
+  const unpack = (text: string) => new Uint8Array(Buffer.from(text, "base64"));
+  return JSON.parse(readFileSync(new URL(`${name}.json`, folder), "utf8"), (key, value) => {
+    if (key === "packets") return (value as string[]).map(unpack);
+    return BLOBS.has(key) && typeof value === "string" ? unpack(value) : value;
+  }) as Record<string, unknown>;
 }
 
 const plain = (value: unknown) => JSON.parse(JSON.stringify(value, (_, x) => (x instanceof Uint8Array ? [...x] : x)));

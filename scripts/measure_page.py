@@ -1,0 +1,171 @@
+"""Measure the live page in headless Chromium with software GL: bytes on the wire, first picture, pictures a second.
+
+    python scripts/measure_page.py                   # starts a server of its own; about two minutes
+    python scripts/measure_page.py --url http://127.0.0.1:8765/ --gl gl-egl
+
+Needs the extras `serve` and `browser`, and a system Chromium. Prints a table for docs/results/page.md.
+"""
+
+import argparse
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+SIZE = {"width": 1280, "height": 720}
+SECONDS = 12  # of speech, over which pictures and bytes are counted
+WAIT_S = 120.0
+# Records when the first picture with the avatar was drawn. Pages forbid `eval`, so this runs before their own scripts.
+FIRST = """
+(() => {
+  const look = () => {
+    const ready = window.__echo && __echo.avatar.driver && __echo.shown;
+    if (ready) requestAnimationFrame(() => (window.__first = performance.now()));
+    else requestAnimationFrame(look);
+  };
+  requestAnimationFrame(look);
+})();
+"""
+
+
+def main() -> None:
+    """Measure, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--url", help="a running server (default: start one)")
+    parser.add_argument("--gl", default="swiftshader", choices=("swiftshader", "gl-egl"), help="software GL to use")
+    parser.add_argument("--quality", nargs="*", default=["", "low"], help="values of ?quality=, '' is the page's own")
+    parser.add_argument("--tries", type=int, default=3, help="visits over which the first picture is the median")
+    args = parser.parse_args()
+    from playwright.sync_api import sync_playwright
+
+    with server(args.url) as url, sync_playwright() as driver:
+        print("| quality | bytes, page | bytes, avatar | first picture, s | second visit, s | pictures a second "
+              "| sound, kB/s | motion, kB/s | all, kB/s |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+        for quality in args.quality:
+            print(row(driver, args, f"{url}?quality={quality}" if quality else url, quality or "auto"), flush=True)
+
+
+def row(driver: Any, args: argparse.Namespace, url: str, name: str) -> str:
+    """One quality's line of the table."""
+    visits = [visit(driver, args.gl, url, plays=number == 0) for number in range(max(1, args.tries))]
+    first, again = (statistics.median(seen[key] for seen in visits) for key in ("first", "again"))
+    seen = visits[0]
+    return (
+        f"| {name} | {seen['page']:,.0f} | {seen['avatar']:,.0f} | {first:.1f} | {again:.1f} | {seen['fps']:.1f} "
+        f"| {seen['sound']:.1f} | {seen['motion']:.1f} | {seen['all']:.1f} |"
+    )
+
+
+def visit(driver: Any, gl: str, url: str, *, plays: bool) -> dict[str, float]:
+    """Open the page with an empty cache, open it again, and let it speak."""
+    flags = ["--no-sandbox", "--use-gl=angle", f"--use-angle={gl}", "--ignore-gpu-blocklist"]
+    if gl == "swiftshader":
+        flags.append("--enable-unsafe-swiftshader")
+    browser = driver.chromium.launch(executable_path=CHROMIUM, args=flags)
+    try:
+        context = browser.new_context(viewport=SIZE)
+        context.add_init_script(FIRST)
+        page = context.new_page()
+        wire = Wire(context.new_cdp_session(page))
+        seen = {"first": open_page(page, url)}
+        time.sleep(1)
+        avatar = sum(size for address, size in wire.files.items() if "avatar" in address)
+        seen |= {"avatar": avatar, "page": sum(wire.files.values()) - avatar}
+        seen["again"] = open_page(page, url)
+        if plays:
+            page.locator("#begin").dispatch_event("click")
+            wait(page, "__echo.shown.state === 'speaking'")
+            wire.streams.clear()
+            begun, rates = time.monotonic(), []
+            while time.monotonic() - begun < SECONDS:
+                time.sleep(1)
+                rates.append(page.evaluate("__echo.metrics.fps"))
+            took = 1000 * (time.monotonic() - begun)
+            seen |= {"fps": statistics.mean(rates[2:]), "all": sum(wire.streams.values()) / took}
+            seen |= {kind: wire.streams.get(kind, 0) / took for kind in ("motion", "sound")}
+        return seen
+    finally:
+        browser.close()
+
+
+class Wire:
+    """Counts what one tab receives, as sent: packed, with headers."""
+
+    def __init__(self, devtools: Any) -> None:
+        self.files: dict[str, float] = {}
+        self.streams: dict[str, float] = {}  # bytes of the WebSocket's messages by kind
+        self._addresses: dict[str, str] = {}
+        devtools.on("Network.requestWillBeSent", self._asked)
+        devtools.on("Network.loadingFinished", self._came)
+        devtools.on("Network.webSocketFrameReceived", self._streamed)
+        devtools.send("Network.enable")
+
+    def _asked(self, event: dict[str, Any]) -> None:
+        self._addresses[event["requestId"]] = event["request"]["url"]
+
+    def _came(self, event: dict[str, Any]) -> None:
+        address = self._addresses.get(event["requestId"], "")
+        if address.startswith("http"):
+            self.files[address] = self.files.get(address, 0) + event["encodedDataLength"]
+
+    def _streamed(self, event: dict[str, Any]) -> None:
+        import base64
+
+        data = base64.b64decode(event["response"]["payloadData"])
+        head = data[:24]
+        kind = "motion" if b"motion" in head else "sound" if b"audio" in head or b"opus" in head else "other"
+        self.streams[kind] = self.streams.get(kind, 0) + len(data) + (4 if len(data) > 125 else 2)
+
+
+def open_page(page: Any, url: str) -> float:
+    """Seconds from the navigation to the first picture of the avatar."""
+    page.goto(url, wait_until="commit", timeout=1000 * WAIT_S)
+    wait(page, "!!window.__first")
+    return float(page.evaluate("window.__first")) / 1000
+
+
+def wait(page: Any, condition: str) -> None:
+    """Poll until a condition is true."""
+    end = time.monotonic() + WAIT_S
+    while not page.evaluate(condition):
+        if time.monotonic() > end:
+            sys.exit(f"{condition} did not become true within {WAIT_S:.0f} s")
+        time.sleep(0.05)
+
+
+@contextmanager
+def server(url: str | None) -> Iterator[str]:
+    """The address of a server, started here if none is given."""
+    if url:
+        yield url
+        return
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    process = subprocess.Popen([sys.executable, "-m", "echoavatar", "serve", "--port", str(port)])
+    try:
+        own = f"http://127.0.0.1:{port}/"
+        end = time.monotonic() + WAIT_S
+        while True:
+            try:
+                urllib.request.urlopen(own + "health", timeout=2).close()
+                break
+            except OSError:
+                if process.poll() is not None or time.monotonic() > end:
+                    sys.exit("the server did not start")
+                time.sleep(0.3)
+        yield own
+    finally:
+        process.terminate()
+        process.wait()
+
+
+if __name__ == "__main__":
+    main()
