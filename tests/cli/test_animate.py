@@ -230,3 +230,10 @@ def test_arguments_that_mean_nothing_are_refused(
     with pytest.raises(SystemExit):
         main(["animate", *words])
     assert said in capsys.readouterr().err
+
+
+def test_the_runtime_reaches_the_motion(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
+    for how in ("paper", "default"):
+        assert run(wav, tmp_path / f"{how}.npz", tiny_bundle, "--runtime", how) == 0
+    paper, default = (read_npz(tmp_path / f"{how}.npz") for how in ("paper", "default"))
+    assert np.abs(paper.rotations - default.rotations).max() > 1e-4

@@ -113,7 +113,8 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             "--in-place needs the stage `leash`, which --without leash leaves out; drop one of the two"
         )
-    pipeline = Pipeline(load_bundle(args.model).without(args.without), device=args.device)
+    bundle = load_bundle(args.model).running(args.runtime).without(args.without)
+    pipeline = Pipeline(bundle, device=args.device)
     pipeline.warm_up()
     options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
     for sound, output, write in zip(args.audio, outputs, writers, strict=True):

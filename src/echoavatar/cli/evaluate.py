@@ -71,7 +71,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tokenizer", type=Path, metavar="FOLDER", help="with --codes: another tokenizer than the bundle's"
     )
-    parser.add_argument("--captured", type=Path, help="with --alive: folder of captured motion to compare with")
+    parser.add_argument(
+        "--domains",
+        action="store_true",
+        help="measure domain confusion instead: the share of frames danced to speech and gestured to music, by class of"
+        " voice and music of --recordings",
+    )
+    parser.add_argument("--captured", type=Path, help="with --alive and --domains: folder of captured motion to compare with")
     parser.add_argument(
         "--pictures",
         type=Path,
@@ -111,6 +117,8 @@ def run(args: argparse.Namespace) -> int:
         return _actions(args, bundle)
     if args.alive:
         return _alive(args, bundle)
+    if args.domains:
+        return _domains(args, bundle)
     clips = _clips(args)
     if args.codes:
         return _codes(args, bundle, clips)
@@ -220,6 +228,23 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> int:
         _write_scores(args.card, f"echoavatar evaluate {asked}", numbers)
     print(alive.as_text(found))
     print(json.dumps(numbers))
+    return 0
+
+
+def _domains(args: argparse.Namespace, bundle: "Bundle") -> int:
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar.evaluation import alive, domains
+
+    if not args.recordings:
+        raise EchoAvatarError("--domains performs recorded sound; give a folder with --recordings")
+    sounds = alive.read_sounds(args.recordings, args.seconds, args.clips)
+    takes = domains.perform(Pipeline(bundle), sounds, seed=args.seed)
+    people = alive.read_captured(args.captured) if args.captured else []
+    rows = domains.shares(takes)
+    rows += [row._replace(group=f"captured people, {row.group}") for row in domains.shares(people)]
+    print(domains.as_text(rows))
+    numbers = {f"{row.kind}, {row.group}": [round(row.danced, 4), round(row.gestured, 4)] for row in rows}
+    print(json.dumps({"danced_gestured": numbers}))
     return 0
 
 

@@ -17,8 +17,8 @@ SINK_HELP = (
 
 DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
 RUNTIME_HELP = (
-    "how the models run: paper (bare decoding, the paper's cylinder for hands), default (the bundle's own), or what"
-    " to keep of ours on top of paper, such as ground,feet"
+    "how the models run: paper (bare decoding, the paper's cylinder for hands), default (the bundle's own),"
+    " bare (no cylinder either), or what to keep of ours on top of paper, such as ground,feet"
 )
 WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or warp; may be repeated"
 

@@ -388,29 +388,35 @@ class SessionCore:
         is_idle = source in ("idle", "action") and is_free
         if "idle" in self._host.additions:
             motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_idle)
+        overlay = self._actions.overlay(chunk) if "overlays" in self._host.additions else None
         return self._gaze.apply(
-            chunk, motion, skeleton, overlay=self._actions.overlay(chunk), is_wanted=self.is_listening and is_free
+            chunk, motion, skeleton, overlay=overlay, is_wanted=self.is_listening and is_free and self._reacts
         )
 
     def _with_expression(self, chunk: int, motion: MotionChunk) -> MotionChunk:
         """The mood of the action, or of the dance."""
+        if "expression" not in self._host.additions:
+            return motion
         act = self._actions.running(chunk)
         if act is not None and act.action.name in MOODS:
             return self._expression.apply(chunk, motion, mood=act.action.name, strength=act.intensity)
-        if "expression" not in self._host.additions:
-            return motion
         return self._expression.apply(chunk, motion, mood=DANCING if self._settling.is_dancing(chunk) else RESTING)
 
     def _react(self, sign: Sign) -> None:
         """Show that the avatar listens, unless a requested action runs."""
         chunk = self._barge_in.next_chunk
-        if not self._is_free(chunk):
+        if not (self._reacts and self._is_free(chunk)):
             return
         if sign == "ends":
             self._actions.stop(chunk)
         else:
             name, intensity, hold_s = ("nod", 1.0, None) if sign == "pause" else ("listen", 0.8, LISTEN_S)
             self._actions.ask(name, chunk=chunk, intensity=intensity, hold_s=hold_s, is_own=True)
+
+    @property
+    def _reacts(self) -> bool:
+        """Whether the user's sound changes the motion."""
+        return "listening" in self._host.additions
 
     def _is_free(self, chunk: int) -> bool:
         """Whether no requested action runs."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.engine import animate
+from echoavatar.engine import Engine, animate
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import ADDITIONS, Runtime
 from echoavatar.errors import CheckpointError, EchoAvatarError
@@ -78,3 +78,25 @@ def test_without_ours_a_body_in_silence_does_not_breathe(tiny_bundle):
     pipeline.reset(state, one, seed=3)
     bare = [pipeline.step(torch.zeros(1, CHUNK_SAMPLES), state, one)[0].rotations.copy() for _ in range(4)]
     np.testing.assert_array_equal(np.concatenate(bare), shown["paper"].rotations)
+
+
+def test_bare_leaves_out_the_papers_cylinder_too(tiny_bundle) -> None:
+    bare = Runtime().chosen("bare")
+    assert (bare.label, bare.cylinder, bare.additions) == ("bare", False, ())
+    assert Pipeline(load_bundle(tiny_bundle).running("bare")).cylinder is None
+
+
+def test_under_the_papers_runtime_the_user_changes_nothing(tiny_bundle) -> None:
+    """Silence is shown alike whether or not a user speaks; with `listening` the head turns to the user."""
+    bundle, user = load_bundle(tiny_bundle), np.random.default_rng(0).normal(0, 0.2, 24_000).astype(np.float32)
+
+    def shown(how: str, heard: np.ndarray | None) -> np.ndarray:
+        session = Engine(Pipeline(bundle.running(how)), seats=1, workers=0).open(seed=3)
+        if heard is not None:
+            session.listen(heard)
+        session.push(np.zeros(CHUNK_SAMPLES * 8, np.float32))
+        session.finish()
+        return np.concatenate([chunk.rotations for chunk in session])
+
+    np.testing.assert_array_equal(shown("paper", None), shown("paper", user))
+    assert np.abs(shown("listening", None) - shown("listening", user)).max() > 1e-3

@@ -2,7 +2,7 @@
 
 A bundle without the file gets the defaults, which are those of our own bundles. Everything that we add to the paper's
 method is in `ADDITIONS` and can be switched by name; `Runtime.chosen("paper")` has none of it: codes are drawn at the
-generator's temperature and decoded, and the paper's cylinder keeps the hands off the body.
+generator's temperature and decoded, and the paper's cylinder keeps the hands off the body. `bare` leaves out that too.
 """
 
 from pathlib import Path
@@ -18,7 +18,7 @@ from .foreign_rig import RigConfig
 from .time_warp import WARP
 
 FILE = "runtime.json"
-SESSION = ("settling", "idle", "expression", "blinks")  # what a session adds to the models' motion and face
+SESSION = ("settling", "idle", "expression", "blinks", "listening", "overlays")  # what a session adds to the models
 NUMBERS = {
     "level": ("level_control", False),
     "calm": ("silent_temperature", 1.0),
@@ -45,7 +45,8 @@ class Runtime(Config):
     )
     session: tuple[str, ...] = Field(
         default=SESSION,
-        description="what a session adds: settling after music, idle motion with breath, moods of the face, blinks",
+        description="what a session adds: settling after music, idle motion with breath, moods of the face, blinks, "
+        "nods and eye contact while the user speaks, the part of an action that codes cannot express",
     )
     cylinder: bool = Field(default=False, description="whether the paper's cylinder keeps hands off the body")
     rig: RigConfig | None = Field(
@@ -61,12 +62,15 @@ class Runtime(Config):
 
     @property
     def label(self) -> str:
-        """`paper`, `default` (all of ours) or the names of what is on, as `chosen` takes them; for headers."""
+        """`bare`, `paper`, `default` (all of ours) or the names of what is on, as `chosen` takes them; for headers."""
         on = self.additions
-        return "paper" if not on else "default" if on == ADDITIONS else ",".join(on)
+        if on:
+            return "default" if on == ADDITIONS else ",".join(on)
+        return "paper" if self.cylinder or self.rig else "bare"
 
     def chosen(self, name: str) -> "Runtime":
-        """These settings run otherwise: `default` changes nothing, `paper` leaves out everything of ours.
+        """These settings run otherwise: `default` changes nothing, `paper` leaves out everything of ours, `bare`
+        the paper's cylinder too.
 
         Any other name lists what to keep of ours, such as `ground,feet`; the rest is as in the paper. A value that this
         runtime has off is then that of our bundles. The adapter of a foreign rig, with its own cylinder, always stays.
@@ -76,17 +80,17 @@ class Runtime(Config):
         """
         if name == "default":
             return self
-        kept = () if name == "paper" else tuple(part.strip() for part in name.split(","))
+        kept = () if name in ("paper", "bare") else tuple(part.strip() for part in name.split(","))
         if unknown := [part for part in kept if part not in ADDITIONS]:
             known = ", ".join(ADDITIONS)
-            raise EchoAvatarError(f"no runtime {unknown[0]!r}: give paper, default, or some of {known}, with commas")
+            raise EchoAvatarError(f"no runtime {unknown[0]!r}: give paper, default, bare, or some of {known}, with commas")
         ours, changed = Runtime(), {}
         for part, (field, paper) in NUMBERS.items():
             own = getattr(self, field)
             changed[field] = paper if part not in kept else own if own != paper else getattr(ours, field)
         changed["stages"] = tuple(stage for stage in ours.stages if stage in kept)
         changed["session"] = tuple(part for part in SESSION if part in kept)
-        changed["cylinder"] = "hands" not in kept and self.rig is None
+        changed["cylinder"] = name != "bare" and "hands" not in kept and self.rig is None
         return self.model_copy(update=changed)
 
     def save(self, folder: Path) -> None:
