@@ -1,11 +1,13 @@
 import gzip
+import json
+import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from echoavatar.errors import CheckpointError
-from echoavatar.files.avatar import CHARACTERS, MATERIALS, load_character
+from echoavatar.files.avatar import CHARACTERS, LEVELS, MATERIALS, level_file, load_character
 from echoavatar.files.avatar.gltf import pack_glb
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
@@ -34,6 +36,36 @@ def test_a_shipped_character_is_whole(name: str) -> None:
 def test_a_shipped_character_fits_the_wire(name: str) -> None:
     """The page may cost 1.5 MB; its script takes a quarter of a megabyte of that."""
     assert len(gzip.compress(pack_glb(load_character(name), []), 6)) < 1_400_000
+
+
+@pytest.mark.parametrize("name", CHARACTERS)
+def test_levels_of_detail_have_all_bones_and_curves_and_get_smaller(name: str) -> None:
+    counts, sizes = [], []
+    for level in range(LEVELS):
+        data = level_file(name, level).read_bytes()
+        magic, version, total, length = struct.unpack("<4sIII", data[:16])
+        assert (magic, version, total) == (b"glTF", 2, len(data))
+        document = json.loads(data[20 : 20 + length])
+        assert document["extensionsRequired"]
+        names = {node.get("name") for node in document["nodes"]}
+        assert set(HUMANOID.names) <= names
+        face = next(mesh for mesh in document["meshes"] if mesh["name"] == "face")
+        assert face["extras"]["targetNames"] == list(ARKIT_NAMES)
+        parts = [part for mesh in document["meshes"] for part in mesh["primitives"]]
+        counts.append(sum(document["accessors"][part["indices"]]["count"] // 3 for part in parts))
+        sizes.append(len(data))
+    assert 36_000 < counts[0] < 44_000
+    assert 14_000 < counts[1] < 17_000
+    assert 5_500 < counts[2] < 7_000
+    assert sizes[0] > sizes[1] > sizes[2]
+    assert sizes[2] < 500_000  # what the page loads first
+
+
+def test_an_unknown_level_or_name_is_refused_in_words() -> None:
+    with pytest.raises(CheckpointError, match="level of detail 3"):
+        level_file("maya", 3)
+    with pytest.raises(CheckpointError, match="'nobody'"):
+        level_file("nobody", 0)
 
 
 def test_triangles_face_along_their_normals() -> None:

@@ -3,8 +3,18 @@
 May import `kinematics` and below. Metres, Y up, facing +Z, quaternions `wxyz`; colours sRGB.
 """
 
-from .character import CHARACTERS, MATERIALS, Character, Material, load_character
+from .character import CHARACTERS, LEVELS, MATERIALS, Character, Material, level_file, load_character
 from .skinning import skin
 from .textures import Textures
 
-__all__ = ["CHARACTERS", "MATERIALS", "Character", "Material", "Textures", "load_character", "skin"]
+__all__ = [
+    "CHARACTERS",
+    "LEVELS",
+    "MATERIALS",
+    "Character",
+    "Material",
+    "Textures",
+    "level_file",
+    "load_character",
+    "skin",
+]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from importlib.resources import as_file, files
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,6 +17,8 @@ from .morphs import Morphs, added
 from .textures import NAMES, Textures, decoded, looked_up
 
 CHARACTERS = ("maya", "theo", "amara")
+LEVELS = 3  # of detail: NAME.lod0.glb has about 40,000 triangles, NAME.lod1.glb 15,000, NAME.lod2.glb 6,000
+FOLDER = Path(str(files("echoavatar"))) / "assets" / "characters"
 UV_UNITS = 8192
 PLACE_UNIT = 2.0**-14  # metres; how places are stored
 
@@ -109,7 +111,7 @@ def load_character(path: Path | str | None = None) -> Character:
         CheckpointError: the file is damaged, or no character has this name.
     """
     if path is None or isinstance(path, str):
-        return _shipped(path or CHARACTERS[0])
+        path = _shipped_file(path or CHARACTERS[0], "npz")
     try:
         stored = arrays_of(path, CheckpointError)
         raw = {field.name: stored[field.name] for field in fields(Character) if field.name not in ("face", "textures")}
@@ -125,8 +127,18 @@ def load_character(path: Path | str | None = None) -> Character:
     return Character(**raw, face=face, textures=textures)
 
 
-def _shipped(name: str) -> Character:
+def level_file(name: str, level: int) -> Path:
+    """The GLB of a shipped character at a level of detail: meshopt compression, WebP pictures.
+
+    Raises:
+        CheckpointError: no character has this name, or there is no such level.
+    """
+    if not 0 <= level < LEVELS:
+        raise CheckpointError(f"there is no level of detail {level}; choose from 0 (finest) to {LEVELS - 1}")
+    return _shipped_file(name, f"lod{level}.glb")
+
+
+def _shipped_file(name: str, suffix: str) -> Path:
     if name not in CHARACTERS:
         raise CheckpointError(f"there is no character {name!r}; choose from {', '.join(CHARACTERS)}, or give a file")
-    with as_file(files("echoavatar") / "assets" / "characters" / f"{name}.npz") as shipped:
-        return load_character(shipped)
+    return FOLDER / f"{name}.{suffix}"
