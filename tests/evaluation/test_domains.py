@@ -12,7 +12,7 @@ def moving(joint: str, degrees_s: float, frames: int = 150) -> Motion:
     rotations = np.zeros((frames, HUMANOID.joints, 4), np.float32)
     rotations[..., 0] = 1
     angle = np.radians(degrees_s) * np.abs((np.arange(frames) / 30 + 0.5) % 1 - 0.5)
-    rotations[:, HUMANOID.index(joint), 0], rotations[:, HUMANOID.index(joint), 1] = np.cos(angle / 2), np.sin(angle / 2)
+    rotations[:, HUMANOID.index(joint), :2] = np.stack([np.cos(angle / 2), np.sin(angle / 2)], axis=-1)
     return Motion(HUMANOID, rotations, np.zeros((frames, 3), np.float32), 30.0)
 
 

@@ -218,9 +218,35 @@ def test_a_lost_source_resumes_its_session(server: RunningServer) -> None:
         back.speak(1, np.full(2_400, 0.2, np.float32), start=24_000)
         back.say(End(seg=1))
         back.until(State, lambda state: state.finished == 1)
-        with server.call(Hello(resume=lost.ready.resume)) as thief:
-            assert thief.ready.resumed
+        with server.call(Hello(resume=back.ready.resume)) as other:
+            assert other.ready.resumed
             assert back.closing()[0] == 4409
+
+
+def test_a_resume_key_is_spent_once_its_successor_is_known_to_have_arrived(server: RunningServer) -> None:
+    with server.call(Hello(seed=3)) as first:
+        old = first.ready.resume
+    keys = [old]
+    with server.call(Hello(seed=4)) as lost:
+        keys.append(lost.ready.resume)
+        lost.line.socket.close()
+        time.sleep(0.2)
+        for _ in range(2):  # `ready` was lost on the way: the key still serves
+            torn = server.call(Hello(resume=keys[1]))
+            keys.append(torn.ready.resume)
+            torn.line.socket.close()
+            time.sleep(0.2)
+        with server.call(Hello(resume=keys[-1])) as back:
+            keys.append(back.ready.resume)
+            back.say(Ping(nonce=1))
+            back.until(Pong)
+            assert len(set(keys)) == len(keys)
+            for spent in keys[:-1]:
+                with server.call() as thief:
+                    thief.say(Hello(resume=spent))
+                    assert thief.closing()[0] == 4404
+            back.say(Ping(nonce=2))
+            back.until(Pong, lambda pong: pong.nonce == 2)  # nobody took its place
 
 
 def test_a_lost_session_expires(server: RunningServer) -> None:

@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="measure domain confusion instead: the share of frames danced to speech and gestured to music, by class of"
         " voice and music of --recordings",
     )
-    parser.add_argument("--captured", type=Path, help="with --alive and --domains: folder of captured motion to compare with")
+    parser.add_argument("--captured", type=Path, help="--alive, --domains: folder of captured motion to compare with")
     parser.add_argument(
         "--pictures",
         type=Path,

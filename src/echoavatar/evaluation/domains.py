@@ -42,7 +42,7 @@ def danced(motion: Motion) -> Bool[np.ndarray, " t"]:
 
 def gestured(motion: Motion) -> Bool[np.ndarray, " t"]:
     """Of each frame whether the arms move and the legs do not dance."""
-    return (_pace(motion, ARMS) > DANCING) & ~danced(motion)
+    return np.asarray((_pace(motion, ARMS) > DANCING) & ~danced(motion))
 
 
 def perform(pipeline: Pipeline, sounds: Sequence[Sound], *, seed: int = 0) -> list[Take]:

@@ -123,6 +123,7 @@ class _Client:
     async def _live(self, socket: ClientConnection) -> None:
         watcher = self.watcher
         await socket.send(encode(Hello(seed=self._number, resume=watcher.key, played=watcher.next)))
+        watcher.see(decode_server(await socket.recv(decode=False)))  # the answer, before anything else is sent
         tasks = [asyncio.create_task(self._speak(socket))]
         if not self._is_well:
             tasks.append(asyncio.create_task(self._make_trouble(socket)))

@@ -128,6 +128,8 @@ class Connection:
         patience = 2 * self._manager.settings.ping_seconds
         while True:
             message = await self._next(patience, "nothing came for too long; send pings")
+            if self._session is not None:
+                self._manager.confirm(self._session, self._outbox)
             try:
                 await self._handle(message)
             except ProtocolError as error:

@@ -87,6 +87,7 @@ class ServerSession:
         """`core` must be paced (`Engine.open_core`)."""
         self.core = core
         self.name, self.key = name, key
+        self.is_renewed = False  # the key is new, and the one before it is not spent yet
         self.speech = UtteranceReader(hello.audio)
         self.playhead = Playhead()
         self.listeners: list[Outbox] = []

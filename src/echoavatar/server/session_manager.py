@@ -119,6 +119,7 @@ class SessionManager:
         elif hello.resume:
             session, received = self._known(self._keys, hello.resume), hello.played
             self._replace(session)
+            self._renew(session, hello.resume)
             self.metrics.resumed.inc()
         else:
             session = self._seat(hello)
@@ -139,7 +140,7 @@ class SessionManager:
     def end(self, session: ServerSession) -> None:
         """End a session and all its connections."""
         if self._sessions.pop(session.name, None) is not None:
-            del self._keys[session.key]
+            self._keep_keys(session)
             session.close()
             self.metrics.sessions.set(self.sessions)
 
@@ -187,6 +188,22 @@ class SessionManager:
         if session is None:
             raise ProtocolError("unknown_session", "that session is not here, or has ended; begin a new one")
         return session
+
+    def confirm(self, session: ServerSession, outbox: Outbox) -> None:
+        """The source has spoken after its `ready`, so it has the new key: the one that it resumed with is spent."""
+        if session.is_renewed and session.source is outbox:
+            self._keep_keys(session, session.key)
+            session.is_renewed = False
+
+    def _renew(self, session: ServerSession, used: str) -> None:
+        """Give a session that is resumed a new key; the one used stays, in case `ready` is lost on the way."""
+        session.key, session.is_renewed = secrets.token_urlsafe(24), True
+        self._keys[session.key] = session
+        self._keep_keys(session, used, session.key)
+
+    def _keep_keys(self, session: ServerSession, *kept: str) -> None:
+        for key in [key for key, known in self._keys.items() if known is session and key not in kept]:
+            del self._keys[key]
 
     def _replace(self, session: ServerSession) -> None:
         """End the connection of a source that resumes over another one."""

@@ -59,6 +59,13 @@ def nested(document: dict[str, Any]) -> None:
     document["nodes"].append({})
 
 
+def orphan(document, name):
+    """Take the node of this name from its parent."""
+    for node in document["nodes"]:
+        kept = [child for child in node.get("children", []) if document["nodes"][child].get("name") != name]
+        node.update(children=kept)
+
+
 HOSTILE = {
     "a node that is its own parent": lambda d: d["nodes"][hips(d)]["children"].append(hips(d)),
     "a cycle": lambda d: d["nodes"][-1].setdefault("children", []).append(hips(d)),
@@ -74,6 +81,7 @@ HOSTILE = {
     "a rotation of three": lambda d: d["nodes"][0].update(rotation=[0, 0, 0]),
     "a matrix of texts": lambda d: d["nodes"][0].update(matrix=["x"] * 16),
     "a place that is not finite": lambda d: d["nodes"][hips(d)].update(translation=[0, float("nan"), 0]),
+    "a head that hangs from nothing": lambda d: orphan(d, "mixamorig:Head"),
     "a bone map of nothing": lambda d: d.update(extensions={"VRMC_vrm": {}}),
     "bones of nodes that are not there": lambda d: d.update(
         extensions={"VRMC_vrm": {"humanoid": {"humanBones": {"hips": {"node": 10**9}}}}}

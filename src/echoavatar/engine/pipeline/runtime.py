@@ -83,7 +83,7 @@ class Runtime(Config):
         kept = () if name in ("paper", "bare") else tuple(part.strip() for part in name.split(","))
         if unknown := [part for part in kept if part not in ADDITIONS]:
             known = ", ".join(ADDITIONS)
-            raise EchoAvatarError(f"no runtime {unknown[0]!r}: give paper, default, bare, or some of {known}, with commas")
+            raise EchoAvatarError(f"no runtime {unknown[0]!r}: give paper, default, bare, or some of {known}")
         ours, changed = Runtime(), {}
         for part, (field, paper) in NUMBERS.items():
             own = getattr(self, field)

@@ -21,7 +21,7 @@ from echoavatar.errors import MotionError
 from echoavatar.limits import DEPTH, GLB_BYTES, NODES, check_file
 
 from ..kinematics import Skeleton, SkeletonConfig
-from ..kinematics.rigs import bone_map
+from ..kinematics.rigs import REQUIRED, bone_map
 from ..kinematics.rotations import matrix_from_quaternion
 
 Array = np.ndarray
@@ -183,9 +183,8 @@ def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple
             known = {bone: listed[index] for bone, index in bone_map(Skeleton(flat)).items()}
         except MotionError as error:
             raise MotionError(f"{path}: {error}") from error
-    missing = [bone for bone in ("hips", "head", "leftUpperArm", "rightUpperArm") if bone not in known]
-    if missing or any(f"{side}Foot" not in known for side in ("left", "right")):
-        raise MotionError(f"{path} has no joint for {(missing or ['a foot'])[0]}; check its humanoid map")
+    if missing := [bone for bone in REQUIRED if bone not in known]:
+        raise MotionError(f"{path} has no joint for {missing[0]}; check its humanoid map")
     order, kept = [known["hips"]], set[int]()
     for node in joints | set(known.values()):
         while node >= 0 and node not in kept:
@@ -194,6 +193,8 @@ def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple
     for node in order:
         order += [child for child in document["nodes"][node].get("children", []) if child in kept]
     slot = {node: index for index, node in enumerate(order)}
+    if apart := [bone for bone in REQUIRED if known[bone] not in slot]:
+        raise MotionError(f"{path}: its {apart[0]} does not hang from its hips; check the nodes' children")
     return order, {bone: slot[node] for bone, node in known.items() if node in slot}
 
 

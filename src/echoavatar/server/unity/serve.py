@@ -1,7 +1,7 @@
 """A server laid out like the published one: audio and actions arrive on two ports, motion goes to the Unity host.
 
 It serves one session. The authors' sender writes audio as a pickled array. The published server unpickles whatever
-arrives; here `reference.foreign_files` reads arrays and nothing else. When the sound stalls, the avatar continues in
+arrives; here `files.foreign_files` reads arrays and nothing else. When the sound stalls, the avatar continues in
 silence at the pace of the clock. While Unity is not reachable, the server retries every second and drops motion.
 """
 
