@@ -21,6 +21,8 @@ def openness(
     """1 in the open, 0 in a crack. Depth maps cover `span` metres around `middle`; `bias` metres hide no one."""
     seen, total = np.zeros(len(points)), np.zeros(len(points))
     shadow = np.zeros((TEXELS, TEXELS), np.float32)
+    vertices, faces = points.astype(np.float32), triangles.astype(np.int32)
+    both_sides = np.ones(len(faces), bool)
     golden = np.pi * (3 - np.sqrt(5))
     for i in range(DIRECTIONS):
         y = 1 - 1.75 * (i + 0.5) / DIRECTIONS
@@ -29,9 +31,10 @@ def openness(
         side = np.cross([0.0, 1.0, 0.02], light)
         side /= np.linalg.norm(side)
         axes = np.stack([side, np.cross(light, side), light])
-        flat = (points - middle) @ axes.T
-        flat[:, :2] = flat[:, :2] * (TEXELS / span) + TEXELS / 2
-        raster.shadow_depth(flat.astype(np.float32), triangles.astype(np.int32), shadow)
+        to_light = np.concatenate([axes, -(axes @ middle)[:, None]], axis=1).astype(np.float32)
+        to_light[:2] *= TEXELS / span
+        to_light[:2, 3] += TEXELS / 2
+        raster.shadow_depth(vertices, faces, both_sides, to_light, np.empty_like(vertices), shadow)
         facing = np.clip(normals @ light, 0, 1) * (0.65 + 0.35 * y)
         lifted = (points + normals * bias - middle) @ axes.T
         columns = np.clip(lifted[:, 0] * TEXELS / span + TEXELS / 2, 0, TEXELS - 1).astype(int)
