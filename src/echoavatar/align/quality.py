@@ -4,13 +4,14 @@
 
 The encoder has the tokenizer's shape, attention at 30, 15 and 7.5 Hz with halvings between, but every frame sees the
 whole clip and nothing is quantised. Besides the features it reads their first and second differences in time (ours):
-corrupted motion jumps where true motion flows, and attention over poses alone learns that slowly. Trained with SmoothL1
+corrupted motion jumps where true motion flows, and attention over poses alone learns that slowly. `differences` false
+and `resampling` "dual" are the paper's. Trained with SmoothL1
 on the scores of `corruption` (`quality_train`).
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 import torch
 from jaxtyping import Float
@@ -37,6 +38,10 @@ class QualityConfig(Config):
     width: int = Field(default=96, gt=0, description="channels (paper: 512)")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
     blocks: int = Field(default=1, gt=0, description="attention blocks a level")
+    resampling: Literal["learned", "dual"] = Field(
+        default="learned", description="between levels: the MLP alone, or mean and MLP (the paper's dual path)"
+    )
+    differences: bool = Field(default=True, description="whether differences in time are read too (paper: false)")
 
 
 class QualityReward(nn.Module):
@@ -50,7 +55,7 @@ class QualityReward(nn.Module):
         super().__init__()
         self.config = config
         width = config.width
-        self.input = nn.Linear(3 * config.features, width)
+        self.input = nn.Linear((3 if config.differences else 1) * config.features, width)
         self.levels = nn.ModuleList(
             nn.Sequential(*(FullBlock(width=width, heads=config.heads) for _ in range(config.blocks)))
             for _ in range(LEVELS)
@@ -69,11 +74,14 @@ class QualityReward(nn.Module):
 
     def forward(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, " b"]:
         """Scores of clips whose length is a multiple of four frames; features are not normalised yet."""
-        x = self.input(_with_differences(FeatureStatistics(self.mean, self.std, self.varies).normalize(features)))
+        x = FeatureStatistics(self.mean, self.std, self.varies).normalize(features)
+        x = self.input(_with_differences(x) if self.config.differences else x)
         for level, blocks in enumerate(self.levels):
             x = blocks(x)
             if level < LEVELS - 1:
-                x = self.down[level](x.view(x.shape[0], x.shape[1] // 2, -1))
+                pairs = x.view(x.shape[0], x.shape[1] // 2, -1)
+                is_dual = self.config.resampling == "dual"
+                x = self.down[level](pairs) + (pairs.unflatten(2, (2, -1)).mean(2) if is_dual else 0)
         y: Tensor = torch.sigmoid(self.head(x.mean(1)))
         return y[:, 0]
 

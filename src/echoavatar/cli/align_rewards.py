@@ -15,6 +15,17 @@ if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Bundle
     from echoavatar.models.generator import TokenClip
 
+PAPER = {
+    "reward-quality": {"width": 512, "heads": 8},
+    "reward-alignment": {"width": 512, "heads": 8, "layers": 4, "slices": 1, "rate": 1e-4, "batch": 32},
+}  # appendix, Motion Quality Reward Model ("mirrors our motion tokenizer"); Audio-Motion Alignment Reward
+DEFAULTS = {
+    "reward-quality": {"width": 96, "heads": 4},
+    "reward-alignment": {"width": 128, "heads": 4, "layers": 4, "slices": 24, "rate": 1e-3, "batch": 64},
+}
+PAPER_WORDS = (
+    "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32"
+)
 KINDS = ("calibrate", "reward-quality", "reward-alignment")
 
 
@@ -54,7 +65,19 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "(default: a small network of that kind, trained with the reward)",
     )
     alignment.add_argument("--batch", type=int, default=64, help="windows per step (default: %(default)s)")
+    alignment.add_argument("--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)")
+    alignment.add_argument("--layers", type=int, default=4, help="of the motion encoder (default: %(default)s)")
+    alignment.add_argument(
+        "--slices",
+        type=int,
+        default=24,
+        help="time slices in the embedding; 1: one for the clip (default: %(default)s)",
+    )
     for child in (quality, alignment):
+        child.add_argument("--heads", type=int, default=4, help="attention heads (default: %(default)s)")
+        child.add_argument(
+            "--paper", action="store_true", help=f"the paper's choices; options given win: {PAPER_WORDS}"
+        )
         child.add_argument(
             "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
         )
@@ -69,6 +92,8 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.align.prompts import read_token_clips
     from echoavatar.engine.pipeline import load_bundle
 
+    if getattr(args, "paper", False):
+        _take_paper(args)
     bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=True)
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
@@ -85,6 +110,13 @@ def run(args: argparse.Namespace) -> int:
         found = kinds[args.kind](args, bundle, train, test, progress)
     print(json.dumps(found))
     return 0
+
+
+def _take_paper(args: argparse.Namespace) -> None:
+    """Set the paper's values where the option has its default still."""
+    for name, value in PAPER[args.kind].items():
+        if getattr(args, name) == DEFAULTS[args.kind][name]:
+            setattr(args, name, value)
 
 
 Clips = dict[str, "TokenClip"]
@@ -125,7 +157,13 @@ def _quality(
         CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
         QualityTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0, autocast=args.autocast),
-        config=QualityConfig(features=bundle.tokenizer.mean.numel(), width=args.width),
+        config=QualityConfig(
+            features=bundle.tokenizer.mean.numel(),
+            width=args.width,
+            heads=args.heads,
+            resampling="dual" if args.paper else "learned",
+            differences=not args.paper,
+        ),
         scores=scores,
         card=_card(args),
         progress=progress,
@@ -158,7 +196,12 @@ def _alignment(
         return AudioMotionWindows(clips, waves=waves)
 
     training = AudioRewardTraining(
-        steps=args.steps, batch=args.batch, seed=args.seed, minutes=args.minutes or 0, autocast=args.autocast
+        steps=args.steps,
+        batch=args.batch,
+        learning_rate=args.rate,
+        seed=args.seed,
+        minutes=args.minutes or 0,
+        autocast=args.autocast,
     )
     model = train_audio_reward(model, pairs(train), args.output, training, card=_card(args), progress=progress)
     found = retrieval_tables(model, pairs(asked))
@@ -181,8 +224,9 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(args.seed)
         motion_book = bundle.tokenizer.codebooks().detach()
+        sizes = {"width": args.width, "heads": args.heads, "layers": args.layers, "slices": args.slices}
         if args.encoder == "codes":
-            return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, width=args.width)
+            return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, **sizes)
         network: Beats | Wav2Clip
         if args.encoder == "beats":
             network = Beats(SMALL_BEATS)
@@ -193,7 +237,7 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
             if args.encoder_weights:
                 network = Wav2Clip.from_published(read_tensors(args.encoder_weights, "state_dict"))
         is_frozen = args.encoder_weights is not None
-        return AudioMotion.from_network(network, bundle.codec, motion_book, is_frozen=is_frozen, width=args.width)
+        return AudioMotion.from_network(network, bundle.codec, motion_book, is_frozen=is_frozen, **sizes)
 
 
 def command_line(args: argparse.Namespace) -> str:

@@ -16,6 +16,13 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
         " manifest.csv marks as test is left out",
     )
     parser.add_argument("--start", type=Path, help="trained codec of the same sizes (a run, or part of a bundle)")
+    parser.add_argument(
+        "--from",
+        dest="origin",
+        metavar="NAME",
+        help="take a published EnCodec instead of training: a folder of it, or facebook/encodec_24khz (the paper's) from"
+        " the local model cache",
+    )
     options.add("--minutes", "training.minutes", 40.0, type=float, help="training time, the schedule fitted to it")
 
 
@@ -29,6 +36,10 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     from echoavatar.models.audio.pool import AudioGroup, AudioPool, read_groups
     from echoavatar.models.audio.train import CodecTrainingConfig, train_codec
 
+    if args.origin:
+        card |= {"data": f"{args.origin}, as published", "licence": "as published"}
+        AudioCodec.from_pretrained_encodec(args.origin).save(args.output, card | {"kind": "codec"})
+        return
     codec = settings.checked(CodecConfig, "model")
     config = settings.checked(CodecTrainingConfig, "training", codec=codec)
     corpus = Corpus(args.source)

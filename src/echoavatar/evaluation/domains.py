@@ -16,7 +16,9 @@ from scipy.ndimage import uniform_filter1d
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.engine.settling import DANCES_S, DANCING
+from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import Motion
+from echoavatar.motion.kinematics.rigs import known_bones
 
 from .alive import Sound, Take
 
@@ -78,9 +80,11 @@ def _share(kind: str, group: str, motions: Sequence[Motion]) -> Shares:
 
 def _pace(motion: Motion, names: Sequence[str]) -> Float[np.ndarray, " t"]:
     """Mean rotation speed of joints (degrees per second) in the two seconds around each frame."""
-    joints = [motion.skeleton.index(name) for name in names if name in motion.skeleton.names]
-    rotations = motion.rotations[:, joints]
-    if len(rotations) < 2 or not joints:
+    bones = known_bones(motion.skeleton)
+    if missing := [name for name in names if name not in bones]:
+        raise MotionError(f"no joint of the rig is {missing[0]}; give its skeleton a VRM map")
+    rotations = motion.rotations[:, [bones[name] for name in names]]
+    if len(rotations) < 2:
         return np.zeros(len(rotations))
     now, then = rotations[1:], rotations[:-1]
     half = np.minimum(np.linalg.norm(now - then, axis=-1), np.linalg.norm(now + then, axis=-1))

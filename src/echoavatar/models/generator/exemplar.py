@@ -1,7 +1,8 @@
 """Exemplar-driven control: a set of first-layer upper-body codes asks the generator for a motion.
 
 Paper, Exemplar-Driven Control (after MECo): the first RVQ layer carries the meaning, so the codes that a reference clip
-uses there, without order, are the directive; stage 3 trains it with 10 to 20 % of the set dropped.
+uses there, without order, are the directive. Which part of the body the paper means, and whether it drops codes of a
+set in training, it does not say: the upper body is the release's, 10 to 20 % dropped is our choice.
 
 Departs from the paper, which writes the set as a system prompt in front of a window that is re-read every step: ours
 costs no context and may change at every chunk border. While a set holds, one vector (the set's embeddings summed over
@@ -21,7 +22,7 @@ from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
 from ..tokens import PARTS, Sequences, TokenLayout
 
 UPPER = 1  # the part whose first layer is the directive
-DROPPED = (0.1, 0.2)  # share of a set that is left out in training (paper)
+DROPPED = (0.1, 0.2)  # share of a set that is left out in training (ours)
 SHORTEST_CHUNKS = 3  # a set is drawn from at least 0.8 s
 
 
