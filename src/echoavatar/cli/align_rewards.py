@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Bundle
     from echoavatar.models.generator import TokenClip
 
-PAPER = {
+PAPER: dict[str, dict[str, float]] = {
     "reward-quality": {"width": 512, "heads": 8},
     "reward-alignment": {"width": 512, "heads": 8, "layers": 4, "slices": 1, "rate": 1e-4, "batch": 32},
 }  # appendix, Motion Quality Reward Model ("mirrors our motion tokenizer"); Audio-Motion Alignment Reward
-DEFAULTS = {
+DEFAULTS: dict[str, dict[str, float]] = {
     "reward-quality": {"width": 96, "heads": 4},
     "reward-alignment": {"width": 128, "heads": 4, "layers": 4, "slices": 24, "rate": 1e-3, "batch": 64},
 }
@@ -76,7 +76,7 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     for child in (quality, alignment):
         child.add_argument("--heads", type=int, default=4, help="attention heads (default: %(default)s)")
         child.add_argument(
-            "--paper", action="store_true", help=f"the paper's choices; options given win: {PAPER_WORDS}"
+            "--paper", action="store_true", help=f"the paper's choices; in place of the defaults: {PAPER_WORDS}"
         )
         child.add_argument(
             "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"

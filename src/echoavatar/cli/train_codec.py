@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
         "--from",
         dest="origin",
         metavar="NAME",
-        help="take a published EnCodec instead of training: a folder of it, or facebook/encodec_24khz (the paper's) from"
-        " the local model cache",
+        help="take a published EnCodec instead of training: a folder of it, or facebook/encodec_24khz (the paper's)"
+        " from the local model cache",
     )
     options.add("--minutes", "training.minutes", 40.0, type=float, help="training time, the schedule fitted to it")
 
