@@ -135,6 +135,7 @@ PAPER = Scale(
         warmup=200,
         weight_decay=0,
         autocast=True,
+        corruption="none",
         save_every=500,
     ),
     stage3=GeneratorTraining(

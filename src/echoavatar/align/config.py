@@ -9,6 +9,7 @@ from echoavatar.training import Schedule, TrainingConfig
 from .prompts import Events
 
 Method = Literal["grpo", "dpo", "ppo"]
+NEVER = 1e6  # no KL is so large
 
 
 class AlignTraining(TrainingConfig):
@@ -23,7 +24,9 @@ class AlignTraining(TrainingConfig):
     accumulation: int = Field(
         default=1, gt=0, description="pieces that a batch is split into; changes memory, not the result"
     )
-    group: int = Field(default=8, gt=0, description="continuations of each prompt (paper: 30 for GRPO, 1 for PPO)")
+    group: int = Field(
+        default=8, gt=0, description="continuations of each prompt (paper: GRPO 30, PPO 1, pairs for DPO 8)"
+    )
     past: int = Field(default=3, ge=0, description="chunks of true motion and audio before a continuation")
     length: int = Field(default=9, gt=0, description="chunks of a continuation (paper: 15, 4 s)")
     fewest_events: int = Field(
@@ -79,8 +82,9 @@ def recipe(name: str, method: Method) -> AlignTraining:
             sizes = own
         case "paper":
             # the paper's windows last 4 s; it does not say how much of them is context, so ours have none
-            sizes = {"batch": 16, "group": 1 if method == "ppo" else 30, "past": 0, "length": 15}
+            sizes = {"batch": 16, "group": {"grpo": 30, "dpo": 8, "ppo": 1}[method], "past": 0, "length": 15}
             sizes |= {"learning_rate": 6e-5, "credit": "sequence", "discount": 1.0, "fewest_events": 0}
+            sizes |= {"kl_stop": NEVER}
             sizes |= {"accumulation": {"grpo": 16, "dpo": 2, "ppo": 1}[method]}
         case _:
             raise ValueError(f"no recipe {name!r}: tiny, rehearsal or paper")

@@ -29,6 +29,9 @@ TOKENS is a folder of codes that the bundle's own codec and tokenizer made (`ech
 Methods, rewards of your own, recipes: docs/alignment.md.
 """
 
+RECIPES = ("tiny", "rehearsal", "paper")
+CANDIDATES = 8  # of which best and worst are kept (paper, Direct Preference Alignment)
+PAPER_REWARDS = ["quality=1", "alignment=1"]  # paper, Reward-Guided Optimization; how it weighs them it does not say
 SETTINGS = {
     "steps": (int, "optimiser steps"),
     "batch": (int, "prompts (dpo: pairs) per step"),
@@ -74,9 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for child in (grpo, dpo, ppo):
         _add_common(child)
         child.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
-        child.add_argument(
-            "--recipe", choices=("tiny", "rehearsal", "paper"), default="rehearsal", help="(default: %(default)s)"
-        )
+        child.add_argument("--recipe", choices=RECIPES, default="rehearsal", help="(default: %(default)s)")
         for name, (kind, text) in SETTINGS.items():
             child.add_argument(f"--{name}", type=kind, help=f"{text} (default: the recipe's)")
         child.add_argument("--events", choices=("any", "beat", "stress"), help="(default: the recipe's)")
@@ -98,19 +99,12 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
     _add_common(child)
     child.add_argument("-o", "--output", type=Path, required=True, metavar="JSONL", help="file to write")
     child.add_argument("--prompts", type=int, default=200, help="number of prompts (default: %(default)s)")
-    child.add_argument("--group", type=int, default=8, help="continuations of each (default: %(default)s)")
-    child.add_argument(
-        "--past", type=int, default=3, help="chunks of true motion before a continuation (default: %(default)s)"
-    )
-    child.add_argument("--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)")
+    child.add_argument("--recipe", choices=RECIPES, default="rehearsal", help="of the sizes (default: %(default)s)")
+    for name in ("group", "past", "length", "fewest-events"):
+        kind, text = SETTINGS[name]
+        child.add_argument(f"--{name}", type=kind, help=f"{text} (default: the recipe's; group: 8)")
     child.add_argument(
         "--margin", type=float, default=0.5, help="least difference of rewards in a pair (default: %(default)s)"
-    )
-    child.add_argument(
-        "--fewest-events",
-        type=int,
-        default=2,
-        help="beats or stresses that a prompt's audio must contain (default: %(default)s)",
     )
     child.add_argument("--seed", type=int, default=0, help="seed of prompts and codes (default: %(default)s)")
 
@@ -125,7 +119,7 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         action="append",
         metavar="NAME=WEIGHT",
         help="a component of the reward, also MODULE:FUNCTION=WEIGHT; may be repeated (default: beats=1 stresses=1 "
-        "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5)",
+        "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5; with --recipe paper quality=1 alignment=1)",
     )
     child.add_argument(
         "--reference-statistics", type=Path, help="reference statistics of true motion (default: measured now)"
@@ -164,6 +158,8 @@ def run(args: argparse.Namespace) -> int:
 def _setup(args: argparse.Namespace) -> "AlignmentSetup":
     from echoavatar.align.start import load_setup
 
+    if args.reward is None and args.kind in ("grpo", "ppo", "rollouts") and args.recipe == "paper":
+        args.reward = PAPER_REWARDS
     return load_setup(
         args.source,
         args.output.parent if args.kind in ("rollouts", "compare") else args.output,
@@ -180,10 +176,14 @@ def _setup(args: argparse.Namespace) -> "AlignmentSetup":
 
 
 def _rollouts(args: argparse.Namespace, ready: "AlignmentSetup", progress: Callable[[int, int], None]) -> int:
+    from echoavatar.align.config import recipe
     from echoavatar.align.start import make_pairs
 
-    names = ("prompts", "past", "length", "group", "margin", "fewest_events", "seed")
-    return make_pairs(ready, args.output, **{name: getattr(args, name) for name in names}, progress=progress)
+    base = recipe(args.recipe, "dpo")
+    sizes = {"past": base.past, "length": base.length, "group": CANDIDATES, "fewest_events": base.fewest_events}
+    sizes |= {name: getattr(args, name) for name in sizes if getattr(args, name) is not None}
+    rest = {name: getattr(args, name) for name in ("prompts", "margin", "seed")}
+    return make_pairs(ready, args.output, **rest, **sizes, progress=progress)
 
 
 def _draw(folder: Path) -> None:

@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.engine.pipeline import load_bundle
 
     if getattr(args, "paper", False):
-        _take_paper(args)
+        take_paper(args)
     bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=True)
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _take_paper(args: argparse.Namespace) -> None:
+def take_paper(args: argparse.Namespace) -> None:
     """Set the paper's values where the option has its default still."""
     for name, value in PAPER[args.kind].items():
         if getattr(args, name) == DEFAULTS[args.kind][name]:
