@@ -55,6 +55,14 @@ def write_glb(
 
 def pack_glb(character: Character, animations: Sequence[Animation], *, compact: bool = False) -> bytes:
     """The GLB's bytes; `compact` stores rotations as 16-bit integers (error below 0.01 degrees)."""
+    document, buffer = character_document(character)
+    if animations:
+        document["animations"] = [_animation(buffer, animation, compact=compact) for animation in animations]
+    return packed(document, buffer)
+
+
+def character_document(character: Character) -> tuple[dict[str, Any], Buffer]:
+    """The character's document, to which more may be added before `packed`, and its buffer."""
     buffer = Buffer()
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "EchoAvatar"},
@@ -70,8 +78,11 @@ def pack_glb(character: Character, animations: Sequence[Animation], *, compact: 
         **pictures(buffer, character),
         "skins": [_skin(buffer)],
     }  # fmt: skip
-    if animations:
-        document["animations"] = [_animation(buffer, animation, compact=compact) for animation in animations]
+    return document, buffer
+
+
+def packed(document: dict[str, Any], buffer: Buffer) -> bytes:
+    """The bytes of a GLB with all that was collected in the buffer."""
     document |= {
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
