@@ -18,6 +18,7 @@ from echoavatar.cli import main
     ("words", "remedy"),
     [
         (["--certificate", "a.pem"], "both or neither"),
+        (["--tls-cert", "pyproject.toml", "--tls-key", "README.md"], "certificate pyproject.toml with key README.md"),
         (["--store", "mysql://x/y"], "SQLite or PostgreSQL"),
         (["--study", "none.yaml"], "none.yaml cannot be read"),
         (["export", "--id", "none"], "there is no study none"),

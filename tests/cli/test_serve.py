@@ -1,11 +1,14 @@
 """`echoavatar serve` as people start it."""
 
+import logging
 import os
 import signal
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,6 +21,7 @@ from echoavatar.cli import main
         (["--ahead", "9"], "between 0.3 and 3.5"),
         (["--certificate", "a.pem"], "both or neither"),
         (["--certificate", "a.pem", "--key", "b.pem"], "file a.pem does not exist"),
+        (["--tls-cert", "pyproject.toml", "--tls-key", "README.md"], "certificate pyproject.toml with key README.md"),
         (["--model", "nobody"], "nobody"),
         (["--device", "gpu"], "say cpu, cuda"),
         (["--without", "toes"], "no stage 'toes'"),
@@ -51,6 +55,36 @@ def test_a_server_serves_its_page_and_stops_in_good_order(tiny_bundle: Path) -> 
             assert process.wait(15) in (0, -signal.SIGTERM)
         finally:
             process.kill()
+
+
+@pytest.mark.parametrize("place", ["environment", "command line", "made up"])
+def test_the_operators_own_token_is_never_shown(
+    place: str,
+    tiny_bundle: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """A token that the server makes up is shown, since nobody knows it else."""
+    monkeypatch.setenv("ECHOAVATAR_TOKEN", "very-secret" if place == "environment" else "")
+    known: list[str] = []
+
+    def announce(app: Any, *, on_ready: Callable[[str], None], **_: object) -> None:
+        known.append(app.state.manager.settings.token)
+        on_ready("http://0.0.0.0:1")
+
+    monkeypatch.setattr("echoavatar.server.serve", announce)
+    words = ["--token", "very-secret"] if place == "command line" else []
+    with caplog.at_level(logging.DEBUG):
+        assert main(["serve", "--host", "0.0.0.0", "--model", str(tiny_bundle), *words]) == 0
+    shown = capfd.readouterr()
+    told = shown.out + shown.err + caplog.text
+    if place == "made up":
+        assert f"?token={known[0]}" in shown.out
+        assert len(known[0]) >= 22
+    else:
+        assert known == ["very-secret"]
+        assert "very-secret" not in told
 
 
 def test_the_unity_sink_wants_an_address_and_an_imported_bundle_and_no_other_sink(tiny_bundle, capsys):

@@ -3,6 +3,9 @@
 import copyreg
 import pickle  # noqa: TID251  # to make what must be refused
 import tracemalloc
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,6 +60,43 @@ def test_a_bomb_is_refused_in_little_memory(name: str) -> None:
     finally:
         tracemalloc.stop()
     assert len(str(caught.value)) < 300
+
+
+CALLS = (
+    "os system", "posix mkdir", "subprocess Popen", "builtins eval", "builtins exec", "builtins compile",
+    "builtins __import__", "builtins getattr", "builtins open", "shutil rmtree", "socket create_connection",
+    "importlib import_module", "pickle loads", "numpy load", "numpy memmap", "torch load", "ctypes CDLL",
+    "operator attrgetter", "functools partial", "numpy.core.multiarray fromstring",
+)  # fmt: skip
+WAYS: dict[str, Callable[[str, str], bytes]] = {
+    "called": lambda module, name: f"c{module}\n{name}\n(Vnever-made\ntR.".encode(),
+    "called by a name from the stack": lambda module, name: (
+        b"\x80\x04" + text(module) + text(name) + b"\x93" + text("never-made") + b"\x85R."
+    ),
+    "INST": lambda module, name: f"(Vnever-made\ni{module}\n{name}\n.".encode(),
+    "OBJ": lambda module, name: f"(c{module}\n{name}\nVnever-made\no.".encode(),
+    "NEWOBJ": lambda module, name: f"c{module}\n{name}\n(Vnever-made\nt\x81.".encode("latin-1"),
+    "NEWOBJ_EX": lambda module, name: f"\x80\x04c{module}\n{name}\n(Vnever-made\nt}}\x92.".encode("latin-1"),
+    "inside an array": lambda module, name: NEW + f"(K\x01c{module}\n{name}\n(Vnever-made\ntRtb.".encode(),
+}
+
+
+def text(word: str) -> bytes:
+    return b"\x8c" + bytes([len(word)]) + word.encode()
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_no_code_is_run_whichever_way_it_is_named(way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """20 functions, each in 7 ways. The last lines show that Python itself would have run them."""
+    monkeypatch.chdir(tmp_path)
+    for call in CALLS:
+        with pytest.raises(RefusedError, match="would run|makes an object"):
+            unpickle_arrays(WAYS[way](*call.split()))
+    assert not list(tmp_path.iterdir())
+    if not way.startswith("NEWOBJ"):  # these two make objects of classes alone
+        with suppress(Exception):
+            pickle.loads(WAYS[way]("posix", "mkdir"))
+        assert [made.name for made in tmp_path.iterdir()] == ["never-made"]
 
 
 def test_names_outside_the_list_and_objects_are_told_apart() -> None:

@@ -7,6 +7,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,13 +55,19 @@ class Body(FakePipeline):
 
 @contextlib.contextmanager
 def serving(
-    *, seats: int = 4, settings: ServerSettings = FAST, step_s: float = 0.0, pipeline: Any = None
+    *,
+    seats: int = 4,
+    settings: ServerSettings = FAST,
+    step_s: float = 0.0,
+    pipeline: Any = None,
+    tls: tuple[Path, Path] | None = None,
 ) -> Iterator["RunningServer"]:
     engine = Engine(pipeline or Body(step_s), seats=seats)
     app = create_app(engine, settings)
     with listen("127.0.0.1", 0) as listener:
         begun = threading.Event()
-        server = Server(app, configure(app), begun.set)
+        files = {"ssl_certfile": str(tls[0]), "ssl_keyfile": str(tls[1])} if tls else {}
+        server = Server(app, configure(app, **files), begun.set)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()
         assert begun.wait(10)

@@ -3,6 +3,7 @@
 import dataclasses
 import http.client
 import itertools
+import logging
 import socket
 from collections.abc import Iterator
 
@@ -10,7 +11,7 @@ import pytest
 from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar import __version__
-from echoavatar.wire import Hello, Motion
+from echoavatar.wire import Hello, Motion, Ping
 
 SECRET = {"authorization": "Bearer secret"}
 
@@ -54,6 +55,32 @@ def test_a_wrong_token_is_refused_in_words(server: RunningServer) -> None:
     assert code == 4401
     assert error is not None
     assert "wrong token" in error.message
+
+
+def test_no_log_answer_or_metric_shows_a_token(
+    caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The server's own or one that somebody tries, wherever a client may put it, with every log switched on."""
+    tokens, answers = ("own-very-secret", "tried-very-secret"), []
+    with caplog.at_level(logging.DEBUG), serving(settings=dataclasses.replace(FAST, token=tokens[0])) as server:
+        for token, path in itertools.product(tokens, ("/v1/tools", "/v1/tools/dance", "/metrics", "/v1/chat", "/no")):
+            body = b"{" if path.endswith("dance") else None
+            answers.append(server.http(path, body, authorization=f"Bearer {token}"))
+            answers.append(server.http(f"{path}?token={token}", body))
+        for token in tokens:
+            with server.call(Hello(token=token) if token == tokens[0] else None) as caller:
+                caller.say(Hello(token=token))  # the first is a fault now, the second a guess
+                answers.append(caller.closing())
+            with server.call(additional_headers={"authorization": f"Bearer {token}"}) as caller:
+                caller.say(Ping())
+                answers.append(caller.closing())
+        answers.append(server.http("/metrics", authorization=f"Bearer {tokens[0]}"))
+    shown = capfd.readouterr()
+    ours = [record.getMessage() for record in caplog.records if record.name != "websockets.client"]
+    assert ours
+    for text in (str(ours), shown.out, shown.err, str(answers)):
+        assert "very-secret" not in text
+    assert "echoavatar_messages_total" in answers[-1][1]
 
 
 def test_too_many_connections_are_refused_at_the_door(server: RunningServer) -> None:

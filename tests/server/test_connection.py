@@ -249,6 +249,42 @@ def test_a_resume_key_is_spent_once_its_successor_is_known_to_have_arrived(serve
             back.until(Pong, lambda pong: pong.nonce == 2)  # nobody took its place
 
 
+def test_a_resume_key_cannot_be_guessed(server: RunningServer) -> None:
+    """It is random, of 192 bits; a key that differs by one letter, part of one, or a public name opens nothing."""
+    import base64
+
+    with server.call(Hello(seed=1)) as one, server.call(Hello(seed=1)) as two:
+        key = one.ready.resume
+        bits = [np.unpackbits(np.frombuffer(base64.urlsafe_b64decode(of.ready.resume), np.uint8)) for of in (one, two)]
+        assert [len(row) for row in bits] == [192, 192]
+        assert 60 < (bits[0] != bits[1]).sum() < 132  # the same hello, and half of the bits differ (five sigmas)
+        other = "B" if key[-1] != "B" else "C"
+        guesses = [key[:-1] + other, other + key[1:], key[:-1], key + "A", key.swapcase(), one.ready.session, " " + key]
+        for guess in guesses:
+            with server.call() as thief:
+                thief.say(Hello(resume=guess))
+                assert thief.closing()[0] == 4404
+        one.say(Ping(nonce=1))
+        one.until(Pong)  # still there
+
+
+def test_a_resume_key_opens_nothing_without_the_token_that_the_session_began_with() -> None:
+    with serving(settings=dataclasses.replace(FAST, token="secret")) as server:
+        with server.call(Hello(token="secret")) as owner:
+            key = owner.ready.resume
+            for token in ("", "guess", key):
+                with server.call() as thief:
+                    thief.say(Hello(token=token, resume=key))
+                    assert thief.closing()[0] == 4401
+            owner.say(Ping(nonce=1))
+            owner.until(Pong)
+        with server.call(Hello(token="secret")) as owner:
+            owner.line.socket.close()
+            time.sleep(0.2)
+            with server.call(Hello(token="secret", resume=owner.ready.resume)) as back:
+                assert back.ready.resumed
+
+
 def test_a_lost_session_expires(server: RunningServer) -> None:
     caller = server.call(Hello())
     caller.line.socket.close()

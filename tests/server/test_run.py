@@ -1,16 +1,24 @@
 import os
 import signal
+import socket
+import ssl
 import threading
+import time
+import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.server.fakes import FAST, Body
+from tests.server.fakes import FAST, Body, serving
+from websockets.sync.client import connect
 
 from echoavatar.engine import Engine
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import create_app, serve
+from echoavatar.server import run as run_module
 from echoavatar.server.run import listen
+from echoavatar.wire import Hello, Ready, decode_server, encode, subprotocol
 
 
 def test_a_taken_port_is_one_line() -> None:
@@ -54,3 +62,41 @@ def test_a_step_that_never_ends_ends_the_server(monkeypatch: pytest.MonkeyPatch)
         serve(create_app(engine, FAST), port=0, on_ready=speak)
     assert not until.is_set()
     until.set()
+
+
+def test_pages_and_sessions_come_over_tls_to_who_trusts_the_certificate(certified: tuple[Path, Path]) -> None:
+    trust = ssl.create_default_context(cafile=certified[0])
+    with serving(tls=certified) as server:
+        with urllib.request.urlopen(f"https://{server.address}/health", timeout=10, context=trust) as answer:
+            assert answer.status == 200
+        with connect(
+            f"wss://{server.address}/v1/stream",
+            ssl=trust,
+            subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
+            compression=None,
+        ) as line:
+            line.send(encode(Hello()))
+            assert isinstance(decode_server(line.recv(timeout=10)), Ready)  # type: ignore[arg-type]
+        with pytest.raises(OSError, match="CERTIFICATE_VERIFY_FAILED"):
+            urllib.request.urlopen(f"https://{server.address}/health", timeout=10)
+
+
+def test_a_client_that_never_finishes_the_handshake_of_tls_is_closed(
+    certified: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "SILENCE_S", 0.3)
+    with serving(tls=certified) as server:
+        host, port = server.address.split(":")
+        began = time.monotonic()
+        with socket.create_connection((host, int(port)), 10) as silent:
+            silent.sendall(b"\x16\x03\x01\x02\x00")  # a hello of 512 bytes begins, and does not go on
+            assert silent.recv(100) == b""
+        assert time.monotonic() - began < 5
+
+
+def test_a_damaged_certificate_is_one_line(certified: tuple[Path, Path], tmp_path: Path) -> None:
+    damaged = tmp_path / "cert.pem"
+    damaged.write_bytes(certified[0].read_bytes()[:300])
+    app = create_app(Engine(Body()), FAST)  # type: ignore[arg-type]
+    with pytest.raises(EchoAvatarError, match="belong together"):
+        serve(app, port=0, ssl_certfile=str(damaged), ssl_keyfile=str(certified[1]))

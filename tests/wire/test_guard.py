@@ -1,7 +1,13 @@
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
 import pytest
 
+from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import ProtocolError, guard
-from echoavatar.wire.guard import check_origin, check_token, has_token, is_loopback, network_of
+from echoavatar.wire.guard import check_certificate, check_origin, check_token, has_token, is_loopback, network_of
 
 
 def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:
@@ -78,3 +84,26 @@ def test_tokens_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: compared.append((a, b)) or a == b)
     check_token("secret", "secret", {"authorization": "Bearer guess"})
     assert compared == [(b"secret", b"guess"), (b"secret", b"secret")]
+
+
+@pytest.mark.parametrize("fault", ["cut", "damaged key", "no certificate", "of another", "password"])
+def test_a_certificate_that_cannot_be_used_is_one_line(
+    certified: tuple[Path, Path], tmp_path: Path, fault: str
+) -> None:
+    certificate, key = (shutil.copy(path, tmp_path) for path in certified)
+    match fault:
+        case "cut":
+            Path(certificate).write_text(Path(certificate).read_text()[:400] + "!" * 40)
+        case "damaged key":
+            Path(key).write_bytes(os.urandom(2_000))
+        case "no certificate":
+            shutil.copy(key, certificate)
+        case "of another":
+            words = ["openssl", "genpkey", "-algorithm", "RSA", "-out", key]
+            subprocess.run(words, check=True, capture_output=True)
+        case "password":
+            words = ["openssl", "rsa", "-aes256", "-passout", "pass:secret", "-in", certified[1], "-out", key]
+            subprocess.run(words, check=True, capture_output=True)
+    with pytest.raises(EchoAvatarError, match="cannot be used") as caught:
+        check_certificate(str(certificate), str(key))
+    assert "\n" not in str(caught.value)

@@ -84,8 +84,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="URL",
         help="send OpenTelemetry traces of every chunk to this OTLP collector, such as http://127.0.0.1:4318/v1/traces",
     )
-    parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https and wss")
-    parser.add_argument("--key", metavar="PEM", help="private key of --certificate")
+    parser.add_argument("--certificate", "--tls-cert", metavar="PEM", help="TLS certificate, with --key: https and wss")
+    parser.add_argument("--key", "--tls-key", metavar="PEM", help="private key of --certificate, without a password")
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
     parser.add_argument(
         "--audio-port", type=int, default=12345, help="with unity://, port for audio (default: %(default)s)"
@@ -211,6 +211,7 @@ def _check(args: argparse.Namespace) -> None:
         raise EchoAvatarError(f"--ahead {args.ahead:g} is not between 0.3 and 3.5; the engine can take back 4 s")
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
-    for path in (args.certificate, args.key):
-        if path and not Path(path).is_file():
-            raise EchoAvatarError(f"file {path} does not exist; give a PEM file")
+    if args.certificate:
+        from echoavatar.wire.guard import check_certificate
+
+        check_certificate(args.certificate, args.key)

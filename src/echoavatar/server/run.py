@@ -5,14 +5,16 @@ import gc
 import logging
 import socket
 from collections.abc import Callable
+from functools import partial
 
 import uvicorn
 from starlette.applications import Starlette
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import MAX_MESSAGE_BYTES
+from echoavatar.wire.guard import check_certificate
 
-from .transport import SPARE_FILES, ConnectionGuard, GuardedWebSocket, RepeatFilter, raise_file_limit
+from .transport import SILENCE_S, SPARE_FILES, ConnectionGuard, GuardedWebSocket, RepeatFilter, raise_file_limit
 
 HTTP_CONNECTIONS = 4_096  # beside the WebSockets
 NOISY_LOGS = ("asyncio", "uvicorn.error")  # what they log depends on what strangers send
@@ -27,6 +29,10 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to listen, and call `on_ready`."""
+        if self.config.ssl is not None:  # asyncio gives a silent client a minute for TLS's handshake
+            loop = asyncio.get_running_loop()
+            listens = partial(loop.create_server, ssl_handshake_timeout=SILENCE_S)
+            loop.create_server = listens  # type: ignore[method-assign]
         await super().startup(sockets)
         if self.started:
             self._on_ready()
@@ -56,8 +62,11 @@ def serve(
     """Serve until SIGINT or SIGTERM; port 0 takes any free one. `on_ready` receives the address.
 
     Raises:
-        EchoAvatarError: the port is taken, or may not be used; or the engine failed again and again.
+        EchoAvatarError: the port is taken, or may not be used; the certificate or its key cannot be used; or the engine
+            failed again and again.
     """
+    if ssl_certfile:
+        check_certificate(ssl_certfile, ssl_keyfile)
     listener = listen(host, port)
     name = f"[{host}]" if ":" in host else host
     address = f"{'https' if ssl_certfile else 'http'}://{name}:{listener.getsockname()[1]}"

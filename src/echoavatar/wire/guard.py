@@ -1,9 +1,13 @@
-"""Access checks: the token, the origin of browser pages, and what counts as one address."""
+"""Access checks: the token, the origin of browser pages, what counts as one address, and TLS's certificate."""
 
 import hmac
 import ipaddress
+import ssl
 from collections.abc import Mapping
+from pathlib import Path
 from urllib.parse import urlsplit
+
+from echoavatar.errors import EchoAvatarError
 
 from .codec import ProtocolError
 
@@ -78,3 +82,22 @@ def _is_bare(host: str) -> bool:
 
 def _same(a: str, b: str) -> bool:
     return hmac.compare_digest(a.encode(), b.encode("utf-8", "surrogatepass"))
+
+
+def check_certificate(certificate: str, key: str | None) -> None:
+    """Read a TLS certificate and its private key as the server will.
+
+    Raises:
+        EchoAvatarError: a file is missing or damaged, the key has a password, or it is another certificate's.
+    """
+    for path in filter(None, (certificate, key)):
+        if not Path(path).is_file():
+            raise EchoAvatarError(f"file {path} does not exist; give a PEM file")
+    try:  # without a password of ours, OpenSSL would ask for one at the terminal
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key, lambda: "")
+    except (ssl.SSLError, OSError, ValueError) as error:
+        reason = getattr(error, "reason", None) or error
+        raise EchoAvatarError(
+            f"certificate {certificate} with key {key} cannot be used ({reason}); give two PEM files that belong "
+            "together, the key without a password"
+        ) from error

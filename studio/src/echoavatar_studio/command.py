@@ -54,8 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="address or network of a proxy whose X-Forwarded-For and -Proto are believed (default: none)",
     )
-    parser.add_argument("--certificate", metavar="PEM", help="TLS certificate, with --key: https")
-    parser.add_argument("--key", metavar="PEM", help="its private key")
+    parser.add_argument("--certificate", "--tls-cert", metavar="PEM", help="TLS certificate, with --key: https")
+    parser.add_argument("--key", "--tls-key", metavar="PEM", help="its private key, without a password")
     parser.add_argument("--model", default="default", help="demo: bundle (default: %(default)s)")
     parser.add_argument("--name", default="owner", help="owner: whose password (default: %(default)s)")
     parser.add_argument("--id", metavar="STUDY", help="export: which study (default: the newest)")
@@ -65,11 +65,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the action."""
+    from echoavatar.wire.guard import check_certificate
+
     from .making import Maker
     from .run import open_store
 
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
+    if args.certificate:
+        check_certificate(args.certificate, args.key)
     folder = args.folder or Path("studio-demo" if args.action == "demo" else "studio")
     store = open_store(folder, args.store)
     try:

@@ -117,6 +117,79 @@ def test_credentials_query_and_subprotocol_are_passed_on_and_never_written(
     assert "sk-very-secret" not in told.out + told.err
 
 
+REFUSALS: dict[str, bytes | None] = {
+    "refused": b"HTTP/1.1 401 No\r\nContent-Length: 0\r\n\r\n",
+    "redirected": b"HTTP/1.1 302 Moved\r\nLocation: ws://127.0.0.1:9/x\r\nContent-Length: 0\r\n\r\n",
+    "another protocol": b"SSH-2.0-OpenSSH_9.9\r\n",
+    "hung": None,
+    "cut": b"HTTP/1.1 101 Switching Protocols\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_no_error_shows_a_key(
+    name: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Wherever a client may put its key, whatever the upstream answers, and with every log switched on."""
+    monkeypatch.setattr(upstream_module, "TIMEOUT_S", 0.2)
+
+    async def conversation() -> Response:
+        async with answering(REFUSALS[name]) as (port, requests):
+            told = await refusal(
+                port,
+                path="/v1/realtime?model=m&api-key=sk-very-secret",
+                additional_headers={"Authorization": "Bearer sk-very-secret", "api-key": "sk-very-secret"},
+                subprotocols=["realtime", "openai-insecure-api-key.sk-very-secret"],
+                logger=upstream_module.quiet_logger(),
+            )
+        assert requests[0].count(b"sk-very-secret") == 4  # the upstream itself has it
+        return told
+
+    with caplog.at_level(logging.DEBUG):
+        told = asyncio.run(asyncio.wait_for(conversation(), 30))
+    shown = capfd.readouterr()
+    for text in (told.body.decode(), str(told.headers), told.reason_phrase, caplog.text, shown.out, shown.err):
+        assert "sk-very-secret" not in text
+
+
+async def test_pings_are_answered_and_long_messages_pass_both_ways() -> None:
+    text = json.dumps({"type": "filler", "x": "x" * 3_000_000})
+    pongs: list[float] = []
+
+    async def script(session: ScriptedSession) -> None:
+        pongs.append(await asyncio.wait_for(await session.websocket.ping(b"from above"), 5))
+        await session.send_text(text)
+
+    async with proxied(script) as (url, upstream, _), listening(url, max_size=None) as client:
+        pongs.append(await asyncio.wait_for(await client.websocket.ping(b"from below"), 5))
+        await client.listen(lambda c: text in c.passed)
+        await client.websocket.send(text)
+        for _ in range(100):
+            if json.loads(text) in upstream.sessions[0].received:
+                break
+            await asyncio.sleep(0.05)
+        else:
+            pytest.fail("the long message did not arrive")
+    assert len(pongs) == 2
+
+
+@pytest.mark.parametrize("code", [1000, 1001, 1008, 1011, 1013, 3000, 4999])
+async def test_close_codes_pass_both_ways(code: int) -> None:
+    async def close(session: ScriptedSession) -> None:
+        await session.until("go")
+        await session.websocket.close(code, "why")
+
+    async with proxied(close) as (url, _, _), listening(url) as client:
+        await client.say("go")
+        await client.listen()
+        assert (client.code, client.websocket.close_reason) == (code, "why")
+    async with proxied(silent) as (url, upstream, _), listening(url) as client:
+        await client.listen(lambda c: bool(c.passed))
+        await client.websocket.close(code, "why")
+        await asyncio.wait_for(upstream.sessions[0].websocket.wait_closed(), 5)
+        assert (upstream.sessions[0].websocket.close_code, upstream.sessions[0].websocket.close_reason) == (code, "why")
+
+
 async def test_a_refusal_is_the_upstreams_own() -> None:
     from http import HTTPStatus
 
@@ -156,13 +229,13 @@ async def answering(raw: bytes | None) -> AsyncIterator[tuple[int, list[bytes]]]
         yield server.sockets[0].getsockname()[1], requests
 
 
-async def refusal(upstream_port: int, **options: Any) -> Response:
+async def refusal(upstream_port: int, *, path: str = "/v1/realtime", **options: Any) -> Response:
     """How the proxy refuses a client whose upstream is at this port."""
     relay = Relay(ProxySettings(f"ws://127.0.0.1:{upstream_port}/v1/realtime"))
     port = await relay.start(port=0)
     try:
         with pytest.raises(InvalidStatus) as refused:
-            await connect(f"ws://127.0.0.1:{port}/v1/realtime", open_timeout=60, **options)
+            await connect(f"ws://127.0.0.1:{port}{path}", open_timeout=60, **options)
         assert relay.clients == 0
     finally:
         await relay.stop()
