@@ -13,7 +13,7 @@ from pathlib import Path
 import psycopg
 import pytest
 from studio.tests import canned
-from tests.conftest import tiny_bundle, voice  # noqa: F401
+from tests.conftest import certified, tiny_bundle, voice  # noqa: F401
 
 from echoavatar_studio.making import Maker
 from echoavatar_studio.store import Store, sqlite_url

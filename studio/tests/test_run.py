@@ -3,8 +3,8 @@
 import contextlib
 import dataclasses
 import json
-import resource
 import socket
+import ssl
 import threading
 import urllib.error
 import urllib.request
@@ -18,28 +18,13 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar_studio import run
 from echoavatar_studio.app import create_app
 from echoavatar_studio.limits import Rate
-from echoavatar_studio.run import _listen, allow_open_files, open_store
+from echoavatar_studio.run import open_store
 
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(EchoAvatarError, match="cannot write"):
         open_store(tmp_path / "file", None)
-
-
-def test_a_taken_port_is_told():
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        with pytest.raises(EchoAvatarError, match="choose another --host or --port"):
-            _listen("127.0.0.1", taken.getsockname()[1])
-
-
-def test_connections_are_not_held_back_by_the_usual_limit_of_open_files():
-    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (1000, hard))
-    allow_open_files()
-    assert resource.getrlimit(resource.RLIMIT_NOFILE) == (hard, hard)
 
 
 @contextlib.contextmanager
@@ -109,3 +94,49 @@ def test_only_a_named_proxy_says_who_calls(maker, monkeypatch, proxies, said):
                 urllib.request.urlopen(asked, timeout=30)
             heard.append(told.value.code)
     assert heard == said
+
+
+def is_closed(line: socket.socket) -> bool:
+    line.settimeout(5)
+    with contextlib.suppress(ConnectionResetError):
+        return line.recv(100) == b""
+    return True
+
+
+def test_silent_sockets_lock_nobody_out(maker, monkeypatch):
+    """Three times as many as there are places, and requests that never end; a rater is answered."""
+    monkeypatch.setattr(run, "CONNECTIONS", 20)
+    guarded = run.ConnectionGuard
+    monkeypatch.setattr(run, "ConnectionGuard", lambda limit: guarded(limit, silence_s=1.0))
+    with running(create_app(maker, rates=canned.EASY), monkeypatch) as (address, _), contextlib.ExitStack() as stack:
+        host, port = address.removeprefix("http://").split(":")
+        silent = [stack.enter_context(socket.create_connection((host, int(port)))) for _ in range(60)]
+        for line in silent[::2]:
+            with contextlib.suppress(OSError):
+                line.sendall(b"GET /api/scene HTTP/1.1\r\n")
+        with urllib.request.urlopen(f"{address}/api/scene", timeout=30) as answer:
+            assert answer.status == 200
+        assert all(is_closed(line) for line in silent)
+
+
+def test_a_body_of_two_lengths_is_refused(maker, monkeypatch):
+    with running(create_app(maker, rates=canned.EASY), monkeypatch) as (address, _):
+        host, port = address.removeprefix("http://").split(":")
+        with socket.create_connection((host, int(port)), 10) as line:
+            line.sendall(
+                b"POST /api/owner/login HTTP/1.1\r\nhost: studio\r\ncontent-length: 5\r\n"
+                b"transfer-encoding: chunked\r\n\r\n0\r\n\r\nGET /api/scene HTTP/1.1\r\n\r\n"
+            )
+            answer = line.makefile("rb").read()
+    assert answer.startswith(b"HTTP/1.1 400")
+    assert answer.count(b"HTTP/1.1") == 1
+
+
+def test_the_studio_speaks_tls(maker, monkeypatch, certified):
+    trust = ssl.create_default_context(cafile=certified[0])
+    files = {"certificate": str(certified[0]), "key": str(certified[1])}
+    with (
+        running(create_app(maker, rates=canned.EASY), monkeypatch, **files) as (address, _),
+        urllib.request.urlopen(f"{address}/api/scene", timeout=30, context=trust) as answer,
+    ):
+        assert (address[:8], answer.status) == ("https://", 200)

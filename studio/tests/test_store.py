@@ -21,8 +21,8 @@ from studio.tests import canned
 from studio.tests.people import tokens
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.wire.sockets import raise_file_limit
 from echoavatar_studio.joining import agree, join
-from echoavatar_studio.run import allow_open_files
 from echoavatar_studio.sessions import find_visitor
 from echoavatar_studio.store import Store, migrate, sqlite_url
 from echoavatar_studio.tables import Block, Judgement, Owner, Table, Task
@@ -145,7 +145,7 @@ def test_kill_9_amid_a_thousand_submissions_loses_nothing_and_doubles_nothing(ur
     What was acknowledged is in the store; after a restart every submission is sent again with its key, again all at
     once, and in the end each task has its one answer.
     """
-    allow_open_files()
+    raise_file_limit()
     folder = tmp_path / "studio"
     maker = canned.studio(folder, url)
     canned.library(folder / "library", sounds=8)

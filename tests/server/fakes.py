@@ -20,7 +20,7 @@ from echoavatar.engine import Engine
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server import ServerSettings, create_app
-from echoavatar.server.run import Server, configure, listen
+from echoavatar.server.run import Server, configure
 from echoavatar.timing import CHUNK, ChunkSize
 from echoavatar.wire import (
     Audio,
@@ -34,6 +34,7 @@ from echoavatar.wire import (
     pack_audio,
     subprotocol,
 )
+from echoavatar.wire.sockets import listen
 
 FAST = ServerSettings(resume_seconds=1.0, drain_seconds=1.0, hello_seconds=2.0)
 

@@ -16,14 +16,7 @@ from websockets.sync.client import connect
 from echoavatar.engine import Engine
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import create_app, serve
-from echoavatar.server import run as run_module
-from echoavatar.server.run import listen
-from echoavatar.wire import Hello, Ready, decode_server, encode, subprotocol
-
-
-def test_a_taken_port_is_one_line() -> None:
-    with listen("127.0.0.1", 0) as taken, pytest.raises(EchoAvatarError, match="choose another"):
-        listen("127.0.0.1", taken.getsockname()[1])
+from echoavatar.wire import Hello, Ready, decode_server, encode, sockets, subprotocol
 
 
 @pytest.fixture
@@ -84,7 +77,7 @@ def test_pages_and_sessions_come_over_tls_to_who_trusts_the_certificate(certifie
 def test_a_client_that_never_finishes_the_handshake_of_tls_is_closed(
     certified: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_module, "SILENCE_S", 0.3)
+    monkeypatch.setattr(sockets, "SILENCE_S", 0.3)
     with serving(tls=certified) as server:
         host, port = server.address.split(":")
         began = time.monotonic()

@@ -13,6 +13,7 @@ from starlette.websockets import WebSocket
 
 from echoavatar import __version__
 from echoavatar.engine import Engine
+from echoavatar.wire.sockets import OneBodyLength
 
 from .chat import chat_routes
 from .connection import Connection
@@ -21,7 +22,6 @@ from .page import PageHeaders, page_routes
 from .session_manager import SessionManager
 from .settings import ServerSettings
 from .tool_routes import locked, tool_routes
-from .transport import OneBodyLength
 from .voice import voice_route
 
 

@@ -2,10 +2,8 @@
 
 import asyncio
 import gc
-import logging
 import socket
 from collections.abc import Callable
-from functools import partial
 
 import uvicorn
 from starlette.applications import Starlette
@@ -13,11 +11,11 @@ from starlette.applications import Starlette
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import MAX_MESSAGE_BYTES
 from echoavatar.wire.guard import check_certificate
+from echoavatar.wire.sockets import SPARE_FILES, ConnectionGuard, hurry_handshakes, listen, log_less, raise_file_limit
 
-from .transport import SILENCE_S, SPARE_FILES, ConnectionGuard, GuardedWebSocket, RepeatFilter, raise_file_limit
+from .transport import GuardedWebSocket
 
 HTTP_CONNECTIONS = 4_096  # beside the WebSockets
-NOISY_LOGS = ("asyncio", "uvicorn.error")  # what they log depends on what strangers send
 
 
 class Server(uvicorn.Server):
@@ -29,10 +27,8 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to listen, and call `on_ready`."""
-        if self.config.ssl is not None:  # asyncio gives a silent client a minute for TLS's handshake
-            loop = asyncio.get_running_loop()
-            listens = partial(loop.create_server, ssl_handshake_timeout=SILENCE_S)
-            loop.create_server = listens  # type: ignore[method-assign]
+        if self.config.ssl is not None:
+            hurry_handshakes()
         await super().startup(sockets)
         if self.started:
             self._on_ready()
@@ -86,7 +82,7 @@ def configure(app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: s
     settings = app.state.manager.settings
     wanted = settings.connections + HTTP_CONNECTIONS
     guard = ConnectionGuard(max(16, min(wanted, files - SPARE_FILES)))
-    _quiet()
+    log_less()
     return uvicorn.Config(
         app,
         http=guard.protocol,
@@ -104,31 +100,3 @@ def configure(app: Starlette, *, ssl_certfile: str | None = None, ssl_keyfile: s
         ssl_certfile=ssl_certfile,
         ssl_keyfile=ssl_keyfile,
     )
-
-
-def _quiet() -> None:
-    for name in NOISY_LOGS:
-        log = logging.getLogger(name)
-        if not any(isinstance(known, RepeatFilter) for known in log.filters):
-            log.addFilter(RepeatFilter())
-
-
-def listen(host: str, port: int) -> socket.socket:
-    """A listening socket; port 0 takes any free one.
-
-    Raises:
-        EchoAvatarError: the port is taken, or may not be used.
-    """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # With the protocol named, asyncio sets TCP_NODELAY: small messages leave at once.
-    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((host, port))
-        listener.listen(1024)
-    except OSError as error:
-        listener.close()
-        raise EchoAvatarError(
-            f"cannot listen on {host} port {port}: {error.strerror}; choose another --host or --port"
-        ) from error
-    return listener

@@ -2,6 +2,7 @@
 
 `messages` defines the messages, `codec` encodes them (MessagePack, or readable JSON), `blobs` packs poses and sound,
 and `schema` describes them as JSON Schema and TypeScript. `docs/protocol.md` explains the protocol.
+`guard` checks who may enter, and `sockets` bounds the sockets of a server.
 """
 
 from .blobs import Pose, pack_audio, pack_pose, unpack_audio, unpack_pose

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
 
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
-    if args.certificate:
+    if args.certificate:  # before studies are made, which takes long
         check_certificate(args.certificate, args.key)
     folder = args.folder or Path("studio-demo" if args.action == "demo" else "studio")
     store = open_store(folder, args.store)

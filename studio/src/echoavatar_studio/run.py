@@ -9,10 +9,14 @@ from sqlalchemy import select
 from starlette.applications import Starlette
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.wire.guard import check_certificate
+from echoavatar.wire.sockets import SPARE_FILES, ConnectionGuard, hurry_handshakes, listen, log_less, raise_file_limit
 
 from .audit import note
 from .store import Store, sqlite_url
 from .tables import Study
+
+CONNECTIONS = 4_096  # a browser opens six
 
 
 def open_store(folder: Path, url: str | None) -> Store:
@@ -43,6 +47,8 @@ class _Server(uvicorn.Server):
         self._on_ready = on_ready
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        if self.config.ssl is not None:
+            hurry_handshakes()
         await super().startup(sockets)
         if self.started:
             self._on_ready()
@@ -63,14 +69,18 @@ def serve(
     `X-Forwarded-For` and `X-Forwarded-Proto` are believed from `proxies` (addresses or networks) and from nobody else.
 
     Raises:
-        EchoAvatarError: the port is taken or needs privileges.
+        EchoAvatarError: the port is taken or needs privileges, or the certificate or its key cannot be used.
     """
-    allow_open_files()
-    listener = _listen(host, port)
+    if certificate:
+        check_certificate(certificate, key)
+    places = min(CONNECTIONS, raise_file_limit() - SPARE_FILES)
+    log_less()
+    listener = listen(host, port)
     name = f"[{host}]" if ":" in host else host
     address = f"{'https' if certificate else 'http'}://{name}:{listener.getsockname()[1]}"
     config = uvicorn.Config(
         app,
+        http=ConnectionGuard(max(16, places)).protocol,
         ws="none",
         lifespan="off",
         log_level="warning",
@@ -86,29 +96,3 @@ def serve(
     )
     with listener:
         _Server(config, lambda: on_ready(address)).run(sockets=[listener])
-
-
-def allow_open_files() -> None:
-    """Raise the limit of open files (often 1,024) to what the system allows: every connection of a rater is one."""
-    try:
-        import resource
-    except ImportError:  # Windows has no such limit
-        return
-    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-
-
-def _listen(host: str, port: int) -> socket.socket:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # With the protocol named, asyncio sets TCP_NODELAY: small answers leave at once.
-    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listener.bind((host, port))
-        listener.listen(1024)
-    except OSError as error:
-        listener.close()
-        raise EchoAvatarError(
-            f"cannot listen on {host} port {port}: {error.strerror}; choose another --host or --port"
-        ) from error
-    return listener

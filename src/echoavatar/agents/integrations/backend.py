@@ -11,8 +11,9 @@ import msgspec
 from echoavatar.engine import Engine, load
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app
-from echoavatar.server.run import Server, configure, listen
+from echoavatar.server.run import Server, configure
 from echoavatar.wire import Hello
+from echoavatar.wire.sockets import listen
 
 from ..client import Avatar, MessageSocket, RemoteTools, stream_url
 from .in_process_socket import InProcessSocket
