@@ -27,6 +27,7 @@ OK, OPTIONAL, BROKEN = "ok", "--", "!!"
 Finding = tuple[str, str, str]  # mark, what, remark
 EXTRA_OF = {  # packages that come with an extra, by the name they are imported under
     "accelerate": "train",
+    "aiortc": "video",
     "anyio": "serve",
     "elevenlabs": "elevenlabs",
     "filelock": "evaluate",

@@ -1,7 +1,9 @@
 """`echoavatar serve`: the live server for browsers and voice agents."""
 
 import argparse
+import importlib.util
 import os
+import re
 import secrets
 import sys
 import webbrowser
@@ -13,6 +15,11 @@ TOKEN = "ECHOAVATAR_TOKEN"
 SINK_HELP = (
     "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
     "unity://HOST[:PORT] serves a Unity project of the paper's authors; it needs an imported bundle and no other sink"
+)
+
+VIDEO_HELP = (
+    "serve sessions as WebRTC video and sound (WHEP), drawn here, to so many viewers at once; without a number one for "
+    "two processors. Each takes most of a processor (docs/video.md)"
 )
 
 DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
@@ -30,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar serve                             for this machine only; open the address that it prints\n"
         "  echoavatar serve --host 0.0.0.0 --seats 8    for the network too; clients need a token\n"
         "  echoavatar serve --sink vmc://127.0.0.1      also show it in VSeeFace, Warudo, Unity, Unreal or Blender\n"
+        "  echoavatar serve --video                     also as WebRTC video: /video shows it, any WHEP player can\n"
         "  echoavatar serve --model reference --sink unity://192.168.1.7\n"
         "                                               one session for a Unity project of the paper's authors\n"
     )
@@ -96,6 +104,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=12347,
         help="with unity://, port for action names; 12346 in the release (default: %(default)s)",
     )
+    parser.add_argument("--video", nargs="?", type=int, const=-1, default=0, metavar="VIEWERS", help=VIDEO_HELP)
+    parser.add_argument(
+        "--video-size", type=int, default=512, metavar="PIXELS", help="width and height, even (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--ice",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="STUN or TURN server for video viewers behind routers, such as stun:stun.example.org; repeat for more",
+    )
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
 
 
@@ -132,6 +151,9 @@ def run(args: argparse.Namespace) -> int:
         ahead_seconds=args.ahead,
         drain_seconds=args.drain,
         sinks=tuple(args.sink),
+        video=_viewers(args.video),
+        video_size=(args.video_size, args.video_size),
+        ice_servers=tuple(args.ice),
         tracer=_tracer(args.traces),
         lists_sessions=is_loopback(args.host),
     )
@@ -142,12 +164,23 @@ def run(args: argparse.Namespace) -> int:
         page = f"{address}/?token={token}" if token else f"{address}/"
         shown = page if is_made_up else f"{address}/"  # a token of the operator's own belongs in no log
         print(f"echoavatar is at {shown}  ({args.seats} seats; Ctrl-C stops)", flush=True)
+        if settings.video:
+            print(f"video for {settings.video} at a time: {address}/video, WHEP at {address}/v1/whep", flush=True)
         if args.open:
             webbrowser.open(page)
 
     serve(app, host=args.host, port=args.port, on_ready=ready, ssl_certfile=args.certificate, ssl_keyfile=args.key)
     print("echoavatar: stopped", file=sys.stderr)
     return 0
+
+
+def _viewers(asked: int) -> int:
+    """How many viewers of video there may be; -1 asks for as many as the processors can draw."""
+    if not asked:
+        return 0
+    if importlib.util.find_spec("aiortc") is None:
+        raise DependencyError("video needs aiortc: pip install 'echoavatar[video]'")
+    return max(1, (os.cpu_count() or 2) // 2) if asked < 0 else asked
 
 
 def _tracer(address: str | None) -> object | None:
@@ -207,6 +240,13 @@ def _check(args: argparse.Namespace) -> None:
 
     for text in args.sink:
         check_address(text)
+    if args.video < -1:
+        raise EchoAvatarError(f"--video {args.video} is no number of viewers; give 1 or more")
+    if not 64 <= args.video_size <= 1080 or args.video_size % 2:
+        raise EchoAvatarError(f"--video-size {args.video_size} is not an even number from 64 to 1080")
+    for server in args.ice:
+        if not re.match(r"(stun|turn)s?:[^/]", server):
+            raise EchoAvatarError(f"--ice {server} is no STUN or TURN server; give one such as stun:stun.example.org")
     if not 0.3 <= args.ahead <= 3.5:
         raise EchoAvatarError(f"--ahead {args.ahead:g} is not between 0.3 and 3.5; the engine can take back 4 s")
     if bool(args.certificate) != bool(args.key):

@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
 
 import anyio
 from starlette.applications import Starlette
@@ -24,6 +25,9 @@ from .settings import ServerSettings
 from .tool_routes import locked, tool_routes
 from .voice import voice_route
 
+if TYPE_CHECKING:
+    from .video.whep import VideoDesk
+
 
 def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starlette:
     """An ASGI application that serves an engine; its lifespan owns the engine's thread.
@@ -32,8 +36,9 @@ def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starle
     """
     manager = SessionManager(engine, settings or ServerSettings())
     guards = [Middleware(PageHeaders), Middleware(OneBodyLength)]
-    app = Starlette(routes=_routes(manager), lifespan=_lifespan, middleware=guards)
-    app.state.manager = manager
+    desk = _video(manager)
+    app = Starlette(routes=_routes(manager, desk), lifespan=_lifespan, middleware=guards)
+    app.state.manager, app.state.video = manager, desk
     return app
 
 
@@ -42,10 +47,21 @@ async def _lifespan(app: Starlette) -> AsyncIterator[None]:
     async with anyio.create_task_group() as tasks:
         tasks.start_soon(app.state.manager.run)
         yield
+        if app.state.video is not None:
+            await app.state.video.close()
         tasks.cancel_scope.cancel()
 
 
-def _routes(manager: SessionManager) -> list[BaseRoute]:
+def _video(manager: SessionManager) -> "VideoDesk | None":
+    """The desk of WebRTC viewers, where the operator wants them; aiortc is read only then."""
+    if not manager.settings.video:
+        return None
+    from .video.whep import VideoDesk
+
+    return VideoDesk(manager)
+
+
+def _routes(manager: SessionManager, desk: "VideoDesk | None") -> list[BaseRoute]:
     async def stream(websocket: WebSocket) -> None:
         await Connection(websocket, manager).run()
 
@@ -60,6 +76,8 @@ def _routes(manager: SessionManager) -> list[BaseRoute]:
             "seats": manager.engine.seats,
             "free": manager.engine.free,
         }
+        if desk is not None:
+            facts["video"] = {"viewers": manager.settings.video, "free": desk.free}
         return JSONResponse(facts, 200 if is_ready else 503)
 
     async def metrics(request: Request) -> Response:
@@ -72,5 +90,6 @@ def _routes(manager: SessionManager) -> list[BaseRoute]:
         Route("/health", health),
         Route("/metrics", metrics),
         voice_route(manager.settings.token),
+        *(desk.routes() if desk is not None else ()),
         *page_routes(),
     ]

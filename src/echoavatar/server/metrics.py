@@ -32,6 +32,8 @@ class Metrics:
         self.resumed = Counter("echoavatar_resumed", "Sessions that came back", registry=self.registry)
         self.faults = Counter("echoavatar_session_faults", "Sessions that a fault ended", registry=self.registry)
         self.restarts = Counter("echoavatar_engine_restarts", "Restarts after a fault", registry=self.registry)
+        self.viewers = Gauge("echoavatar_video_viewers", "WebRTC viewers", registry=self.registry)
+        self.pictures = Counter("echoavatar_video_pictures", "Of past viewers", ["fate"], registry=self.registry)
 
     def text(self) -> bytes:
         """The answer to `GET /metrics`."""

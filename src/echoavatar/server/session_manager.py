@@ -55,7 +55,7 @@ class SessionManager:
         self._restarts = 0  # of the engine, as clients know them
         self._decoders = CapacityLimiter(MOST_DECODERS)
         self._actions = tuple(name for name in engine.actions if name not in HIDDEN)
-        self._sinks = SinkRouter(settings.sinks, self._rig())
+        self._sinks = SinkRouter(settings.sinks, self.rig)
 
     @property
     def connections(self) -> int:
@@ -228,7 +228,7 @@ class SessionManager:
             sample_rate=SAMPLE_RATE_HZ,
             frame_rate=FRAME_RATE_HZ,
             chunk_samples=self.engine.chunk.samples,
-            rig=self._rig(),
+            rig=self.rig,
             face=tuple(ARKIT_NAMES) if getattr(self.engine.pipeline, "face", None) is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
@@ -237,7 +237,9 @@ class SessionManager:
             sound=sound,
         )
 
-    def _rig(self) -> Rig:
+    @property
+    def rig(self) -> Rig:
+        """The skeleton of all sessions."""
         rig = self.engine.pipeline.skeleton.config
         return Rig(names=rig.names, parents=rig.parents, rest=rig.offsets)
 

@@ -26,6 +26,9 @@ class ServerSettings:
     lists_sessions: bool = True  # to clients with the token; where strangers share a server, names are secrets
     music: Path | None = None  # folder of further tracks
     tracer: Any = None  # an OpenTelemetry `Tracer` that is told of every chunk, see `tracing`
+    video: int = 0  # WebRTC viewers at once, each with a renderer; 0: no video
+    video_size: tuple[int, int] = (512, 512)  # pixels
+    ice_servers: tuple[str, ...] = ()  # STUN or TURN, for viewers behind other networks' routers
     sinks: tuple[str, ...] = ()  # programs that show the first session's avatar, such as vmc://127.0.0.1:39539
 
     @property

@@ -1,0 +1,111 @@
+"""Wall time, the playhead, and a machine that is too slow."""
+
+import asyncio
+import time
+
+import numpy as np
+
+from echoavatar.server.video.live_stream import BLOCK_SAMPLES, EDGE, LiveStream
+
+BLACK = np.zeros((2, 2, 3), np.uint8)
+
+
+class Session:
+    """Sample n has the value n / 24 (milliseconds); a picture takes `draw_s`."""
+
+    def __init__(self, *, draw_s: float = 0.0, end: int = 10**9) -> None:
+        self.draw_s, self.end = draw_s, end
+        self.began, self.start = time.monotonic(), 0
+        self.pictured: list[float] = []
+
+    def playhead(self) -> int:
+        return min(self.end, self.start + round((time.monotonic() - self.began) * 24_000))
+
+    def sound(self, at: int, count: int) -> np.ndarray:
+        return (np.arange(at, at + count) // 24).astype(np.int16)
+
+    def picture(self, at: float) -> np.ndarray:
+        time.sleep(self.draw_s)
+        self.pictured.append(at)
+        return BLACK
+
+
+def inner(samples: np.ndarray) -> np.ndarray:
+    return samples[EDGE:-EDGE]
+
+
+async def test_sound_goes_on_without_a_gap_at_the_playhead() -> None:
+    session = Session()
+    session.start = 48_000
+    stream = LiveStream(session, session.playhead)
+    blocks = [await stream.sound() for _ in range(15)]
+    heard = np.concatenate([inner(block.samples) for block in blocks])
+    assert (np.diff(heard) >= 0).all()
+    assert np.diff(heard).max() == 1
+    assert abs(int(heard[-1]) - session.playhead() / 24) < 150
+    assert np.allclose(np.diff([block.seconds for block in blocks]), BLOCK_SAMPLES / 24_000)
+    await stream.close()
+
+
+async def test_a_picture_shows_the_sound_of_its_moment() -> None:
+    session = Session(draw_s=0.005)
+    stream = LiveStream(session, session.playhead)
+
+    async def pictures() -> list[float]:
+        return [(await stream.picture()).seconds for _ in range(8)]
+
+    async def sounds() -> list[tuple[float, int]]:
+        blocks = [await stream.sound() for _ in range(15)]
+        return [(block.seconds, int(inner(block.samples)[0])) for block in blocks]
+
+    seen, heard = await asyncio.gather(pictures(), sounds())
+    lag_s = heard[-1][0] - heard[-1][1] / 1_000
+    for seconds, at in zip(seen, session.pictured, strict=False):
+        assert abs(seconds - at / 24_000 - lag_s) < 0.002
+    await stream.close()
+
+
+async def test_a_slow_machine_shows_fewer_pictures_and_none_twice() -> None:
+    session = Session(draw_s=0.1)
+    stream = LiveStream(session, session.playhead)
+    shown = [(await stream.picture()).seconds for _ in range(8)]
+    gaps = np.diff(shown)
+    assert (gaps > 0.03).all()
+    assert gaps[-3:].mean() >= 0.1
+    assert stream.skipped > 5
+    await stream.close()
+
+
+async def test_where_nothing_arrived_there_is_silence_and_nothing_is_lost() -> None:
+    session = Session(end=4_800)
+    session.start = 2_400
+    stream = LiveStream(session, session.playhead)
+    first = [inner((await stream.sound()).samples) for _ in range(12)]
+    assert not first[-1].any()
+    session.end, session.start, session.began = 10**9, 4_800, time.monotonic()
+    more = [inner((await stream.sound()).samples) for _ in range(8)]
+    heard = np.concatenate([*first, *more])
+    heard = heard[heard > 0]
+    assert np.diff(heard).max() == 1
+    await stream.close()
+
+
+async def test_it_jumps_to_a_playhead_that_is_far_off() -> None:
+    session = Session()
+    stream = LiveStream(session, session.playhead)
+    await stream.sound()
+    session.start = 240_000
+    blocks = [await stream.sound() for _ in range(4)]
+    assert int(inner(blocks[-1].samples)[0]) > 9_900
+    await stream.close()
+
+
+async def test_a_stream_may_be_closed_while_it_draws() -> None:
+    session = Session(draw_s=0.3)
+    stream = LiveStream(session, session.playhead)
+    waiting = asyncio.ensure_future(stream.picture())
+    await asyncio.sleep(0.2)
+    waiting.cancel()
+    began = time.monotonic()
+    await stream.close()
+    assert time.monotonic() - began < 0.25
