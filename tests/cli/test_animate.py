@@ -236,4 +236,16 @@ def test_the_runtime_reaches_the_motion(wav: Path, tmp_path: Path, tiny_bundle: 
     for how in ("paper", "default"):
         assert run(wav, tmp_path / f"{how}.npz", tiny_bundle, "--runtime", how) == 0
     paper, default = (read_npz(tmp_path / f"{how}.npz") for how in ("paper", "default"))
-    assert np.abs(paper.rotations - default.rotations).max() > 1e-4
+    assert (paper.fps, default.fps) == (60, 30)  # paper, Settings: interpolated to 60 for rendering
+    shown = paper.rotations[::2]
+    assert np.abs(shown - default.rotations[: len(shown)]).max() > 1e-4
+
+
+def test_the_papers_60_fps_can_be_chosen_otherwise_and_the_runtime_is_told(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(wav, tmp_path / "a.npz", tiny_bundle, "--runtime", "paper", "--fps", "30") == 0
+    assert read_npz(tmp_path / "a.npz").fps == 30
+    assert capsys.readouterr().out.strip().endswith("runtime: paper")
+    assert run(wav, tmp_path / "b.npz", tiny_bundle, "--runtime", "bare") == 0
+    assert read_npz(tmp_path / "b.npz").fps == 30

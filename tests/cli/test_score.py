@@ -21,7 +21,7 @@ def test_a_table_then_one_line_of_json(folders: list[str], tmp_path: Path, capsy
     assert main(["score", *folders, "--picture", str(tmp_path / "a.png")]) == 0
     said = capsys.readouterr().out.strip().splitlines()
     told = json.loads(said[-1])
-    assert {line.split()[0] for line in said[1:-1]} == told.keys()
+    assert {line.split()[0] for line in said[2:-1]} == told.keys()
     assert told["fid"]["value"] > 0
     assert told["ba_g_emage"]["chance"] is not None
     assert (tmp_path / "a.png").stat().st_size > 10_000
@@ -52,3 +52,18 @@ def test_errors_are_one_line(folders: list[str], tmp_path: Path, capsys: pytest.
         error = capsys.readouterr().err
         assert complaint in error
         assert error.count("\n") == 1
+
+
+def test_a_bundle_makes_the_motion_and_the_runtime_heads_the_table(
+    tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = folder(tmp_path / "true", [clip("a", 60)], is_corpus=True)
+    words = [str(tmp_path / "made"), str(truth), "--extractor", "none", "--no-audio"]
+    made = ["--model", str(tiny_bundle), "--runtime", "paper", "--seed", "5"]
+    assert main(["score", *words, "--runtime", "paper"]) == 1
+    assert "--runtime needs --model" in capsys.readouterr().err
+    sound = [word for word in words if word != "--no-audio"]
+    assert main(["score", *sound, *made, "--kind", "speech"]) == 0
+    assert capsys.readouterr().out.startswith("runtime: paper; model: ")
+    assert main(["score", *words]) == 0  # the note stays with the motion
+    assert capsys.readouterr().out.startswith("runtime: paper; model: ")

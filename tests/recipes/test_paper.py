@@ -17,6 +17,8 @@ from echoavatar.align.config import recipe
 from echoavatar.align.corruption import PAPER_CLEAN_FID, PAPER_FID, PAPER_SCORES, PAPER_TRUTH, RATES, paper_scores
 from echoavatar.cli import align_rewards, train
 from echoavatar.cli.train_tokenizer import body_sizes
+from echoavatar.config import Config
+from echoavatar.engine.pipeline.tokenize import TokenSettings
 from echoavatar.models.face import FaceConfig
 from echoavatar.models.face.recipe import FaceTraining
 from echoavatar.models.generator import GeneratorConfig
@@ -24,11 +26,10 @@ from echoavatar.models.generator.recipe import GeneratorTraining
 from echoavatar.models.tokenizer.recipe import TokenizerTraining
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.training import TrainingConfig
 
 ROOT = Path(__file__).parents[2]
-TRAINING: dict[str, type[TrainingConfig]] = {
-    "tokenizer": TokenizerTraining, "generator": GeneratorTraining, "face": FaceTraining
+TRAINING: dict[str, type[Config]] = {
+    "tokenizer": TokenizerTraining, "generator": GeneratorTraining, "face": FaceTraining, "tokens": TokenSettings
 }  # fmt: skip
 
 
@@ -38,10 +39,12 @@ def settings_of(stem: str) -> tuple[Any, Any]:
     parser = argparse.ArgumentParser()
     train.add_arguments(parser)
     words = [kind, "SOURCE", "-o", "OUT", "--recipe", str(ROOT / "recipes/paper" / f"{stem}.yaml")]
-    words += ["--codec", "C", "--tokenizer", "T"] if kind == "generator" else []
+    words += ["--codec", "C", "--tokenizer", "T"] if kind in ("generator", "tokens") else []
     args = parser.parse_args(words)
     settings = args.options.settings(args)
     training = settings.checked(TRAINING[kind], "training")
+    if kind == "tokens":
+        return None, training
     if kind == "tokenizer":
         parts = list(body_sizes(settings, HUMANOID).parts.values())
         for name in ("codes", "width", "layers", "resampling", "blocks"):
@@ -119,6 +122,7 @@ def test_what_the_paper_does_not_have_is_off() -> None:
     model, training = settings_of("tokenizer")
     assert (training.is_principal_start, training.is_scaled_by_reach, training.quantize_from) == (False, False, 0)
     assert model.kmeans_steps == 0
+    assert settings_of("tokens")[1] == TokenSettings(patience=0, is_leveled=False)
     for stage in (1, 2, 3):
         model, training = settings_of(f"generator_stage{stage}")
         assert (training.cue_weight, training.blind, training.out_of_step) == (0, 0, 0)

@@ -9,6 +9,8 @@ import pytest
 
 from echoavatar.cli import main, train
 from echoavatar.cli.train_tokenizer import body_sizes
+from echoavatar.config import Config
+from echoavatar.engine.pipeline.tokenize import TokenSettings
 from echoavatar.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar.evaluation.metrics.motion_encoder_train import MotionEncoderTraining
 from echoavatar.models.audio import CodecConfig
@@ -30,6 +32,7 @@ RECIPES = sorted((ROOT / "recipes").glob("*/*.yaml"))
 CONFIGS = {
     "codec": (CodecConfig, CodecTrainingConfig),
     "tokenizer": (None, TokenizerTraining),
+    "tokens": (Config, TokenSettings),
     "decoder": (None, DecoderTraining),
     "generator": (GeneratorConfig, GeneratorTraining),
     "face": (FaceConfig, FaceTraining),
@@ -58,7 +61,7 @@ def settings_of(words: list[str]):
 
 
 def test_there_is_one_for_every_stage_at_every_scale() -> None:
-    stages = {"codec", "tokenizer", "face", "fid_encoder", *(f"generator_stage{n}" for n in (1, 2, 3))}
+    stages = {"codec", "tokenizer", "tokens", "face", "fid_encoder", *(f"generator_stage{n}" for n in (1, 2, 3))}
     for scale in ("paper", "rehearsal", "tiny"):
         assert {path.stem for path in RECIPES if path.parent.name == scale} >= stages
 
@@ -127,8 +130,8 @@ def test_the_tiny_recipes_run_from_end_to_end(tmp_path: Path, monkeypatch: pytes
 
     for stem in ("codec", "tokenizer"):
         go(stem)
-    tokens = "train tokens corpus -o runs/tokens --codec runs/codec --tokenizer runs/tokenizer"
-    assert main(shlex.split(tokens)) == 0
+    for words in commands(ROOT / "recipes/tiny/tokens.yaml"):
+        assert main(words) == 0, words
     for stem in (
         "generator_stage1",
         "generator_stage2",

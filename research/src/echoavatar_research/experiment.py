@@ -189,7 +189,7 @@ class Experiment:
                 self.tokenizer(choice),
                 folder,
                 is_mirrored_too=self.corpus.can_mirror,
-                patience=self.scale.patience,
+                is_leveled=False,
                 progress=self.progress,
             )
 
@@ -233,7 +233,7 @@ class Experiment:
             parts=len(tokenizer.config.parts),
         )
         sizes = self.scale.generator.model_dump() | dict(choice.sizes)
-        config = GeneratorConfig(layout=layout, patience=self.scale.patience, **sizes)
+        config = GeneratorConfig(layout=layout, is_leveled=False, **sizes)
         chosen: dict[str, Any] = {
             "chunks": config.window_chunks + EXTRA_CHUNKS,
             "depth_weights": tuple(0.7**layer for layer in range(layers)),
@@ -316,8 +316,7 @@ class Experiment:
 
     def _codes_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
         codec = str(self.sources.codec or "default")
-        settings = {"tokenizer": self._tokenizer_settings(choice), "codec": codec}
-        return settings | {"patience": self.scale.patience}
+        return {"tokenizer": self._tokenizer_settings(choice), "codec": codec, "is_leveled": False}
 
     def _generator_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
         if choice.after is None:

@@ -36,9 +36,11 @@ def live_motion(
     from echoavatar.engine import animate_many
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar.engine.pipeline.bundle import Bundle
+    from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar_research.lookahead import LookaheadPipeline
 
-    bundle = Bundle(name, codec, tokenizer, generator.eval(), {}).running(runtime)
+    own = Runtime(level_control=generator.config.is_leveled)
+    bundle = Bundle(name, codec, tokenizer, generator.eval(), {}, runtime=own).running(runtime)
     hears_ahead = generator.config.ahead_chunks > 0
     pipeline = LookaheadPipeline(bundle, sounds, device=device) if hears_ahead else Pipeline(bundle, device=device)
     done = animate_many(pipeline, list(sounds.values()), seeds=list(sounds), progress=progress)
@@ -65,7 +67,9 @@ def decoded_motion(
     stream, count = open_stream(generator.eval().to(device)), len(sounds)
     longest = max(len(sound) for sound in sounds.values())
     samples = longest + -longest % CHUNK_SAMPLES
-    codes = [audio_codes(codec, np.pad(sound, (0, samples - len(sound)))) for sound in sounds.values()]
+    is_leveled = generator.config.is_leveled
+    padded = [np.pad(sound, (0, samples - len(sound))) for sound in sounds.values()]
+    codes = [audio_codes(codec, sound, is_leveled=is_leveled) for sound in padded]
     heard, seeds = torch.from_numpy(np.stack(codes)).long(), torch.tensor(list(sounds))
     active = torch.ones(count, dtype=torch.bool, device=device)
     made = stream.step(heard.to(device), stream.init_state(count), active, seeds=seeds.to(device))  # type: ignore[arg-type]

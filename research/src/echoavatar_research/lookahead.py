@@ -43,7 +43,9 @@ class LookaheadPipeline(Pipeline):
     def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:
         """The codes that the generator gets, from the lead-in silence before the sound on."""
         padding = self._lead_in * CHUNK_SAMPLES, self._ahead * CHUNK_SAMPLES + -len(sound) % CHUNK_SAMPLES
-        codes = torch.from_numpy(audio_codes(self.codec, np.pad(sound, padding))).long()
+        codes = torch.from_numpy(
+            audio_codes(self.codec, np.pad(sound, padding), is_leveled=self.level is not None)
+        ).long()
         return codes[self._ahead * AUDIO_FRAMES_PER_CHUNK :]
 
     def init_state(self, rows: int) -> LookaheadState:

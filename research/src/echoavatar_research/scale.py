@@ -43,7 +43,6 @@ class Scale(Config):
     clip_seconds: float = Field(default=64.0, gt=0, description="length of the clips of that corpus")
     test_clips: int = Field(gt=0, description="most test clips that are scored")
     seconds: float = Field(gt=0, description="sound over which latencies are measured")
-    patience: float = Field(ge=0, description="how steady the codes of motion are made for the generator")
     tokenizer: MotionTokenizerConfig = Field(description="sizes; features are replaced")
     tokenizer_training: TokenizerTraining = Field(description="schedule")
     generator: GeneratorSizes = Field(description="sizes")
@@ -60,7 +59,6 @@ TINY = Scale(
     clip_seconds=3.0,
     test_clips=3,
     seconds=2.0,
-    patience=0.0,
     tokenizer=MotionTokenizerConfig(
         features=1, width=32, heads=2, layers=2, codes=32, decay=0.9, dead_below=0.05, kmeans_steps=2
     ),
@@ -78,7 +76,6 @@ REHEARSAL = Scale(
     hours=3.5,
     test_clips=12,
     seconds=60.0,
-    patience=0.4,
     tokenizer=MotionTokenizerConfig(
         features=1, width=128, heads=4, layers=4, codes=512, decay=0.98, dead_below=0.05, kmeans_steps=8
     ),
@@ -107,7 +104,6 @@ PAPER = Scale(
     hours=0,
     test_clips=1_000,
     seconds=60.0,
-    patience=0.0,
     tokenizer=MotionTokenizerConfig(features=1),
     tokenizer_training=TokenizerTraining(learning_rate=4e-4, save_minutes=10.0, evaluate_every=0),
     generator=GeneratorSizes(

@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
-    parser.add_argument("--fps", type=_rate, default=30, help="frame rate, 1 to 1000 (default: %(default)s)")
+    parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
@@ -116,6 +116,7 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model).running(args.runtime).without(args.without)
     pipeline = Pipeline(bundle, device=args.device)
     pipeline.warm_up()
+    fps = args.fps or bundle.runtime.fps
     options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
     for sound, output, write in zip(args.audio, outputs, writers, strict=True):
         bar = tqdm(
@@ -123,12 +124,7 @@ def run(args: argparse.Namespace) -> int:
         )
         with bar, _readable(sound) as path:
             done = animate(
-                pipeline,
-                stream_audio(path),
-                seed=args.seed,
-                fps=args.fps,
-                options=options,
-                progress=partial(_advance, bar),
+                pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(_advance, bar)
             )
         motion, take = done.motion, Take(done.motion, done.face, done.audio)
         if output.suffix.lower() in (".mp4", ".webm"):
@@ -136,8 +132,8 @@ def run(args: argparse.Namespace) -> int:
         else:
             write(output, take if rig is None else rig.retarget(take), rig)
         print(
-            f"{output}: {motion.frames} frames at {args.fps:g} fps, {motion.seconds:.2f} s; "
-            f"real-time factor {done.real_time_factor:.2f}"
+            f"{output}: {motion.frames} frames at {fps:g} fps, {motion.seconds:.2f} s; "
+            f"real-time factor {done.real_time_factor:.2f}; runtime: {bundle.runtime.label}"
         )
     return 0
 

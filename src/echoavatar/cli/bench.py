@@ -112,6 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     graphs.add_argument("--model", required=True, help="bundle name or folder")
     graphs.add_argument("--device", default="cuda", help="cuda, or cpu to try it (default: %(default)s)")
+    graphs.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
     graphs.add_argument("--chunks", type=int, default=100, help="chunks to time (default: %(default)s)")
     start = kinds.add_parser(
         "start",
@@ -204,7 +205,9 @@ def _graphs(args: argparse.Namespace) -> int:
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.evaluation.graph_bench import GOALS_MS, PAPER_MS, bench_graphs
 
-    report = bench_graphs(load_bundle(args.model), device=args.device, chunks=args.chunks)
+    bundle = load_bundle(args.model).running(args.runtime)
+    print(f"runtime: {bundle.runtime.label}")
+    report = bench_graphs(bundle, device=args.device, chunks=args.chunks)
     print(f"{'stage':<12}{'p50 ms':>10}{'p95 ms':>10}{'goal ms':>10}{'paper ms':>10}")
     for stage, (p50, p95) in report.stages_ms.items():
         print(f"{stage:<12}{p50:>10.2f}{p95:>10.2f}{GOALS_MS[stage]:>10.1f}{PAPER_MS[stage]:>10.1f}")

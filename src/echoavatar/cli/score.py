@@ -10,7 +10,12 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
+from .serve import DEVICE_HELP, RUNTIME_HELP
+
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from echoavatar.evaluation.motion_folder import ReadOptions
     from echoavatar.evaluation.score import Extractor
 
 EXAMPLES = """examples:
@@ -19,6 +24,7 @@ EXAMPLES = """examples:
   echoavatar score made sets/zeroeggs --split val --common   of another split, only the clips that `made` has
   echoavatar score made true --audio sounds --picture score.png
   echoavatar score made true --extractor runs/fid         FID with your own extractor: `echoavatar train fid-encoder`
+  echoavatar score made sets/zeroeggs --model default --runtime paper   first make `made` from the set's sounds
   echoavatar score --embeddings pairs.npz                 retrieval: arrays `audio` and `motion`, (pairs, size) each
 
 Motion is .bvh of any known rig, .npz (ours, or SMPL-X parameters as EMAGE and its kin write them; the res_ before a
@@ -32,6 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("made", nargs="?", type=Path, metavar="MADE", help="folder of generated motion")
     parser.add_argument("true", nargs="?", type=Path, metavar="TRUE", help="folder of true motion")
+    parser.add_argument(
+        "--model", metavar="BUNDLE", help="bundle that makes the motion in MADE first, for the sounds of TRUE"
+    )
+    parser.add_argument("--runtime", metavar="HOW", help=f"with --model: {RUNTIME_HELP} (default: default)")
+    parser.add_argument("--device", default="cpu", help=f"with --model: {DEVICE_HELP}")
     parser.add_argument("--audio", type=Path, help="folder of audio files (default: in the clips, or next to them)")
     parser.add_argument("--no-audio", action="store_true", help="leave out scores that need audio")
     parser.add_argument(
@@ -53,7 +64,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of a trained extractor, or 'none' for no FID (default: %(default)s)",
     )
     parser.add_argument("--embeddings", type=Path, metavar="NPZ", help="also score retrieval of these pairs")
-    parser.add_argument("--seed", type=int, default=0, help="seed of resampling and shuffling (default: %(default)s)")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="seed of resampling, shuffling and, with --model, of the motion (default: %(default)s)",
+    )
     parser.add_argument("--json", action="store_true", help="print only the JSON line")
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the table")
 
@@ -68,7 +84,10 @@ def run(args: argparse.Namespace) -> int:
         from echoavatar.evaluation.score_picture import want_matplotlib
 
         want_matplotlib()  # before any work
+    if args.runtime and not args.model:
+        raise EchoAvatarError("--runtime needs --model: motion that is there already is scored as it is")
     rows = _motion_rows(args) if args.made else []
+    how = _made_how(args)
     if args.embeddings:
         from echoavatar.evaluation.score_retrieval import read_embeddings, retrieval_rows
 
@@ -78,9 +97,30 @@ def run(args: argparse.Namespace) -> int:
 
         draw(rows, args.picture, title=f"{args.made or args.embeddings} against {args.true or 'chance'}")
     if not args.json:
+        if how:
+            print("; ".join(f"{key}: {value}" for key, value in how.items()))
         print(as_text(rows))
     print(json.dumps(as_json(rows)))
     return 0
+
+
+def _made_how(args: argparse.Namespace) -> dict[str, object]:
+    """What is known of how the motion was made: model, runtime, seed."""
+    from echoavatar.evaluation.score_model import made_how
+
+    if args.made is None:
+        return {}
+    return made_how(args.made) or {"runtime": "unknown, made elsewhere"}
+
+
+def _make(args: argparse.Namespace, how: "ReadOptions", progress: "Callable[[int, int], None]") -> None:
+    from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.evaluation.score_model import make_motion
+
+    bundle = load_bundle(args.model).running(args.runtime or "default")
+    note = {"runtime": bundle.runtime.label, "model": bundle.name, "seed": args.seed}
+    pipeline = Pipeline(bundle, device=args.device)
+    make_motion(pipeline, note, args.true, args.made, how, seed=args.seed, progress=progress)
 
 
 def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
@@ -104,6 +144,9 @@ def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
             bar.n = done
             bar.refresh()
 
+        if args.model:
+            bar.set_description("making")
+            _make(args, how, progress)
         bar.set_description("reading")
         pairs = read_pairs(args.made, args.true, how, progress=progress)
         bar.set_description("scoring")

@@ -24,8 +24,8 @@ VIDEO_HELP = (
 
 DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
 RUNTIME_HELP = (
-    "how the models run: paper (bare decoding, the paper's cylinder for hands), default (the bundle's own),"
-    " bare (no cylinder either), or what to keep of ours on top of paper, such as ground,feet"
+    "how the models run: paper (bare decoding, the paper's cylinder for hands, files at 60 fps), default (the bundle's"
+    " own), bare (no cylinder, 30 fps), or what to keep of ours on top of paper, such as ground,feet"
 )
 WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or warp; may be repeated"
 
@@ -158,12 +158,16 @@ def run(args: argparse.Namespace) -> int:
         lists_sessions=is_loopback(args.host),
     )
     how = {"without": args.without, "runtime": args.runtime}
-    app = create_app(load(args.model, seats=args.seats, device=args.device, **how), settings)
+    engine = load(args.model, seats=args.seats, device=args.device, **how)
+    app = create_app(engine, settings)
 
     def ready(address: str) -> None:
         page = f"{address}/?token={token}" if token else f"{address}/"
         shown = page if is_made_up else f"{address}/"  # a token of the operator's own belongs in no log
-        print(f"echoavatar is at {shown}  ({args.seats} seats; Ctrl-C stops)", flush=True)
+        print(
+            f"echoavatar is at {shown}  ({args.seats} seats; runtime: {engine.pipeline.runtime}; Ctrl-C stops)",
+            flush=True,
+        )
         if settings.video:
             print(f"video for {settings.video} at a time: {address}/video, WHEP at {address}/v1/whep", flush=True)
         if args.open:

@@ -71,12 +71,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     train_decoder.add_arguments(decoder, options)
     tokens = kinds.add_parser("tokens", help="encode the corpus with a trained codec and tokenizer")
     _add_folders(tokens, corpus)
-    tokens.add_argument(
+    options = Options(tokens)
+    options.add(
         "--patience",
+        "training.patience",
+        0.4,
         type=float,
-        default=0.4,
         help="cost of changing a code, which keeps codes steady, so that the generator need not predict changes without"
-        " meaning; 0 takes the nearest code (default: %(default)s)",
+        " meaning; 0 takes the nearest code, as in the paper",
+    )
+    options.add(
+        "--no-level",
+        "training.is_leveled",
+        True,
+        action="store_true",
+        help="encode sound at its own loudness, as in the paper; a bundle with the generator then runs so, too",
     )
     generator, options = stage("generator", "the generator, on a folder of codes", "folder of codes (`train tokens`)")
     train_generator.add_arguments(generator, options, SEED)
@@ -172,19 +181,21 @@ def _licence(source: Path) -> str:
 
 def _tokens(args: argparse.Namespace, progress: Progress) -> None:
     from echoavatar.data import Corpus
-    from echoavatar.engine.pipeline.tokenize import tokenize_corpus
+    from echoavatar.engine.pipeline.tokenize import TokenSettings, tokenize_corpus
     from echoavatar.models.audio import AudioCodec
     from echoavatar.models.tokenizer import BodyTokenizer
 
     codec = AudioCodec.load(args.codec).eval()
     tokenizer = BodyTokenizer.load(args.tokenizer).eval()
     corpus = Corpus(args.source)
+    settings = args.options.settings(args).checked(TokenSettings, "training")
     tokenize_corpus(
         corpus,
         codec,
         tokenizer,
         args.output,
         is_mirrored_too=corpus.can_mirror,
-        patience=args.patience,
+        patience=settings.patience,
+        is_leveled=settings.is_leveled,
         progress=progress,
     )

@@ -74,7 +74,7 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
     """Train on the token files."""
     from echoavatar.errors import MotionError
     from echoavatar.models.audio import AudioCodec
-    from echoavatar.models.generator import Generator, GeneratorConfig, TokenClip, patience_of
+    from echoavatar.models.generator import Generator, GeneratorConfig, TokenClip, leveled_of, patience_of
     from echoavatar.models.generator.recipe import GeneratorTraining
     from echoavatar.models.generator.train import train_generator
     from echoavatar.models.tokenizer import BodyTokenizer
@@ -99,7 +99,8 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
     model.setdefault("exemplar", float(chosen["exemplar"]) > 0)
     chosen.setdefault("chunks", int(model["window_chunks"]) + 6)  # so that the steady stream is trained too
     chosen.setdefault("depth_weights", [0.7**layer for layer in range(layout.motion_layers)])
-    config = settings.checked(GeneratorConfig, "model", layout=layout, patience=patience_of(clips))
+    heard = {"patience": patience_of(clips), "is_leveled": leveled_of(clips)}
+    config = settings.checked(GeneratorConfig, "model", layout=layout, **heard)
     train_generator(
         config,
         settings.checked(GeneratorTraining, "training"),

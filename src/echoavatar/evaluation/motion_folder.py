@@ -116,6 +116,17 @@ def read_pairs(
     return pairs
 
 
+def sound_of(name: str, take: Take, how: ReadOptions) -> Float[np.ndarray, " s"]:
+    """The audio of a clip at 24 kHz, as `read_pairs` finds it.
+
+    Raises:
+        AudioError: it has none, or it cannot be read.
+    """
+    sounds = _audio_files(how.audio) if how.audio else {}
+    here = (take, take.read(is_resampling=how.is_resampling))
+    return _sound(name, here, here, sounds)
+
+
 def takes(place: Path, split: str | None = "test") -> dict[str, Take]:
     """What a set or a folder holds, by name: of a set the clips of one split (None: of all) that are no mirror images.
 

@@ -25,7 +25,7 @@ def token_clips(bundle: Bundle, clips: Sequence[Clip]) -> list[TokenClip]:
     patience = bundle.generator.config.patience
     return [
         TokenClip(
-            audio_codes(bundle.codec, clip.audio),
+            audio_codes(bundle.codec, clip.audio, is_leveled=bundle.runtime.level_control),
             motion_codes(bundle.tokenizer, clip, patience=patience),
             clip.domain[::FRAMES_PER_MOTION_TOKEN],
             clip.split,

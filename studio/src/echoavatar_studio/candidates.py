@@ -50,7 +50,7 @@ def token_file(folder: Path, bundle: Bundle, cut: SoundCut, seed: int) -> TokenC
     """
     if len(cut.audio) < CHUNK_SAMPLES:
         raise AudioError(f"{cut.name} is shorter than a chunk of {CHUNK_SAMPLES} samples; leave it out")
-    audio = audio_codes(bundle.codec, cut.audio)
+    audio = audio_codes(bundle.codec, cut.audio, is_leveled=bundle.runtime.level_control)
     motion = own_motion(bundle.generator, audio, seed=seed ^ crc32(cut.name.encode()))
     label = DOMAINS.index("music" if cut.category == "dance" else "speech")
     clip = TokenClip(

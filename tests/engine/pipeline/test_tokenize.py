@@ -1,13 +1,15 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from echoavatar.data import Clip, Corpus, write_manifest
-from echoavatar.engine.pipeline import load_bundle
+from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.tokenize import audio_codes, heard_cues, tokenize_corpus
 from echoavatar.models.generator import TokenClip
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.timing import CHUNK_SAMPLES
 
 
 def corpus(folder: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray) -> Corpus:
@@ -78,3 +80,20 @@ def test_cues_are_on_for_three_frames_from_each_event() -> None:
     cues = heard_cues(clip, 75)
     assert np.flatnonzero(cues[:, 0]).tolist() == [0, 1, 2, 30, 31, 32]
     assert np.flatnonzero(cues[:, 1]).tolist() == [74]
+
+
+def test_sound_is_leveled_only_where_the_pipeline_levels_it(tiny_bundle: Path, voice: np.ndarray) -> None:
+    """The codes are those that a pipeline of that runtime hears, chunk for chunk."""
+    bundle = replace(load_bundle(tiny_bundle), codec=load_bundle().codec)  # the tiny one knows one code only
+    quiet = 0.05 * voice[: CHUNK_SAMPLES * 6]
+    for runtime, is_leveled in (("paper", False), ("level", True)):
+        pipeline = Pipeline(bundle.running(runtime))
+        state, one = pipeline.init_state(1), torch.ones(1, dtype=torch.bool)
+        heard = []
+        for chunk in np.split(quiet, 6):
+            block = torch.from_numpy(chunk[None])
+            level = pipeline.level.step(block, state.level, one) if pipeline.level else block
+            heard.append(pipeline.encode_audio(level, state, one)[0])
+        codes = audio_codes(bundle.codec, quiet, is_leveled=is_leveled)
+        assert (torch.cat(heard).numpy() == codes).mean() > 0.99  # a near tie may fall the other way
+    assert not np.array_equal(audio_codes(bundle.codec, quiet), audio_codes(bundle.codec, quiet, is_leveled=False))

@@ -1,11 +1,13 @@
 """Windows lie at chunk borders, audio beside its motion, and depend on seed and number alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from echoavatar.errors import MotionError
-from echoavatar.models.generator import TokenClip, WindowSampler, patience_of
+from echoavatar.models.generator import TokenClip, WindowSampler, leveled_of, patience_of
 
 
 def clip(chunks, offset=0):
@@ -55,6 +57,16 @@ def test_files_of_one_patience_tell_it_and_others_are_refused(tmp_path):
     assert patience_of([]) == 0.0
     with pytest.raises(MotionError, match=r"patience \[0\.0, 0\.5\]"):
         patience_of([patient, clip(4)])
+
+
+def test_whether_sound_was_leveled_travels_with_the_codes(tmp_path) -> None:
+    raw = replace(clip(4), is_leveled=False)
+    raw.save(tmp_path / "raw.npz")
+    assert not TokenClip.load(tmp_path / "raw.npz").is_leveled
+    assert not leveled_of([raw, raw])
+    assert leveled_of([])
+    with pytest.raises(MotionError, match="--no-level"):
+        leveled_of([raw, clip(4)])
 
 
 def test_ragged_ends_are_cut_to_whole_chunks():

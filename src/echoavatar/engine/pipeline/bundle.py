@@ -107,7 +107,7 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         actions = ActionLibrary.load(folder, width, chunk)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
         warp = WarpModel.load(folder / "warp") if (folder / "warp").is_dir() else None
-        runtime = Runtime.load(folder)
+        runtime = Runtime.load(folder, is_leveled=generator.config.is_leveled)
         bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, warp)
     _check(bundle)
     return bundle

@@ -120,6 +120,7 @@ class Pipeline:
         self.post = Post(self.skeleton, stages=chosen - {WARP}, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
         self.additions = frozenset(runtime.session)  # what sessions add, see `SessionCore`
+        self.runtime = runtime.label  # how it runs, for headers
         self.face = FaceStream(bundle.face, has_idle="blinks" in self.additions) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config

@@ -2,7 +2,8 @@
 
 A bundle without the file gets the defaults, which are those of our own bundles. Everything that we add to the paper's
 method is in `ADDITIONS` and can be switched by name; `Runtime.chosen("paper")` has none of it: codes are drawn at the
-generator's temperature and decoded, and the paper's cylinder keeps the hands off the body. `bare` leaves out that too.
+generator's temperature and decoded, the paper's cylinder keeps the hands off the body, and files have 60 frames per
+second. `bare` leaves out those too. Scores are always taken at the 30 that are decoded.
 """
 
 from pathlib import Path
@@ -13,11 +14,13 @@ from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.stages.post import SWITCHES
+from echoavatar.timing import FRAME_RATE_HZ
 
 from .foreign_rig import RigConfig
 from .time_warp import WARP
 
 FILE = "runtime.json"
+PAPER_FPS = 60.0  # paper, Settings: 30 frames per second, "subsequently interpolated to 60 FPS for final rendering"
 SESSION = ("settling", "idle", "expression", "blinks", "listening", "overlays")  # what a session adds to the models
 NUMBERS = {
     "level": ("level_control", False),
@@ -49,6 +52,9 @@ class Runtime(Config):
         "nods and eye contact while the user speaks, the part of an action that codes cannot express",
     )
     cylinder: bool = Field(default=False, description="whether the paper's cylinder keeps hands off the body")
+    fps: float = Field(
+        default=FRAME_RATE_HZ, ge=1, le=1000, description="frames per second of files, interpolated (paper: 60)"
+    )
     rig: RigConfig | None = Field(
         default=None, description="how the features of a foreign rig differ from ours; None: our rig"
     )
@@ -70,7 +76,7 @@ class Runtime(Config):
 
     def chosen(self, name: str) -> "Runtime":
         """These settings run otherwise: `default` changes nothing, `paper` leaves out everything of ours, `bare`
-        the paper's cylinder too.
+        the paper's cylinder and 60 fps too.
 
         Any other name lists what to keep of ours, such as `ground,feet`; the rest is as in the paper. A value that this
         runtime has off is then that of our bundles. The adapter of a foreign rig, with its own cylinder, always stays.
@@ -84,12 +90,13 @@ class Runtime(Config):
         if unknown := [part for part in kept if part not in ADDITIONS]:
             known = ", ".join(ADDITIONS)
             raise EchoAvatarError(f"no runtime {unknown[0]!r}: give paper, default, bare, or some of {known}")
-        ours, changed = Runtime(), {}
+        ours, changed = Runtime(), dict[str, object]()
         for part, (field, paper) in NUMBERS.items():
             own = getattr(self, field)
             changed[field] = paper if part not in kept else own if own != paper else getattr(ours, field)
         changed["stages"] = tuple(stage for stage in ours.stages if stage in kept)
         changed["session"] = tuple(part for part in SESSION if part in kept)
+        changed["fps"] = self.fps if name == "bare" else PAPER_FPS
         changed["cylinder"] = name != "bare" and "hands" not in kept and self.rig is None
         return self.model_copy(update=changed)
 
@@ -100,15 +107,15 @@ class Runtime(Config):
         partial.replace(folder / FILE)
 
     @classmethod
-    def load(cls, folder: Path) -> "Runtime":
-        """Read `runtime.json` if the folder has one.
+    def load(cls, folder: Path, *, is_leveled: bool = True) -> "Runtime":
+        """Read `runtime.json` if the folder has one; without, sound is levelled if the generator's was (`is_leveled`).
 
         Raises:
             CheckpointError: the file is damaged.
         """
         path = folder / FILE
         if not path.exists():
-            return cls()
+            return cls(level_control=is_leveled)
         check_file(path, CONFIG_BYTES, CheckpointError)
         try:
             return cls.model_validate_json(path.read_bytes())

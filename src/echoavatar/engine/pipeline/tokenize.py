@@ -1,7 +1,8 @@
 """Tokenize a corpus: audio and motion codes, on which the generator is trained.
 
-Every clip is encoded continuously from its first sample, exactly as in a stream (level control, then the codec). Its
-mirror image is encoded too: the same sound, with left and right of the motion exchanged.
+Every clip is encoded continuously from its first sample, exactly as in a stream (level control, if the generator is
+to run with it, then the codec). Its mirror image is encoded too: the same sound, with left and right of the motion
+exchanged.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
+from pydantic import Field
 from torch import Tensor
 
+from echoavatar.config import Config
 from echoavatar.data import Clip, Corpus
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec, LevelControl
@@ -24,6 +27,13 @@ from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMP
 CUE_FRAMES = 3
 
 
+class TokenSettings(Config):
+    """How a corpus is encoded; the generator that learns from it keeps both in its config."""
+
+    patience: float = Field(default=0.4, ge=0, description="cost of changing a code (paper: 0, the nearest codes)")
+    is_leveled: bool = Field(default=True, description="whether sound is brought to one loudness (paper: false)")
+
+
 def tokenize_corpus(
     corpus: Corpus,
     codec: AudioCodec,
@@ -32,11 +42,13 @@ def tokenize_corpus(
     *,
     is_mirrored_too: bool = True,
     patience: float = 0.0,
+    is_leveled: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write a token file for each clip and its mirror image, and return the number of files; existing ones are kept.
 
     With `patience` the motion codes are steady (`quantize.steady`), so that the generator has fewer changes to predict.
+    `is_leveled`: see `audio_codes`.
     Clips without sound are skipped, because the generator would learn to dance to silence.
 
     Raises:
@@ -57,24 +69,30 @@ def tokenize_corpus(
             targets.append((folder / f"{name}.mirror.npz", True))
         if not all(path.exists() for path, _ in targets):
             clip = corpus.load(name)
-            sound = audio_codes(codec, clip.audio)
+            sound = audio_codes(codec, clip.audio, is_leveled=is_leveled)
             for path, is_mirrored in targets:
                 codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
                 domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
                 cues = heard_cues(clip, len(sound))
-                TokenClip(sound, codes, domain, clip.split, cues, patience).save(path)
+                TokenClip(sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled).save(path)
         if progress:
             progress(done, len(names))
     return len(list(folder.glob("*.npz")))
 
 
 @torch.inference_mode()
-def audio_codes(codec: AudioCodec, audio: Float[np.ndarray, " s"]) -> Int[np.ndarray, "f 2"]:
-    """Codes of a whole clip of 24 kHz audio, as in a stream."""
-    level = LevelControl()
-    one = torch.ones(1, dtype=torch.bool)
+def audio_codes(
+    codec: AudioCodec, audio: Float[np.ndarray, " s"], *, is_leveled: bool = True
+) -> Int[np.ndarray, "f 2"]:
+    """Codes of a whole clip of 24 kHz audio, as in a stream.
+
+    `is_leveled` must be as in the pipeline that hears it (`Runtime.level_control`): level control is not the paper's.
+    """
     usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
-    heard = level.step(torch.from_numpy(audio[None, :usable].copy()), level.init_state(1), one)
+    heard = torch.from_numpy(audio[None, :usable].copy())
+    if is_leveled:
+        level = LevelControl()
+        heard = level.step(heard, level.init_state(1), torch.ones(1, dtype=torch.bool))
     return codec.encode(heard.to(codec.codebooks.device))[0].cpu().numpy().astype(np.int16)
 
 

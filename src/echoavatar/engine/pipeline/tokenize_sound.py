@@ -45,7 +45,7 @@ def tokenize_sounds(
 
 
 def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generator, seed: int) -> TokenClip:
-    audio = audio_codes(codec, sounds.load(sound))
+    audio = audio_codes(codec, sounds.load(sound), is_leveled=generator.config.is_leveled)
     events = {kind: np.array(times) for kind, times in sound.events.items()}
     return TokenClip(
         audio,
@@ -55,6 +55,7 @@ def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generato
         cues_at(events, len(audio)),
         generator.config.patience,
         has_truth=False,
+        is_leveled=generator.config.is_leveled,
     )
 
 

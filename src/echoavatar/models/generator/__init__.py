@@ -6,7 +6,7 @@ from .initial import align_embeddings, init_from_qwen
 from .model import Generator
 from .orders import open_stream
 from .reliance import nll_by_domain
-from .windows import TokenClip, WindowSampler, patience_of
+from .windows import TokenClip, WindowSampler, leveled_of, patience_of
 
 __all__ = [
     "Exemplar",
@@ -17,6 +17,7 @@ __all__ = [
     "align_embeddings",
     "draw_exemplar",
     "init_from_qwen",
+    "leveled_of",
     "nll_by_domain",
     "open_stream",
     "patience_of",

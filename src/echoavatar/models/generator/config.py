@@ -59,6 +59,9 @@ class GeneratorConfig(Config):
     patience: float = Field(
         default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steady`)"
     )
+    is_leveled: bool = Field(
+        default=True, description="whether the sound it was trained on was brought to one loudness (paper: no)"
+    )
     exemplar: bool = Field(
         default=False, description="whether a set of first-layer upper-body codes steers it (paper, stage 3)"
     )

@@ -2,8 +2,9 @@
 
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
 `domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
-where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, and `has_truth`, false
-where the sound has no recorded motion and the codes are a generator's own (prompts for reinforcement learning).
+where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, `is_leveled`, whether the
+sound was brought to one loudness, and `has_truth`, false where the sound has no recorded motion and the codes are a
+generator's own (prompts for reinforcement learning).
 """
 
 import zipfile
@@ -36,6 +37,7 @@ class TokenClip:
     cues: UInt8[np.ndarray, "f 2"] | None = None  # not known where None
     patience: float = 0.0  # how steady the codes of motion are (`quantize.steady`)
     has_truth: bool = True  # whether the motion is true, or a generator's own
+    is_leveled: bool = True  # whether the sound was brought to one loudness first
 
     def __post_init__(self) -> None:
         chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
@@ -70,7 +72,8 @@ class TokenClip:
             with NpzArrays(path, MotionError) as file:
                 cues, patience = file.get("cues"), float(file.get("patience", 0.0))
                 codes = file["audio_codes"], file["motion_codes"], file["domain"]
-                return cls(*codes, str(file["split"]), cues, patience, bool(file.get("has_truth", True)))
+                flags = (bool(file.get(name, True)) for name in ("has_truth", "is_leveled"))
+                return cls(*codes, str(file["split"]), cues, patience, *flags)
         except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
@@ -87,6 +90,7 @@ class TokenClip:
                 cues=np.asarray(self.cues),
                 patience=np.array(self.patience),
                 has_truth=np.array(self.has_truth),
+                is_leveled=np.array(self.is_leveled),
             )
         partial.replace(path)
 
@@ -101,6 +105,18 @@ def patience_of(clips: Sequence[TokenClip]) -> float:
     if len(found) > 1:
         raise MotionError(f"the token files have codes of patience {found}; make all with one `--patience`")
     return found[0] if found else 0.0
+
+
+def leveled_of(clips: Sequence[TokenClip]) -> bool:
+    """The `is_leveled` that all clips share; True without clips.
+
+    Raises:
+        MotionError: the clips differ.
+    """
+    found = {clip.is_leveled for clip in clips}
+    if len(found) > 1:
+        raise MotionError("some token files hear levelled sound, others do not; make all with or without `--no-level`")
+    return found.pop() if found else True
 
 
 class Window(NamedTuple):
