@@ -3,8 +3,10 @@
 import json
 
 import pytest
+import torch
 from research.tests.fakes import FakeExperiment, counted
 
+from echoavatar.errors import EchoAvatarError
 from echoavatar_research import alignment
 from echoavatar_research.experiment import motion_of
 
@@ -60,3 +62,33 @@ def test_windows_are_no_longer_than_the_clips():
     assert alignment.reward_window({"a": Short()}) == 11
     Short.chunks = 40
     assert alignment.reward_window({"a": Short()}) == alignment.WINDOW_CHUNKS
+
+
+def test_a_reward_of_other_codes_is_refused(tmp_path, monkeypatch):
+    """The reward must be that of the codes it judges: another codec or tokenizer makes it worthless."""
+    made = []
+
+    class Codes:
+        folder, seed, scale, codes = tmp_path, 0, FakeExperiment.scale, "one"
+
+        class codec:  # noqa: N801
+            codebooks = torch.zeros(2, 4, 3)
+
+        def tokenizer(self, choice):
+            return type("Tokenizer", (), {"codebooks": lambda self: torch.zeros(3, 4, 3)})()
+
+        def codes_settings(self, choice):
+            return {"codes": self.codes}
+
+    monkeypatch.setattr(alignment, "reward_window", lambda clips: 4)
+    monkeypatch.setattr(alignment, "AudioMotionWindows", lambda *a, **k: None)
+    monkeypatch.setattr(alignment.AudioMotion, "from_codebooks", lambda *a, **k: None)
+    monkeypatch.setattr(alignment.AudioMotion, "load", lambda folder: folder)
+    monkeypatch.setattr(alignment, "train_audio_reward", lambda *a: made.append(1))
+    experiment = Codes()
+    for _ in range(2):
+        assert alignment.alignment_reward(experiment, {}) == tmp_path / "rewards" / "alignment"
+    assert made == [1]
+    experiment.codes = "other"
+    with pytest.raises(EchoAvatarError, match="rewards/alignment was made with other settings or from other parts"):
+        alignment.alignment_reward(experiment, {})

@@ -2,9 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import TokenClip
+from echoavatar_research.choices import OURS
 from echoavatar_research.experiment import Experiment, is_mostly
 from echoavatar_research.scale import PAPER
 
@@ -20,3 +22,23 @@ def test_what_a_clip_is_mostly() -> None:
     assert is_mostly(clip, None)
     assert is_mostly(clip, "speech")
     assert not is_mostly(clip, "music")
+
+
+class Coder(torch.nn.Module):
+    """Stands for an audio codec of one weight."""
+
+    def __init__(self, weight: float) -> None:
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.tensor(weight))
+
+
+def test_what_is_trained_on_codes_is_stamped_with_their_codec_and_tokenizer(tmp_path: Path) -> None:
+    def settings(weight: float, digest: str = "a", seed: int = 0) -> dict[str, object]:
+        experiment = Experiment(tmp_path, PAPER, seed=seed)
+        experiment.__dict__.update(codec=Coder(weight), _digest=digest)  # cached properties
+        return experiment.codes_settings(OURS)
+
+    assert settings(1.0) == settings(1.0)
+    assert settings(1.0) != settings(2.0)  # trained again in the same folder
+    assert settings(1.0) != settings(1.0, digest="b")
+    assert settings(1.0) != settings(1.0, seed=1)

@@ -125,6 +125,7 @@ def tuned(experiment: Experiment, method: Method) -> Outcome:
         "generator": fingerprint(ready.generator),
         "training": training.model_dump(mode="json"),
         "effort": BUDGETS[experiment.scale.name]._asdict(),
+        "codes": experiment.codes_settings(OURS),
     }
 
     def work() -> None:
@@ -188,7 +189,7 @@ def _quality(experiment: Experiment, clips: dict[str, TokenClip]) -> QualityRewa
     training = QualityTraining(steps=budget.quality_steps, seed=experiment.seed)
     tokenizer = experiment.tokenizer(OURS)
     levels = CorruptedWindows(tokenizer, list(clips.values()), seed=experiment.seed, chunks=reward_window(clips))
-    settings = {"training": training.model_dump(mode="json"), "width": budget.width}
+    settings = _reward_settings(experiment, training, budget)
     config = QualityConfig(features=tokenizer.mean.numel(), width=budget.width)
     make_once(folder, settings, lambda: train_quality(levels, folder, training, config=config))
     return QualityReward.load(folder)
@@ -200,7 +201,7 @@ def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> Aud
     training = AudioRewardTraining(steps=budget.alignment_steps, seed=experiment.seed)
     books = experiment.codec.codebooks.detach(), experiment.tokenizer(OURS).codebooks().detach()
     pairs = AudioMotionWindows(clips, chunks=reward_window(clips))
-    settings = {"training": training.model_dump(mode="json"), "width": budget.width}
+    settings = _reward_settings(experiment, training, budget)
 
     def work() -> None:
         with torch.random.fork_rng(devices=[]):
@@ -210,6 +211,14 @@ def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> Aud
 
     make_once(folder, settings, work)
     return AudioMotion.load(folder)
+
+
+def _reward_settings(
+    experiment: Experiment, training: QualityTraining | AudioRewardTraining, budget: Budget
+) -> dict[str, object]:
+    """What a reward depends on; one that was trained on other codes is refused."""
+    codes = experiment.codes_settings(OURS)
+    return {"training": training.model_dump(mode="json"), "width": budget.width, "codes": codes}
 
 
 def reward_window(clips: dict[str, TokenClip]) -> int:

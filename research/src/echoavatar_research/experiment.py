@@ -193,7 +193,7 @@ class Experiment:
                 progress=self.progress,
             )
 
-        self._make_once(folder, self._codes_settings(choice), make)
+        self._make_once(folder, self.codes_settings(choice), make)
         return [TokenClip.load(path) for path in sorted(folder.glob("*.npz"))]
 
     def embeddings(self, choice: GeneratorChoice) -> Generator:
@@ -314,9 +314,9 @@ class Experiment:
             "seed": self.seed,
         }
 
-    def _codes_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
-        codec = str(self.sources.codec or "default")
-        return {"tokenizer": self._tokenizer_settings(choice), "codec": codec, "is_leveled": False}
+    def codes_settings(self, choice: TokenizerChoice) -> dict[str, Any]:
+        """What the codes of a tokenizer depend on; what is trained on them is stamped with it."""
+        return {"tokenizer": self._tokenizer_settings(choice), "codec": self._codec_mark, "is_leveled": False}
 
     def _generator_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
         if choice.after is None:
@@ -331,10 +331,16 @@ class Experiment:
 
     def _own_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
         return {
-            "codes": self._codes_settings(choice.tokenizer),
+            "codes": self.codes_settings(choice.tokenizer),
             "sizes": self.scale.generator.model_dump() | dict(choice.sizes),
             "choice": {"name": choice.name, "training": dict(choice.training), "only": choice.only},
         }
+
+    @cached_property
+    def _codec_mark(self) -> str:
+        from echoavatar.align.trainer import fingerprint
+
+        return fingerprint(self.codec)
 
     @cached_property
     def _digest(self) -> str:

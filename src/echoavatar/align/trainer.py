@@ -171,10 +171,10 @@ def rollout_seeds(training: AlignTraining, number: int, rows: int) -> Int[Tensor
     return torch.randint(2**62, (rows,), generator=random)
 
 
-def fingerprint(generator: Generator) -> str:
+def fingerprint(model: torch.nn.Module) -> str:
     """A hash of all weights by name."""
     digest = hashlib.sha256()
-    for name, value in sorted(generator.state_dict().items()):
+    for name, value in sorted(model.state_dict().items()):
         digest.update(name.encode())
         digest.update(value.detach().float().cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()

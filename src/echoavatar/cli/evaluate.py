@@ -75,7 +75,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--domains",
         action="store_true",
         help="measure domain confusion instead: the share of frames danced to speech and gestured to music, by class of"
-        " voice and music of --recordings",
+        " voice and music of --recordings (up to --clips of each, --seconds long); with --captured, how well that"
+        " tells captured people apart",
     )
     parser.add_argument("--captured", type=Path, help="--alive, --domains: folder of captured motion to compare with")
     parser.add_argument(
@@ -233,15 +234,28 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> int:
 
 def _domains(args: argparse.Namespace, bundle: "Bundle") -> int:
     from echoavatar.engine.pipeline import Pipeline
-    from echoavatar.evaluation import alive, domains
+    from echoavatar.evaluation import domains
 
-    if not args.recordings:
-        raise EchoAvatarError("--domains performs recorded sound; give a folder with --recordings")
-    sounds = alive.read_sounds(args.recordings, args.seconds, args.clips)
-    takes = domains.perform(Pipeline(bundle), sounds, seed=args.seed)
-    people = alive.read_captured(args.captured) if args.captured else []
-    rows = domains.shares(takes)
-    rows += [row._replace(group=f"captured people, {row.group}") for row in domains.shares(people)]
+    if not args.recordings and not args.captured:
+        raise EchoAvatarError(
+            "--domains performs recorded sound (--recordings) or measures people (--captured); give one"
+        )
+    rows = []
+    if args.captured:
+        with tqdm(unit="take", disable=not sys.stderr.isatty()) as bar:
+
+            def progress(done: int, total: int) -> None:
+                bar.total = total
+                bar.update(done - bar.n)
+
+            people = domains.read_people(args.captured, progress=progress)
+        ankles, hands = domains.limits(people)
+        print(f"limits that tell all of them apart best: ankles {ankles:.2f} m/s, hands {hands:.2f} arm lengths/s")
+        rows += domains.held_out(people)
+    if args.recordings:
+        sounds = domains.read_sounds(args.recordings, args.seconds, args.clips)
+        rows += domains.shares(domains.perform(Pipeline(bundle), sounds, seed=args.seed))
+    print(f"limits of the shares: ankles {domains.ANKLES:g} m/s, hands {domains.HANDS:g} arm lengths/s")
     print(domains.as_text(rows))
     numbers = {f"{row.kind}, {row.group}": [round(row.danced, 4), round(row.gestured, 4)] for row in rows}
     print(json.dumps({"danced_gestured": numbers}))

@@ -76,18 +76,21 @@ class AliveReport:
     told_apart: dict[str, float] = field(default_factory=dict)  # accuracy on held-out windows
 
 
-def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
+def read_sounds(
+    folder: Path, seconds: float, most: int, *, class_of: Callable[[dict[str, str]], str] | None = None
+) -> list[Sound]:
     """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
 
     A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
-    its test split is used. Without one, a path with "music" in it is music, and folders are classes. Voices of one
-    class are joined until they last `seconds`; music is not. What stays shorter than 20 s is left out.
+    its test split is used; `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
+    music, and folders are classes. Voices of one class are joined until they last `seconds`; music is not. What stays
+    shorter than 20 s is left out.
 
     Raises:
         EchoAvatarError: nothing is left.
     """
     listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
-    for path, kind, group in _listed(folder):
+    for path, kind, group in _listed(folder, class_of or _class):
         listed[kind, group].append(path)
     shortest, found = min(float(ROOM_S), seconds), []
     for kind in (SPEECH, MUSIC):
@@ -224,12 +227,12 @@ def as_json(found: AliveReport) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _listed(folder: Path) -> list[tuple[Path, str, str]]:
+def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tuple[Path, str, str]]:
     """Path, kind and class of every sound."""
     if (manifest := folder / "manifest.csv").is_file():
         with manifest.open(newline="", encoding="utf-8") as file:
             rows = [row for row in csv.DictReader(file) if row.get("split", "test") == "test"]
-        return [(folder / row["path"], row["kind"], _class(row)) for row in rows]
+        return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     places = [path.relative_to(folder) for path in paths]
     kinds = [MUSIC if "music" in place.as_posix().lower() else SPEECH for place in places]

@@ -1,33 +1,65 @@
 """`echoavatar evaluate --domains`: how often the body dances to speech, and gestures to music.
 
-Paper, Discussions: male speech is taken for song, and the avatar dances. Measured here: a frame is danced if the hips
-and knees rotate by more than `DANCING` degrees a second in the mean over the two seconds around it, as in
-`engine.settling`; it is gestured if it is not danced and the arms' joints do so. What is neither is rest. Captured
-people are measured in the same way: the definition is only as good as it tells their dances from their talking.
+Paper, Discussions: male speech is taken for song, and the avatar dances. Measured here: a frame is danced if the ankles
+travel faster than `ANKLES` in the mean over the two seconds around it. It is gestured if it is not danced and the
+wrists move faster than `HANDS` about the shoulders. What is neither is rest. Both limits are those that tell captured
+people apart best (`limits`): dancers from all others, and people who talk from people who wait. How well
+they do is measured on performers who did not choose them (`held_out`).
 """
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.ndimage import uniform_filter1d
 
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline
-from echoavatar.engine.settling import DANCES_S, DANCING
-from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.kinematics.rigs import known_bones
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.motion.kinematics import Motion, read_bvh
 
+from . import alive
 from .alive import Sound, Take
+from .captured_people import MUSIC, SPEECH
+from .metrics.liveliness import body_points, foot_paths, hand_paths, path_speed
 
-LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
-ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
+AROUND_S = 2.0
+ANKLES = 0.60  # metres a second, of a body whose head joint is 1.5 m above its ankles
+HANDS = 0.12  # arm lengths a second
+WAITING, TALKING, SIGNALLING, DANCING = "waiting", "talking", "signalling and laughing", "dancing"
+SPOKEN_OVER = "spoken word over beats (mixed)"
+MIXED = 3  # such sounds
+_WORDS = {
+    DANCING: ("dance",),
+    WAITING: ("idle",),
+    TALKING: ("speech", "conversation", "talk"),
+    SIGNALLING: ("gesture",),
+}
+_STEPS = 100  # values that are tried for a limit
+
+
+class Pace(NamedTuple):
+    """How fast ankles and wrists move, in the mean over the two seconds around each frame."""
+
+    ankles: Float[np.ndarray, " t"]
+    hands: Float[np.ndarray, " t"]
+
+
+class Limits(NamedTuple):
+    """What is faster is danced (metres a second) or gestured (arm lengths a second)."""
+
+    ankles: float = ANKLES
+    hands: float = HANDS
+
+
+DEFAULT = Limits()
 
 
 class Shares(NamedTuple):
-    """Of one class of sound: how long it is, and the shares of its frames, 0 to 1; the rest is neither."""
+    """Of one class: how long it is, and the shares of its frames, 0 to 1; the rest is neither."""
 
     kind: str
     group: str
@@ -37,57 +69,164 @@ class Shares(NamedTuple):
     gestured: float
 
 
-def danced(motion: Motion) -> Bool[np.ndarray, " t"]:
-    """Of each frame whether the legs dance in the two seconds around it."""
-    return _pace(motion, LEGS) > DANCING
+class Person(NamedTuple):
+    """A captured take: who moves, what it is, how fast."""
+
+    performer: str
+    kind: str
+    pace: Pace
+    seconds: float
 
 
-def gestured(motion: Motion) -> Bool[np.ndarray, " t"]:
-    """Of each frame whether the arms move and the legs do not dance."""
-    return np.asarray((_pace(motion, ARMS) > DANCING) & ~danced(motion))
+def pace(motion: Motion) -> Pace:
+    """How fast a body on any known rig moves ankles and wrists.
+
+    Raises:
+        MotionError: the rig is not known.
+    """
+    points, fps = body_points(motion), motion.fps
+    return Pace(*(_around(paths, fps) for paths in (foot_paths(points), hand_paths(points))))
+
+
+def danced_gestured(found: Pace, chosen: Limits = DEFAULT) -> tuple[np.ndarray, np.ndarray]:
+    """Of each frame whether it is danced, and whether it is gestured."""
+    danced = found.ankles > chosen.ankles
+    return danced, (found.hands > chosen.hands) & ~danced
+
+
+def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
+    """The sounds of `alive.read_sounds` by classes of voice, and up to three mixtures of speech and music.
+
+    Raises:
+        EchoAvatarError: no sound is left.
+    """
+    sounds = alive.read_sounds(folder, seconds, most, class_of=voice)
+    spoken, played = ([sound for sound in sounds if sound.kind == kind] for kind in (SPEECH, MUSIC))
+    mixed = []
+    for one, other in zip(spoken[:MIXED], played[:MIXED], strict=False):
+        size = min(len(one.audio), len(other.audio))
+        audio = one.audio[:size] / _loudness(one.audio) + other.audio[:size] / _loudness(other.audio)
+        audio *= _loudness(one.audio) / np.sqrt(2)
+        mixed.append(Sound(f"{one.name} over {other.name}", MUSIC, SPOKEN_OVER, audio.astype(np.float32)))
+    return sounds + mixed
+
+
+def voice(row: dict[str, str]) -> str:
+    """The class of a manifest's row: of speech the sex, where it is told, and the manner; of music the genre."""
+    told = re.split(r"[\[]", row["language_or_genre"])[0].strip()
+    if row["kind"] != SPEECH:
+        return told
+    manner = told.partition(", ")[2] or "read"
+    if "emotion" in manner:
+        manner = "acted anger" if "anger" in row.get("title", "") else "acted, other emotions"
+    sex = re.search(r"\(([MFmw])[,\d]|\((f)\d", row["speaker_or_artist"])
+    return f"{'male' if sex[1] in ('M', 'm') else 'female'}, {manner}" if sex else f"sex not told, {manner}"
 
 
 def perform(pipeline: Pipeline, sounds: Sequence[Sound], *, seed: int = 0) -> list[Take]:
-    """The avatar's motion to each sound, each with a seed of its own."""
+    """The avatar's motion to the sounds, each with a seed of its own."""
     made = animate_many(pipeline, [sound.audio for sound in sounds], seeds=range(seed, seed + len(sounds)))
     return [Take(*sound[:3], one.motion) for sound, one in zip(sounds, made, strict=True)]
 
 
+def read_people(folder: Path, *, progress: Callable[[int, int], None] | None = None) -> list[Person]:
+    """Captured takes of at least 2 s whose path says what they are: "dance", "idle", "talk", "speech", "gesture".
+
+    A performer is what a file's name says before the first underscore.
+
+    Raises:
+        EchoAvatarError: there are no dancers, nobody who talks, or nobody who waits; or a file cannot be read.
+    """
+    found, above, paths = [], folder.resolve().parent, sorted(folder.resolve().rglob("*.bvh"))
+    for done, path in enumerate(paths, 1):
+        said = path.relative_to(above).as_posix().lower()
+        kind = next((kind for kind, words in _WORDS.items() if any(word in said for word in words)), None)
+        if kind and (motion := read_bvh(path)).seconds >= AROUND_S:
+            performer = f"{path.parent.name}/{path.stem.partition('_')[0]}"
+            try:
+                found.append(Person(performer, kind, pace(motion), motion.seconds))
+            except MotionError as error:
+                raise MotionError(f"{path}: {error}") from error
+        if progress is not None:
+            progress(done, len(paths))
+    if missing := [kind for kind in (WAITING, TALKING, DANCING) if all(one.kind != kind for one in found)]:
+        raise EchoAvatarError(
+            f"{folder} holds nobody {' and nobody '.join(missing)} (.bvh of 2 s and more, with 'dance', 'idle' or"
+            " 'talk' in the path); see docs/metrics.md"
+        )
+    return found
+
+
+def limits(people: Sequence[Person]) -> Limits:
+    """The limits that tell these people apart best, kind against kind with equal weight.
+
+    Ankles tell those who dance from those who talk, wait, signal or laugh; hands tell those who talk from those who
+    wait.
+    """
+
+    def of(kind: str, which: int) -> np.ndarray:
+        return np.concatenate([one.pace[which] for one in people if one.kind == kind] or [np.zeros(0)])
+
+    ankles = _between([slow for kind in _WORDS if kind != DANCING and len(slow := of(kind, 0))], of(DANCING, 0))
+    return Limits(ankles, _between([of(WAITING, 1)], of(TALKING, 1)))
+
+
+def held_out(people: Sequence[Person]) -> list[Shares]:
+    """The shares of captured people, each measured with limits that were chosen without that performer."""
+    marked: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for performer in dict.fromkeys(one.performer for one in people):
+        others = [one for one in people if one.performer != performer]
+        has_all = {WAITING, TALKING, DANCING} <= {one.kind for one in others}
+        chosen = limits(others if has_all else people)
+        for one in people:
+            if one.performer == performer:
+                marked.setdefault(one.kind, []).append(danced_gestured(one.pace, chosen))
+    return [
+        _share("captured", kind, marks, sum(one.seconds for one in people if one.kind == kind))
+        for kind, marks in sorted(marked.items(), key=lambda item: list(_WORDS).index(item[0]))
+    ]
+
+
 def shares(takes: Iterable[Take]) -> list[Shares]:
     """The shares of every class, and of each kind as a whole (class "all"), in order of kind and class."""
-    kept = list(takes)
-    groups = dict.fromkeys((take.kind, group) for take in kept for group in ("all", take.group) if group)
-    return [
-        _share(kind, group, [take.motion for take in kept if take.kind == kind and group in ("all", take.group)])
-        for kind, group in sorted(groups, key=lambda key: (key[0], key[1] != "all", key[1]))
-    ]
+    kept = [(take, danced_gestured(pace(take.motion))) for take in takes]
+    groups = dict.fromkeys((take.kind, group) for take, _ in kept for group in ("all", take.group) if group)
+    rows = []
+    for kind, group in sorted(groups, key=lambda key: (key[0], key[1] != "all", key[1])):
+        own = [(take, marks) for take, marks in kept if take.kind == kind and group in ("all", take.group)]
+        rows.append(_share(kind, group, [marks for _, marks in own], sum(take.motion.seconds for take, _ in own)))
+    return rows
 
 
 def as_text(rows: Sequence[Shares]) -> str:
     """A table in Markdown; shares in percent."""
     lines = ["| sound | class | takes | s | danced, % | gestured, % |", "|---|---|---:|---:|---:|---:|"]
     for row in rows:
-        numbers = f"{row.takes} | {row.seconds:.0f} | {100 * row.danced:.0f} | {100 * row.gestured:.0f}"
+        numbers = f"{row.takes} | {row.seconds:.0f} | {100 * row.danced:.1f} | {100 * row.gestured:.1f}"
         lines.append(f"| {row.kind} | {row.group} | {numbers} |")
     return "\n".join(lines)
 
 
-def _share(kind: str, group: str, motions: Sequence[Motion]) -> Shares:
-    dance, gesture = (np.concatenate([mark(motion) for motion in motions]) for mark in (danced, gestured))
-    seconds = sum(motion.seconds for motion in motions)
-    return Shares(kind, group, len(motions), seconds, float(dance.mean()), float(gesture.mean()))
+def _share(kind: str, group: str, marks: Sequence[tuple[np.ndarray, np.ndarray]], seconds: float) -> Shares:
+    danced, gestured = (np.concatenate([mark[which] for mark in marks]) for which in (0, 1))
+    return Shares(kind, group, len(marks), seconds, float(danced.mean()), float(gestured.mean()))
 
 
-def _pace(motion: Motion, names: Sequence[str]) -> Float[np.ndarray, " t"]:
-    """Mean rotation speed of joints (degrees per second) in the two seconds around each frame."""
-    bones = known_bones(motion.skeleton)
-    if missing := [name for name in names if name not in bones]:
-        raise MotionError(f"no joint of the rig is {missing[0]}; give its skeleton a VRM map")
-    rotations = motion.rotations[:, [bones[name] for name in names]]
-    if len(rotations) < 2:
-        return np.zeros(len(rotations))
-    now, then = rotations[1:], rotations[:-1]
-    half = np.minimum(np.linalg.norm(now - then, axis=-1), np.linalg.norm(now + then, axis=-1))
-    speed = np.degrees(2 * half).mean(1) * motion.fps
-    frames = min(len(speed), round(DANCES_S * motion.fps))
+def _around(paths: Float[np.ndarray, "t 2 3"], fps: float) -> Float[np.ndarray, " t"]:
+    """Mean speed of two points in the two seconds around each frame."""
+    if len(paths) < 2:
+        return np.zeros(len(paths))
+    speed = np.mean([path_speed(paths[:, point], fps) for point in range(2)], axis=0)
+    frames = min(len(speed), round(AROUND_S * fps))
     return np.asarray(uniform_filter1d(np.concatenate([speed[:1], speed]), frames, mode="nearest"))
+
+
+def _between(slow: Sequence[np.ndarray], fast: np.ndarray) -> float:
+    """The limit with the highest mean of the shares on the right side of it, the slow kinds weighing alike."""
+    tried = np.quantile(np.concatenate([*slow, fast]), np.linspace(0.01, 0.99, _STEPS))
+    right = [np.mean([(one <= limit).mean() for one in slow]) + (fast > limit).mean() for limit in tried]
+    return float(tried[int(np.argmax(right))])
+
+
+def _loudness(audio: Float[np.ndarray, " s"]) -> float:
+    return float(np.sqrt(np.mean(np.square(audio)))) or 1.0

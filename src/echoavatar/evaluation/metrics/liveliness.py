@@ -76,7 +76,7 @@ def windows(points: Points, fps: float, seconds: float) -> Iterator[Points]:
 def liveliness(points: Points, fps: float) -> dict[str, float]:
     """The statistics of one window, by the names of `STATISTICS`."""
     hands = hand_paths(points)
-    speeds = np.stack([_speed(hands[:, hand], fps) for hand in range(2)])
+    speeds = np.stack([path_speed(hands[:, hand], fps) for hand in range(2)])
     return {
         "hand_speed": float(speeds.mean()),
         "hands_still": float((speeds < STILL).all(0).mean()),
@@ -86,8 +86,13 @@ def liveliness(points: Points, fps: float) -> dict[str, float]:
         "shoulder_turn": shoulder_turn_deg(points),
         "trunk_lean": trunk_lean_deg(points),
         "hip_sway": hip_sway_cm(points, fps),
-        "ankle_speed": float(np.mean([_speed(_at(points, side + "Foot"), fps) for side in ("left", "right")])),
+        "ankle_speed": float(np.mean([path_speed(ankle, fps) for ankle in np.moveaxis(foot_paths(points), 1, 0)])),
     }
+
+
+def foot_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
+    """Both ankles in the world, metres of a body of common height."""
+    return points[:, [POINTS.index("leftFoot"), POINTS.index("rightFoot")]]
 
 
 def hand_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
@@ -100,6 +105,11 @@ def hand_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
     x, y, z = np.moveaxis((hands - ((left + right) / 2)[:, None]) / arm, -1, 0)
     cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     return np.stack([cos * x - sin * z, y, sin * x + cos * z], -1)
+
+
+def path_speed(path: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, " steps"]:
+    """Speed along a path that is smoothed by a Gaussian of 1/30 s."""
+    return np.asarray(np.linalg.norm(np.diff(gaussian_filter1d(path, fps / 30, axis=0), axis=0), axis=1) * fps)
 
 
 def room(hands: Float[np.ndarray, "t 2 3"], fps: float) -> float:
@@ -150,8 +160,3 @@ def _at(points: Points, name: str) -> Float[np.ndarray, "t 3"]:
 
 def _yaw(across: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
     return np.asarray(np.arctan2(-across[:, 2], across[:, 0]))
-
-
-def _speed(path: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, " steps"]:
-    """Speed along a path that is smoothed by a Gaussian of 1/30 s."""
-    return np.asarray(np.linalg.norm(np.diff(gaussian_filter1d(path, fps / 30, axis=0), axis=0), axis=1) * fps)
