@@ -1,12 +1,13 @@
-"""The part of an action that its codes cannot express: small rotations of torso and head, added to finished motion.
+"""The part of an action that its codes cannot express: turns of torso and head, and the arms and hands of its clip.
 
-First-layer codes keep the arms of a reference clip and lose its nods, head shakes and bows. An overlay holds what the
-clip rotates beyond what its codes decode to. A nod that is added on top leaves the hands free for the speech. Not in
-the paper.
+First-layer codes keep the arms of a reference clip roughly, lose its nods, head shakes and bows, and know nothing of
+fingers. An overlay holds what the clip rotates torso and head beyond what its codes decode to; a nod that is added on
+top leaves the hands free for the speech. Where hands must meet, touch or point, it also holds the clip's own arms and
+fingers, which then take the place of the generated ones. Not in the paper.
 """
 
-from dataclasses import dataclass
-from typing import Self
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -17,42 +18,87 @@ from echoavatar.timing import CHUNK, ChunkSize
 
 from .kinematics import Skeleton
 from .kinematics.easing import smootherstep
-from .kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
+from .kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle, quaternion_multiply, slerp
 from .motion_chunk import MotionChunk
 
 UNIT = 1e-3  # radians; files hold whole multiples of it
 
 
 @dataclass(frozen=True, eq=False)
+class Hands:
+    """Rotations that take the place of the joints' own as far as `shares` says; whole chunks."""
+
+    joints: tuple[str, ...]
+    rotations: Float[np.ndarray, "t h 4"]  # relative to the parent, wxyz
+    shares: Float[np.ndarray, "t h"]  # 0 keeps the joint's own rotation, 1 replaces it
+
+    def to_json(self) -> dict[str, Any]:
+        """Milliradians by joint, of one frame where they do not change; shares in thousandths, equal for all joints."""
+        vectors = axis_angle_from_quaternion(torch.from_numpy(self.rotations)).numpy()
+        rows = np.rint(vectors / UNIT).astype(int)
+        turns = {
+            joint: (row[:1] if (row == row[:1]).all() else row).reshape(-1).tolist()
+            for joint, row in zip(self.joints, rows.swapaxes(0, 1), strict=True)
+        }
+        return {"shares": np.rint(self.shares[:, 0] * 1000).astype(int).tolist(), "joints": turns}
+
+    @classmethod
+    def from_json(cls, stored: dict[str, Any]) -> Self:
+        """The inverse of `to_json`."""
+        shares = np.asarray(stored["shares"], np.float32) / 1000
+        names = tuple(stored["joints"])
+        rows = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in stored["joints"].values()]
+        vectors = np.stack([np.broadcast_to(row, (len(shares), 3)) for row in rows], axis=1)
+        rotations = quaternion_from_axis_angle(torch.tensor(vectors)).numpy()
+        return cls(names, rotations, np.repeat(shares[:, None], len(names), axis=1))
+
+
+def no_hands(frames: int) -> Hands:
+    """Nothing to replace."""
+    return Hands((), np.zeros((frames, 0, 4), np.float32), np.zeros((frames, 0), np.float32))
+
+
+@dataclass(frozen=True, eq=False)
 class Overlay:
-    """Rotation vectors by joint name, applied after the joint's own rotation; whole chunks."""
+    """Rotation vectors by joint name, applied after the joint's own rotation, and hands; whole chunks."""
 
     joints: tuple[str, ...]
     rotation_vectors: Float[np.ndarray, "t j 3"]  # radians
+    hands: Hands = field(default_factory=lambda: no_hands(0))
+
+    def __post_init__(self) -> None:
+        if not self.hands.joints:
+            object.__setattr__(self, "hands", no_hands(len(self.rotation_vectors)))
 
     def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Overlay) or self.joints != other.joints:
+        if not isinstance(other, Overlay) or self.joints != other.joints or self.hands.joints != other.hands.joints:
             return False
-        return np.array_equal(self.rotation_vectors, other.rotation_vectors)
+        pairs = ((self.rotation_vectors, other.rotation_vectors), (self.hands.rotations, other.hands.rotations))
+        return all(np.array_equal(a, b) for a, b in (*pairs, (self.hands.shares, other.hands.shares)))
 
     def chunk(self, place: int, size: ChunkSize = CHUNK) -> "Overlay":
         """One chunk of the overlay."""
-        return Overlay(self.joints, self.rotation_vectors[place * size.frames : (place + 1) * size.frames])
+        here, hands = slice(place * size.frames, (place + 1) * size.frames), self.hands
+        hands = replace(hands, rotations=hands.rotations[here], shares=hands.shares[here])
+        return Overlay(self.joints, self.rotation_vectors[here], hands)
 
     def scaled(self, intensity: float) -> "Overlay":
-        """The overlay with every rotation vector multiplied by `intensity`."""
-        return Overlay(self.joints, self.rotation_vectors * np.float32(intensity))
+        """The overlay with every rotation vector multiplied by `intensity`; hands count for as much, and 1 at most."""
+        hands = replace(self.hands, shares=self.hands.shares * np.float32(min(intensity, 1.0)))
+        return Overlay(self.joints, self.rotation_vectors * np.float32(intensity), hands)
 
     def to_json(self) -> dict[str, list[int]]:
-        """Milliradians by joint: x, y, z of one frame, then of the next."""
+        """Milliradians by joint: x, y, z of one frame, then of the next. `Hands.to_json` has the hands."""
         rows = np.rint(self.rotation_vectors / UNIT).astype(int)
         return {joint: rows[:, at].reshape(-1).tolist() for at, joint in enumerate(self.joints)}
 
     @classmethod
-    def from_json(cls, rows: dict[str, list[int]]) -> Self:
-        """The inverse of `to_json`."""
+    def from_json(cls, rows: dict[str, list[int]], hands: dict[str, Any] | None = None) -> Self:
+        """The inverse of both `to_json`."""
+        held = no_hands(0) if hands is None else Hands.from_json(hands)
         vectors = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in rows.values()]
-        return cls(tuple(rows), np.stack(vectors, axis=1) if vectors else np.zeros((0, 0, 3), np.float32))
+        empty = np.zeros((len(held.shares), 0, 3), np.float32)
+        return cls(tuple(rows), np.stack(vectors, axis=1) if vectors else empty, held)
 
 
 def bridge(before: Overlay | None, now: Overlay | None) -> Overlay | None:
@@ -66,18 +112,41 @@ def bridge(before: Overlay | None, now: Overlay | None) -> Overlay | None:
     gap = last - vectors[0]
     share = (np.arange(frames, dtype=np.float32) + 1) / frames
     fall = 1 - smootherstep(share)
-    return Overlay(names, (vectors + fall[:, None, None] * gap).astype(np.float32))
+    turned = (vectors + fall[:, None, None] * gap).astype(np.float32)
+    return Overlay(names, turned, _bridged_hands(before, now, (1 - fall).astype(np.float32)))
+
+
+def _bridged_hands(before: Overlay | None, now: Overlay | None, rise: Float[np.ndarray, " t"]) -> Hands:
+    """Hands that begin as those of `before` ended and become those of `now` while `rise` goes to 1."""
+    old, new = before.hands if before else no_hands(len(rise)), now.hands if now else no_hands(len(rise))
+    names = tuple(dict.fromkeys((*old.joints, *new.joints)))
+    rotations, shares = np.zeros((len(rise), len(names), 4), np.float32), np.zeros((len(rise), len(names)), np.float32)
+    for at, name in enumerate(names):
+        ways = [(hands.joints.index(name), hands) for hands in (old, new) if name in hands.joints]
+        last = [hands.rotations[-1 if hands is old else slice(None), i] for i, hands in ways]
+        counts = [hands.shares[-1 if hands is old else slice(None), i] for i, hands in ways]
+        if len(ways) == 2:
+            start, end = torch.tensor(np.broadcast_to(last[0], (len(rise), 4)).copy()), torch.tensor(last[1])
+            rotations[:, at] = slerp(start, end, torch.from_numpy(rise)).numpy()
+            shares[:, at] = counts[0] + rise * (counts[1] - counts[0])
+        else:
+            rotations[:, at] = last[0]
+            shares[:, at] = counts[0] * (1 - rise if ways[0][1] is old else rise)
+    return Hands(names, rotations, shares)
 
 
 def apply_overlay(motion: MotionChunk, overlay: Overlay, skeleton: Skeleton) -> MotionChunk:
-    """Finished motion with the overlay added."""
-    if not overlay.joints:
-        return motion
-    joints = skeleton.indices(overlay.joints)
-    rotations = motion.rotations.copy()
-    added = quaternion_from_axis_angle(torch.tensor(overlay.rotation_vectors[: len(rotations)]))
-    rotated = quaternion_multiply(torch.from_numpy(rotations[:, joints]), added)
-    rotations[:, joints] = normalize(rotated, dim=-1).numpy()
+    """Finished motion with the overlay added, and its hands in the place of the motion's own."""
+    rotations, frames = motion.rotations.copy(), len(motion.rotations)
+    if overlay.joints:
+        joints = skeleton.indices(overlay.joints)
+        added = quaternion_from_axis_angle(torch.tensor(overlay.rotation_vectors[:frames]))
+        rotated = quaternion_multiply(torch.from_numpy(rotations[:, joints]), added)
+        rotations[:, joints] = normalize(rotated, dim=-1).numpy()
+    if overlay.hands.joints:
+        joints = skeleton.indices(overlay.hands.joints)
+        own, wanted = torch.from_numpy(rotations[:, joints]), torch.tensor(overlay.hands.rotations[:frames])
+        rotations[:, joints] = slerp(own, wanted, torch.tensor(overlay.hands.shares[:frames])).numpy()
     return motion._replace(rotations=rotations)
 
 

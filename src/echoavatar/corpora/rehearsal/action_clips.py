@@ -32,6 +32,7 @@ class Script:
     about: str
     shake: Shake | None = None
     is_on_top: bool = False  # moves torso and head only; speech keeps the motion codes
+    has_hands: bool = False  # arms and fingers are those of the clip: hands that meet, touch, point or are fists
 
     @property
     def seconds(self) -> float:
@@ -108,24 +109,31 @@ def _flipped(script: Script, about: str) -> Script:
 def _clapping() -> Keys:
     rest, beats = pose(), []
     for beat in range(6):
-        beats += [(0.6 + 0.36 * beat, pose("unclap", "unclap")), (0.78 + 0.36 * beat, pose("clap", "clap"))]
+        beats += [(0.6 + 0.36 * beat, pose(APART, APART)), (0.78 + 0.36 * beat, pose(TOGETHER, TOGETHER))]
     end = beats[-1][0]
-    return ((0.0, rest), *beats, (end + 0.2, pose("unclap", "unclap")), (end + 0.9, rest), (end + 1.2, rest))
+    return ((0.0, rest), *beats, (end + 0.2, pose(APART, APART)), (end + 0.9, rest), (end + 1.2, rest))
 
 
-WAVING = ArmPose((0.20, 0.24, 0.18), (-0.1, 0.0, 0.9), 0.1, (0.25, 0.0), "open")
-CHIN = ArmPose((-0.13, 0.10, 0.19), (0.35, 0.0, 0.3), 0.1, (0.05, 0.1), "loose_fist")
-UNDER = ArmPose((-0.20, -0.26, 0.24), (0.1, 0.0, 0.6), 0.1, (0.0, 0.1))
+WAVING = ArmPose((0.228, 0.148, 0.223), (-0.623, -0.161, 0.249), -0.222, (0.256, -0.048), "open")
+CHIN = ArmPose((-0.156, -0.029, 0.152), (-0.19, 0.153, -0.222), 0.346, (-0.161, 0.142), "loose_fist")
+UNDER = ArmPose((-0.20, -0.26, 0.24), (0.1, 0.0, 0.6), 0.1, (0.0, 0.1), "loose_fist")
+TOGETHER = ArmPose((-0.142, -0.206, 0.295), (-0.714, 0.35, 0.139), 0.146, (-0.2, 0.139), "flat")
+APART = ArmPose((-0.009, -0.201, 0.286), (-0.475, 0.35, -0.118), -0.019, (-0.2, 0.035), "flat")
 PALM_UP = ArmPose((0.24, -0.16, 0.25), (-0.2, 0.0, -1.2), -0.1, (0.55, 0.0), "open")
-POINTING = ArmPose((0.42, 0.0, 0.22), (0.0, 0.0, 0.5), 0.0, (0.1, 0.05), "point")
+POINTING = ArmPose((0.477, 0.021, 0.257), (0.13, -0.314, 0.673), -0.059, (0.173, -0.1), "point")
 FISTS = ArmPose((0.06, -0.14, 0.28), (0.0, 0.0, 0.2), 0.25, (0.15, 0.05), "fist")
 FISTS_DOWN = ArmPose((0.08, -0.26, 0.30), (0.0, 0.0, 0.2), 0.3, (0.1, 0.05), "fist")
 SLUMPED = ArmPose((0.07, -0.47, 0.10), (0.15, 0.0, 0.4), 0.0, (-0.12, 0.2))
 FOLDED = ArmPose((-0.11, -0.33, 0.20), (0.2, 0.0, 0.5), 0.15, (0.0, 0.05))
 
-_RAISE_LEFT = Script(_there_and_back(pose("up"), reach=0.8, stay=1.3, back=0.9), (0.9, 2.0), "raise the left hand high")
+_RAISE_LEFT = Script(
+    _there_and_back(pose("up"), reach=0.8, stay=1.3, back=0.9), (0.9, 2.0), "raise the left hand high", has_hands=True
+)
 _POINT_LEFT = Script(
-    _there_and_back(pose(POINTING, head=(0.45, 0.0, 0.0), spine=(0.15, 0.0, 0.0))), (0.8, 1.8), "point to the left"
+    _there_and_back(pose(POINTING, head=(0.45, 0.0, 0.0), spine=(0.15, 0.0, 0.0))),
+    (0.8, 1.8),
+    "point to the left",
+    has_hands=True,
 )
 _NOD = swing("head", (1,), 0.30, 1.9, 0.2, 2.1)
 _SHAKE = swing("head", (0,), 0.42, 1.5, 0.2, 2.3)
@@ -137,12 +145,14 @@ SCRIPTS: Mapping[str, Script] = {
         _there_and_back(pose("vee", "vee", head=(0.0, -0.1, 0.0)), reach=0.8, stay=1.3, back=0.9),
         (0.9, 2.0),
         "raise both hands high",
+        has_hands=True,
     ),
     "wave": Script(
         _there_and_back(pose(None, WAVING, head=(-0.1, 0.0, 0.08)), stay=1.9),
         (0.8, 2.5),
         "wave the right hand in greeting or farewell",
         both(swing("wrist", (1, 0), 0.10, 2.0, 0.7, 2.6), swing("palm", (1, 1), 0.3, 2.0, 0.7, 2.6)),
+        has_hands=True,
     ),
     "look_around": Script(
         (
@@ -162,6 +172,7 @@ SCRIPTS: Mapping[str, Script] = {
         _there_and_back(pose(UNDER, CHIN, head=(0.15, 0.12, 0.12)), reach=0.9, stay=1.6),
         (1.0, 2.4),
         "hand to the chin, thinking",
+        has_hands=True,
     ),
     "agree": Script(((0.0, pose()), (2.4, pose())), (0.3, 2.1), "nod", _NOD, is_on_top=True),
     "disagree": Script(((0.0, pose()), (2.6, pose())), (0.3, 2.2), "shake the head", _SHAKE, is_on_top=True),
@@ -169,6 +180,7 @@ SCRIPTS: Mapping[str, Script] = {
         _there_and_back(pose(PALM_UP, PALM_UP, head=(0.0, 0.05, 0.16)), reach=0.55, stay=0.8),
         (0.6, 1.3),
         "shrug with open palms: no idea, nothing to be done",
+        has_hands=True,
     ),
     "point_left": _POINT_LEFT,
     "point_right": _flipped(_POINT_LEFT, "point to the right"),
@@ -179,7 +191,7 @@ SCRIPTS: Mapping[str, Script] = {
         (1.0, 1.5),
         "bow in greeting, thanks or farewell",
     ),
-    "clap": Script(_clapping(), (0.6, 2.4), "clap the hands"),
+    "clap": Script(_clapping(), (0.6, 2.4), "clap the hands", has_hands=True),
     "angry": Script(
         (
             (0.0, pose()),
@@ -193,6 +205,7 @@ SCRIPTS: Mapping[str, Script] = {
         ),
         (0.5, 1.9),
         "angry: clenched fists that shake",
+        has_hands=True,
     ),
     "sad": Script(
         _there_and_back(pose(SLUMPED, SLUMPED, head=(0.0, 0.45, 0.08), spine=(0.0, 0.22, 0.0)), reach=1.0, stay=1.8),
@@ -212,6 +225,7 @@ SCRIPTS: Mapping[str, Script] = {
         ),
         (0.5, 1.9),
         "happy: arms thrown up with joy",
+        has_hands=True,
     ),
     "neutral": Script(((0.0, pose()), (1.6, pose())), (0.0, 1.6), "stand at ease, hands down"),
     "nod": Script(

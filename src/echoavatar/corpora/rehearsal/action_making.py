@@ -17,10 +17,11 @@ from echoavatar.engine.pipeline.foreign_rig import RigAdapter, RigConfig
 from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.action_overlay import Overlay
+from echoavatar.motion.action_overlay import Hands, Overlay
 from echoavatar.motion.kinematics import Motion, Skeleton, from_features, to_features
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.rigs import finger_bones
 from echoavatar.motion.kinematics.rotations import (
     axis_angle_from_quaternion,
     matrix_from_quaternion,
@@ -33,9 +34,11 @@ from .controls import minimum_jerk
 
 LEAD_CHUNKS = 4  # of the first pose, so that the tokenizer has settled
 SHORTEST_S, LONGEST_S = 0.5, 20.0
-ARMS = tuple(side + bone for side in ("left", "right") for bone in ("UpperArm", "LowerArm", "Hand"))
+ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 TORSO = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
 EDGE = 6  # frames in which an overlay comes and goes
+HANDS_EDGE = 14  # frames in which the clip's hands come and go
+MOVED = 0.3  # radians from rest: an arm that the clip moves
 SMOOTH_FRAMES = 1.2
 SMALLEST = 0.06  # radians; less is not worth keeping
 
@@ -153,23 +156,36 @@ def own_actions(tokenizer: BodyTokenizer) -> ActionLibrary:
     for name, script in SCRIPTS.items():
         guides, moving = not script.is_on_top, clip(script)
         action = action_from_motion(tokenizer, name, moving, hold_s=script.hold, about=script.about, guides=guides)
-        if script.shake is not None and guides:
-            action = replace(action, overlay=_with_shake(action, moving, clip(replace(script, shake=None))))
+        if script.has_hands:
+            action = replace(action, overlay=_with_hands(action, moving))
         library = library.with_action(action)
     return library
 
 
-def _with_shake(action: Action, moving: Motion, still: Motion) -> Overlay:
-    """The action's overlay, and on it what the arms do too fast for codes of four frames: the swing of a wave."""
-    both = (matrix_from_quaternion(torch.from_numpy(motion.rotations)) for motion in (still, moving))
-    rest, swung = both
-    turns = _turn(rest.transpose(-1, -2) @ swung)
-    joints = [name for name in ARMS if np.abs(turns[:, moving.skeleton.index(name)]).max() > SMALLEST]
-    own = np.zeros((action.chunks * CHUNK_FRAMES, len(joints), 3), np.float32)
-    own[: len(turns)] = turns[:, [moving.skeleton.index(name) for name in joints]]
+def _with_hands(action: Action, moving: Motion) -> Overlay:
+    """The action's overlay with the arms that the clip moves, and with their fingers as they differ most from rest."""
+    frames = action.chunks * CHUNK_FRAMES
+    at = np.minimum(np.arange(frames), moving.frames - 1)
+    rotations = moving.rotations[at].astype(np.float32)
+    from_rest = np.abs((moving.rotations * moving.rotations[:1]).sum(-1)).clip(0, 1)
+    turned = 2 * np.arccos(from_rest)
+    names: list[str] = []
+    for side in ("left", "right"):
+        arm = [side + bone for bone in ARM]
+        if turned[:, moving.skeleton.indices(arm)].max() > MOVED:
+            fingers = [bone for bones in finger_bones(side).values() for bone in bones]
+            most = int(turned[:, moving.skeleton.indices(fingers)].sum(1).argmax())
+            rotations[:, moving.skeleton.indices(fingers)] = rotations[most, moving.skeleton.indices(fingers)]
+            names += arm + fingers
+    rise = minimum_jerk(np.clip((np.arange(frames) + 1) / HANDS_EDGE, 0, 1))
+    fall = minimum_jerk(np.clip((moving.frames - 1 - np.arange(frames)) / HANDS_EDGE, 0, 1))
+    shares = np.repeat((rise * fall).astype(np.float32)[:, None], len(names), axis=1)
+    hands = Hands(tuple(names), rotations[:, moving.skeleton.indices(names)], shares)
     if action.overlay is None:
-        return Overlay(tuple(joints), own)
-    return Overlay((*action.overlay.joints, *joints), np.concatenate([action.overlay.rotation_vectors, own], axis=1))
+        return Overlay((), np.zeros((frames, 0, 3), np.float32), hands)
+    keep = [i for i, name in enumerate(action.overlay.joints) if name not in names]
+    turns = action.overlay.rotation_vectors[:, keep]
+    return Overlay(tuple(action.overlay.joints[i] for i in keep), turns, hands)
 
 
 def _plain(name: str, motion: Motion) -> str:

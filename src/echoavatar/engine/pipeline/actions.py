@@ -96,13 +96,16 @@ class Action:
         """The action's entry in `actions.json`."""
         row: dict[str, object] = {"name": self.name, "about": self.about, "hold": self.hold}
         row |= {"codes": self.codes, "guides": self.guides} | ({"set": True} if self.is_set else {})
-        return row if self.overlay is None else row | {"overlay": self.overlay.to_json()}
+        if self.overlay is None:
+            return row
+        hands = {"hands": self.overlay.hands.to_json()} if self.overlay.hands.joints else {}
+        return row | {"overlay": self.overlay.to_json()} | hands
 
     @classmethod
     def from_json(cls, row: dict[str, Any], chunk: ChunkSize = CHUNK) -> Self:
         """The inverse of `to_json`. Raises KeyError, TypeError or ValueError if something is missing or wrong."""
         first, last = row["hold"]
-        overlay = Overlay.from_json(row["overlay"]) if "overlay" in row else None
+        overlay = Overlay.from_json(row["overlay"], row.get("hands")) if "overlay" in row else None
         codes = tuple(int(code) for code in row["codes"])
         guides = bool(row["guides"])
         is_set = bool(row.get("set", False))
@@ -166,7 +169,8 @@ class ActionLibrary(Mapping[str, Action]):
         except (ValueError, LookupError, TypeError, RecursionError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
         for action in actions:
-            whole = action.overlay is None or len(action.overlay.rotation_vectors) == action.chunks * chunk.frames
+            frames, overlay = action.chunks * chunk.frames, action.overlay
+            whole = overlay is None or {len(overlay.rotation_vectors), len(overlay.hands.shares)} == {frames}
             first, last = action.hold
             fits = 0 <= first < last <= action.chunks and all(0 <= code < codes for code in action.codes)
             if not (fits and whole):
