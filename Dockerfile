@@ -1,6 +1,7 @@
 # The live server:
 #   docker build -t echoavatar . && docker run -p 8765:8765 -e ECHOAVATAR_TOKEN=secret echoavatar
-# Pin it where you build for others: --build-arg PYTHON=python:3.11-slim@sha256:... (`docker pull` prints the digest).
+# Pin it where you build for others: --build-arg PYTHON=python:3.11-slim@sha256:... (`docker pull` prints the digest). No
+# digest stands here, because one that nobody renews keeps the base's old weaknesses, and none could be tried yet.
 ARG PYTHON=python:3.11-slim
 FROM ${PYTHON} AS build
 # The CPU build of torch; another index has another build (https://pypi.org/simple: CUDA, see compose.gpu.yaml).

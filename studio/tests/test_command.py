@@ -12,6 +12,7 @@ import pytest
 from studio.tests import canned
 
 from echoavatar.cli import main
+from echoavatar_studio.making import Maker
 
 
 @pytest.mark.parametrize(
@@ -60,3 +61,17 @@ def test_from_study_yaml_to_files(tmp_path: Path, monkeypatch):
     assert main(["studio", "export", "--folder", str(tmp_path / "again"), "-o", str(tmp_path / "out2")]) == 0
     same = [(tmp_path / name / "judgements.csv").read_text() for name in ("out", "out2")]
     assert same[0] == same[1]
+
+
+def test_backup_and_restore_are_one_command_each_on_either_store(either: Maker, url: str, library, tmp_path: Path):
+    study = canned.make_pairwise(either, library)
+    here = ["--folder", str(either.media.parent), "--store", either.store.url.render_as_string(False)]
+    there = ["--folder", str(tmp_path / "there"), "--store", url]
+    assert main(["studio", "backup", *here, "-o", str(tmp_path / "b.zip")]) == 0
+    assert main(["studio", "restore", *there, "-o", str(tmp_path / "b.zip")]) == 0
+    for place, name in ((here, "one"), (there, "two")):
+        assert main(["studio", "export", *place, "--id", study, "-o", str(tmp_path / name)]) == 0
+    assert (tmp_path / "one/judgements.csv").read_bytes() == (tmp_path / "two/judgements.csv").read_bytes()
+    assert {path.name for path in (tmp_path / "there/media").rglob("*")} == {
+        path.name for path in either.media.rglob("*")
+    }

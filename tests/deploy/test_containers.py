@@ -53,6 +53,13 @@ def test_the_extra_that_is_installed_exists() -> None:
     assert extra in extras
 
 
+def test_the_base_is_pinned_by_one_argument() -> None:
+    """The same base for both stages, so that a digest pins the whole image."""
+    assert [line.split()[0] for line in lines("FROM")] == ["${PYTHON}"] * 2
+    assert "PYTHON=python:3.11-slim" in lines("ARG")
+    assert "--build-arg PYTHON=python:3.11-slim@sha256:" in DOCKER
+
+
 def test_it_runs_as_nobody_and_ends_by_a_signal_that_drains() -> None:
     assert lines("USER") == ["avatar"]
     assert lines("STOPSIGNAL") == ["SIGTERM"]
