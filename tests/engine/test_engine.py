@@ -1,4 +1,6 @@
+import gc
 import threading
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -6,7 +8,7 @@ import pytest
 import torch
 from tests.engine.fakes import FakePipeline, Heard, engine
 
-from echoavatar.engine import Engine, Session
+from echoavatar.engine import Engine, Session, load
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.motion_chunk import MotionChunk
@@ -174,3 +176,18 @@ def test_a_fault_in_any_stage_is_taken_back_and_the_chunk_made_again(tiny_bundle
     for one, other in zip(faulty, sound, strict=True):
         np.testing.assert_array_equal(one.rotations, other.rotations)
         np.testing.assert_array_equal(one.root, other.root)
+
+
+def test_a_pipeline_that_is_loaded_again_leaves_nothing_of_the_old_one_in_memory(tiny_bundle: Path) -> None:
+    """At once, without Python's search for cycles, which may come minutes later or never: loaded objects are frozen."""
+    engine = load(tiny_bundle, seats=1)
+    parts = [engine.pipeline, engine.pipeline.generator, engine.pipeline.generator._decoder]
+    parts += [engine.pipeline.codec, engine.pipeline.tokenizer, *engine.pipeline.tokenizer.parameters()]
+    old = [weakref.ref(part) for part in parts]
+    del parts
+    gc.disable()
+    try:
+        engine.restart()
+        assert [known() for known in old] == [None] * len(old)
+    finally:
+        gc.enable()

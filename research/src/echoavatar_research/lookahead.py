@@ -37,7 +37,7 @@ class LookaheadPipeline(Pipeline):
         super().__init__(bundle, device=device)
         self._ahead = bundle.generator.config.ahead_chunks
         self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # for the warm start
-        self.warm_start.state()
+        self._warm_row()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
 
     def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:

@@ -8,7 +8,9 @@ its shapes. Capturing needs CUDA; `capture` may be replaced, so that everything 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
+from types import MethodType
 from typing import Generic, TypeVar
+from weakref import WeakMethod
 
 import torch
 from torch import Tensor
@@ -53,15 +55,20 @@ class GraphCache(Generic[StateT]):
         *,
         capture: Capture | None = None,
     ) -> None:
-        """Without `capture`: `capture_cuda` for inputs on a CUDA device, plain calls elsewhere."""
-        self._function, self._tensors_of, self._capture = function, tensors_of, capture
+        """Without `capture`: `capture_cuda` for inputs on a CUDA device, plain calls elsewhere.
+
+        A method is held weakly: the object that it belongs to holds this cache, and would stay in memory, with its
+        weights, until Python looks for cycles.
+        """
+        self._function = WeakMethod(function) if isinstance(function, MethodType) else lambda: function
+        self._tensors_of, self._capture = tensors_of, capture
         self._graphs = OrderedDict[Hashable, _Graph[StateT]]()
 
     def __call__(self, state: StateT, fixed: Hashable, *inputs: Tensor) -> Tensor:
         """The function's answer."""
         capture = self._capture or (capture_cuda if inputs[0].is_cuda else None)
         if capture is None:
-            return self._function(state, fixed, *inputs)
+            return self._call(state, fixed, *inputs)
         addresses = tuple(tensor.data_ptr() for tensor in self._tensors_of(state))
         key = addresses, fixed, tuple((value.shape, value.dtype) for value in inputs)
         if key not in self._graphs:
@@ -74,11 +81,16 @@ class GraphCache(Generic[StateT]):
             buffer.copy_(value, non_blocking=True)
         return graph.replay().clone()
 
+    def _call(self, *given: object) -> Tensor:
+        function = self._function()
+        assert function is not None, "the object whose method this is was let go"
+        return function(*given)
+
     def _captured(self, capture: Capture, state: StateT, fixed: Hashable, inputs: Sequence[Tensor]) -> "_Graph[StateT]":
         """Capture over input buffers of its own, then put the state back to what it was."""
         tensors, buffers = self._tensors_of(state), [value.clone() for value in inputs]
         before = [tensor.clone() for tensor in tensors]
-        replay = capture(lambda: self._function(state, fixed, *buffers))
+        replay = capture(lambda: self._call(state, fixed, *buffers))
         for tensor, saved in zip(tensors, before, strict=True):
             tensor.copy_(saved)
         return _Graph(state, buffers, replay)

@@ -153,11 +153,11 @@ def test_threads_that_come_at_once_make_it_once() -> None:
         threading.Event().wait(0.05)
         return Counted(torch.tensor([len(made)]))
 
-    beginning, state = WarmStart(slowly), Counted(torch.zeros(4, dtype=torch.int64))
+    beginning, state = WarmStart(), Counted(torch.zeros(4, dtype=torch.int64))
 
     def open_row(row: int) -> None:
         together.wait()
-        copy_row(state, torch.arange(4) == row, beginning.state())
+        copy_row(state, torch.arange(4) == row, beginning.state(slowly))
 
     threads = [threading.Thread(target=open_row, args=(row,)) for row in range(4)]
     for thread in threads:

@@ -131,7 +131,7 @@ class Pipeline:
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.on_stage: OnStage = _ignore
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
-        self.warm_start = WarmStart(self._after_silence)
+        self._warm_start: WarmStart[PipelineState] = WarmStart()
 
     @property
     def chunk_samples(self) -> int:
@@ -166,9 +166,14 @@ class Pipeline:
         self, state: PipelineState, rows: Bool[Tensor, " b"], *, seed: int, options: MotionOptions = FREE
     ) -> None:
         """Start new sessions in these rows: at the origin, after `Runtime.lead_in_s` of silence."""
-        copy_row(state, rows, self.warm_start.state())
+        copy_row(state, rows, self._warm_row())
         state.seeds[rows] = seed
         state.post.modes.choose(rows, options)
+
+    def _warm_row(self) -> PipelineState:
+        # Handed over at each call: kept, the method would tie the pipeline into a cycle, and one that a fault replaces
+        # would stay in memory, with its weights.
+        return self._warm_start.state(self._after_silence)
 
     def _after_silence(self) -> PipelineState:
         """One row that has heard the lead-in silence. The states of what was shown, position included, are reset."""
@@ -181,7 +186,7 @@ class Pipeline:
 
     def restart_generator(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
         """Give these rows the generator state of a new session; the body stays where it is."""
-        copy_row(state.generator, rows, self.warm_start.state().generator)
+        copy_row(state.generator, rows, self._warm_row().generator)
 
     def warm_up(self) -> None:
         """Run a step without a session, and make the warm start.
@@ -192,7 +197,7 @@ class Pipeline:
         state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
         with compilations(lambda: _LOG.warning("compiling for this processor, once; up to a minute")):
             self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
-            self.warm_start.state()
+            self._warm_row()
 
     def _temperature(self, is_silent: Bool[Tensor, " b"]) -> Float[Tensor, " b"]:
         """The sampling temperature of each row: lower in silence, so that hands settle."""

@@ -17,16 +17,16 @@ from echoavatar.nn.stream import StateT
 
 
 class WarmStart(Generic[StateT]):
-    """The state of one row, made by `make` on first use; safe to call from any thread."""
+    """The state of one row, made on first use; safe to call from any thread."""
 
-    def __init__(self, make: Callable[[], StateT]) -> None:
-        self._make, self._lock = make, threading.Lock()
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._made: StateT | None = None
 
-    def state(self) -> StateT:
+    def state(self, make: Callable[[], StateT]) -> StateT:
         """The row, to be copied and not changed. `Pipeline.warm_up` makes it, so that no session waits for it."""
         with self._lock:
-            self._made = self._made or self._make()
+            self._made = self._made or make()
             return self._made
 
 
