@@ -18,7 +18,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from scipy.stats import binomtest
+from torch import Tensor
 
 from echoavatar.align.audio_reward import WINDOW_TOKENS, AudioMotion
 from echoavatar.align.quality import QualityReward
@@ -29,6 +31,7 @@ from echoavatar.evaluation.alive import Sound, read_sounds
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, to_features
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
 
 AUDIO_PER_TOKEN = AUDIO_FRAMES_PER_CHUNK // MOTION_TOKENS_PER_CHUNK
@@ -36,12 +39,17 @@ WINDOW_FRAMES = WINDOW_TOKENS * FRAMES_PER_MOTION_TOKEN
 HEAD = ("rater", "role", "sound", "category", "first_system", "second_system", "overall_preference")
 
 
+def features_of(tokenizer: BodyTokenizer, motion: Motion) -> Float[Tensor, "t c"]:
+    """What rewards and tokenizer read."""
+    rotations = matrix_from_quaternion(torch.from_numpy(motion.rotations))
+    return to_features(tokenizer.skeleton, rotations, torch.from_numpy(motion.root)).float()
+
+
 @torch.inference_mode()
 def quality_of(reward: QualityReward, tokenizer: BodyTokenizer, motion: Motion) -> float:
     """Mean score of the windows of 4 s."""
-    features = to_features(tokenizer.skeleton, torch.from_numpy(motion.rotations), torch.from_numpy(motion.root))
-    windows = features.unfold(0, WINDOW_FRAMES, WINDOW_FRAMES // 2).transpose(1, 2)
-    return float(reward(windows.float()).mean())
+    windows = features_of(tokenizer, motion).unfold(0, WINDOW_FRAMES, WINDOW_FRAMES // 2).transpose(1, 2)
+    return float(reward(windows).mean())
 
 
 @torch.inference_mode()
@@ -49,9 +57,9 @@ def alignment_of(
     reward: AudioMotion, codec: AudioCodec, tokenizer: BodyTokenizer, sound: Sound, motion: Motion
 ) -> float:
     """Mean cosine of sound and motion over the windows of 4 s."""
-    features = to_features(tokenizer.skeleton, torch.from_numpy(motion.rotations), torch.from_numpy(motion.root))
+    features = features_of(tokenizer, motion)
     usable = len(features) // FRAMES_PER_MOTION_TOKEN * FRAMES_PER_MOTION_TOKEN
-    seen = tokenizer.encode(features[None, :usable].float())[0]
+    seen = tokenizer.encode(features[None, :usable])[0]
     heard = torch.from_numpy(audio_codes(codec, sound.audio).astype(np.int64))
     tokens = min(len(seen), len(heard) // AUDIO_PER_TOKEN)
     starts = range(0, tokens - WINDOW_TOKENS + 1, WINDOW_TOKENS // 2)

@@ -1,7 +1,7 @@
-"""Idle motion, which no sound drives: breath, shifts of weight, small rotations of the head. Not in the paper.
+"""Idle motion, which no sound drives: breath, shifts of weight, leans of the trunk, looks. Not in the paper.
 
-In silence the model's codes come to rest, and the body would freeze. Breath always goes on. Weight and head move only
-while nothing else moves the body; they fade out when sound or an action takes over. The times of all movements are
+In silence the model's codes come to rest, and the body would freeze. Breath always goes on. Weight, trunk and head move
+only while nothing else moves the body; they fade out when sound or an action takes over. The times of all movements are
 functions of the session's seed and the frame number, so a session that goes back breathes as it did the first time.
 
 A shift of weight moves the hips sideways over both ankles, as in a parallelogram: the feet stay planted. The loop over
@@ -36,16 +36,19 @@ BREATH = np.array(  # radians at full lungs, about x and z, of the same joints
     [[-0.006, 0], [-0.016, 0], [-0.018, 0], [0.016, 0], [0.014, 0], [0, 0.022], [0, -0.022]]
 )
 HEAD_SHARES = np.array([0, 0, 0, 0.4, 0.6, 0, 0])  # of the head's rotation, by joint
+LEAN_SHARES = np.array([0.5, 0.3, 0.2, -0.3, -0.4, 0, 0])  # of the trunk's; the head stays nearly upright
 LEGS = tuple(f"{side}{part}" for side in ("left", "right") for part in ("UpperLeg", "LowerLeg", "Foot"))
 BREATH_S, INHALE = 4.2, 0.4  # length of a breath, and the share of it that goes in
 SHIFT_EVERY_S, SHIFT_S = 7.0, 2.2  # there is one shift of weight in each interval, and it takes so long
-SHIFT_M = 0.022  # the farthest shift to either side
+SHIFT_M = 0.04  # the farthest shift to either side
+LEAN_EVERY_S, LEAN_S, UPRIGHT = 5.0, 2.4, 0.2  # the trunk is upright in that share of the intervals
+LEAN = math.radians(3)  # the farthest, ahead, back and to either side
 SWAY_M, SWAY_HZ = 0.003, (0.13, 0.29)  # the small sway of a standing body
 LOOK_EVERY_S, LOOK_S, AHEAD = 4.0, 0.9, 0.4  # the head points ahead in that share of the intervals
 LOOK_YAW, LOOK_PITCH = math.radians(9), math.radians(3)
 RISE_S, FALL_S = 1.6, 0.5  # until weight and head move freely, and until they are still
 
-_WEIGHT, _YAW, _PITCH = 1, 2, 3  # purposes of random numbers
+_WEIGHT, _YAW, _PITCH, _LEAN_AHEAD, _LEAN_ASIDE = range(1, 6)  # purposes of random numbers
 _MIX = (np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _30, _27, _31, _11 = (np.uint64(bits) for bits in (30, 27, 31, 11))
 
@@ -124,16 +127,19 @@ def shift_weight(rotations, root, offsets, legs, metres):  # type: ignore[no-unt
 
 @kernel()
 def add_idle_motion(rotations, root, offsets, upper, legs, shares, first, seed, may_shift):  # type: ignore[no-untyped-def]
-    """Add breath, and head motion and shifts of weight times each frame's share; `first` numbers the first frame."""
+    """Add breath, and looks, leans and shifts of weight times each frame's share; `first` numbers the first frame."""
     for t in range(rotations.shape[0]):
         frame, share = first + t, smootherstep(shares[t])
         second = frame / FRAME_RATE_HZ
         full = breath(second, seed)
         yaw = LOOK_YAW * share * random_path(seed, _YAW, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
         pitch = LOOK_PITCH * share * random_path(seed, _PITCH, frame, LOOK_EVERY_S, LOOK_S, AHEAD)
+        ahead = LEAN * share * random_path(seed, _LEAN_AHEAD, frame, LEAN_EVERY_S, LEAN_S, UPRIGHT)
+        aside = LEAN * share * random_path(seed, _LEAN_ASIDE, frame, LEAN_EVERY_S, LEAN_S, UPRIGHT)
         for k in range(upper.shape[0]):
             if upper[k] >= 0:
-                x, z = BREATH[k, 0] * full + HEAD_SHARES[k] * pitch, BREATH[k, 1] * full
+                x = BREATH[k, 0] * full + HEAD_SHARES[k] * pitch + LEAN_SHARES[k] * ahead
+                z = BREATH[k, 1] * full + LEAN_SHARES[k] * aside
                 added, own = from_rotation_vector((x, HEAD_SHARES[k] * yaw, z)), rotations[t, upper[k]]
                 write_quaternion(own, normalized(multiply(read_quaternion(own), added)))
         if may_shift and share > 0:

@@ -35,7 +35,7 @@ class Runtime(Config):
 
     level_control: bool = Field(default=True, description="whether sound is brought to one loudness first")
     silent_temperature: float = Field(
-        default=0.3, ge=0, description="factor of the temperature in silence (ours: 0.3, paper: 1)"
+        default=0.5, ge=0, description="factor of the temperature in silence (ours: 0.5, paper: 1)"
     )
     lead_in_s: float = Field(
         default=2.0,
