@@ -136,6 +136,7 @@ def test_the_tiny_recipes_run_from_end_to_end(tmp_path: Path, monkeypatch: pytes
         "generator_stage1",
         "generator_stage2",
         "generator_stage3",
+        "generator_stage3_prompt",
         "generator_offline",
         "generator_depth",
         "face",

@@ -87,8 +87,10 @@ class Experiment:
         self.runtime, self.trackers = runtime, tuple(trackers)
         self.seed, self.workers, self.say, self.progress = seed, workers, say, progress
 
-    def again(self, *, seed: int | None = None, device: str | None = None, is_quiet: bool = False) -> Self:
-        """The same experiment, perhaps elsewhere and without output; or with another seed, on the same corpus."""
+    def again(
+        self, *, seed: int | None = None, device: str | None = None, runtime: str | None = None, is_quiet: bool = False
+    ) -> Self:
+        """The same experiment, perhaps elsewhere, without output, run otherwise; or with another seed, same corpus."""
         is_other = seed is not None and seed != self.seed
         how: dict[str, Any] = {} if is_quiet else {"say": self.say, "progress": self.progress}
         return type(self)(
@@ -97,7 +99,7 @@ class Experiment:
             self._shared_sources() if is_other else self.sources,
             device=device or self.device,
             seed=self.seed if seed is None else seed,
-            runtime=self.runtime,
+            runtime=runtime or self.runtime,
             workers=self.workers,
             trackers=self.trackers,
             **how,
@@ -231,6 +233,7 @@ class Experiment:
             motion_layers=layers,
             motion_codes=tokenizer.config.codes,
             parts=len(tokenizer.config.parts),
+            has_example=choice.sizes.get("control") == "prompt",
         )
         sizes = self.scale.generator.model_dump() | dict(choice.sizes)
         config = GeneratorConfig(layout=layout, is_leveled=False, **sizes)

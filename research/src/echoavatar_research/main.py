@@ -68,14 +68,20 @@ def offline(scale: Scale) -> GeneratorChoice:
     return GeneratorChoice("offline", sizes={"ahead_chunks": ahead}, training={"chunks": window + EXTRA_CHUNKS - ahead})
 
 
-def directed() -> GeneratorChoice:
-    """The generator of the last line, taught control by example (paper, Exemplar-Driven Control)."""
-    return GeneratorChoice("exemplars", sizes={"exemplar": True}, after=GeneratorChoice(OURS.name))
+def directed(scale: Scale) -> GeneratorChoice:
+    """The generator of the last line, taught control by example (paper, Exemplar-Driven Control).
+
+    In the paper's order by the paper's control tokens, else by our gate.
+    """
+    form = {"control": "prompt", "example_bias": 0.0} if scale.generator.sequence == "prefix" else {}
+    return GeneratorChoice("exemplars", sizes={"exemplar": True} | form, after=GeneratorChoice(OURS.name))
 
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
     """The parts of the table, see `waves`."""
-    return generator_waves([*(one.generator for one in VARIANTS), directed(), offline(experiment.scale)])
+    return generator_waves(
+        [*(one.generator for one in VARIANTS), directed(experiment.scale), offline(experiment.scale)]
+    )
 
 
 def make(experiment: Experiment) -> Table:
@@ -99,7 +105,7 @@ def make(experiment: Experiment) -> Table:
         experiment.say(f"line: {name}")
         quoted = dict(zip(keys, paper, strict=False))
         lines.append(Line(name, quoted, _scored(experiment, experiment.generated_motions(choice))))
-    for name, choice in ((EXEMPLARS, directed()), (OFFLINE, offline(experiment.scale))):
+    for name, choice in ((EXEMPLARS, directed(experiment.scale)), (OFFLINE, offline(experiment.scale))):
         experiment.say(f"line: {name}")
         lines.append(Line(name, {}, _scored(experiment, experiment.generated_motions(choice))))
     scored = {name.lower() for name in others}

@@ -16,6 +16,7 @@ from . import (
     layouts,
     main,
     retrieval,
+    runtimes,
     sound_labels,
     tokenizer_ablation,
 )
@@ -31,6 +32,7 @@ TABLES: dict[str, Callable[[Any], Table]] = {
     beat2.NAME: beat2.make,
     dataset_composition.NAME: dataset_composition.make,
     layouts.NAME: layouts.make,
+    runtimes.NAME: runtimes.make,
     latency.NAME: latency.make,
     alignment.NAME: alignment.make,
     retrieval.NAME: retrieval.make,
@@ -39,7 +41,7 @@ TABLES: dict[str, Callable[[Any], Table]] = {
 }
 WAVES: dict[str, Callable[[Any], Sequence[Sequence[Part]]]] = {
     module.NAME: module.waves
-    for module in (tokenizer_ablation, main, beat2, dataset_composition, layouts, alignment, retrieval)
+    for module in (tokenizer_ablation, main, beat2, dataset_composition, layouts, runtimes, alignment, retrieval)
 }
 """The parts of the tables that train; only these have several seeds and take several processes."""
 NOTHING_LEARNED = "Scale tiny: a few steps of small models. It shows that every part runs; no number means anything."
@@ -76,7 +78,8 @@ def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
     notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; {_seeds(experiments)}.")
     if name not in (codec_probes.NAME, sound_labels.NAME):
-        how = "none: codes decoded alone" if name == beat2.NAME else experiment.runtime
+        told = {beat2.NAME: "none: codes decoded alone", runtimes.NAME: "as the line says"}
+        how = told.get(name, experiment.runtime)
         notes.append(f"Runtime: {how}.")
     return dataclasses.replace(table, notes=notes)
 

@@ -93,6 +93,7 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
         motion_layers=tokenizer.config.layers,
         motion_codes=tokenizer.config.codes,
         parts=len(tokenizer.config.parts),
+        has_example=settings.model.get("control") == "prompt",
     )
     model, chosen = settings.model, settings.training
     model.setdefault("mlp", 3 * int(model["width"]))

@@ -172,8 +172,12 @@ def scene(runtime: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         engine.tick()
         shown += list(session)
     session.listen(user)
+    session.push(np.zeros(8 * CHUNK_SAMPLES, np.float32))
+    for _ in range(8):
+        engine.tick()
+        shown += list(session)
     session.act("raise_left_hand")
-    session.push(np.zeros(16 * CHUNK_SAMPLES, np.float32))
+    session.push(np.zeros(12 * CHUNK_SAMPLES, np.float32))
     session.finish()
     shown += list(session)
     parts = [(chunk.rotations, chunk.root, chunk.face) for chunk in shown]

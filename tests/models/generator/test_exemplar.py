@@ -9,7 +9,9 @@ from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Exemplar, Generator, TokenClip, draw_exemplar, open_stream
+from echoavatar.models.generator.exemplar import control_ids
 from echoavatar.models.generator.train import GeneratorTask, train_generator
+from echoavatar.models.tokens import TokenLayout
 
 EVERYONE = torch.ones(2, dtype=torch.bool)
 
@@ -123,3 +125,53 @@ def test_control_is_saved_loaded_and_asked_for_by_name(tmp_path):
     assert Generator.load(tmp_path).exemplar is not None
     with pytest.raises(CheckpointError, match="exemplar"):
         GeneratorTask(config(), settings(exemplar=0.5), any_clips())
+
+
+PROMPTED = {
+    "sequence": "prefix",
+    "exemplar": True,
+    "control": "prompt",
+    "layout": TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8, has_example=True),
+}
+
+
+def test_control_tokens_need_a_prompt() -> None:
+    with pytest.raises(ValueError, match="prefix order"):
+        config(**(PROMPTED | {"sequence": "interleaved"}))
+    with pytest.raises(CheckpointError, match="before_example"):
+        GeneratorTask(config(**(PROMPTED | {"layout": config().layout})), settings(exemplar=1.0), [])
+    assert Generator(config(**PROMPTED)).exemplar is None  # no weight is added
+
+
+def test_the_stream_reads_the_control_tokens_that_training_wrote() -> None:
+    """Paper, Exemplar-Driven Control: a set in front of the window, one row without; the likeliest codes are drawn."""
+    model = generator(**PROMPTED)
+    stream, x, sets = open_stream(model), audio(2, 60), members({1, 2, 5}, set())
+    state, parts = stream.init_state(2), []
+    for chunk in x.split(20, dim=1):
+        parts.append(stream.step(chunk, state, EVERYONE, temperature=torch.zeros(2), exemplar=sets))
+    codes = torch.cat(parts, 1)
+    order, layout = model.config.order, model.config.layout
+    ids = control_ids(sets, layout.segment_start(2) + torch.arange(8))
+    assert ids.tolist() == [[layout.segment_start(2) + code for code in (1, 2, 5)], [-1, -1, -1]]
+    whole = order.build(x, codes, codes, torch.zeros(2, dtype=torch.int64), ids)
+    best = model.code_logits(whole, model.read(whole)).argmax(-1).transpose(0, 1)
+    assert torch.equal(best[..., -2:], whole.targets[..., -2:])
+    untold = order.build(x, codes, codes, torch.zeros(2, dtype=torch.int64))
+    other = model.code_logits(untold, model.read(untold)).argmax(-1).transpose(0, 1)
+    assert not torch.equal(other[0, :, -2:], whole.targets[0, :, -2:])
+    assert torch.equal(other[1, :, -2:], whole.targets[1, :, -2:])  # no set, no system prompt
+
+
+@pytest.mark.slow
+def test_trained_control_tokens_steer(tmp_path) -> None:
+    """Without any bias of logits: codes come mostly from the set that stands in front."""
+    clips = [TokenClip(*clip_arrays(seed)) for seed in range(30)]
+    training = settings(steps=400, batch=8, learning_rate=1e-2, warmup=5, exemplar=0.9, short_windows=0)
+    model = train_generator(config(**PROMPTED, layers=2), training, clips, tmp_path)
+    stream, x, sets = open_stream(model), audio(2, 400), members({2, 6}, {0, 3})
+    told = stream.step(x, stream.init_state(2), EVERYONE, exemplar=sets)[:, :, 1, 0]
+    free = stream.step(x, stream.init_state(2), EVERYONE)[:, :, 1, 0]
+    inside, outside = (sets.gather(1, codes).mean(1) for codes in (told, free))
+    assert bool((inside > 0.6).all()), inside
+    assert bool((inside > outside + 0.2).all()), (inside, outside)

@@ -65,6 +65,11 @@ class GeneratorConfig(Config):
     exemplar: bool = Field(
         default=False, description="whether a set of first-layer upper-body codes steers it (paper, stage 3)"
     )
+    control: Literal["gate", "prompt"] = Field(
+        default="gate",
+        description="how the set enters: by a vector and a gate (ours), or as control tokens in front of the window"
+        " (paper; prefix order)",
+    )
 
     step: int = Field(
         default=MOTION_TOKENS_PER_CHUNK,
@@ -99,6 +104,8 @@ class GeneratorConfig(Config):
             raise ValueError(f"steered segments {self.steered} must lie in 0..{self.layout.segments - 1}")
         if self.exemplar and self.layout.parts == 1:
             raise ValueError("control by exemplars speaks of the upper body, which this body is not split into")
+        if self.control == "prompt" and self.sequence != "prefix":
+            raise ValueError("control tokens stand in front of a prompt, so they belong to the prefix order")
         if self.steered and self.exemplar:
             raise ValueError("a generator trained with exemplars is steered in the upper body's first layer only")
         return self

@@ -2,13 +2,14 @@
 
 Paper, Exemplar-Driven Control (after MECo): the first RVQ layer carries the meaning, so the codes that a reference clip
 uses there, without order, are the directive. Which part of the body the paper means, and whether it drops codes of a
-set in training, it does not say: the upper body is the release's, 10 to 20 % dropped is our choice.
+set in training, it does not say: the upper body is the release's, 10 to 20 % dropped is MECo's.
 
-Departs from the paper, which writes the set as a system prompt in front of a window that is re-read every step: ours
-costs no context and may change at every chunk border. While a set holds, one vector (the set's embeddings summed over
-the root of its size, mapped) is added to the input of every position that predicts a motion code, and where the first
-layer of the upper body is predicted, the set's logits are raised by a learned gate. Both maps begin at zero, so a
-generator trained without exemplars goes on unchanged.
+Two forms. `prompt` is the paper's: the set stands as control tokens in a system prompt, in front of a window that is
+re-read every step (`Prefix.prompt`, `control_ids`); the transformer learns what they mean, no weight is added. `gate`
+(ours) costs no context, works in every order and may change at every chunk border: while a set holds, one vector (the
+set's embeddings summed over the root of its size, mapped) is added to the input of every position that predicts a
+motion code, and where the first layer of the upper body is predicted, the set's logits are raised by a learned gate.
+Both maps begin at zero, so a generator trained without exemplars goes on unchanged.
 """
 
 from typing import NamedTuple
@@ -65,6 +66,13 @@ class ExemplarControl(nn.Module):
         """By how much the logits of the set are raised."""
         raised: Tensor = self.gate_proj(hidden)
         return raised
+
+
+def control_ids(members: Float[Tensor, "b K"], ids: Int[Tensor, " K"]) -> Int[Tensor, "b m"]:
+    """The control tokens of each row's set, ascending, -1 behind the last; `ids` are those of all codes."""
+    is_in = members > 0
+    order = is_in.int().argsort(dim=1, descending=True, stable=True)[:, : int(is_in.sum(1).max())]
+    return torch.where(is_in.gather(1, order), ids[order], -1)
 
 
 def segment_of(layout: TokenLayout) -> int:

@@ -127,6 +127,12 @@ class Body(nn.Module):
         return hidden
 
 
+def _control(config: GeneratorConfig) -> ExemplarControl | None:
+    """Weights of control by exemplars; control tokens in the prompt need none."""
+    has_weights = config.exemplar and config.control == "gate"
+    return ExemplarControl(config.width, config.read_width) if has_weights else None
+
+
 class Generator(Checkpointed):
     """Ids in, hidden states and segment logits out."""
 
@@ -139,7 +145,7 @@ class Generator(Checkpointed):
         self.model = Body(config)
         self.depth = DepthReader(config, Body(config.depth)) if config.sequence == "depth" else None
         self.lm_head = nn.Linear(config.read_width, config.layout.vocabulary, bias=False)
-        self.exemplar = ExemplarControl(config.width, config.read_width) if config.exemplar else None
+        self.exemplar = _control(config)
         self._initialise()
 
     def _initialise(self) -> None:

@@ -18,7 +18,7 @@ from echoavatar.nn.stream import StreamingModule, StreamState, write_rows
 from ..tokens import Interleaved, Prefix
 from .config import AUDIO_FRAMES_PER_TOKEN
 from .decoder import Decoder, KeyValueRing, Places
-from .exemplar import Steer
+from .exemplar import Steer, control_ids
 from .linear import Precision
 from .model import Generator
 from .sampling import Sampler, gumbel_noise, make_sampler
@@ -277,9 +277,7 @@ class PrefixStream(GeneratorStream[HistoryState]):
         starts = torch.tensor([self.layout.segment_start(segment) for segment in self.config.directed])
         codes = torch.arange(self.layout.motion_codes)
         ids = (starts[:, None] + codes).flatten().to(steer.members.device)
-        is_in = steer.members > 0
-        order = is_in.int().argsort(dim=1, descending=True, stable=True)[:, : int(is_in.sum(1).max())]
-        return torch.where(is_in.gather(1, order), ids[order], -1)
+        return control_ids(steer.members, ids)
 
     def _places(self, valid: Bool[Tensor, "b t"]) -> Places:
         rows, device = valid.shape[0], valid.device

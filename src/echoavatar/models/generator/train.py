@@ -16,10 +16,10 @@ from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.training import Loss, Muon, Progress, TrainingTask, adamw, has_state, train
 
-from ..tokens import corrupt_hierarchically, corrupt_uniformly
+from ..tokens import Prefix, Sequences, corrupt_hierarchically, corrupt_uniformly
 from .config import GeneratorConfig
 from .cues import CueReader
-from .exemplar import Exemplar, draw_exemplar
+from .exemplar import Exemplar, control_ids, draw_exemplar, segment_of
 from .initial import align_embeddings, init_from_qwen
 from .loss import code_nll, hierarchical_loss, summary
 from .model import Generator
@@ -60,6 +60,10 @@ class GeneratorTask(TrainingTask[Lesson]):
             )
         if training.exemplar and not config.exemplar:
             raise CheckpointError("training exemplar > 0 needs a generator config with exemplar true")
+        if training.exemplar and config.control == "prompt" and not config.layout.before_example:
+            raise CheckpointError(
+                "control prompt needs a layout with before_example, behind which control tokens stand"
+            )
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.generator = Generator(config)
@@ -69,7 +73,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         super().__init__(training, {"generator": self.generator} | ({"cues": self.cues} if is_reading else {}))
         if training.objective == "streams":
             freeze_body(self.generator)
-        self.has_idle = config.exemplar and not training.exemplar and training.objective == "motion"
+        self.has_idle = self.generator.exemplar is not None and not training.exemplar and training.objective == "motion"
         self.chunks = config.window_chunks if config.sequence == "prefix" else training.chunks
         chosen = [clip.heard_ahead(config.ahead_chunks) for clip in clips if clip.split == "train"]
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
@@ -79,7 +83,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         weights = start.state_dict()
         if start.exemplar is None:
             own = self.generator.state_dict()
-            weights |= {key: own[key] for key in own if key.startswith("exemplar.")}
+            weights = dict(weights) | {key: own[key] for key in own if key.startswith("exemplar.")}
         checkpoint.load_into(self.generator, weights, origin="the generator to start from")
 
     def identity(self) -> dict[str, GeneratorConfig | GeneratorTraining]:
@@ -133,8 +137,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             streams = stream_nll(self.generator, window)
             means = {"nll_audio": streams.audio.mean(), "nll_motion": streams.motion.mean()}
             return Loss(stream_loss(streams, training.depth_weights), means)
-        order = self.generator.config.order
-        sequences = order.build(window.audio, batch.context, window.motion, batch.missing)
+        sequences = self._sequences(batch)
         hidden = self.generator.read(sequences, batch.exemplar)
         nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)
@@ -143,6 +146,16 @@ class GeneratorTask(TrainingTask[Lesson]):
             return Loss(codes, told)
         cues = self.cues.loss(window.cues, sequences.predictors)
         return Loss(codes + training.cue_weight * cues, told | {"cues": cues})
+
+    def _sequences(self, batch: Lesson) -> Sequences:
+        """The windows as ids; directives stand in front as control tokens where the config says so."""
+        config, window = self.generator.config, batch.window
+        order, parts = config.order, (window.audio, batch.context, window.motion, batch.missing)
+        if not isinstance(order, Prefix) or batch.exemplar is None or config.control != "prompt":
+            return order.build(*parts)
+        start = config.layout.segment_start(segment_of(config.layout))
+        ids = start + torch.arange(config.layout.motion_codes, device=window.audio.device)
+        return order.build(*parts, control_ids(batch.exemplar.members, ids))
 
     def save(self, folder: Path, step: int) -> None:
         """The generator."""

@@ -53,9 +53,19 @@ class TokenLayout(Config):
 
     @classmethod
     def compact(
-        cls, *, audio_codes: int, motion_layers: int, motion_codes: int, audio_layers: int = 2, parts: int = PARTS
+        cls,
+        *,
+        audio_codes: int,
+        motion_layers: int,
+        motion_codes: int,
+        audio_layers: int = 2,
+        parts: int = PARTS,
+        has_example: bool = False,
     ) -> Self:
-        """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows."""
+        """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows.
+
+        With `has_example` a prefix prompt may show control tokens behind the fourth special; no row is added for it.
+        """
         motion_base = 4 + audio_layers * audio_codes
         return cls(
             audio_layers=audio_layers,
@@ -63,6 +73,7 @@ class TokenLayout(Config):
             motion_layers=motion_layers,
             motion_codes=motion_codes,
             parts=parts,
+            before_example=(3,) if has_example else (),
             motion_base=motion_base,
             vocabulary=motion_base + parts * motion_layers * motion_codes,
         )

@@ -143,7 +143,7 @@ class Prefix(SequenceOrder):
         rows, device = audio.shape[0], audio.device
         sound, moves = self.layout.audio_ids(audio), self.layout.motion_ids(context)
         before, between = (
-            torch.tensor(ids, device=device).expand(rows, -1)
+            torch.tensor(ids, dtype=torch.int64, device=device).expand(rows, -1)
             for ids in (self.layout.before_audio, self.layout.before_motion)
         )
         chunks = sound.shape[1] // self.audio_per_chunk
@@ -160,7 +160,7 @@ class Prefix(SequenceOrder):
         """The system prompt of each row; it is invalid in rows without an example."""
         rows, is_id = len(example), example >= 0
         head, tail = (
-            torch.tensor(ids, device=example.device).expand(rows, -1)
+            torch.tensor(ids, dtype=torch.int64, device=example.device).expand(rows, -1)
             for ids in (self.layout.before_example, self.layout.after_example)
         )
         any_ = is_id.any(1, keepdim=True)
@@ -173,9 +173,10 @@ class Prefix(SequenceOrder):
         context: Int[Tensor, "b n p q"],
         target: Int[Tensor, "b n p q"],
         missing: Int[Tensor, " b"],
+        example: Int[Tensor, "b m"] | None = None,
     ) -> Sequences:
-        """See `SequenceOrder.build`."""
-        ids, valid = self.prompt(audio, context, missing)
+        """See `SequenceOrder.build`. `example`: see `prompt`."""
+        ids, valid = self.prompt(audio, context, missing, example)
         count = context.shape[1] * self.layout.segments
         first = ids.shape[1] - count - 1
         at = torch.arange(first, first + count, device=ids.device)
