@@ -1,5 +1,6 @@
 import argparse
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -26,11 +27,15 @@ def test_a_command_is_told_without_places() -> None:
     assert _command(args, "main") == "echoavatar reproduce main --scale tiny -o runs --corpus set --seed 3"
 
 
-def test_bad_requests_are_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_requests_are_told_in_one_line(
+    tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     one = folder(tmp_path / "unsplit", [clip(name, 90, split="train") for name in "abc"], is_corpus=True)
     two = folder(
         tmp_path / "split", [*(clip(name, 90) for name in "abc"), clip("d", 90, split="train")], is_corpus=True
     )
+    part = shutil.copytree(tiny_bundle, tmp_path / "part")
+    shutil.rmtree(part / "generator")
     for words, told in (
         (
             ["main", "--corpus", str(one)],
@@ -40,7 +45,7 @@ def test_bad_requests_are_told_in_one_line(tmp_path: Path, capsys: pytest.Captur
         (["main", "--with", "A=x", "--with", "A=y"], "two --with have the same name"),
         (["main", "--corpus", str(two), "--with", "A=none"], "none is not a folder"),
         (["main", "--device", "tpu"], "no device 'tpu'"),
-        (["latency", "--model", str(tmp_path)], f"{tmp_path}"),
+        (["latency", "--model", str(part)], "part is not a bundle: generator missing; see `echoavatar bundle`"),
     ):
         assert main(["reproduce", *words, "-o", str(tmp_path / "out")]) == 1
         err = capsys.readouterr().err

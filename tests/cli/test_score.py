@@ -3,7 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from research.tests.datasets.samples import write_beat2
 from tests.evaluation.clips import clip, folder
+from tests.files.test_smpl_pickle import Runs, write_edge
 
 from echoavatar.cli import main
 
@@ -67,3 +69,55 @@ def test_a_bundle_makes_the_motion_and_the_runtime_heads_the_table(
     assert capsys.readouterr().out.startswith("runtime: paper; model: ")
     assert main(["score", *words]) == 0  # the note stays with the motion
     assert capsys.readouterr().out.startswith("runtime: paper; model: ")
+
+
+def foreign(place: Path, step: float) -> tuple[Path, Path, Path]:
+    """The truth on SMPL-X; as EMAGE writes it, going `step` metres a frame along X; as EDGE writes it, likewise."""
+    true, emage, edge = (place / name for name in ("true", "emage", "edge"))
+    for folder_of in (true, emage, edge):
+        folder_of.mkdir(parents=True)
+    for name, seconds in (("a", 2.0), ("b", 3.0)):
+        stands = write_beat2(place / "raw", name, seconds)
+        (true / f"{name}.npz").write_bytes(stands.read_bytes())
+        for z_up in (False, True):
+            with np.load(write_beat2(place / f"raw{z_up}", name, seconds, is_z_up=z_up)) as stored:
+                arrays = dict(stored)
+            arrays["trans"] = arrays["trans"] + np.outer(step * np.arange(len(arrays["trans"])), [1, 0, 0])
+            if z_up:
+                write_edge(edge / f"test_{name}.pkl", arrays["poses"][:, :72], arrays["trans"])
+            else:
+                np.savez(emage / f"res_{name}.npz", **arrays)
+    return true, emage, edge
+
+
+def test_files_of_other_systems_get_the_scores_they_were_made_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same poses, one centimetre a frame to the side: poses have no error, steps one of 10 mm."""
+    true, *others = foreign(tmp_path, 0.01)
+    for made in others:
+        assert main(["score", str(made), str(true), "--no-audio", "--extractor", "none", "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert told["trans_loss"]["value"] == pytest.approx(10.0, rel=0.02), made
+        assert told["mpjpe_body"]["value"] == pytest.approx(0.0, abs=1e-3), made
+        assert told["hand_speed"]["value"] == pytest.approx(told["hand_speed"]["truth"], rel=1e-4)
+        straight = made.name == "edge"  # EDGE has no fingers
+        assert (told["mpjpe_hands"]["value"] > 1) == straight
+
+
+def test_bad_files_of_other_systems_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    true, emage, edge = foreign(tmp_path, 0.0)
+    with np.load(emage / "res_a.npz") as stored:
+        arrays = dict(stored)
+    np.savez(emage / "res_a.npz", **arrays | {"poses": np.where(np.arange(60)[:, None] == 7, np.nan, arrays["poses"])})
+    write_edge(edge / "test_b.pkl", arrays["poses"][:, :72], arrays["trans"], extra=Runs())
+    for made, told in ((emage, "res_a.npz, frame 7: "), (edge, "test_b.pkl is refused: it would run builtins.print")):
+        assert main(["score", str(made), str(true), "--no-audio", "--extractor", "none"]) == 1
+        said = capsys.readouterr()
+        assert told in said.err
+        assert said.err.count("\n") == 1
+        assert "never run" not in said.out
+    np.savez(emage / "res_a.npz", **arrays | {"mocap_frame_rate": 60})
+    assert main(["score", str(emage), str(true), "--no-audio", "--extractor", "none"]) == 1
+    assert "res_a.npz is at 60 frames per second" in (error := capsys.readouterr().err)
+    assert "--resample" in error

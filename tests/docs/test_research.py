@@ -8,7 +8,15 @@ import shutil
 from pathlib import Path
 
 import pytest
-from research.tests.datasets.samples import gesture, motorica_names, renamed, speech, write_beat2, write_motion
+from research.tests.datasets.samples import (
+    gesture,
+    motorica_names,
+    renamed,
+    speech,
+    write_beat2,
+    write_lda,
+    write_motion,
+)
 from tests.evaluation.clips import clicks
 
 from echoavatar.cli import COMMANDS, command_module, main
@@ -85,8 +93,12 @@ def write_copies(place: Path) -> None:
         dances.append(f"kthstreet_gPO_sFM_cAll_d0{number + 1}_mPO_ch02_song_00{number}")
     for number, name in enumerate(dances):
         seconds = 4.5 + number % 4 / 2
-        motion = renamed(gesture(seconds, 120.0), motorica_names())
-        write_motion(place / f"motorica_dance_dataset/bvh/{name}.bvh", motion)
+        if number < len(dances) - 2:
+            motion = renamed(gesture(seconds, 120.0), motorica_names())
+            write_motion(place / f"motorica_dance_dataset/bvh/{name}.bvh", motion)
+        else:  # as Listen, Denoise, Action! publishes them
+            motion = renamed(gesture(seconds, 30.0, fingers=0.0), motorica_names())
+            write_lda(place / f"motorica_dance_dataset/motorica_dance/{name}.expmap_30fps.pkl", motion)
         path = place / f"motorica_dance_dataset/wav/{name}.wav"
         path.parent.mkdir(exist_ok=True)
         write_wav(path, clicks(round(seconds * 30), 0.5))
@@ -117,6 +129,7 @@ def test_the_page_runs_from_raw_folders_to_tables(tmp_path: Path, monkeypatch: p
     for name in ("main", "retrieval", "tokenizer-ablation", "dataset-composition", "alignment", "beat2", "latency"):
         text = (tables / f"{name}.md").read_text()
         assert "Made by `echoavatar reproduce" in text
+    assert "kthstreet_gPO_sFM_cAll_d04_mPO_ch02_song_003" in Corpus("sets/motorica").names("train")  # of a pickle
     held_out = Corpus("sets/all").names("test", has_mirrored=False)
     assert {"067_Speech_1_x_1_0", "kthstreet_gKR_sFM_cAll_d01_mKR_ch01_chargedcableupyour_001"} <= set(held_out)
     assert f"{len(held_out)} test clips" in (tables / "main.md").read_text() or len(held_out) > 3

@@ -142,5 +142,5 @@ def test_speech_over_music_is_as_loud_as_the_speech(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(domains.alive, "read_sounds", lambda *_, **__: list(sounds))
     *kept, mixed = domains.read_sounds(Path(), 1, 1)
     assert kept == sounds
-    assert (mixed.kind, mixed.group, len(mixed.audio)) == ("music", domains.SPOKEN_OVER, 400)
+    assert (mixed.kind, mixed.group, len(mixed.audio)) == ("both", domains.SPOKEN_OVER, 400)
     assert np.std(mixed.audio) == pytest.approx(0.1, rel=0.15)

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """SRC, in your own copy of the dataset:
   zeroeggs   the unpacked Zeggs_data (clean/*.bvh + *.wav, info.csv)
-  motorica   motorica_dance_dataset (bvh/*.bvh, wav/*.wav); --sound any includes dances without published music
+  motorica   motorica_dance_dataset (bvh/*.bvh, wav/*.wav, or LDA's *.expmap_30fps.pkl); --sound any includes dances
+             without published music
   beat2      beat_english_v2.0.0 (smplxflame_30/*.npz, wave16k/*.wav, train_test_split.csv)
   bandai     dataset-1 and dataset-2 (*.bvh, no sound: for a tokenizer)
   bvh        any folder; sound of the same name beside each file, or in wav/ beside bvh/

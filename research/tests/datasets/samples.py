@@ -1,5 +1,7 @@
 """Synthetic recordings with the layout of published datasets, whose licences keep them out of the repository."""
 
+import pickle  # noqa: TID251  # to write what LDA publishes
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,12 @@ import torch
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, write_bvh
 from echoavatar.motion.kinematics.rigs import bone_map, finger_bones
-from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar.motion.kinematics.rotations import (
+    axis_angle_from_quaternion,
+    quaternion_conjugate,
+    quaternion_from_axis_angle,
+    quaternion_multiply,
+)
 
 SHARED = Path(__file__).parents[3] / "../shared/data/motion_eval_only"
 SIDES = (("left", "Left"), ("right", "Right"))
@@ -118,4 +125,60 @@ def write_beat2(folder: Path, name: str, seconds: float = 3.0, *, is_z_up: bool 
     np.savez(path, poses=poses, trans=trans, betas=np.zeros(300), mocap_frame_rate=30, gender=np.array("neutral"))
     (folder / "wave16k").mkdir(exist_ok=True)
     write_wav(folder / "wave16k" / f"{name}.wav", speech(seconds, 16_000), rate=16_000)
+    return path
+
+
+def pickled_frame(columns: Mapping[str, np.ndarray], *, is_old: bool = False) -> bytes:
+    """A data frame as pandas pickles it, without pandas; `is_old`: as before pandas 1.3."""
+    values, names = np.stack(list(columns.values())).astype(np.float64), np.array(list(columns), object)
+
+    def plain(value: object) -> bytes:
+        return pickle.dumps(value, protocol=2)[2:-1]
+
+    def text(value: str) -> bytes:
+        return b"X" + len(value).to_bytes(4, "little") + value.encode()
+
+    index = (
+        b"cpandas.core.indexes.base\n_new_Index\n(cpandas.core.indexes.base\nIndex\n}(" + text("data") + plain(names)
+    )
+    index += text("name") + b"NutR"
+    places = b"cbuiltins\nslice\n" + plain((0, len(names), 1)) + b"R"
+    manager = b"cpandas.core.internals.managers\nBlockManager\n"
+    if is_old:
+        block = b"}(" + text("values") + plain(values) + text("mgr_locs") + places + b"u"
+        kept = b"}(" + text("axes") + b"](" + index + index + b"e" + text("blocks") + b"](" + block + b"eu"
+        manager += b")\x81(]]]}" + text("0.14.1") + kept + b"stb"
+    else:
+        block = b"cpandas._libs.internals\n_unpickle_block\n(" + plain(values) + places + b"K\x02tR"
+        manager += b"((" + block + b"t](" + index + index + b"etR"
+    return b"\x80\x02cpandas.core.frame\nDataFrame\n)\x81}" + text("_mgr") + manager + b"sb."
+
+
+def lda_columns(motion: Motion) -> dict[str, np.ndarray]:
+    """Motion on Motorica's names at 30 fps as LDA's columns; the reference is under the hips and turns with them."""
+    from echoavatar_research.datasets.lda import PARENTS
+
+    rig, rotations = motion.skeleton, torch.from_numpy(motion.rotations).double()
+    hips = rotations[:, 0].numpy()
+    yaw = np.unwrap(2 * np.arctan2(hips[:, 2], hips[:, 0]), period=2 * np.pi)
+    yaw = yaw - yaw[0]
+    heading = quaternion_from_axis_angle(torch.from_numpy(np.outer(yaw, [0.0, 1.0, 0.0])))
+    local = rotations.clone()
+    local[:, 0] = quaternion_multiply(quaternion_conjugate(heading), rotations[:, 0])
+    found = {}
+    for joint in PARENTS:
+        turns = axis_angle_from_quaternion(local[:, rig.index(joint)]).numpy()
+        found |= {f"{joint}_{axis}": turns[:, n] for n, axis in enumerate(("alpha", "beta", "gamma"))}
+    step = 100 * np.diff(motion.root.astype(np.float64), axis=0, prepend=motion.root[:1])
+    found["Hips_Yposition"] = 100 * motion.root[:, 1].astype(np.float64)
+    found["reference_dXposition"] = np.cos(yaw) * step[:, 0] - np.sin(yaw) * step[:, 2]
+    found["reference_dZposition"] = np.cos(yaw) * step[:, 2] + np.sin(yaw) * step[:, 0]
+    found["reference_dYrotation"] = np.diff(yaw, prepend=yaw[0])
+    return found
+
+
+def write_lda(path: Path, motion: Motion) -> Path:
+    """Write a dance as LDA publishes it, and the folders above it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(pickled_frame(lda_columns(motion)))
     return path

@@ -1,4 +1,4 @@
-from research.tests.datasets.samples import gesture, motorica_names, renamed, speech, write_motion
+from research.tests.datasets.samples import gesture, motorica_names, renamed, speech, write_lda, write_motion
 
 from echoavatar.models.audio import write_wav
 from echoavatar_research.datasets.motorica import TEST, survey
@@ -30,3 +30,23 @@ def test_clips_of_single_dancers_without_music_are_known_by_name(tmp_path):
     only = survey(tmp_path).recordings[0]
     assert only.labels == {"genre": "tapping", "speaker": "d02"}
     assert only.split == "test"
+
+
+def test_ldas_tables_stand_for_dances_without_a_bvh(tmp_path):
+    dance = renamed(gesture(1.0, 30.0), motorica_names())
+    folder = tmp_path / "data/motorica_dance"
+    for name in (
+        f"{NAME}_00",
+        f"{TEST[5]}_01",
+        f"{TEST[5]}_01_mirrored",
+        "kthstreet_gLO_sFM_cAll_d01_mLO_ch01_x_001_00",
+    ):
+        write_lda(folder / f"{name}.expmap_30fps.pkl", dance)
+    (folder / f"{NAME}_00.audio29_30fps.pkl").write_bytes(b"")
+    write_motion(tmp_path / "bvh" / f"{NAME}.bvh", dance)
+    by_name = {one.name: one for one in survey(tmp_path).recordings}
+    assert by_name.keys() == {NAME, f"{TEST[5]}_01", "kthstreet_gLO_sFM_cAll_d01_mLO_ch01_x_001_00"}
+    held = by_name[f"{TEST[5]}_01"]
+    assert (held.split, held.labels["genre"], held.rig) == ("test", "hiphop", tmp_path / "bvh" / f"{NAME}.bvh")
+    assert by_name[NAME].rig is None
+    assert [name for name, _ in survey(tmp_path).left_out] == [f"{NAME}_00", f"{TEST[5]}_01_mirrored"]

@@ -30,7 +30,7 @@ AROUND_S = 2.0
 ANKLES = 0.60  # metres a second, of a body whose head joint is 1.5 m above its ankles
 HANDS = 0.12  # arm lengths a second
 WAITING, TALKING, SIGNALLING, DANCING = "waiting", "talking", "signalling and laughing", "dancing"
-SPOKEN_OVER = "spoken word over beats (mixed)"
+BOTH, SPOKEN_OVER = "both", "spoken word over music (mixed)"
 MIXED = 3  # such sounds
 _WORDS = {
     DANCING: ("dance",),
@@ -107,7 +107,7 @@ def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
         size = min(len(one.audio), len(other.audio))
         audio = one.audio[:size] / _loudness(one.audio) + other.audio[:size] / _loudness(other.audio)
         audio *= _loudness(one.audio) / np.sqrt(2)
-        mixed.append(Sound(f"{one.name} over {other.name}", MUSIC, SPOKEN_OVER, audio.astype(np.float32)))
+        mixed.append(Sound(f"{one.name} over {other.name}", BOTH, SPOKEN_OVER, audio.astype(np.float32)))
     return sounds + mixed
 
 

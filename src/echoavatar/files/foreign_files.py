@@ -21,6 +21,7 @@ from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_f
 from echoavatar.motion.kinematics.tables import array_of, arrays_of
 
 from .pickled_arrays import PickledArray, RefusedError, unpickle_arrays
+from .pickled_frame import NOTED, frame_columns
 
 _WEIGHT_BYTES = 1 << 36  # of one torch file
 _TORCH_NAMES = (  # what state dicts and their optimisers name; besides, torch's storages and data types
@@ -159,9 +160,31 @@ def read_pickled_table(path: Path) -> dict[str, object]:
     Raises:
         CheckpointError: missing, damaged, no dictionary, or with anything in it that would run when read.
     """
+    stored = _unpickled(path)
+    if not isinstance(stored, dict):
+        raise CheckpointError(f"{path} holds no table of arrays but a {type(stored).__name__}; give another file")
+    return {name: part.content if isinstance(part, PickledArray) else part for name, part in stored.items()}
+
+
+def read_pickled_frame(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a data frame of numbers that pandas pickled, by name, each (rows,).
+
+    Raises:
+        CheckpointError: missing, damaged, no data frame, or with anything in it that would run when read.
+    """
+    stored = _unpickled(path, NOTED)
+    try:
+        return frame_columns(stored)
+    except RefusedError as error:
+        raise CheckpointError(
+            f"{path} is refused: {error}; give a data frame of numbers as pandas pickles it"
+        ) from error
+
+
+def _unpickled(path: Path, noted: tuple[str, ...] = ()) -> object:
     try:
         check_file(path, PICKLED_BYTES, CheckpointError)
-        stored = unpickle_arrays(path.read_bytes())
+        return unpickle_arrays(path.read_bytes(), noted)
     except CheckpointError:
         raise
     except FileNotFoundError as error:
@@ -170,9 +193,6 @@ def read_pickled_table(path: Path) -> dict[str, object]:
         raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
     except Exception as error:  # a damaged pickle raises errors of any kind
         raise CheckpointError(f"{path} is no pickle or is cut off ({type(error).__name__}); fetch it again") from error
-    if not isinstance(stored, dict):
-        raise CheckpointError(f"{path} holds no table of arrays but a {type(stored).__name__}; give another file")
-    return {name: part.content if isinstance(part, PickledArray) else part for name, part in stored.items()}
 
 
 def read_pickled_array(data: bytes) -> np.ndarray:

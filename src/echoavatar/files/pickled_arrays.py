@@ -2,14 +2,15 @@
 
 Python's unpickler calls what the file names, sets attributes on it, and makes objects as large as the file asks. This
 reader is a small machine of its own. It knows the instructions that NumPy's pickles consist of, holds numbers, texts,
-bytes, tuples, lists and dictionaries, and builds arrays itself from bytes whose number fits. Every other instruction
-ends it, and so do more steps or bytes than `limits` allows.
+bytes, tuples, lists and dictionaries, and builds arrays itself from bytes whose number fits. Objects of classes that
+the caller names are noted with their arguments, and never made. Every other instruction ends it, and so do more steps
+or bytes than `limits` allows.
 """
 
 import io
 import math
 import pickletools
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from echoavatar.limits import PICKLED_STEPS
 
 _NUMBERS = ("<f4", "<f8", "<i4", "<i8", "f4", "f8", "i4", "i8")
+_SPANS = {"m8": "i8", "<m8": "i8"}  # lengths of time are counted in whole units
 _MOST_AXES = 32
 _SLACK_BYTES = 1 << 16  # what a pickle of any size may allocate
 _RECONSTRUCT = ("numpy.core.multiarray _reconstruct", "numpy._core.multiarray _reconstruct")
@@ -38,6 +40,15 @@ class PickledArray:
 
 
 @dataclass
+class PickledObject:
+    """An object that the pickle describes and that is not made: what would make it, its arguments, its state."""
+
+    name: str
+    arguments: tuple[Any, ...] = ()
+    state: Any = None
+
+
+@dataclass
 class _Name:
     """A module's attribute that the pickle names."""
 
@@ -55,19 +66,21 @@ class _Mark:
     """Where a tuple, list or dictionary begins on the stack."""
 
 
-def unpickle_arrays(data: bytes) -> Any:
+def unpickle_arrays(data: bytes, noted: Collection[str] = ()) -> Any:
     """What a pickle holds, with a `PickledArray` for each array.
+
+    `noted`: classes and functions ("module name") of which a `PickledObject` takes the place, without being called.
 
     Raises:
         RefusedError: the pickle names anything but an array, or asks for more than it brings.
         Exception: the pickle is damaged.
     """
-    return _Machine(data).run()
+    return _Machine(data, noted).run()
 
 
 class _Machine:
-    def __init__(self, data: bytes) -> None:
-        self._data = data
+    def __init__(self, data: bytes, noted: Collection[str]) -> None:
+        self._data, self._noted = data, frozenset(noted)
         self._stack: list[Any] = []
         self._memo: dict[int, Any] = {}
         self._allowance = 2 * len(data) + _SLACK_BYTES  # bytes that arrays and encoded texts may take
@@ -96,6 +109,7 @@ class _Machine:
             "STACK_GLOBAL": self._stack_global,
             "REDUCE": self._reduce,
             "BUILD": self._build,
+            "NEWOBJ": self._new_object,
         }
 
     def run(self) -> Any:
@@ -117,8 +131,8 @@ class _Machine:
         elif name in ("GET", "BINGET", "LONG_BINGET"):
             self._stack.append(self._memo[argument])
         elif name == "GLOBAL":
-            self._stack.append(_known(str(argument)))
-        elif name in ("NEWOBJ", "NEWOBJ_EX", "INST", "OBJ", "EXT1", "EXT2", "EXT4", "PERSID", "BINPERSID"):
+            self._stack.append(self._known(str(argument)))
+        elif name in ("NEWOBJ_EX", "INST", "OBJ", "EXT1", "EXT2", "EXT4", "PERSID", "BINPERSID"):
             raise RefusedError(f"it makes an object ({name}), which arrays never need")
         elif isinstance(argument, int | float | str | bytes | bytearray) and "STRING" not in name:
             self._stack.append(bytes(argument) if isinstance(argument, bytearray) else argument)
@@ -177,13 +191,15 @@ class _Machine:
         module, name = self._take(2)
         if not isinstance(module, str) or not isinstance(name, str):
             raise RefusedError("it names something that is no text")
-        self._stack.append(_known(f"{module} {name}"))
+        self._stack.append(self._known(f"{module} {name}"))
 
     def _reduce(self) -> None:
         called, arguments = self._take(2)
         if not isinstance(called, _Name) or not isinstance(arguments, tuple):
             raise RefusedError("it calls something that is no function")
-        if called.name in _RECONSTRUCT:
+        if called.name in self._noted:
+            self._stack.append(PickledObject(called.name, arguments))
+        elif called.name in _RECONSTRUCT:
             self._stack.append(PickledArray())
         elif called.name in _FROM_BUFFER and len(arguments) == 4:
             raw, kind, shape, order = arguments
@@ -200,9 +216,11 @@ class _Machine:
 
     def _build(self) -> None:
         target, state = self._take(2)
-        if not isinstance(state, tuple):
+        if isinstance(target, PickledObject):
+            target.state = state
+        elif not isinstance(state, tuple):
             raise RefusedError("it sets a state that is no tuple")
-        if isinstance(target, _Kind):
+        elif isinstance(target, _Kind):
             if len(state) > 1 and state[1] == ">":
                 raise RefusedError("it holds numbers of the other byte order (big-endian)")
         elif isinstance(target, PickledArray) and len(state) >= 4:
@@ -215,15 +233,26 @@ class _Machine:
             raise RefusedError("it sets the state of something that is no array")
         self._stack.append(target)
 
+    def _new_object(self) -> None:
+        kind, arguments = self._take(2)
+        if not isinstance(kind, _Name) or kind.name not in self._noted or not isinstance(arguments, tuple):
+            raise RefusedError("it makes an object (NEWOBJ), which arrays never need")
+        self._stack.append(PickledObject(kind.name, arguments))
+
+    def _known(self, name: str) -> _Name:
+        if name not in _KNOWN and name not in self._noted:
+            raise RefusedError(f"it would run {name.replace(' ', '.')[:80]} when read, which arrays never need")
+        return _Name(name)
+
     def _numbers(self, raw: Any, kind: Any, shape: Any, *, is_fortran: bool) -> np.ndarray:
-        if not isinstance(kind, _Kind) or kind.name not in _NUMBERS:
+        if not isinstance(kind, _Kind) or kind.name not in (*_NUMBERS, *_SPANS):
             raise RefusedError(f"it holds an array of {kind.name[:40] if isinstance(kind, _Kind) else 'objects'!r}")
         if not isinstance(raw, bytes):
             raise RefusedError("it holds an array that is not made of bytes")
         is_shape = isinstance(shape, tuple) and len(shape) <= _MOST_AXES
         if not is_shape or not all(type(axis) is int and axis >= 0 for axis in shape):
             raise RefusedError("it holds an array without a shape")
-        dtype = np.dtype(kind.name)
+        dtype = np.dtype(_SPANS.get(kind.name, kind.name))
         if math.prod(shape) * dtype.itemsize != len(raw):
             raise RefusedError(f"it holds {len(raw):,} bytes for an array of another size")
         self._spend(len(raw))
@@ -233,12 +262,6 @@ class _Machine:
         self._allowance -= size
         if self._allowance < 0:
             raise RefusedError("it asks for more memory than its own size explains")
-
-
-def _known(name: str) -> _Name:
-    if name not in _KNOWN:
-        raise RefusedError(f"it would run {name.replace(' ', '.')[:80]} when read, which arrays never need")
-    return _Name(name)
 
 
 def _pairs(items: list[Any]) -> dict[str, Any]:

@@ -1,5 +1,8 @@
 """Motorica Dance Dataset: six hours of dance in eight styles, `bvh/` at 120 fps and `wav/` of the same names.
 
+Parts of it come with Listen, Denoise, Action! as `NAME_00.expmap_30fps.pkl`, without fingers (`lda`). They are taken
+for dances of which there is no BVH. Mirrored ones are left out: sets mirror by themselves.
+
 Names follow AIST: prefix_genre_situation_camera_dancer_music_choreography. Music of the casual session (`kthmisc`) is
 not published, so these clips have no sound. The data comes without a split; published work on it holds out the ten test
 clips below. In many clips fingers are missing or drift, which is the reason for the paper's motion refinement.
@@ -8,6 +11,7 @@ clips below. In many clips fingers are missing or drift, which is the reason for
 import re
 from pathlib import Path
 
+from .lda import SUFFIX
 from .source import LeftOut, Recording, Survey, Terms, files_below
 
 TERMS = Terms(
@@ -19,7 +23,7 @@ TERMS = Terms(
     "Models. ACM TOG 42(4), 2023; Valle-Perez, Henter, Beskow, Holzapfel, Oudeyer, Alexanderson: Transflower. ACM TOG "
     "40(6), 2021",
 )
-RATES = (120.0, 60.0)  # published, and the retargeted copies in use
+RATES = (120.0, 60.0, 30.0)  # published, the retargeted copies in use, and those of LDA
 GENRES = {
     "gLH": "hiphop",
     "gKR": "krumping",
@@ -46,25 +50,34 @@ _NAME = re.compile(r"kth[a-z]+_(g[A-Z]{2})_s\w+?_(?:cAll|sngl)_(d\d+)")
 
 
 def survey(folder: Path) -> Survey:
-    """Find every BVH named like a dance; its music is the wav of that name, in `wav/` beside `bvh/` or beside it."""
+    """Find every dance by its name; its music is the wav of that name, in `wav/` beside `bvh/` or beside it."""
     recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     sounds = {path.stem: path for path in files_below(folder, ".wav")}
-    for path in files_below(folder, ".bvh"):
-        match = _NAME.match(path.stem)
+    rig = next((path for path in files_below(folder, ".bvh") if _NAME.match(path.stem)), None)
+    whole = {path.stem for path in files_below(folder, ".bvh")}
+    for path in files_below(folder, ".bvh", ".pkl"):
+        if path.suffix == ".pkl" and not path.name.endswith(SUFFIX):
+            continue  # sound as LDA's features
+        name = path.name.removesuffix(SUFFIX) if path.suffix == ".pkl" else path.stem
+        match = _NAME.match(name)
         if not match:
-            left_out.append(LeftOut(path.stem, "its name is not one of Motorica; prepare it with `data prepare bvh`"))
+            left_out.append(LeftOut(name, "its name is not one of Motorica; prepare it with `data prepare bvh`"))
+            continue
+        if path.suffix == ".pkl" and (name.endswith("_mirrored") or name in whole or name.rpartition("_")[0] in whole):
+            left_out.append(LeftOut(name, "it is mirrored, or there is a BVH of the dance"))
             continue
         beside = path.parent.parent / "wav" if path.parent.name == "bvh" else path.parent
         recordings.append(
             Recording(
-                name=path.stem,
+                name=name,
                 motion=path,
-                sound=sounds.get(path.stem, beside / f"{path.stem}.wav"),
+                sound=sounds.get(name, beside / f"{name}.wav"),
                 domain="music",
-                split="test" if any(name in path.stem for name in TEST) else "train",
+                split="test" if any(held in name for held in TEST) else "train",
                 labels={"genre": GENRES.get(match[1], match[1]), "speaker": match[2]},
                 rates=RATES,
+                rig=rig if path.suffix == ".pkl" else None,
             )
         )
     there = {recording.labels["genre"] for recording in recordings}

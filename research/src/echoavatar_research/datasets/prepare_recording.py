@@ -29,6 +29,7 @@ from .fidelity import fidelity
 from .hand_contact import keep_hand_contact
 from .hand_quality import hand_states, mend_hands
 from .labels import sound_labels
+from .lda import SUFFIX, read_lda
 from .native_rig import annotate_rig
 from .options import Options
 from .source import Recording
@@ -155,6 +156,8 @@ def _sound(recording: Recording, options: Options) -> Sound | None:
 def _motion(recording: Recording, options: Options) -> Motion:
     if recording.motion.suffix.lower() == ".npz":
         motion = read_smplx(recording.motion, body_model=options.body_model)
+    elif recording.motion.name.endswith(SUFFIX):
+        motion = read_lda(recording.motion, read_bvh(recording.rig).skeleton if recording.rig else None)
     else:
         motion = read_bvh(recording.motion)
     if motion.fps < SLOWEST_FPS:

@@ -35,12 +35,13 @@ class Recording:
 
     Attributes:
         name: file-safe, unique in its dataset.
-        motion: BVH, or SMPL-X npz.
+        motion: BVH, SMPL-X npz, or LDA's pickled table.
         sound: the sound file that belongs to it, even if it is missing; None for motion without sound.
         domain: kind of the sound.
         split: "train", "val" or "test" as published; "" if there is no published split.
         labels: speaker, style, genre.
         rates: frame rates at which the dataset is published; empty if any is fine.
+        rig: a BVH with the bone lengths of motion that has none itself.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Recording:
     split: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
     rates: tuple[float, ...] = ()
+    rig: Path | None = None
 
 
 class LeftOut(NamedTuple):
