@@ -26,6 +26,7 @@ COMMANDS = {
     "demo": "open a page with a live avatar, or write bundled speech and music as films and models",
     "animate": "turn an audio file into full-body motion (GLB, VRMA, USD, FBX, BVH, MP4, ...)",
     "serve": "serve live avatars to browsers and voice agents",
+    "camera": "show a server's avatar as a camera in Zoom, Teams or OBS, or send it to an RTMP server or a file",
     "proxy": "put an avatar behind a voice agent that speaks the OpenAI Realtime protocol",
     "mcp": "offer an avatar's tools to agents over the Model Context Protocol",
     "say": "let the avatar of a running server speak a sound file",

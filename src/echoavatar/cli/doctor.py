@@ -41,6 +41,7 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "pretty_midi": "rehearse",
     "prometheus_client": "serve",
     "pxr": "usd",
+    "pyvirtualcam": "camera",
     "ray": "ray",
     "shtab": "completion",
     "starlette": "serve",

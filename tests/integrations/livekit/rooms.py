@@ -75,7 +75,11 @@ class Participant:
 
     async def publish_track(self, track: Any, options: Any) -> Any:
         self.tracks.append(track)
-        return SimpleNamespace(sid=f"TR_{len(self.tracks)}")
+
+        async def subscribed() -> None:
+            pass
+
+        return SimpleNamespace(sid=f"TR_{len(self.tracks)}", wait_for_subscription=subscribed)
 
     async def unpublish_track(self, sid: str) -> None:
         self.tracks.clear()

@@ -4,8 +4,9 @@ import asyncio
 import time
 
 import numpy as np
+import pytest
 
-from echoavatar.server.video.live_stream import BLOCK_SAMPLES, EDGE, LiveStream
+from echoavatar.server.video.live_stream import BLOCK_SAMPLES, EDGE, LiveStream, doubled
 
 BLACK = np.zeros((2, 2, 3), np.uint8)
 
@@ -109,3 +110,16 @@ async def test_a_stream_may_be_closed_while_it_draws() -> None:
     began = time.monotonic()
     await stream.close()
     assert time.monotonic() - began < 0.25
+
+
+@pytest.mark.parametrize("hertz", [100, 1_000, 5_000, 9_000])
+def test_a_tone_at_twice_the_rate_is_the_same_tone_at_the_same_time(hertz: float) -> None:
+    moments = (np.arange(BLOCK_SAMPLES + 2 * EDGE) - EDGE) / 24_000
+    samples = np.rint(10_000 * np.sin(2 * np.pi * hertz * moments)).astype(np.int16)
+    wanted = 10_000 * np.sin(2 * np.pi * hertz * np.arange(2 * BLOCK_SAMPLES) / 48_000)
+    assert np.abs(doubled(samples) - wanted).max() < 150
+
+
+def test_the_loudest_sound_does_not_wrap_around() -> None:
+    samples = np.where(np.arange(BLOCK_SAMPLES + 2 * EDGE) // 7 % 2, 32_767, -32_768).astype(np.int16)
+    assert (np.sign(doubled(samples)[::2]) == np.sign(samples[EDGE:-EDGE])).all()

@@ -13,8 +13,8 @@ pytest.importorskip("aiortc", reason="pip install 'echoavatar[video]'")
 
 import aioice.ice
 from tests.server.fakes import FAST, RunningServer, serving
-from tests.server.video import webrtc
-from tests.server.video.webrtc import PERIOD, Flasher, Watcher, beeps, http
+from tests.server.video.flashes import PERIOD, Flasher, beeps, middles
+from tests.server.video.webrtc import Watcher, http
 
 from echoavatar.server import ServerSettings
 from echoavatar.wire import Hello
@@ -200,4 +200,4 @@ def test_the_page_is_served_and_without_video_nothing_of_it() -> None:
 
 def test_the_helpers_find_middles() -> None:
     times, share = np.arange(10.0), np.array([1, 0, 0, 1, 1, 1, 0, 0, 1, 1.0])
-    assert webrtc._middles(times, share).tolist() == [4.0]
+    assert middles(times, share).tolist() == [4.0]

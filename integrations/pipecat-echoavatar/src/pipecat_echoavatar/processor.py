@@ -7,7 +7,9 @@ message once the sound in front of it is written, and drops both on an interrupt
 and sound in sync. Play music through the avatar (`play_music`): it cannot hear what a mixer adds after it.
 """
 
+import asyncio
 import contextlib
+import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from pipecat.frames.frames import (
     InputAudioRawFrame,
     InputTransportMessageFrame,
     InterruptionFrame,
+    OutputImageRawFrame,
     OutputTransportMessageFrame,
     OutputTransportMessageUrgentFrame,
     StartFrame,
@@ -32,6 +35,8 @@ from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
 
 from echoavatar import EchoAvatarError, Engine
 from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, AvatarTools, Flushed, UtteranceDone, find_backend
+from echoavatar.files.avatar.avatar_renderer import Shot
+from echoavatar.server.video import LiveStream, VideoSource
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import Ready
 
@@ -39,6 +44,8 @@ from .frames import AvatarMusicFrame, AvatarSpeechFrame, asks_for_avatar, rtvi
 from .pending_frames import PendingFrames
 from .playback_observer import PlaybackObserver
 from .tools import direct_functions, function_schemas
+
+CLOSE_S = 0.04  # pictures follow the sound that the transport wrote as closely as its blocks tell
 
 
 class EchoAvatarProcessor(FrameProcessor):
@@ -52,12 +59,15 @@ class EchoAvatarProcessor(FrameProcessor):
         seed: int = 0,
         page_port: int | None = None,
         listens: bool = True,
+        video: Shot | None = None,
+        character: str = "",
         **kwargs: Any,
     ) -> None:
         """`where`: a server's address (http://...), or a bundle's name or folder, or an engine, which then runs here.
 
         `page_port` serves the live page of an engine that runs here (0: any free port). With `listens` the avatar hears
-        the user and looks at them. `token` is the server's.
+        the user and looks at them. `token` is the server's. With `video`, such as `Shot((512, 512))`, the avatar is
+        drawn here and pushed as images beside its sound; `character` says who.
         """
         super().__init__(**kwargs)
         self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
@@ -65,6 +75,9 @@ class EchoAvatarProcessor(FrameProcessor):
         self._pending = PendingFrames()
         self._tools: AvatarTools | None = None
         self._performing: Any = None
+        self._filming: Any = None
+        self._shot, self._character = video, character
+        self._pictured: VideoSource | None = None
         self._has_failed = False
         self._is_speaking = False
         self._register_event_handler("on_avatar_ready")
@@ -130,6 +143,9 @@ class EchoAvatarProcessor(FrameProcessor):
         if self._performing is not None:
             await self.cancel_task(self._performing)
             self._performing = None
+        if self._filming is not None:
+            await self.cancel_task(self._filming)
+            self._filming = None
         await self.bridge.close()
 
     async def process_frame(self, frame: Frame, direction: FrameDirection) -> None:
@@ -139,6 +155,9 @@ class EchoAvatarProcessor(FrameProcessor):
             await self.push_frame(frame, direction)
             if not self._has_failed:
                 self._performing = self.create_task(self._perform(), "perform")
+            if not self._has_failed and self._shot is not None:
+                self._pictured = await asyncio.to_thread(self._make_pictured, self._shot)
+                self._filming = self.create_task(self._film(self._pictured), "film")
         elif self._has_failed or direction is FrameDirection.UPSTREAM:
             await self.push_frame(frame, direction)
         elif isinstance(frame, InterruptionFrame):
@@ -208,6 +227,8 @@ class EchoAvatarProcessor(FrameProcessor):
                         for frame in self._pending.finish(event.seg):
                             await self.push_frame(frame)
                     case Flushed():
+                        if self._pictured is not None:
+                            self._pictured.take(event.flush)
                         await self.push_frame(OutputTransportMessageUrgentFrame(message=rtvi(event.flush)))
                     case Ready():
                         await self._call_event_handler("on_avatar_ready", event)
@@ -217,7 +238,25 @@ class EchoAvatarProcessor(FrameProcessor):
         except EchoAvatarError as error:
             await self._give_up(error)
 
+    def _make_pictured(self, shot: Shot) -> VideoSource:
+        ready = self.bridge.ready
+        return VideoSource(ready.rig, shot, character=self._character, curves=len(ready.face))
+
+    async def _film(self, pictured: VideoSource) -> None:
+        """Push pictures of what is heard; the transport shows each at once."""
+        stream = LiveStream(pictured, lambda: self.bridge.playback.position(time.monotonic()), far_s=CLOSE_S)
+        try:
+            while not self._has_failed:
+                pixels = (await stream.picture()).pixels
+                size = (pixels.shape[1], pixels.shape[0])
+                await self.push_frame(OutputImageRawFrame(image=pixels.tobytes(), size=size, format="RGB"))
+        finally:
+            await stream.close()
+
     async def _show(self, chunk: AvatarChunk) -> None:
+        if self._pictured is not None:
+            for message in chunk.messages():
+                self._pictured.take(message)
         kind = OutputTransportMessageUrgentFrame if chunk.is_revision else OutputTransportMessageFrame
         await self.push_frame(kind(message=rtvi(chunk.motion)))
         if chunk.pcm:

@@ -17,6 +17,13 @@ class AvatarChunk(NamedTuple):
     seg: int  # utterance that speaks here; 0: none
     is_revision: bool = False  # replaces motion released before, so it must overtake what a framework has queued
 
+    def messages(self) -> tuple[Motion | Sound, ...]:
+        """Motion and sound as a session's messages; a chunk without sound is silent."""
+        if self.is_revision:
+            return (self.motion,)
+        pcm = self.pcm or bytes(self.motion.frames * _FRAME_BYTES)
+        return self.motion, Sound(at=self.at, epoch=self.motion.epoch, seg=self.seg, pcm=pcm)
+
 
 class Flushed(NamedTuple):
     """Everything released from `flush.at` on is void: it was interrupted, or is remade for a gesture."""

@@ -99,6 +99,10 @@ class VideoSource:
         elif isinstance(message, Flush):
             self._sound.cut(message.at)
 
+    def mute(self, at: int) -> None:
+        """Silence from clock `at` on, as far as sound has arrived; the motion stays."""
+        self._sound.put(at, np.zeros(max(0, self.end - at), np.int16))
+
     def sound(self, at: int, count: int) -> Int16[np.ndarray, " s"]:
         """The samples from clock `at` on, 24 kHz; silence where none arrived."""
         return self._sound.read(at, count)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 
 import av
-import numpy as np
 from aiortc import (
     MediaStreamTrack,
     RTCConfiguration,
@@ -16,7 +15,6 @@ from aiortc import (
     RTCSessionDescription,
 )
 from aiortc.mediastreams import MediaStreamError
-from jaxtyping import Int16
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
@@ -24,7 +22,7 @@ from echoavatar.wire import ServerMessage
 
 from ..outbox import Outbox
 from ..session import ServerSession
-from .live_stream import EDGE, LiveStream
+from .live_stream import LiveStream, doubled
 from .video_source import VideoSource
 
 _LOG = logging.getLogger(__name__)
@@ -32,7 +30,6 @@ CODECS = ("video/vp8", "video/h264")  # the cheaper first
 CONNECT_S = 20.0  # time for a viewer to connect after its answer
 PICTURE_CLOCK_HZ = 90_000
 NTP_EPOCH_S = 2_208_988_800  # 1970, in the seconds of reports, which count from 1900
-_SINC = np.sinc(np.arange(0.5 - EDGE, EDGE)) * np.hanning(2 * EDGE + 2)[1:-1]  # interpolates halfway between samples
 _FRESH = ("new", "connecting")
 
 
@@ -195,15 +192,3 @@ class Viewer:
         finally:
             await self.stream.close()
             self._on_end()
-
-
-def doubled(samples: Int16[np.ndarray, " s"]) -> Int16[np.ndarray, " t"]:
-    """Samples at twice the rate, without delay: 2 (s - 2 EDGE) of them, for all but EDGE samples at both ends.
-
-    aiortc's own resampler holds back a packet, which would put sound 20 ms behind its picture.
-    """
-    count = len(samples) - 2 * EDGE
-    twice = np.empty(2 * count)
-    twice[::2] = samples[EDGE : EDGE + count]
-    twice[1::2] = np.convolve(samples, _SINC / _SINC.sum(), "valid")[1 : 1 + count]
-    return np.rint(np.clip(twice, -32_768, 32_767)).astype(np.int16)

@@ -3,12 +3,13 @@
 from livekit.agents import Plugin
 
 from .avatar import AvatarSession, RemoteAvatarSession
+from .film import Film
 from .log import logger
 from .performer import Performer
 from .version import __version__
 from .worker import AvatarWorker
 
-__all__ = ["AvatarSession", "AvatarWorker", "Performer", "RemoteAvatarSession", "__version__"]
+__all__ = ["AvatarSession", "AvatarWorker", "Film", "Performer", "RemoteAvatarSession", "__version__"]
 
 
 class _EchoAvatarPlugin(Plugin):

@@ -1,5 +1,6 @@
 """Two ways to give an agent an avatar: in its own process, or through a worker that joins the room."""
 
+import asyncio
 import time
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,15 @@ from livekit.agents import AgentSession, utils
 from livekit.agents.llm import RawFunctionTool
 from livekit.agents.metrics.base import AvatarMetrics, Metadata
 from livekit.agents.types import ATTRIBUTE_PUBLISH_ON_BEHALF
+from livekit.agents.voice.avatar import AvatarRunner, DataStreamAudioOutput, QueueAudioOutput
 from livekit.agents.voice.avatar import AvatarSession as BaseAvatarSession
-from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
 
 from echoavatar import Engine
 from echoavatar.agents.integrations import AvatarBridge, AvatarTools, find_backend
+from echoavatar.files.avatar.avatar_renderer import Shot
 from echoavatar.timing import SAMPLE_RATE_HZ
 
+from .film import Film, runner
 from .motion import MotionChannel
 from .performer import QUEUE_MS, Performer
 from .tools import ask_for_tools, function_tools
@@ -61,14 +64,19 @@ class AvatarSession(_Session):
         seed: int = 0,
         page_port: int | None = None,
         prefer_data_track: bool = True,
+        video: Shot | None = None,
+        character: str = "",
     ) -> None:
         """`where`: a server's address, or a bundle's name or folder, or an engine, which then runs in this process.
 
-        `page_port` serves the live page of an engine that runs here; `token` is the server's.
+        `page_port` serves the live page of an engine that runs here; `token` is the server's. With `video`, such as
+        `Shot((512, 512))`, the avatar is drawn here and published as a video track; `character` says who.
         """
         super().__init__()
         self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
         self._prefer_track = prefer_data_track
+        self._shot, self._character = video, character
+        self._runner: AvatarRunner | None = None
         self._performer: Performer | None = None
         self._tools: AvatarTools | None = None
         self._source: rtc.AudioSource | None = None
@@ -102,12 +110,18 @@ class AvatarSession(_Session):
         await super().start(agent_session, room)
         await self.prepare()
         sink = QueueAudioOutput(sample_rate=SAMPLES, wait_playback_start=True)
-        self._source = rtc.AudioSource(SAMPLES, 1, queue_size_ms=QUEUE_MS)
         channel = MotionChannel(room, prefer_track=self._prefer_track)
-        self._performer = Performer(self.bridge, sink, self._source, channel)
         agent_session.output.replace_audio_tail(sink)
-        if room.isconnected():
-            self._publication = await publish_sound(room, self._source)
+        if self._shot is not None:
+            film = await asyncio.to_thread(Film, self.bridge, self._shot, self._character)
+            self._performer = Performer(self.bridge, sink, film, channel, film)
+            self._runner = runner(room, film)
+            await self._runner.start()
+        else:
+            self._source = rtc.AudioSource(SAMPLES, 1, queue_size_ms=QUEUE_MS)
+            self._performer = Performer(self.bridge, sink, self._source, channel)
+            if room.isconnected():
+                self._publication = await publish_sound(room, self._source)
         await self._performer.start()
         room.on("participant_connected", self._greet)
 
@@ -119,6 +133,8 @@ class AvatarSession(_Session):
             room.off("connection_state_changed", self._on_connection_state_changed)
             if self._publication is not None and room.isconnected():
                 await room.local_participant.unpublish_track(self._publication.sid)
+        if self._runner is not None:
+            await self._runner.aclose()
         if self._performer is not None:
             await self._performer.close()
         await self.bridge.close()

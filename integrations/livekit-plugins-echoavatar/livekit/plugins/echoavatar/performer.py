@@ -19,6 +19,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import Flush, Ready
 
+from .film import Film
 from .log import logger
 from .motion import MotionChannel
 
@@ -54,8 +55,16 @@ class Segment:
 class Performer:
     """Runs one avatar for one audio receiver."""
 
-    def __init__(self, bridge: AvatarBridge, receiver: AudioReceiver, source: Source, channel: MotionChannel) -> None:
-        self.bridge = bridge
+    def __init__(
+        self,
+        bridge: AvatarBridge,
+        receiver: AudioReceiver,
+        source: Source,
+        channel: MotionChannel,
+        film: Film | None = None,
+    ) -> None:
+        """`film` is shown what the channel is; it is then the source, too."""
+        self.bridge, self._film = bridge, film
         self._receiver, self._source, self._channel = receiver, source, channel
         self._segments: deque[Segment] = deque()
         self._is_open = False  # whether the newest segment is still growing
@@ -123,6 +132,8 @@ class Performer:
                             if segment.seg and segment.seg <= event.seg and segment.ends is None:
                                 segment.ends = event.at
                     case Flushed():
+                        if self._film is not None:
+                            self._film.flush(event.flush)
                         self._channel.tell(event.flush)
                     case Ready():
                         self._channel.tell(event)
@@ -138,6 +149,8 @@ class Performer:
         now = time.monotonic()
         due = (chunk.at - self.bridge.playback.position(now)) / SAMPLE_RATE_HZ
         self._channel.show(chunk.motion, due_s=due)
+        if self._film is not None:
+            self._film.take(chunk)
         if not chunk.pcm:
             return
         for segment in self._segments:

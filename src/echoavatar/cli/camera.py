@@ -1,0 +1,186 @@
+"""`echoavatar camera`: a running server's avatar as a camera of this machine, or to an RTMP server or a file."""
+
+import argparse
+import asyncio
+import os
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from echoavatar.errors import DependencyError, EchoAvatarError
+
+from .animate import VIEWS
+
+if TYPE_CHECKING:
+    from echoavatar.server.playhead import Playhead
+    from echoavatar.server.video import LiveStream, VideoSource
+    from echoavatar.server.video.broadcast import Output
+
+TOKEN = "ECHOAVATAR_TOKEN"
+RATE_HZ = 25
+RETRY_S = 2.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "examples:\n"
+        "  echoavatar serve                             in one terminal: open its page, and talk or play music there\n"
+        "  echoavatar camera                            in another: choose the new camera in Zoom, Teams or OBS\n"
+        "  echoavatar camera --view bust --background '#00ff00'   head and shoulders on green, to be keyed out\n"
+        "  echoavatar camera --to rtmp://a.rtmp.youtube.com/live2/KEY   picture and sound to a streaming service\n"
+        "  echoavatar camera --to talk.flv --seconds 60 record a minute of what is seen and heard\n"
+        "\n"
+        "It draws here; the server needs no --video. A virtual camera carries no sound: share that of the page.\n"
+        "Linux needs v4l2loopback, Windows and macOS the virtual camera of OBS. More: docs/video.md\n"
+    )
+    parser.add_argument("--server", default="http://127.0.0.1:8765", metavar="URL", help="default: %(default)s")
+    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+    parser.add_argument("--session", default="", metavar="NAME", help="the session to show (default: the newest)")
+    parser.add_argument("--to", metavar="WHERE", help="rtmp://HOST/APP/KEY, or a file: .flv, .mp4, .mkv, .ts")
+    parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
+    parser.add_argument("--size", type=_size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
+    parser.add_argument("--character", default="", metavar="NAME", help="maya (default), theo or amara")
+    parser.add_argument(
+        "--background", default="studio", metavar="WHAT", help="studio (default), dusk, plain, or #rrggbb"
+    )
+    parser.add_argument("--seconds", type=float, metavar="N", help="stop after so long (default: Ctrl-C)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show sessions until stopped."""
+    try:
+        from echoavatar.server.video.broadcast import Broadcast, VirtualCamera, container_of
+    except ModuleNotFoundError as error:
+        raise DependencyError(f"this needs {error.name}: pip install 'echoavatar[camera]'") from error
+    if args.to:
+        container_of(args.to)
+    output: Output = Broadcast(args.to, args.size, RATE_HZ) if args.to else VirtualCamera(args.size, RATE_HZ)
+    print(f"showing the avatar of {args.server} at {args.to or output.name}; Ctrl-C stops", flush=True)
+    try:
+        with suppress(KeyboardInterrupt):
+            asyncio.run(_Show(args, output).run())
+    finally:
+        output.close()
+    return 0
+
+
+class _Show:
+    """One output, and the sessions that it shows one after another."""
+
+    def __init__(self, args: argparse.Namespace, output: "Output") -> None:
+        self._args, self._output = args, output
+        self._source: VideoSource | None = None
+        self._playhead: Playhead
+        self._stream: LiveStream
+        self._is_waiting = False
+
+    async def run(self) -> None:
+        """Run until cancelled, or for `--seconds` from the first picture."""
+        watching = asyncio.ensure_future(self._watch())
+        while self._source is None:
+            await asyncio.wait([watching], timeout=0.1)
+            if watching.done():
+                watching.result()
+        work = [watching, asyncio.ensure_future(self._pictures()), asyncio.ensure_future(self._sounds())]
+        try:
+            done, _ = await asyncio.wait(work, timeout=self._args.seconds, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            for task in work:
+                task.cancel()
+            await asyncio.gather(*work, return_exceptions=True)
+            await self._stream.close()
+        print(f"{self._stream.shown} pictures, {self._stream.skipped} left out", file=sys.stderr)
+
+    async def _pictures(self) -> None:
+        while True:
+            await self._give(self._output.show, await self._stream.picture())
+
+    async def _sounds(self) -> None:
+        while True:
+            await self._give(self._output.hear, await self._stream.sound())
+
+    async def _give(self, take: Callable[[Any], None], what: object) -> None:
+        """Hand over, one at a time: an output is not made for two threads."""
+        async with self._lock:
+            await asyncio.to_thread(take, what)
+
+    async def _watch(self) -> None:
+        """Take the messages of one session after another."""
+        from echoavatar.agents.client import Avatar, ConnectionLostError, RemoteTools, stream_url
+        from echoavatar.wire import Hello, ProtocolError
+
+        self._lock = asyncio.Lock()
+        args, tools = self._args, RemoteTools(self._args.server, token=self._args.token)
+        while True:
+            names = [args.session] if args.session else await asyncio.to_thread(tools.sessions)
+            if names:
+                hello = Hello(role="viewer", session=names[-1], token=args.token)
+                avatar = Avatar(stream_url(args.server), hello)
+                with suppress(ConnectionLostError):
+                    try:
+                        await avatar.open()
+                        await self._follow(avatar)
+                    except ProtocolError as error:
+                        if error.code != "unknown_session":
+                            raise
+                    finally:
+                        await avatar.close()
+            self._say_waiting()
+            await asyncio.sleep(RETRY_S)
+
+    async def _follow(self, avatar: Any) -> None:
+        from echoavatar.wire import Flush
+
+        await self._begin(avatar.ready)
+        alive = asyncio.ensure_future(avatar.keep_alive())
+        try:
+            assert self._source is not None
+            async for message in avatar:
+                self._source.take(message)
+                if isinstance(message, Flush):
+                    self._playhead.jump(min(message.at, self._playhead.sample))
+        finally:
+            alive.cancel()
+
+    async def _begin(self, ready: Any) -> None:
+        """Show a session from its present moment on."""
+        from echoavatar.files.avatar.avatar_renderer import Shot
+        from echoavatar.server.playhead import Playhead
+        from echoavatar.server.video import LiveStream, VideoSource
+        from echoavatar.wire import Flush
+
+        args, self._is_waiting = self._args, False
+        self._playhead = Playhead()
+        self._playhead.jump(ready.at)
+        if self._source is not None:
+            self._source.take(Flush(at=0, epoch=0, seg=0, heard=0))
+            return
+        shot = Shot(args.size, args.view, args.background)
+        source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character, curves=len(ready.face))
+        self._stream = LiveStream(source, self._heard, rate=RATE_HZ)
+        self._source = source
+
+    def _heard(self) -> int:
+        """The sample that is heard now: nobody reports to a viewer, so its clock is the wall's."""
+        assert self._source is not None
+        self._playhead.advance(time.monotonic(), self._source.end)
+        return self._playhead.sample
+
+    def _say_waiting(self) -> None:
+        if not self._is_waiting:
+            self._is_waiting = True
+            print("no session there; waiting for one (open the server's page, or `echoavatar say`)", file=sys.stderr)
+
+
+def _size(text: str) -> tuple[int, int]:
+    wide, _, high = text.partition("x")
+    if not (wide.isdigit() and high.isdigit() and int(wide) % 2 == int(high) % 2 == 0):
+        raise argparse.ArgumentTypeError(f"{text} is not a size of even numbers such as 1280x720")
+    if not (64 <= int(wide) <= 3840 and 64 <= int(high) <= 2160):
+        raise EchoAvatarError(f"--size {text} is not between 64x64 and 3840x2160")
+    return int(wide), int(high)

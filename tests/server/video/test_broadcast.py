@@ -1,0 +1,118 @@
+"""Files and RTMP by FFmpeg, and a virtual camera where there is one."""
+
+import contextlib
+import socket
+import sys
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import av
+import numpy as np
+import pytest
+
+from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.server.video import Block, Picture
+from echoavatar.server.video.broadcast import Broadcast, VirtualCamera, container_of
+from echoavatar.server.video.live_stream import BLOCK_SAMPLES, EDGE
+
+SIZE = (64, 64)
+
+
+def perform(output: Any, seconds: int = 2) -> None:
+    """A white picture and a tone in each second's first half, black and silence in the other."""
+    for block in range(50 * seconds):
+        is_on = block % 50 < 25
+        if block % 2 == 0:
+            pixels = np.full((SIZE[1], SIZE[0], 3), 255 * is_on, np.uint8)
+            output.show(Picture(block / 50, pixels))
+        tone = 9_000 * np.sin(np.arange(BLOCK_SAMPLES + 2 * EDGE) / 4) * is_on
+        output.hear(Block(block / 50, tone.astype(np.int16)))
+
+
+def edges(path: str, **options: Any) -> tuple[float, float]:
+    """When picture and sound go off for the first time, in seconds."""
+    with av.open(path, **options) as container:
+        light, loud = [], []
+        with contextlib.suppress(av.error.OSError):  # so FFmpeg's listener says that the sender hung up
+            for frame in container.decode():
+                if isinstance(frame, av.VideoFrame):
+                    light.append((frame.time, frame.to_ndarray(format="gray").mean() > 128))
+                elif isinstance(frame, av.AudioFrame):
+                    loud.append((frame.time, float(np.abs(frame.to_ndarray()).max()) > 0.1))
+    off = [next(b[0] for a, b in zip(part, part[1:], strict=False) if a[1] and not b[1]) for part in (light, loud)]
+    return off[0], off[1]
+
+
+@pytest.mark.parametrize("suffix", [".flv", ".mp4", ".mkv", ".ts"])
+def test_a_file_has_picture_and_sound_in_step(tmp_path: Path, suffix: str) -> None:
+    path = str(tmp_path / f"a{suffix}")
+    output = Broadcast(path, SIZE, 25)
+    perform(output)
+    output.close()
+    picture, sound = edges(path)
+    assert abs(picture - sound) < 0.06
+
+
+def test_an_rtmp_server_gets_the_same() -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"rtmp://127.0.0.1:{probe.getsockname()[1]}/live/key"
+    seen: list[tuple[float, float]] = []
+
+    def listen() -> None:
+        seen.append(edges(address, format="flv", options={"listen": "1"}))
+
+    listener = threading.Thread(target=listen, daemon=True)
+    listener.start()
+    output = _opened(address)
+    perform(output)
+    output.close()
+    listener.join(20)
+    assert seen
+    assert abs(seen[0][0] - seen[0][1]) < 0.06
+
+
+def _opened(address: str) -> Broadcast:
+    for _ in range(100):
+        try:
+            return Broadcast(address, SIZE, 25)
+        except EchoAvatarError:
+            threading.Event().wait(0.1)
+    raise AssertionError("the listener never listened")
+
+
+@pytest.mark.parametrize("to", ["rtmp://127.0.0.1:1/live/key", "/no/such/folder/a.flv"])
+def test_where_nothing_can_be_sent_one_line_says_so(to: str) -> None:
+    with pytest.raises(EchoAvatarError, match="cannot send to"):
+        Broadcast(to, SIZE, 25)
+
+
+@pytest.mark.parametrize("to", ["http://127.0.0.1/", "a.avi", "rtmp", "file:///etc/passwd.flv"])
+def test_other_addresses_are_refused(to: str) -> None:
+    with pytest.raises(EchoAvatarError, match="neither rtmp"):
+        container_of(to)
+
+
+def test_a_virtual_camera_gets_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[np.ndarray] = []
+    device = SimpleNamespace(device="/dev/video9", send=sent.append, close=lambda: sent.append(np.zeros(0)))
+    monkeypatch.setitem(sys.modules, "pyvirtualcam", SimpleNamespace(Camera=lambda *_: device))
+    camera = VirtualCamera(SIZE, 25)
+    perform(camera, 1)
+    camera.close()
+    assert camera.name == "/dev/video9"
+    assert [len(picture) for picture in sent] == [64] * 25 + [0]
+
+
+def test_without_one_a_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(*_: object) -> None:
+        raise RuntimeError("no device")
+
+    monkeypatch.setitem(sys.modules, "pyvirtualcam", SimpleNamespace(Camera=none))
+    with pytest.raises(DependencyError, match="v4l2loopback"):
+        VirtualCamera(SIZE, 25)
+    monkeypatch.setitem(sys.modules, "pyvirtualcam", None)
+    with pytest.raises(DependencyError, match=r"echoavatar\[camera\]"):
+        VirtualCamera(SIZE, 25)
