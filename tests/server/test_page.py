@@ -1,3 +1,5 @@
+import re
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,12 @@ from echoavatar.server.page import SOUNDS, PageHeaders, page_routes
 STATIC = Path(echoavatar.__file__).parent / "server/static"
 
 
+def asset(name, suffix):
+    """The path of a built file; its name holds a hash."""
+    (path,) = STATIC.glob(f"assets/{name}-*.{suffix}")
+    return path.relative_to(STATIC).as_posix()
+
+
 @pytest.fixture(scope="module")
 def client():
     return TestClient(Starlette(routes=page_routes(), middleware=[Middleware(PageHeaders)]))
@@ -21,16 +29,17 @@ def test_the_page_and_all_it_names_come_from_this_server(client):
     page = client.get("/")
     assert page.status_code == 200
     assert "default-src 'none'" in page.headers["content-security-policy"]
-    for name in ("assets/index.js", "assets/index.css"):
-        assert f"./{name}" in page.text
-        assert client.get(f"/{name}").status_code == 200
+    for suffix in ("js", "css"):
+        built = client.get(asset("index", suffix))
+        assert f'"./{asset("index", suffix)}"' in page.text
+        assert "immutable" in built.headers["cache-control"]
     assert "http://" not in page.text
     assert "https://" not in page.text
 
 
 def test_worklets_are_separate_scripts(client):
     for name in ("playback", "capture"):
-        script = client.get(f"/assets/{name}.js")
+        script = client.get(asset(name, "js"))
         assert "javascript" in script.headers["content-type"]
         assert f"echoavatar-{name}" in script.text
 
@@ -47,21 +56,46 @@ def test_the_character_is_served_with_its_face(client):
 
 
 def test_each_character_is_served_packed_and_plain(client):
-    """Who accepts gzip gets the page's largest file at under 1.4 MB; both ways hold the same bytes."""
-    for name in CHARACTERS:
-        with client.stream("GET", f"/avatar.glb?character={name}") as packed:
+    """Each level is small; the whole file, for other programs, is large. Packed and plain hold the same."""
+    for name, (level, most) in product(CHARACTERS, (("", 1_400_000), ("&level=0", 650_000), ("&level=2", 215_000))):
+        address = f"/avatar.glb?character={name}{level}"
+        with client.stream("GET", address) as packed:
             assert packed.headers["content-encoding"] == "gzip"
             sent = sum(len(part) for part in packed.iter_raw())
-            assert sent < 1_400_000
-        plain = client.get(f"/avatar.glb?character={name}", headers={"accept-encoding": "identity"})
+            assert sent < most
+        plain = client.get(address, headers={"accept-encoding": "identity"})
         assert "content-encoding" not in plain.headers
         assert len(plain.content) > sent
         assert plain.content[:4] == b"glTF"
-    assert client.get("/avatar.glb?character=nobody").status_code == 404
+        again = client.get(address, headers={"if-none-match": plain.headers["etag"]})
+        assert (again.status_code, again.content) == (304, b"")
+    for wrong in ("character=nobody", "level=3", "level=x"):
+        assert client.get(f"/avatar.glb?{wrong}").status_code == 404
+
+
+def test_the_page_asks_early_for_the_avatar_that_its_address_names(client):
+    def hurried(query):
+        return re.findall(r'rel="preload" href="\./([^"]+)"', client.get(f"/{query}").text)
+
+    assert hurried("") == hurried('?character="><script>') == ["avatar.glb?level=2"]
+    assert hurried("?character=theo") == ["avatar.glb?character=theo&amp;level=2"]
+
+
+def test_page_and_avatar_are_small(client):
+    """What a visit sends at most: 1.5 MB, of which the first picture needs less than half a one."""
+
+    def sent(path):
+        with client.stream("GET", path) as answer:
+            return sum(len(part) for part in answer.iter_raw())
+
+    page = sum(sent(path) for path in ("/", asset("index", "js"), asset("index", "css")))
+    coarsest, finest = (max(sent(f"/avatar.glb?character={name}&level={n}") for name in CHARACTERS) for n in (2, 0))
+    assert page + coarsest < 500_000
+    assert page + coarsest + finest < 1_500_000
 
 
 def test_the_script_is_sent_packed(client):
-    with client.stream("GET", "/assets/index.js") as answer:
+    with client.stream("GET", asset("index", "js")) as answer:
         assert answer.headers["content-encoding"] == "gzip"
         assert sum(len(part) for part in answer.iter_raw()) < 300_000
 

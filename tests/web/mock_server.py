@@ -14,14 +14,15 @@ from pathlib import Path
 import numpy as np
 import uvicorn
 from starlette.applications import Starlette
+from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
+from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.server.page import PageHeaders, page_routes
 from echoavatar.server.voice import voice_route
 from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
@@ -51,7 +52,6 @@ from echoavatar.wire import (
 )
 
 ROOT = Path(__file__).parents[2]
-STATIC = ROOT / "src/echoavatar/server/static"
 ASSETS = ROOT / "src/echoavatar/assets"
 ACTIONS = ["wave", "raise both hands", "nod", "point left", "bow", "shrug"]
 FRAMES = CHUNK_SAMPLES // SAMPLES_PER_FRAME
@@ -237,27 +237,19 @@ async def _ears(request: Request) -> Response:
 
 def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlette:
     """Page, sounds, character and stream under the paths of the real server."""
-    from echoavatar.files.avatar import load_character
-    from echoavatar.files.avatar.gltf import pack_glb
-
-    glb = pack_glb(load_character(), [])
 
     async def stream(socket: WebSocket) -> None:
         await MockSession(socket, recorded, tell_clock=tell_clock).run()
 
-    async def avatar(_: object) -> Response:
-        return Response(glb, media_type="model/gltf-binary")
-
     return Starlette(
         routes=[
             WebSocketRoute("/v1/stream", stream),
-            Route("/avatar.glb", avatar),
             voice_route(""),
             Route("/v1/chat", _chat, methods=["GET", "POST"]),
             Route("/v1/chat/ears", _ears, methods=["POST"]),
-            Mount("/sounds", StaticFiles(directory=ASSETS)),
-            Mount("/", StaticFiles(directory=STATIC, html=True)),
-        ]
+            *page_routes(),
+        ],
+        middleware=[Middleware(PageHeaders)],
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 import soundfile
 from tests.web.make_vrm import make_vrm
 
+from echoavatar.files.avatar.stage import STAGES
 from echoavatar.motion.kinematics import HUMANOID, read_bvh
 from echoavatar.server.voice import find_voice
 
@@ -175,6 +176,101 @@ def test_motion_is_recorded(page, kind, tmp_path):
     assert motion.fps == pytest.approx(30)
     assert motion.skeleton.names == HUMANOID.names
     assert np.abs(np.diff(motion.rotations[:, HUMANOID.names.index("leftUpperArm")], axis=0)).max() > 1e-4
+
+
+TRIANGLES = "__echo.viewport.renderer.info.render.triangles"
+
+
+def test_software_gl_gets_low_quality_and_the_coarsest_level_and_may_ask_for_more(new_page, mock_url):
+    asked = []
+    for query, quality in (("", "low"), ("?quality=high", "high")):
+        driver = new_page()
+        driver.page.on("request", lambda request: "avatar.glb" in request.url and asked.append(request.url))
+        driver.open(f"{mock_url}{query}")
+        assert driver.ask("document.documentElement.dataset.quality") == quality
+        driver.page.evaluate("for (let k = 0; k < 600; k++) __echo.detail.picture(1 / 60)")
+        time.sleep(1)
+        assert {url.partition("?")[2] for url in asked} == {"level=2"}
+        assert driver.ask("__echo.viewport.low") is (quality == "low")
+        assert driver.problems == []
+
+
+def test_a_quick_machine_gets_a_finer_character_and_a_slow_one_gives_it_back(new_page, mock_url):
+    """Where WebGL tells that it is a graphics card's, frame times decide; here they are made up."""
+    driver = new_page()
+    driver.page.add_init_script("""
+      const told = WebGL2RenderingContext.prototype.getParameter;
+      WebGL2RenderingContext.prototype.getParameter = function (name) {
+        return name === 0x9246 ? "A card" : told.call(this, name); // UNMASKED_RENDERER_WEBGL
+      };""")
+    asked = []
+    driver.page.on("request", lambda request: "avatar.glb" in request.url and asked.append(request.url[-7:]))
+    driver.open(f"{mock_url}?character=theo")
+    assert driver.ask("document.documentElement.dataset.quality") == "high"
+    driver.wait(f"{TRIANGLES} > 1000")
+    coarse = driver.ask(TRIANGLES)
+    hips = driver.ask("__echo.avatar.driver.hips.uuid")
+    play = "for (let k = 0; k < 200; k++) __echo.detail.picture({0}); __echo.avatar.show(__echo.avatar.ours, {1})"
+    driver.page.evaluate(play.format("1 / 60", "__echo.detail.level"))
+    driver.wait(f"{TRIANGLES} > {3 * coarse} && __echo.avatar.driver.hips.uuid !== '{hips}'")
+    driver.page.evaluate("for (let k = 0; k < 200; k++) __echo.detail.picture(1 / 15)")
+    assert driver.ask("__echo.detail.level") == 2
+    assert asked[0] == "level=2"
+    assert "level=0" in asked
+    assert driver.problems == []
+
+
+@pytest.mark.parametrize("background", ["studio", "dusk", "plain", "clear"])
+def test_a_stage_is_chosen_by_name_and_clear_has_alpha(new_page, mock_url, background):
+    """The upper corners are read from the canvas, right after it was drawn."""
+    driver = new_page()
+    driver.open(f"{mock_url}?quality=low&background={background}")
+    corner = """(() => {
+      const { renderer } = __echo.viewport;
+      __echo.viewport.render(0);
+      const gl = renderer.getContext();
+      const pixel = new Uint8Array(4);
+      gl.readPixels(gl.drawingBufferWidth >> 1, gl.drawingBufferHeight - 1, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel);
+      return [...pixel];
+    })()"""
+    seen = driver.ask(corner)
+    if background == "clear":
+        assert seen == [0, 0, 0, 0]
+    else:
+        assert seen == pytest.approx([*STAGES[background].top, 255], abs=2)
+        assert driver.ask("document.documentElement.dataset.theme") == ("dark" if background == "dusk" else "light")
+    assert driver.problems == []
+
+
+def test_low_quality_has_the_light_of_high_quality_and_no_shadow_map(new_page, mock_url):
+    """What the lights send, not what a slow machine draws: skin keeps its tone where the light is the same."""
+    driver = new_page()
+    driver.open(f"{mock_url}?quality=low&background=studio")
+    lights = """(() => {
+      const found = {};
+      __echo.viewport.scene.traverse((node) => node.isLight && (found[node.type] ??= []).push(
+        [...node.color.toArray(), ...(node.groundColor?.toArray() ?? [])].map((part) => part * node.intensity / Math.PI)
+      ));
+      return found;
+    })()"""
+    look, found = STAGES["studio"].look, driver.ask(lights)
+    np.testing.assert_allclose(found["HemisphereLight"][0], np.concatenate([look[2], look[3]]), atol=1e-3)
+    np.testing.assert_allclose(found["DirectionalLight"], look[[1, 5]], atol=1e-3)
+    assert driver.ask("__echo.viewport.renderer.shadowMap.enabled") is False
+
+
+def test_a_silhouette_stands_where_the_avatar_will(new_page, mock_url):
+    driver = new_page()
+    waiting = []
+    driver.page.route("**/avatar.glb*", lambda route: waiting.append(route))
+    driver.page.goto(mock_url, wait_until="commit")
+    driver.wait("!!(window.__echo && __echo.shown)")
+    opacity = "Number(getComputedStyle(document.getElementById('silhouette')).opacity)"
+    assert driver.ask(opacity) > 0.1
+    driver.page.wait_for_timeout(100)
+    for route in waiting:
+        route.continue_()
+    driver.wait(f"!!__echo.avatar.driver && {opacity} < 0.01")
 
 
 def test_the_character_is_recorded_with_its_motion(new_page, mock_url, tmp_path):

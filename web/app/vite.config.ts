@@ -14,12 +14,12 @@ export default defineConfig({
     chunkSizeWarningLimit: 1500,
     rollupOptions: {
       output: {
-        entryFileNames: "assets/[name].js",
-        chunkFileNames: "assets/[name].js",
-        assetFileNames: "assets/[name][extname]",
+        entryFileNames: "assets/[name]-[hash].js",
+        chunkFileNames: "assets/[name]-[hash].js",
+        assetFileNames: "assets/[name]-[hash][extname]",
       },
     },
   },
-  worker: { format: "es", rollupOptions: { output: { entryFileNames: "assets/[name].js" } } },
+  worker: { format: "es", rollupOptions: { output: { entryFileNames: "assets/[name]-[hash].js" } } },
   server: { proxy: { "/v1": { target: "http://127.0.0.1:8790", ws: true }, "/avatar.glb": "http://127.0.0.1:8790", "/sounds": "http://127.0.0.1:8790" } },
 });

@@ -15,6 +15,7 @@ async function start() {
   const viewport = makeViewport(canvas, low);
   const gltf = await new GLTFLoader().parseAsync(bytes(data.glb).buffer, "");
   viewport.scene.add(gltf.scene);
+  viewport.light.stand(gltf.scene);
   const bones = {};
   const faces = []; // meshes with blendshapes, driven by the weights of the clips
   gltf.scene.traverse((node) => {
@@ -22,7 +23,6 @@ async function start() {
     if (node.morphTargetInfluences) faces.push(node);
     if (!node.isSkinnedMesh) return;
     Object.assign(node, { castShadow: true, receiveShadow: !low, frustumCulled: false });
-    if (node.material.alphaTest > 0) node.material.alphaToCoverage = !low; // soft edges of hair
   });
   const mixer = new THREE.AnimationMixer(gltf.scene);
   const player = makePlayer(data.clips, gltf.animations, mixer);

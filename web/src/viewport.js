@@ -1,7 +1,7 @@
 // The viewport: light, floor, camera and renderer. `low` trades quality for speed (no antialiasing, no environment).
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
+import { StageLight } from "../packages/client/src/drivers/light.ts";
 
 const VIEWS = [
   { height: 0.88, distance: 4.5 },
@@ -11,35 +11,14 @@ const VIEWS = [
 
 export function makeViewport(canvas, low) {
   const renderer = new THREE.WebGLRenderer({ canvas, antialias: !low, alpha: true, powerPreference: "high-performance" });
-  renderer.toneMapping = THREE.NeutralToneMapping;
-  renderer.toneMappingExposure = 1.0;
-  renderer.shadowMap.enabled = true;
-  renderer.shadowMap.type = THREE.PCFShadowMap;
   const scene = new THREE.Scene();
   const camera = new THREE.PerspectiveCamera(28, 1, 0.05, 40);
   const controls = new OrbitControls(camera, canvas);
   Object.assign(controls, { enableDamping: true, minDistance: 0.4, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
 
-  const key = new THREE.DirectionalLight(0xfff1e0, low ? 2.4 : 2.6);
-  key.position.set(1.6, 3.4, 2.6);
-  key.castShadow = true;
-  key.shadow.mapSize.setScalar(low ? 512 : 2048);
-  Object.assign(key.shadow.camera, { left: -1.5, right: 1.5, top: 1.6, bottom: -1.6, near: 0.5, far: 8 });
-  Object.assign(key.shadow, { bias: -0.0004, normalBias: 0.012, radius: low ? 2 : 5 });
-  const rim = new THREE.DirectionalLight(0xcfe4ff, 1.6);
-  rim.position.set(-2.2, 2.6, -2.4);
-  scene.add(key, key.target, rim, rim.target, new THREE.HemisphereLight(0xf4f8ff, 0xb9aa98, low ? 1.7 : 0.55));
-  if (!low) {
-    const pmrem = new THREE.PMREMGenerator(renderer);
-    scene.environment = pmrem.fromScene(new RoomEnvironment(), 0.04).texture;
-    scene.environmentIntensity = 0.5;
-    pmrem.dispose();
-  }
-  const floor = new THREE.Mesh(new THREE.PlaneGeometry(30, 30), new THREE.ShadowMaterial({ opacity: 0.3 }));
-  floor.rotation.x = -Math.PI / 2;
-  floor.receiveShadow = true;
+  const light = new StageLight(scene, renderer, low);
   const ring = makeRing();
-  scene.add(floor, ring);
+  scene.add(ring);
 
   let view = 0;
   let version = 0; // incremented when camera, size or theme change
@@ -48,6 +27,7 @@ export function makeViewport(canvas, low) {
   const viewport = {
     renderer,
     scene,
+    light,
     camera,
     version() {
       controls.update(); // damping moves the camera on after a drag
@@ -55,7 +35,7 @@ export function makeViewport(canvas, low) {
     },
     setTheme(dark) {
       version++;
-      floor.material.opacity = dark ? 0.5 : 0.28;
+      light.set(dark ? "dusk" : "studio");
       ring.material.color.set(dark ? 0x9fb6c2 : 0x51626f);
     },
     frame(index = view) {
@@ -79,8 +59,7 @@ export function makeViewport(canvas, low) {
         vector.x += dx;
         vector.z += dz;
       }
-      key.position.set(1.6 + centre.x, 3.4, 2.6 + centre.z);
-      key.target.position.set(centre.x, 0.7, centre.z);
+      light.follow(centre.x, centre.z);
     },
     resize() {
       version++;
@@ -93,6 +72,7 @@ export function makeViewport(canvas, low) {
       camera.updateProjectionMatrix();
     },
     render() {
+      light.update();
       renderer.render(scene, camera);
     },
   };

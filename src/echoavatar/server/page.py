@@ -1,8 +1,9 @@
 """The live page: the built client, our character and the bundled sounds, all served from here."""
 
 import gzip
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from functools import lru_cache
+from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
 
@@ -14,11 +15,16 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from echoavatar.files.avatar import CHARACTERS, LEVELS, level_file, load_character
+from echoavatar.files.avatar.gltf import pack_glb
+
 SOUNDS = ("speech.ogg", "music.ogg")
 _FOR_ALL = {"cache-control": "max-age=3600", "access-control-allow-origin": "*"}  # pages of other sites may load these
 _HEADERS = {
-    b"content-security-policy": b"default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
-    b"img-src 'self' data: blob:; media-src 'self' blob:; connect-src 'self' ws: wss: blob: data:; "
+    # WebAssembly decodes the avatar's mesh.
+    b"content-security-policy": b"default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; "
+    b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; media-src 'self' blob:; "
+    b"connect-src 'self' ws: wss: blob: data:; "
     b"worker-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'self'",
     b"cache-control": b"no-cache",  # revalidated each time, sent again only if it changed
     b"x-content-type-options": b"nosniff",
@@ -39,8 +45,30 @@ def page_routes() -> list[BaseRoute]:
     routes: list[BaseRoute] = [Route("/avatar.glb", _avatar)]
     routes += [Route(f"/sounds/{name}", _file(assets / name)) for name in SOUNDS]
     if (static / "index.html").is_file():
-        return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static, html=True), compresslevel=6))]
+        routes.append(Route("/", _index((static / "index.html").read_text("utf-8"))))
+        return [*routes, Mount("/", GZipMiddleware(_Static(directory=static, html=True), compresslevel=6))]
     return [*routes, Route("/", _plain)]
+
+
+class _Static(StaticFiles):
+    """Built files. The names of those in assets/ hold a hash of what is in them, so they never change."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        answer = await super().get_response(path, scope)
+        if path.startswith("assets/") and answer.status_code == 200:
+            answer.headers["cache-control"] = "public, max-age=31536000, immutable"
+        return answer
+
+
+def _index(text: str) -> Callable[[Request], Awaitable[Response]]:
+    """The page, which asks for the avatar that its address names before its script runs."""
+
+    async def answer(request: Request) -> Response:
+        name = request.query_params.get("character", "")
+        wished = f"avatar.glb?character={name}&amp;level=2" if name in CHARACTERS else "avatar.glb?level=2"
+        return _tagged(request, text.replace("avatar.glb?level=2", wished).encode(), "text/html")
+
+    return answer
 
 
 class PageHeaders:
@@ -71,27 +99,35 @@ def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
 
 
 async def _avatar(request: Request) -> Response:
-    from echoavatar.files.avatar import CHARACTERS
-
-    name = request.query_params.get("character", CHARACTERS[0])
+    """`?character=` names who; `?level=` 0 to 2 asks for a level of detail, which needs a meshopt decoder."""
+    name, level = request.query_params.get("character", CHARACTERS[0]), request.query_params.get("level", "")
     if name not in CHARACTERS:
         return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404)
-    data = await anyio.to_thread.run_sync(_character, name)
-    headers = {**_FOR_ALL, "vary": "Accept-Encoding"}
+    if level not in ("", *map(str, range(LEVELS))):
+        return PlainTextResponse(f"choose a level of detail from 0 (finest) to {LEVELS - 1}\n", 404)
+    data = await anyio.to_thread.run_sync(_character, name, level)
+    return _tagged(request, data, "model/gltf-binary", _FOR_ALL, is_packed=True)
+
+
+def _tagged(
+    request: Request, data: bytes, kind: str, headers: Mapping[str, str] | None = None, *, is_packed: bool = False
+) -> Response:
+    """An answer that is sent only to who does not have it, and gzipped to who reads that."""
+    packed = data if is_packed else gzip.compress(data, 6, mtime=0)
+    told = {**(headers or {}), "vary": "Accept-Encoding", "etag": f'"{sha256(packed).hexdigest()[:20]}"'}
+    if told["etag"] in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=told)
     if "gzip" not in request.headers.get("accept-encoding", ""):
-        data = gzip.decompress(data)
-    else:
-        headers["content-encoding"] = "gzip"
-    return Response(data, media_type="model/gltf-binary", headers=headers)
+        return Response(gzip.decompress(packed), media_type=kind, headers=told)
+    return Response(packed, media_type=kind, headers={**told, "content-encoding": "gzip"})
 
 
 @lru_cache
-def _character(name: str) -> bytes:
-    """A character's GLB, gzipped."""
-    from echoavatar.files.avatar import load_character
-    from echoavatar.files.avatar.gltf import pack_glb
-
-    return gzip.compress(pack_glb(load_character(name), []), 6)
+def _character(name: str, level: str) -> bytes:
+    """A character's GLB, gzipped: at a level of detail, or whole and plain, for every program."""
+    if level:
+        return gzip.compress(level_file(name, int(level)).read_bytes(), 9, mtime=0)
+    return gzip.compress(pack_glb(load_character(name), []), 6, mtime=0)
 
 
 async def _plain(_: Request) -> Response:

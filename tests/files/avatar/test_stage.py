@@ -1,8 +1,19 @@
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar.stage import STAGES, Stage, tone_curve
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_pages_have_the_same_light_and_backdrops() -> None:
+    """After a change of stage.py: python scripts/make_stages.py && make web."""
+    made = runpy.run_path(str(ROOT / "scripts" / "make_stages.py"))
+    assert made["TARGET"].read_text("utf-8") == made["text"]()
 
 
 def test_a_colour_is_exact_everywhere_so_that_it_can_be_keyed() -> None:

@@ -2,7 +2,7 @@
 
 import type { AvatarDriver, protocol } from "@echoavatar/client";
 import { loadAvatar } from "@echoavatar/client/three";
-import { Box3, type Mesh, type Object3D, Vector3 } from "three";
+import { Box3, type Material, type Mesh, MeshLambertMaterial, type MeshStandardMaterial, type Object3D, Vector3 } from "three";
 import type { Viewport } from "./viewport.js";
 
 const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i, /(^|[^a-z])head$/i]; // stay in the picture
@@ -11,9 +11,9 @@ type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3
 
 export class AvatarSlot {
   driver: Driver | null = null;
-  /** Whether it is the built-in character, which motion can be exported into; and its file. */
-  isOurs = false;
-  file = new ArrayBuffer(0);
+  /** Where the built-in character is shown: its address, without the level of detail. */
+  ours: string | null = null;
+  private shown = ""; // what was asked for last
   private ready: protocol.ReadyMessage | null = null;
   private readonly here = new Vector3();
   private placed = false;
@@ -23,29 +23,50 @@ export class AvatarSlot {
   constructor(private readonly viewport: Viewport) {}
 
   /** Replaces the avatar; the old one stays if the new one cannot be read. */
-  async load(data: ArrayBuffer, isOurs = false): Promise<void> {
-    const next: Driver = await loadAvatar(data);
+  async load(data: ArrayBuffer): Promise<void> {
+    this.shown = "";
+    this.put(await loadAvatar(data));
+    this.ours = null;
+  }
+
+  /** Shows the built-in character of this address at a level of detail, unless something else is wished meanwhile. */
+  async show(address: string, level: number): Promise<void> {
+    const wished = (this.shown = `${address}${address.includes("?") ? "&" : "?"}level=${level}`);
+    const answer = await fetch(wished);
+    if (!answer.ok) throw new Error(`the server answered ${answer.status}`);
+    const next = await loadAvatar(await answer.arrayBuffer());
+    if (wished !== this.shown) return next.dispose();
+    this.put(next, this.ours === address);
+    this.ours = address;
+  }
+
+  /** The character as a file that every program reads, for motion to be exported into. */
+  async file(): Promise<ArrayBuffer> {
+    const answer = await fetch(this.ours ?? "");
+    if (!answer.ok) throw new Error(`the server answered ${answer.status}`);
+    return answer.arrayBuffer();
+  }
+
+  private put(next: Driver, isSame = false): void {
     if (this.ready) next.bind(this.ready);
     next.object.traverse((node) => {
       const mesh = node as Mesh;
       if (!mesh.isMesh) return;
       Object.assign(mesh, { castShadow: true, receiveShadow: !this.viewport.low, frustumCulled: false });
-      for (const material of [mesh.material].flat()) {
-        if (material.alphaTest > 0) material.alphaToCoverage = !this.viewport.low; // soft edges of hair
-      }
+      if (this.viewport.low && !("vrm" in next)) mesh.material = Array.isArray(mesh.material) ? mesh.material.map(plain) : plain(mesh.material);
     });
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();
     this.driver = next;
-    [this.isOurs, this.file] = [isOurs, data];
-    this.placed = false;
+    this.placed &&= isSame;
     this.ends = ENDS.flatMap((name) => {
       let found: Object3D | null = null;
       next.object.traverse((node) => (found ??= name.test(node.name) ? node : null));
       return found ?? [];
     });
     this.viewport.scene.add(next.object);
-    this.viewport.setHeight(size.max.y);
+    this.viewport.light.stand(next.object);
+    if (!isSame) this.viewport.setHeight(size.max.y);
   }
 
   bind(ready: protocol.ReadyMessage): void {
@@ -61,4 +82,12 @@ export class AvatarSlot {
     this.placed = true;
     this.viewport.attend(this.ends.map((node, k) => node.getWorldPosition(this.places[k]!)), seconds);
   }
+}
+
+/** The same surface without highlights, which are most of what a pixel costs. */
+function plain(material: Material): Material {
+  const { isMeshStandardMaterial, map, color, emissive, emissiveMap } = material as MeshStandardMaterial;
+  if (!isMeshStandardMaterial) return material;
+  const { name, side, alphaTest, transparent, opacity, vertexColors } = material;
+  return new MeshLambertMaterial({ name, side, alphaTest, transparent, opacity, vertexColors, map, color, emissive, emissiveMap });
 }

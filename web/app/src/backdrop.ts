@@ -1,55 +1,49 @@
-/** The backdrop: a soft gradient behind the avatar, and rings on the floor that follow the sound's level. */
+/** The backdrop: a soft wall and floor behind the avatar, and rings on the floor that follow the sound's level. */
 
+import { STAGES, type StageName } from "@echoavatar/client/three";
 import {
-  Color, DataTexture, Mesh, NormalBlending, PlaneGeometry, RedFormat, ShaderMaterial, Vector2, FloatType, NearestFilter,
+  Color, DataTexture, FloatType, Mesh, NearestFilter, NormalBlending, PlaneGeometry, RedFormat, ShaderMaterial, Vector3,
 } from "three";
 
-interface Colours {
-  readonly inner: string;
-  readonly outer: string;
-  readonly ring: string;
-}
-
-const LIGHT: Colours = { inner: "#f6f5f2", outer: "#c3ced7", ring: "#2b6f78" };
-const DARK: Colours = { inner: "#33424d", outer: "#10161b", ring: "#7fd6d4" };
+const RINGS = { light: "#2b6f78", dark: "#7fd6d4" };
 const HISTORY = 128; // past levels that the rings show
 const REACH = 3.2; // metres
 const SPEED = 1.7; // metres per second
 
-/** A full-screen gradient, drawn first; part of the canvas, so recordings contain it. */
+/** A full-screen gradient like the film's, drawn first; part of the canvas, so recordings contain it. */
 export class Backdrop {
   readonly mesh: Mesh<PlaneGeometry, ShaderMaterial>;
 
   constructor() {
+    const colour = () => ({ value: new Vector3() });
     const material = new ShaderMaterial({
       depthTest: false,
       depthWrite: false,
-      uniforms: { inner: { value: new Color() }, outer: { value: new Color() }, size: { value: new Vector2(1, 1) } },
+      uniforms: { wall: colour(), horizon: colour(), ground: colour() },
       vertexShader: "varying vec2 at; void main() { at = position.xy; gl_Position = vec4(position.xy, 1.0, 1.0); }",
       fragmentShader: `
-        uniform vec3 inner; uniform vec3 outer; uniform vec2 size; varying vec2 at;
+        uniform vec3 wall; uniform vec3 horizon; uniform vec3 ground; varying vec2 at;
         float noise(vec2 p) { return fract(sin(dot(p, vec2(12.9898, 78.233))) * 43758.5453); }
         void main() {
-          vec2 p = (at - vec2(0.0, 0.12)) * vec2(min(size.x / size.y, 1.5), 1.0);
-          float t = smoothstep(0.05, 1.45, length(p * vec2(0.86, 1.0)));
-          vec3 colour = mix(inner, outer, t) + (noise(gl_FragCoord.xy) - 0.5) / 160.0;
+          float y = 0.5 - 0.5 * at.y;
+          vec3 colour = mix(mix(wall, horizon, smoothstep(0.0, 0.62, y)), ground, smoothstep(0.62, 1.0, y));
+          colour *= 1.0 - (wall == ground ? 0.0 : 0.1) * at.x * at.x;
+          colour += (noise(gl_FragCoord.xy) - 0.5) / 255.0; // under a step of the display: else a slow gradient shows bands
           gl_FragColor = vec4(colour, 1.0);
         }`,
     });
     this.mesh = new Mesh(new PlaneGeometry(2, 2), material);
     this.mesh.renderOrder = -10;
     this.mesh.frustumCulled = false;
-    this.setTheme(false);
+    this.set("studio");
   }
 
-  setTheme(dark: boolean): void {
-    const { inner, outer } = dark ? DARK : LIGHT;
-    this.mesh.material.uniforms["inner"]!.value.set(inner).convertLinearToSRGB();
-    this.mesh.material.uniforms["outer"]!.value.set(outer).convertLinearToSRGB();
-  }
-
-  resize(width: number, height: number): void {
-    this.mesh.material.uniforms["size"]!.value.set(width, height);
+  set(name: StageName): void {
+    const { top, horizon, bottom } = STAGES[name];
+    const { uniforms } = this.mesh.material;
+    uniforms["wall"]!.value.set(...top);
+    uniforms["horizon"]!.value.set(...horizon);
+    uniforms["ground"]!.value.set(...bottom);
   }
 }
 
@@ -90,7 +84,7 @@ export class Echoes {
 
   setTheme(dark: boolean): void {
     const { uniforms } = this.mesh.material;
-    uniforms["colour"]!.value.set(dark ? DARK.ring : LIGHT.ring).convertLinearToSRGB();
+    uniforms["colour"]!.value.set(dark ? RINGS.dark : RINGS.light).convertLinearToSRGB();
     uniforms["strength"]!.value = dark ? 1 : 0.7;
   }
 

@@ -4,6 +4,7 @@ import { EchoSession } from "@echoavatar/client";
 import playbackWorklet from "@echoavatar/client/worklets/playback?worker&url";
 import { ActionPanel } from "./actions.js";
 import { AvatarSlot } from "./avatars.js";
+import { DetailControl } from "./detail.js";
 import { connectDrop } from "./dropzone.js";
 import { Hud } from "./hud.js";
 import { drawIcons } from "./icons.js";
@@ -38,9 +39,11 @@ async function watched(token: string): Promise<string> {
 async function start(): Promise<void> {
   drawIcons();
   const quality = settings.get("quality");
-  const low = quality === "low" || (quality !== "high" && isSoftware());
+  const isSlow = isSoftware();
+  const low = quality === "low" || (quality !== "high" && isSlow);
   document.documentElement.dataset["quality"] = low ? "low" : "high";
-  const viewport = new Viewport(element<HTMLCanvasElement>("view"), low);
+  const viewport = new Viewport(element<HTMLCanvasElement>("view"), low, settings.get("background") ?? "");
+  document.documentElement.dataset["background"] = settings.get("background") ?? "";
   const token = takeToken();
   const leader = await watched(token);
   if (settings.has("watch")) document.documentElement.dataset["watch"] = "";
@@ -59,18 +62,18 @@ async function start(): Promise<void> {
   const tools = new Tools(viewport, session, avatar, () => sources.output);
   connectDrop(avatar, sources);
   session.on("ready", (ready) => avatar.bind(ready));
-  void loadOwnAvatar(avatar);
+  const detail = new DetailControl(isSlow || quality === "low");
+  void showOwn(avatar, detail);
   session.connect();
-  run(viewport, session, avatar, { hud, states, sources });
-  Object.assign(window, { __echo: inspect(session, viewport, avatar, hud, sources, tools) });
+  run(viewport, session, avatar, { hud, states, sources, detail });
+  Object.assign(window, { __echo: inspect(session, viewport, avatar, hud, sources, tools, detail) });
 }
 
-async function loadOwnAvatar(avatar: AvatarSlot): Promise<void> {
+async function showOwn(avatar: AvatarSlot, detail: DetailControl): Promise<void> {
   try {
     const character = settings.get("character");
-    const response = await fetch(`./avatar.glb${character ? `?character=${encodeURIComponent(character)}` : ""}`);
-    if (!response.ok) throw new Error(`the server answered ${response.status}`);
-    await avatar.load(await response.arrayBuffer(), true);
+    await avatar.show(`./avatar.glb${character ? `?character=${encodeURIComponent(character)}` : ""}`, detail.level);
+    detail.restart();
   } catch (error) {
     toast(`The avatar could not be shown: ${(error as Error).message}. Drop a .vrm or .glb file here instead.`);
   }
@@ -80,10 +83,11 @@ interface Shown {
   readonly hud: Hud;
   readonly states: StatusLine;
   readonly sources: SourceBar;
+  readonly detail: DetailControl;
 }
 
 /** The render loop; a hidden tab draws nothing and catches up when it is shown again. */
-function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud, states, sources }: Shown): void {
+function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud, states, sources, detail }: Shown): void {
   let last = performance.now();
   const draw = (now: number) => {
     requestAnimationFrame(draw);
@@ -94,12 +98,14 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
     if (picture && avatar.driver) {
       avatar.driver.apply(picture.pose);
       avatar.driver.update(seconds);
+      document.getElementById("silhouette")?.classList.add("gone");
     }
     avatar.follow(seconds);
     viewport.echoes.advance(sources.output?.level ?? 0, seconds);
     states.show(picture);
     if (picture) viewport.suit(picture.state, seconds);
     viewport.render(seconds);
+    if (avatar.ours && detail.picture(seconds)) void avatar.show(avatar.ours, detail.level).catch(() => detail.restart());
     hud.picture();
   };
   requestAnimationFrame(draw);
@@ -109,9 +115,9 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
 const inspected: { shown: { at: number; held: boolean; state: string } | null } = { shown: null };
 
 /** What tests and the browser console can read. */
-function inspect(session: EchoSession, viewport: Viewport, avatar: AvatarSlot, hud: Hud, sources: SourceBar, tools: Tools) {
+function inspect(session: EchoSession, viewport: Viewport, avatar: AvatarSlot, hud: Hud, sources: SourceBar, tools: Tools, detail: DetailControl) {
   return {
-    session, viewport, avatar, sources, tools,
+    session, viewport, avatar, sources, tools, detail,
     get shown() {
       return inspected.shown;
     },

@@ -58,12 +58,12 @@ export class MotionRecorder {
     this.player.onFrame = (pose) => this.take.add(pose);
   }
 
-  stop(): Promise<File> {
+  async stop(): Promise<File> {
     this.player.onFrame = null;
-    if (!this.take.frames.length) return Promise.reject(new Error("Nothing was recorded."));
+    if (!this.take.frames.length) throw new Error("Nothing was recorded.");
     const { kind, take } = this;
-    const content = kind === "bvh" ? toBvh(take) : kind === "vrma" ? toVrma(take) : toGlb(take, this.avatar.file);
-    return Promise.resolve(new File([content], `echoavatar.${kind}`));
+    const content = kind === "bvh" ? toBvh(take) : kind === "vrma" ? toVrma(take) : toGlb(take, await this.avatar.file());
+    return new File([content], `echoavatar.${kind}`);
   }
 }
 

@@ -1,6 +1,7 @@
 /** The round buttons at the top and their keyboard shortcuts. */
 
 import type { EchoSession } from "@echoavatar/client";
+import { STAGES } from "@echoavatar/client/three";
 import type { AvatarSlot } from "./avatars.js";
 import { setIcon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
@@ -34,7 +35,7 @@ export class Tools {
     element("record").onclick = () => void this.record();
     element("help").onclick = () => element<HTMLDialogElement>("about").showModal();
     window.addEventListener("keydown", (event) => this.press(event));
-    this.setTheme(localStorage.getItem("theme") === "dark" || (!localStorage.getItem("theme") && matchMedia("(prefers-color-scheme: dark)").matches), false);
+    this.setTheme(isDark(viewport.background), false);
   }
 
   setTheme(dark: boolean, remember = true): void {
@@ -65,7 +66,7 @@ export class Tools {
     const button = element("record");
     try {
       if (this.recording) return await this.finish(button);
-      openMenu(button, KINDS.filter((kind) => kind.id !== "glb" || this.avatar.isOurs).map((kind) => ({
+      openMenu(button, KINDS.filter((kind) => kind.id !== "glb" || this.avatar.ours).map((kind) => ({
         ...kind, run: () => this.begin(button, kind.id),
       })));
     } catch (error) {
@@ -101,4 +102,11 @@ export class Tools {
     const button = number ? shown[number - 1] : document.getElementById(KEYS[event.key] ?? "");
     button?.click();
   }
+}
+
+/** What a chosen stage needs to be read on, else what the visitor chose before, else what the system prefers. */
+function isDark(background: string): boolean {
+  if (background in STAGES) return background === "dusk";
+  const chosen = localStorage.getItem("theme");
+  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 }

@@ -1,11 +1,8 @@
-/** Light, floor, camera and renderer. Low quality is faster: no antialiasing, no environment. */
+/** Stage, camera and renderer. Low quality is faster: no antialiasing, no environment, no cast shadow. */
 
-import {
-  DirectionalLight, HemisphereLight, Mesh, NeutralToneMapping, PCFShadowMap, PMREMGenerator, PerspectiveCamera,
-  PlaneGeometry, Scene, ShadowMaterial, Vector3, WebGLRenderer,
-} from "three";
+import { STAGES, StageLight, type StageName } from "@echoavatar/client/three";
+import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 import { Backdrop, Echoes } from "./backdrop.js";
 import { ResolutionControl } from "./resolution.js";
 
@@ -32,8 +29,7 @@ export class Viewport {
   private readonly backdrop = new Backdrop();
   private readonly resolution = new ResolutionControl();
   private readonly controls: OrbitControls;
-  private readonly key = new DirectionalLight(0xfff1e0, 2.6);
-  private readonly floor = new Mesh(new PlaneGeometry(30, 30), new ShadowMaterial({ opacity: 0.3 }));
+  readonly light: StageLight;
   private readonly centre = new Vector3();
   private readonly goal = { position: new Vector3(), target: new Vector3() };
   private readonly arm = new Vector3();
@@ -46,17 +42,15 @@ export class Viewport {
   private fixed: { width: number; height: number } | null = null;
   private tall = 1.65;
 
-  constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: !low, powerPreference: "high-performance" });
-    this.renderer.toneMapping = NeutralToneMapping;
-    this.renderer.shadowMap.enabled = true;
-    this.renderer.shadowMap.type = PCFShadowMap;
+  /** `background` is a stage's name, `clear` for none and an alpha channel, or empty: the theme chooses. */
+  constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean, readonly background = "") {
+    const isClear = background === "clear";
+    this.renderer = new WebGLRenderer({ canvas, antialias: !low, alpha: isClear, powerPreference: "high-performance" });
+    this.light = new StageLight(this.scene, this.renderer, low);
     this.controls = new OrbitControls(this.camera, canvas);
     Object.assign(this.controls, { enableDamping: true, minDistance: 0.5, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
-    this.light();
-    this.floor.rotation.x = -Math.PI / 2;
-    this.floor.receiveShadow = true;
-    this.scene.add(this.backdrop.mesh, this.floor, this.echoes.mesh);
+    this.scene.add(this.backdrop.mesh, this.echoes.mesh);
+    this.backdrop.mesh.visible = !isClear;
     this.controls.addEventListener("start", () => ([this.isGliding, this.isChosen] = [false, true]));
     canvas.addEventListener("dblclick", () => this.frame());
     window.addEventListener("resize", () => {
@@ -68,11 +62,10 @@ export class Viewport {
   }
 
   setTheme(dark: boolean): void {
-    this.backdrop.setTheme(dark);
-    this.echoes.setTheme(dark);
-    this.floor.material.opacity = dark ? 0.5 : 0.26;
-    this.scene.environmentIntensity = dark ? 0.36 : 0.5;
-    this.key.intensity = dark ? 2.3 : 2.6;
+    const stage: StageName = this.background in STAGES ? (this.background as StageName) : dark ? "dusk" : "studio";
+    this.light.set(stage);
+    this.backdrop.set(stage);
+    this.echoes.setTheme(stage === "dusk");
   }
 
   /** Returns to the chosen view; `index` chooses another. */
@@ -151,8 +144,7 @@ export class Viewport {
       vector.x += dx;
       vector.z += dz;
     }
-    this.key.position.set(1.5 + this.centre.x, 4.2, 2.6 + this.centre.z);
-    this.key.target.position.set(this.centre.x, 0.7, this.centre.z);
+    this.light.follow(this.centre.x, this.centre.z);
   }
 
   /** Draws a frame; `seconds` since the previous one. */
@@ -160,6 +152,7 @@ export class Viewport {
     if (!this.fixed && this.resolution.picture(seconds)) this.resize();
     this.glide(seconds);
     this.controls.update();
+    this.light.update();
     this.renderer.render(this.scene, this.camera);
   }
 
@@ -168,7 +161,6 @@ export class Viewport {
     const density = (this.low ? 1 : Math.min(window.devicePixelRatio, 2)) * this.resolution.scale;
     this.renderer.setPixelRatio(this.fixed ? 1 : density);
     this.renderer.setSize(width, height, false);
-    this.backdrop.resize(width, height);
     this.camera.aspect = width / height;
     this.camera.setViewOffset(width, height, 0, height * (width < 900 ? 0.1 : 0.045), width, height);
     this.camera.updateProjectionMatrix();
@@ -184,23 +176,6 @@ export class Viewport {
     controls.target.lerp(target, share);
     this.isGliding = camera.position.distanceTo(position) > 0.01;
     camera.position.sub(controls.target).multiplyScalar(this.widened).add(controls.target);
-  }
-
-  private light(): void {
-    const { key, low } = this;
-    key.position.set(1.5, 4.2, 2.6);
-    key.castShadow = true;
-    key.shadow.mapSize.setScalar(low ? 512 : 2048);
-    Object.assign(key.shadow.camera, { left: -1.6, right: 1.6, top: 1.7, bottom: -1.7, near: 0.5, far: 9 });
-    Object.assign(key.shadow, { bias: -0.0004, normalBias: 0.012, radius: low ? 2 : 9 });
-    const rim = new DirectionalLight(0xcfe4ff, 1.7);
-    rim.position.set(-2.2, 2.6, -2.4);
-    this.scene.add(key, key.target, rim, new HemisphereLight(0xf4f8ff, 0xb9aa98, low ? 1.7 : 0.55));
-    if (low) return;
-    const generator = new PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
-    this.scene.environmentIntensity = 0.5;
-    generator.dispose();
   }
 }
 

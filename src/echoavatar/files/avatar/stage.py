@@ -8,6 +8,7 @@ from jaxtyping import Float, UInt8
 
 from echoavatar.errors import MotionError
 
+TONE = (2.51, 0.03, 2.43, 0.59, 0.14)  # a filmic shoulder: x (a x + b) / (x (c x + d) + e), a fit of ACES by Narkowicz
 HELP = "studio (default), dusk, plain, or a colour such as #00ff00"
 
 
@@ -60,7 +61,8 @@ class Stage:
 def tone_curve() -> UInt8[np.ndarray, " 4096"]:
     """A table from linear light, 0 to 4 in 4,096 steps, to sRGB bytes through a filmic shoulder."""
     x = np.arange(4096) / 1024
-    filmic = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14)
+    a, b, c, d, e = TONE
+    filmic = x * (a * x + b) / (x * (c * x + d) + e)
     srgb = np.where(filmic <= 0.0031308, 12.92 * filmic, 1.055 * np.maximum(filmic, 1e-9) ** (1 / 2.4) - 0.055)
     return np.round(np.clip(srgb, 0, 1) * 255).astype(np.uint8)
 

@@ -6,28 +6,19 @@
  */
 
 import type { AvatarDriver, Pose } from "@echoavatar/client";
-import { loadAvatar } from "@echoavatar/client/three";
+import { StageLight, loadAvatar } from "@echoavatar/client/three";
 import {
   Box3,
   Color,
-  DirectionalLight,
   GridHelper,
-  Group,
-  HemisphereLight,
   type Material,
-  Mesh,
-  NeutralToneMapping,
+  type Mesh,
   type Object3D,
-  PCFShadowMap,
-  PMREMGenerator,
   PerspectiveCamera,
-  PlaneGeometry,
   Scene as World,
-  ShadowMaterial,
   Vector3,
   WebGLRenderer,
 } from "three";
-import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 import type { Scene } from "../api.generated.js";
 import { SharedCamera } from "./camera.js";
 
@@ -42,7 +33,7 @@ export interface Shown {
 export class Views {
   readonly camera: SharedCamera;
   private readonly world = new World();
-  private readonly around = new Group(); // light and floor shadow, which move with the body
+  private readonly light: StageLight;
   private readonly lens = new PerspectiveCamera(28, 1, 0.05, 60);
   private size = "";
   private driver: (AvatarDriver & { object: Object3D }) | null = null;
@@ -52,9 +43,7 @@ export class Views {
     private readonly renderer: WebGLRenderer,
     readonly low: boolean,
   ) {
-    renderer.toneMapping = NeutralToneMapping;
-    renderer.shadowMap.enabled = !low; // frame rate matters more than shadows
-    renderer.shadowMap.type = PCFShadowMap;
+    this.light = new StageLight(this.world, renderer, low);
     renderer.setClearColor(new Color(0), 0);
     this.camera = new SharedCamera();
     this.furnish();
@@ -93,7 +82,8 @@ export class Views {
     if (!area || !this.driver) return;
     this.driver.apply(pose);
     this.driver.update(seconds);
-    this.around.position.set(x, 0, z);
+    this.light.follow(x, z);
+    this.light.update();
     this.camera.aim(this.lens, area.width / area.height, x, z);
     this.renderer.setScissorTest(true);
     this.renderer.setViewport(area.left, area.bottom, area.width, area.height);
@@ -124,31 +114,14 @@ export class Views {
     const size = new Box3().setFromObject(driver.object).getSize(new Vector3());
     this.camera.setHeight(size.y);
     this.world.add(driver.object);
+    this.light.stand(driver.object);
     this.driver = driver;
   }
 
   private furnish(): void {
-    const floor = new Mesh(new PlaneGeometry(12, 12), new ShadowMaterial({ opacity: 0.26 }));
-    floor.rotation.x = -Math.PI / 2;
-    floor.receiveShadow = true;
     const lines = new GridHelper(20, 20, 0x5b7280, 0x7b909c); // one metre per cell, to judge travel and sliding feet
     Object.assign(lines.material as Material, { transparent: true, opacity: 0.28, depthWrite: false });
-    const key = new DirectionalLight(0xfff1e0, 2.6);
-    key.position.set(1.5, 4.2, 2.6);
-    key.target.position.set(0, 0.7, 0);
-    key.castShadow = true;
-    key.shadow.mapSize.setScalar(this.low ? 512 : 1024);
-    Object.assign(key.shadow.camera, { left: -1.6, right: 1.6, top: 1.7, bottom: -1.7, near: 0.5, far: 9 });
-    Object.assign(key.shadow, { bias: -0.0004, normalBias: 0.012, radius: this.low ? 2 : 6 });
-    const rim = new DirectionalLight(0xcfe4ff, 1.7);
-    rim.position.set(-2.2, 2.6, -2.4);
-    this.around.add(floor, key, key.target, rim, rim.target);
-    this.world.add(this.around, lines, new HemisphereLight(0xf4f8ff, 0xb9aa98, this.low ? 1.7 : 0.55));
-    if (this.low) return;
-    const generator = new PMREMGenerator(this.renderer);
-    this.world.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
-    this.world.environmentIntensity = 0.5;
-    generator.dispose();
+    this.world.add(lines);
   }
 }
 

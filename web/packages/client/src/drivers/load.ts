@@ -1,6 +1,7 @@
 /** Reads a .vrm or .glb file and returns a driver for it. */
 
 import { VRMLoaderPlugin, type VRM, VRMUtils } from "@pixiv/three-vrm";
+import { MeshoptDecoder } from "three/examples/jsm/libs/meshopt_decoder.module.js";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 import { GlbDriver } from "./glb.js";
 import { VrmDriver } from "./vrm.js";
@@ -8,7 +9,7 @@ import { VrmDriver } from "./vrm.js";
 /** Throws an error with a message for the user when the bytes are not a VRM or GLB model. */
 export async function loadAvatar(data: ArrayBuffer): Promise<GlbDriver | VrmDriver> {
   checkContainer(data);
-  const loader = new GLTFLoader();
+  const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder);
   loader.register((parser) => new VRMLoaderPlugin(parser));
   const gltf = await loader.parseAsync(data, "").catch((error: Error) => {
     throw new Error(`the file is damaged inside (${error.message}). Export it again.`);
