@@ -11,6 +11,7 @@ from tests.align.moving_bodies import dips, reference_statistics, scene
 from echoavatar.align.audio_encoders import AudioEncoderConfig
 from echoavatar.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce, soft_labels
 from echoavatar.errors import CheckpointError
+from echoavatar.motion.kinematics import FeatureStatistics
 
 
 def model() -> AudioMotion:
@@ -101,3 +102,23 @@ def test_checkpoints_of_earlier_versions_load(tmp_path):
     save_file(old, tmp_path / "model.safetensors")
     sound = torch.randint(16, (2, 60, 2))
     torch.testing.assert_close(AudioMotion.load(tmp_path).embed_audio(sound), one.embed_audio(sound))
+
+
+def test_motion_is_read_as_features_where_the_paper_is_asked_for(tmp_path):
+    """Appendix, Motion Encoder: m of N frames and D channels, one embedding for 4 s."""
+    torch.manual_seed(0)
+    mean, varies = torch.randn(315), torch.ones(315, dtype=torch.bool)
+    statistics = FeatureStatistics(mean, torch.full((315,), 0.5), varies)
+    books = torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4)
+    sizes = {"width": 16, "layers": 1, "sound_layers": 1, "heads": 2, "slices": 1}
+    one = AudioMotion.from_codebooks(*books, statistics=statistics, **sizes).eval()
+    motion = torch.randn(2, 120, 315)
+    assert one.embed_motion(motion).shape == (2, 768)
+    scaled = one.embed_motion(mean + (motion - mean) * 1.5)
+    assert (scaled - one.embed_motion(motion)).abs().max() > 1e-3
+    one.save(tmp_path, {})
+    torch.testing.assert_close(AudioMotion.load(tmp_path).embed_motion(motion), one.embed_motion(motion))
+    made = scene(dips(()))
+    object.__setattr__(made, "audio_codes", np.zeros((300, 2), np.int64))
+    object.__setattr__(made, "features", np.zeros((made.lead + 120, 315), np.float32))
+    assert -1 <= one.judge(made, reference_statistics()) <= 1

@@ -26,6 +26,9 @@ def test_each_reward_is_trained_measured_and_written(tmp_path, tiny_bundle, caps
     assert main(["align", "reward-alignment", *common, "-o", alignment, *small]) == 0
     table = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert table["everything"]["audio to motion, all"]["gallery"] == 1
+    read = str(tmp_path / "read")
+    assert main(["align", "reward-alignment", *common, "-o", read, *small, "--motion", "features"]) == 0
+    assert AudioMotion.load(tmp_path / "read").config.motion == "features"
     for folder in (quality, alignment):
         card = json.loads((tmp_path / folder / "card.json").read_text())
         assert {"data", "command", "licence"} <= card.keys()

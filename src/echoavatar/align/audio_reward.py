@@ -5,7 +5,8 @@ trained with InfoNCE in both directions. Labels are soft: windows of the same se
 mirrored clip has the same audio. The temperature is learned and starts at 1 / 0.07.
 
 Audio is encoded from codec tokens, by BEATs or by Wav2CLIP (`audio_encoders`). We depart from the paper in two ways.
-Motion is encoded from the vectors of its codes, which are what the generator predicts. And the paper averages over the
+Motion is encoded from the vectors of its codes, which are what the generator predicts (`motion` "features" is the
+paper's: normalised motion features, decoded from the codes at 30 fps). And the paper averages over the
 whole clip, so its embedding cannot say when anything happened. Here 4 s are pooled into 24 slices of 1/6 s with 32
 channels each, and the cosine adds up what agrees at the same time. `slices` 1 is the paper's.
 """
@@ -13,8 +14,9 @@ channels each, and the cosine adds up what agrees at the same time. `slices` 1 i
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Self
+from typing import Any, Literal, Self
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
@@ -24,8 +26,15 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec
+from echoavatar.motion.kinematics import FeatureStatistics
 from echoavatar.nn import FullBlock
-from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from echoavatar.timing import (
+    FRAMES_PER_MOTION_TOKEN,
+    SAMPLE_RATE_HZ,
+    SAMPLES_PER_AUDIO_TOKEN,
+    SAMPLES_PER_MOTION_TOKEN,
+    exact_div,
+)
 
 from .audio_encoders import AudioEncoderConfig, TokenEncoder, WaveformEncoder, sinusoids
 from .beats import Beats
@@ -48,7 +57,12 @@ class AudioMotionConfig(Config):
     audio_encoder: AudioEncoderConfig = Field(
         validation_alias=AliasChoices("audio_encoder", OLD_NAME), description="the audio encoder"
     )
-    motion_channels: int = Field(gt=0, le=1 << 14, description="length of a motion token's vector, all body parts")
+    motion: Literal["codes", "features"] = Field(
+        default="codes", description="what motion is read as: vectors of codes, or motion features (paper)"
+    )
+    motion_channels: int = Field(
+        gt=0, le=1 << 14, description="length of a motion token's vector, all body parts; or of a frame's features"
+    )
     width: int = Field(default=128, gt=0, description="channels of both encoders (paper: 512)")
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
@@ -66,6 +80,9 @@ class AudioMotion(nn.Module):
     """An audio encoder and a motion encoder that share one embedding space."""
 
     motion_book: Tensor
+    mean: Tensor
+    std: Tensor
+    varies: Tensor
 
     def __init__(
         self, config: AudioMotionConfig, *, sound_shape: tuple[int, ...], motion_shape: tuple[int, ...]
@@ -74,7 +91,12 @@ class AudioMotion(nn.Module):
         super().__init__()
         self.config = config
         width = config.width
-        self.register_buffer("motion_book", torch.zeros(*motion_shape, config.motion_channels // motion_shape[0]))
+        if config.motion == "codes":
+            self.register_buffer("motion_book", torch.zeros(*motion_shape, config.motion_channels // motion_shape[0]))
+        else:
+            self.register_buffer("mean", torch.zeros(config.motion_channels))
+            self.register_buffer("std", torch.ones(config.motion_channels))
+            self.register_buffer("varies", torch.ones(config.motion_channels, dtype=torch.bool))
         self.audio_encoder: TokenEncoder | WaveformEncoder
         if config.audio_encoder.kind == "codes":
             self.audio_encoder = TokenEncoder(config.audio_encoder, sound_shape, width=width, heads=config.heads)
@@ -94,11 +116,15 @@ class AudioMotion(nn.Module):
         motion_book: Float[Tensor, "p q K c"],
         *,
         sound_layers: int = 2,
+        statistics: FeatureStatistics | None = None,
         **sizes: int,
     ) -> Self:
-        """An untrained model that reads codec tokens; both codebooks are scaled to unit spread."""
+        """An untrained model that reads codec tokens; both codebooks are scaled to unit spread.
+
+        With `statistics` motion is read as features, which they normalise, and the codes of motion are not used.
+        """
         audio_encoder = AudioEncoderConfig(channels=sound_book.shape[2], layers=sound_layers)
-        model = cls._build(audio_encoder, motion_book, tuple(sound_book.shape[:2]), sizes)
+        model = cls._build(audio_encoder, motion_book, tuple(sound_book.shape[:2]), sizes, statistics)
         assert isinstance(model.audio_encoder, TokenEncoder)
         model.audio_encoder.book.copy_(sound_book / sound_book.sum(0).std().clamp(min=MIN_SPREAD))
         return model
@@ -111,12 +137,13 @@ class AudioMotion(nn.Module):
         motion_book: Float[Tensor, "p q K c"],
         *,
         is_frozen: bool,
+        statistics: FeatureStatistics | None = None,
         **sizes: int,
     ) -> Self:
         """An untrained model over BEATs or Wav2CLIP; its weights are copied, and kept fixed if `is_frozen`."""
         kinds = {"beats": network.config} if isinstance(network, Beats) else {"wav2clip": network.config}
         audio_encoder = AudioEncoderConfig.model_validate({"codec": codec.config, "is_frozen": is_frozen} | kinds)
-        model = cls._build(audio_encoder, motion_book, (), sizes)
+        model = cls._build(audio_encoder, motion_book, (), sizes, statistics)
         assert isinstance(model.audio_encoder, WaveformEncoder)
         model.audio_encoder.network.load_state_dict(network.state_dict())
         model.audio_encoder.codec.load_state_dict(codec.state_dict())
@@ -128,8 +155,17 @@ class AudioMotion(nn.Module):
         audio_encoder: AudioEncoderConfig,
         motion_book: Tensor,
         sound_shape: tuple[int, ...],
-        sizes: Mapping[str, int],
+        sizes: Mapping[str, Any],
+        statistics: FeatureStatistics | None,
     ) -> Self:
+        if statistics is not None:
+            config = AudioMotionConfig(
+                audio_encoder=audio_encoder, motion="features", motion_channels=statistics.mean.numel(), **sizes
+            )
+            model = cls(config, sound_shape=sound_shape, motion_shape=())
+            for own, value in zip((model.mean, model.std, model.varies), statistics, strict=True):
+                own.copy_(value)
+            return model
         parts, channels = motion_book.shape[0], motion_book.shape[3]
         config = AudioMotionConfig(audio_encoder=audio_encoder, motion_channels=parts * channels, **sizes)
         model = cls(config, sound_shape=sound_shape, motion_shape=tuple(motion_book.shape[:3]))
@@ -149,15 +185,24 @@ class AudioMotion(nn.Module):
             tokens = sound.shape[1] // FRAMES_PER_TOKEN
         return self._pooled(self.sound_out(self.audio_encoder(sound)), tokens)
 
-    def embed_motion(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b d"]:
-        """Unit embeddings of motion codes; d is `size` for 4 s."""
-        parts = [
-            sum((self.motion_book[p, q][codes[:, :, p, q]] for q in range(codes.shape[3])), torch.zeros(()))
-            for p in range(codes.shape[2])
-        ]
-        x = self.motion_in(torch.cat(parts, -1))
+    def embed_motion(self, motion: Tensor) -> Float[Tensor, "b d"]:
+        """Unit embeddings of motion codes (b, n, p, q) or, as the config says, features (b, t, c).
+
+        d is `size` for 4 s.
+        """
+        tokens = motion.shape[1]
+        if self.config.motion == "features":
+            tokens //= FRAMES_PER_MOTION_TOKEN
+            read = FeatureStatistics(self.mean, self.std, self.varies).normalize(motion)
+        else:
+            parts = [
+                sum((self.motion_book[p, q][motion[:, :, p, q]] for q in range(motion.shape[3])), torch.zeros(()))
+                for p in range(motion.shape[2])
+            ]
+            read = torch.cat(parts, -1)
+        x = self.motion_in(read)
         states = self.motion(x + sinusoids(x.shape[1], x.shape[2]).to(x))
-        return self._pooled(self.motion_out(states), codes.shape[1])
+        return self._pooled(self.motion_out(states), tokens)
 
     def _pooled(self, states: Float[Tensor, "b t c"], tokens: int) -> Float[Tensor, "b d"]:
         """Average over slices of equal duration; a shorter clip has fewer of them."""
@@ -169,7 +214,9 @@ class AudioMotion(nn.Module):
     def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
         """The reward function: cosine of the audio's and the motion's embedding (paper, Reward Computation)."""
         heard = self.embed_audio(torch.from_numpy(motion.audio_codes)[None])
-        seen = self.embed_motion(torch.from_numpy(motion.motion_codes)[None])
+        is_read = self.config.motion == "features"
+        shown = motion.features[motion.lead :].astype(np.float32) if is_read else motion.motion_codes
+        seen = self.embed_motion(torch.from_numpy(shown)[None])
         return float((heard * seen).sum())
 
     def save(self, folder: Path, card: Mapping[str, object]) -> None:

@@ -24,7 +24,8 @@ from echoavatar.evaluation.metrics.retrieval import (
 )
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import TokenClip
-from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
 from echoavatar.training import Loss, Progress, TrainingConfig, TrainingTask, train
 
 from .audio_encoders import decoded_waveform
@@ -61,10 +62,18 @@ class AudioMotionWindows:
     """Windows of audio and motion cut from clips; windows of one segment, mirrored ones too, share a number."""
 
     def __init__(
-        self, clips: Mapping[str, TokenClip], *, chunks: int = WINDOW_CHUNKS, waves: Mapping[str, Tensor] | None = None
+        self,
+        clips: Mapping[str, TokenClip],
+        *,
+        chunks: int = WINDOW_CHUNKS,
+        waves: Mapping[str, Tensor] | None = None,
+        features: Mapping[str, Tensor] | None = None,
     ) -> None:
-        """With `waves` (from `decoded_waveforms`) the audio is a waveform, otherwise codec tokens."""
-        self._chunks, self._waves = chunks, waves
+        """With `waves` (from `decoded_waveforms`) the audio is a waveform, otherwise codec tokens.
+
+        With `features` (from `decoded_features`) the motion is features at 30 fps, otherwise codes.
+        """
+        self._chunks, self._waves, self._features = chunks, waves, features
         sources = sorted({name.removesuffix(MIRROR) for name in clips})
         self._source = {name: at for at, name in enumerate(sources)}
         self._clips = {name: clip for name, clip in clips.items() if clip.chunks >= chunks}
@@ -110,7 +119,15 @@ class AudioMotionWindows:
 
         sound = stacked("audio", AUDIO_FRAMES_PER_CHUNK) if self._waves is None else self._heard(spots)
         segments = [self._source[name.removesuffix(MIRROR)] * 100_000 + start for name, start in spots]
-        return Windows(sound, stacked("motion", MOTION_TOKENS_PER_CHUNK), torch.tensor(segments))
+        motion = stacked("motion", MOTION_TOKENS_PER_CHUNK) if self._features is None else self._seen(spots)
+        return Windows(sound, motion, torch.tensor(segments))
+
+    def _seen(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b t c"]:
+        """The windows' motion features."""
+        assert self._features is not None
+        each = CHUNK_FRAMES
+        rows = [self._features[name][start * each : (start + self._chunks) * each] for name, start in spots]
+        return torch.stack(rows).float()
 
     def _heard(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b s"]:
         """The windows' waveforms."""
@@ -132,6 +149,19 @@ def decoded_waveforms(
         if progress is not None:
             progress(done, len(sources))
     return waves
+
+
+@torch.no_grad()
+def decoded_features(
+    tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], progress: Progress | None = None
+) -> dict[str, Float[Tensor, "_ c"]]:
+    """Decode each clip's motion codes to features in half precision, by name: what a continuation is judged by, too."""
+    found = {}
+    for done, (name, clip) in enumerate(clips.items(), start=1):
+        found[name] = tokenizer.decode(torch.from_numpy(clip.motion.astype(np.int64))[None])[0].half()
+        if progress is not None:
+            progress(done, len(clips))
+    return found
 
 
 class AudioRewardTask(TrainingTask[Windows]):

@@ -15,16 +15,33 @@ if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Bundle
     from echoavatar.models.generator import TokenClip
 
-PAPER: dict[str, dict[str, float]] = {
+PAPER: dict[str, dict[str, float | str]] = {
     "reward-quality": {"width": 512, "heads": 8},
-    "reward-alignment": {"width": 512, "heads": 8, "layers": 4, "slices": 1, "rate": 1e-4, "batch": 32},
+    "reward-alignment": {
+        "width": 512,
+        "heads": 8,
+        "layers": 4,
+        "slices": 1,
+        "rate": 1e-4,
+        "batch": 32,
+        "motion": "features",
+    },  # fmt: skip
 }  # appendix, Motion Quality Reward Model ("mirrors our motion tokenizer"); Audio-Motion Alignment Reward
-DEFAULTS: dict[str, dict[str, float]] = {
+DEFAULTS: dict[str, dict[str, float | str]] = {
     "reward-quality": {"width": 96, "heads": 4},
-    "reward-alignment": {"width": 128, "heads": 4, "layers": 4, "slices": 24, "rate": 1e-3, "batch": 64},
+    "reward-alignment": {
+        "width": 128,
+        "heads": 4,
+        "layers": 4,
+        "slices": 24,
+        "rate": 1e-3,
+        "batch": 64,
+        "motion": "codes",
+    },  # fmt: skip
 }
 PAPER_WORDS = (
-    "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32"
+    "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32,"
+    " motion features, BEATs if --encoder-weights are given"
 )
 KINDS = ("calibrate", "reward-quality", "reward-alignment")
 
@@ -63,6 +80,13 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         metavar="FILE",
         help="published weights, such as BEATs_iter3_plus_AS2M.pt or Wav2CLIP's ResNet_CX.ckpt, which are kept fixed "
         "(default: a small network of that kind, trained with the reward)",
+    )
+    alignment.add_argument(
+        "--motion",
+        choices=("codes", "features"),
+        default="codes",
+        help="what motion is read as: vectors of its codes, or motion features at 30 fps, as in the paper (default: "
+        "%(default)s)",
     )
     alignment.add_argument("--batch", type=int, default=64, help="windows per step (default: %(default)s)")
     alignment.add_argument("--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)")
@@ -117,6 +141,8 @@ def take_paper(args: argparse.Namespace) -> None:
     for name, value in PAPER[args.kind].items():
         if getattr(args, name) == DEFAULTS[args.kind][name]:
             setattr(args, name, value)
+    if args.kind == "reward-alignment" and args.encoder_weights and args.encoder == "codes":
+        args.encoder = "beats"
 
 
 Clips = dict[str, "TokenClip"]
@@ -181,6 +207,7 @@ def _alignment(
     from echoavatar.align.audio_reward_train import (
         AudioMotionWindows,
         AudioRewardTraining,
+        decoded_features,
         decoded_waveforms,
         retrieval_tables,
         train_audio_reward,
@@ -193,7 +220,8 @@ def _alignment(
 
     def pairs(clips: Clips) -> AudioMotionWindows:
         waves = None if args.encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
-        return AudioMotionWindows(clips, waves=waves)
+        features = None if args.motion == "codes" else decoded_features(bundle.tokenizer, clips, progress)
+        return AudioMotionWindows(clips, waves=waves, features=features)
 
     training = AudioRewardTraining(
         steps=args.steps,
@@ -225,8 +253,9 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
         torch.manual_seed(args.seed)
         motion_book = bundle.tokenizer.codebooks().detach()
         sizes = {"width": args.width, "heads": args.heads, "layers": args.layers, "slices": args.slices}
+        read = None if args.motion == "codes" else bundle.tokenizer.statistics
         if args.encoder == "codes":
-            return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, **sizes)
+            return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, statistics=read, **sizes)
         network: Beats | Wav2Clip
         if args.encoder == "beats":
             network = Beats(SMALL_BEATS)
@@ -237,7 +266,9 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
             if args.encoder_weights:
                 network = Wav2Clip.from_published(read_tensors(args.encoder_weights, "state_dict"))
         is_frozen = args.encoder_weights is not None
-        return AudioMotion.from_network(network, bundle.codec, motion_book, is_frozen=is_frozen, **sizes)
+        return AudioMotion.from_network(
+            network, bundle.codec, motion_book, is_frozen=is_frozen, statistics=read, **sizes
+        )
 
 
 def command_line(args: argparse.Namespace) -> str:

@@ -22,6 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options, seed: str) 
     )
     parser.add_argument("--start", type=Path, help="trained face model of the same sizes to start from")
     options.add("--seed", "training.seed", 0, type=int, help=seed)
+    parser.add_argument(
+        "--hubert",
+        type=Path,
+        metavar="FOLDER",
+        help="pretrained HuBERT (transformers' config.json and weights) as the encoder, kept as it is; the paper's is "
+        "multilingual, with 768 channels. Goes with --recipe recipes/paper/face.yaml or --paper",
+    )
     parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
     options.add_minutes()
 
@@ -35,6 +42,12 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
 
     if args.paper:
         settings = args.options.settings(args, {"model": paper_face(encoder=MelConfig()).model_dump()})
+    encoder = None
+    if args.hubert:
+        from echoavatar.models.face.hubert import HubertEncoder
+
+        encoder = HubertEncoder.from_pretrained(args.hubert)
+        settings.model["encoder"] = encoder.config.model_dump()
     train_face(
         settings.checked(FaceConfig, "model"),
         settings.checked(FaceTraining, "training"),
@@ -42,6 +55,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
         args.output,
         minutes=args.minutes,
         start=FaceModel.load(args.start) if args.start else None,
+        encoder=encoder,
         card=card,
         **how,
     )

@@ -139,7 +139,7 @@ CHANGES = {
     "idle": BODY,
     "expression": FACE,
     "blinks": FACE,
-    "listening": BODY,
+    "listening": BODY | FACE,  # a turned head, and eyes that meet
     "overlays": BODY,
 }
 

@@ -161,17 +161,3 @@ def test_the_stream_reads_the_control_tokens_that_training_wrote() -> None:
     other = model.code_logits(untold, model.read(untold)).argmax(-1).transpose(0, 1)
     assert not torch.equal(other[0, :, -2:], whole.targets[0, :, -2:])
     assert torch.equal(other[1, :, -2:], whole.targets[1, :, -2:])  # no set, no system prompt
-
-
-@pytest.mark.slow
-def test_trained_control_tokens_steer(tmp_path) -> None:
-    """Without any bias of logits: codes come mostly from the set that stands in front."""
-    clips = [TokenClip(*clip_arrays(seed)) for seed in range(30)]
-    training = settings(steps=400, batch=8, learning_rate=1e-2, warmup=5, exemplar=0.9, short_windows=0)
-    model = train_generator(config(**PROMPTED, layers=2), training, clips, tmp_path)
-    stream, x, sets = open_stream(model), audio(2, 400), members({2, 6}, {0, 3})
-    told = stream.step(x, stream.init_state(2), EVERYONE, exemplar=sets)[:, :, 1, 0]
-    free = stream.step(x, stream.init_state(2), EVERYONE)[:, :, 1, 0]
-    inside, outside = (sets.gather(1, codes).mean(1) for codes in (told, free))
-    assert bool((inside > 0.6).all()), inside
-    assert bool((inside > outside + 0.2).all()), (inside, outside)

@@ -63,6 +63,18 @@ class HubertEncoder(AudioEncoder[SoundState]):
         encoder.hubert.load_state_dict(network.state_dict())
         return encoder.eval()
 
+    def freeze(self) -> None:
+        """Keep the weights as they are: training then neither changes nor masks nor drops anything."""
+        self.requires_grad_(False)
+        self.hubert.eval()
+
+    def train(self, mode: bool = True) -> Self:
+        """A frozen network stays in evaluation mode."""
+        super().train(mode)
+        if not next(self.parameters()).requires_grad:
+            self.hubert.eval()
+        return self
+
     def init_state(self, rows: int) -> SoundState:
         """Silence."""
         like = next(self.parameters()).detach()

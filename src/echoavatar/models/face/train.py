@@ -18,6 +18,7 @@ from echoavatar.training import Loss, Progress, TrainingTask, has_state, train
 
 from .clip import FaceClip
 from .config import FaceConfig
+from .hubert import HubertEncoder
 from .losses import FaceReader, FlowNoise, draw_noise, flow_loss
 from .model import FaceModel
 from .recipe import FaceTraining
@@ -107,16 +108,21 @@ def train_face(
     minutes: float | None = None,
     device: str = "cpu",
     start: FaceModel | None = None,
+    encoder: HubertEncoder | None = None,
     card: Mapping[str, object] | None = None,
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> FaceModel:
     """Train on the clips of split "train", checkpointing into `folder` with `card`; continues what is there.
 
-    A new run begins with the weights of `start`, where given, under a schedule of its own.
+    A new run begins with the weights of `start`, where given, under a schedule of its own. A pretrained `encoder`, of
+    the config's sizes, is kept as it is; the rest learns.
     Stops after the schedule's steps, or after `minutes` of this call.
     """
     stage = FaceTask(config, training, clips, card=card)
+    if encoder is not None:
+        checkpoint.load_into(stage.model.encoder, encoder.state_dict(), origin="the pretrained encoder")
+        stage.model.encoder.freeze()  # type: ignore[operator]
     if start is not None and not has_state(folder):
         checkpoint.load_into(stage.model, start.state_dict(), origin="the face model to start from")
     train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
