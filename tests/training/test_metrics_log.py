@@ -5,7 +5,7 @@ from types import ModuleType
 import pytest
 
 from echoavatar.errors import DependencyError
-from echoavatar.training.metrics_log import FILE, MetricsLog
+from echoavatar.training.metrics_log import FILE, MetricsLog, want_trackers
 
 
 def test_lines_that_will_be_repeated_and_a_torn_one_are_dropped(tmp_path):
@@ -22,6 +22,9 @@ def test_a_tracker_that_is_not_installed_is_named(tmp_path, monkeypatch, name):
     monkeypatch.setitem(sys.modules, {"tensorboard": "torch.utils.tensorboard"}.get(name, name), None)
     with pytest.raises(DependencyError, match=f"pip install {name}"):
         MetricsLog(tmp_path, 0, [name])
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(DependencyError, match=f"--track {name} .*pip install {name}"):
+        want_trackers([name])
 
 
 def test_weights_and_biases_goes_on_with_the_same_run(tmp_path, monkeypatch):

@@ -112,12 +112,14 @@ def run(args: argparse.Namespace) -> int:
 
     from echoavatar.engine.pipeline.device import find_device
     from echoavatar.engine.pipeline.runtime import Runtime
+    from echoavatar.training.metrics_log import want_trackers
     from echoavatar_research.scale import SCALES
 
     from .experiment import Experiment, Sources
     from .formats import want_pictures
 
-    want_pictures()  # all four refuse before any work
+    want_pictures()  # these refuse before any work
+    want_trackers(args.track)
     find_device(args.device)
     runtime = Runtime().chosen(args.runtime).label
     others = _others(args)

@@ -1,5 +1,6 @@
 """Logs a run's metrics: `metrics.jsonl` always, one line for each logged step; TensorBoard or W&B if asked."""
 
+import importlib.util
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -42,6 +43,17 @@ class MetricsLog:
         """Close all outputs."""
         for output in self._outputs:
             output.close()
+
+
+def want_trackers(trackers: Sequence[str]) -> None:
+    """Called before long work that ends in training.
+
+    Raises:
+        DependencyError: a tracker's package is missing.
+    """
+    for name in trackers:
+        if importlib.util.find_spec(name) is None:
+            raise DependencyError(f"--track {name} needs the package {name}; run: pip install {name}")
 
 
 def _step(line: str) -> float:
