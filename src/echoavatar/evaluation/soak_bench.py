@@ -301,18 +301,17 @@ def _hurt(engine: engines.Engine, manager: Any) -> None:
             cores = [manager.find(name).core for name in manager.names]
             chance.choice([core for core in cores if core.seed > 0]).fail(MemoryError("injected"))
         else:
-            _break(
-                engine.pipeline, chance.choice(("level", "codec", "generator", "decoder")), for_good=kind == "engine"
-            )
+            _break(engine, chance.choice(("level", "codec", "generator", "decoder")), for_good=kind == "engine")
 
 
-def _break(pipeline: Any, at: str, *, for_good: bool) -> None:
-    healthy = pipeline.on_stage
+def _break(engine: engines.Engine, at: str, *, for_good: bool) -> None:
+    """Let a stage fail: once, or at every step until the pipeline is loaded again."""
+    healthy = engine.pipeline.on_stage
 
-    def fail(stage: str) -> None:
+    def fail(stage: str) -> None:  # holds the engine: if it held the pipeline, that would stay in memory
         if stage == at:
             if not for_good:
-                pipeline.on_stage = healthy
+                engine.pipeline.on_stage = healthy
             raise MemoryError(f"injected behind {stage}")
 
-    pipeline.on_stage = fail
+    engine.pipeline.on_stage = fail
