@@ -19,6 +19,7 @@ from tests.server.video.webrtc import Watcher, http
 from echoavatar.server import ServerSettings
 from echoavatar.wire import Hello
 
+AT_ONCE = 20  # flashes in one message, which has a limit
 VIDEO = dataclasses.replace(FAST, video=1, video_size=(128, 128), resume_seconds=5.0)
 
 
@@ -47,14 +48,18 @@ async def watch(server: RunningServer, watcher: Watcher, path: str = "/v1/whep",
 async def measure(settings: ServerSettings, flashes: int) -> Watcher:
     """Watch so many flashes with their beeps."""
     watcher = Watcher()
-    with serving(settings=settings, pipeline=Flasher()) as server, server.call(Hello(want=())) as caller:
+    with (
+        serving(settings=settings, pipeline=Flasher()) as server,
+        server.call(Hello(want=()), ping_interval=None) as caller,
+    ):
         try:
             address = await watch(server, watcher)
             await watcher.until(lambda: len(watcher.pictures) > 3 and len(watcher.sounds) > 10)
-            await asyncio.to_thread(caller.speak, 1, beeps(min(flashes, 40)))
-            for seg in range(2, 1 + -(-flashes // 40)):
-                await asyncio.to_thread(caller.speak, seg, beeps(40))
-            await asyncio.sleep((flashes + 2) * PERIOD / 24_000)
+            for seg, first in enumerate(range(0, flashes, AT_ONCE), 1):
+                count = min(flashes - first, AT_ONCE)
+                await asyncio.to_thread(caller.speak, seg, beeps(count))
+                await asyncio.sleep((count + 1) * PERIOD / 24_000)
+            await asyncio.sleep(PERIOD / 24_000)
             assert (await asyncio.to_thread(http, "DELETE", address))[0] == 200
             assert await asyncio.to_thread(until, lambda: free(server) == 1)
         finally:
@@ -85,6 +90,7 @@ def test_a_hundred_flashes_at_full_size() -> None:
         f"\n{len(offsets)} flashes, {rate:.1f} pictures a second; flash after beep: mean {1e3 * offsets.mean():.1f} ms,"
         f" 99 % within {1e3 * np.percentile(np.abs(offsets), 99):.0f} ms\n"
     )
+    assert rate > 15, "this machine is too busy to time flashes"
     assert len(offsets) > 90
     assert abs(offsets.mean()) < 0.020
     assert np.percentile(np.abs(offsets), 99) < 0.060

@@ -2,8 +2,8 @@
 
 Time of the stream runs from its first call and never stops; a moment of it shows one place of the session's clock.
 That place follows the playhead of the session: it runs with the wall clock, waits where nothing has arrived, and jumps
-if it is far off. Pictures are drawn ahead, one at a time, on a thread of their own. A picture that cannot be ready in
-time is never begun, so a slow machine shows fewer pictures and none late.
+if it is far off. Pictures are drawn ahead, one at a time, on a thread of their own. A slow machine leaves
+pictures out: of those that could still be ready in time the first is drawn, none is queued.
 """
 
 import asyncio
@@ -28,6 +28,7 @@ PICTURE_RATE_HZ = 25
 EDGE = 16  # samples around a block, for a filter that resamples it
 FAR_S = 0.25  # off the playhead by more, a stream with sound jumps to it
 SLACK_S = 0.005  # for the event loop
+MOST_AHEAD_S = 0.15  # motion that is sure to be there (`server.session.MARGIN_S`)
 MOST_BEHIND_S = 0.5  # blocks of sound that are later are skipped
 CALM = 0.1  # weight of the newest measurement in a mean
 _SINC = np.sinc(np.arange(0.5 - EDGE, EDGE)) * np.hanning(2 * EDGE + 2)[1:-1]  # interpolates halfway between samples
@@ -131,7 +132,7 @@ class LiveStream:
 
     async def _draw(self) -> Picture:
         """Draw the first picture that can be ready in time."""
-        lead = 1.25 * self._draw_s + self._send_s + SLACK_S
+        lead = min(1.25 * self._draw_s + self._send_s + SLACK_S, MOST_AHEAD_S)
         following = self._picture + 1
         index = max(following, math.ceil((self._now() + lead) * self._rate))
         if following:
