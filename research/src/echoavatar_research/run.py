@@ -74,7 +74,9 @@ def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1
         elif any(math.isfinite(cell.low) for line in table.lines for cell in line.ours.values()):
             notes.append(INTERVALS)
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
-        notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
+        is_finished = name == runtimes.NAME and bool(experiment.sources.model)  # a bundle, which no scale trained
+        if not is_finished:
+            notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
     notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; {_seeds(experiments)}.")
     if name not in (codec_probes.NAME, sound_labels.NAME):

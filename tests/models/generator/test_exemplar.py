@@ -10,6 +10,7 @@ from tests.models.generator.tiny import audio, config, generator
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Exemplar, Generator, TokenClip, draw_exemplar, open_stream
 from echoavatar.models.generator.exemplar import control_ids
+from echoavatar.models.generator.loss import code_nll
 from echoavatar.models.generator.train import GeneratorTask, train_generator
 from echoavatar.models.tokens import TokenLayout
 
@@ -161,3 +162,20 @@ def test_the_stream_reads_the_control_tokens_that_training_wrote() -> None:
     other = model.code_logits(untold, model.read(untold)).argmax(-1).transpose(0, 1)
     assert not torch.equal(other[0, :, -2:], whole.targets[0, :, -2:])
     assert torch.equal(other[1, :, -2:], whole.targets[1, :, -2:])  # no set, no system prompt
+
+
+@pytest.mark.slow
+def test_trained_control_tokens_tell(tmp_path) -> None:
+    """On new clips their own set in front costs less than another of the same size: the tokens are read."""
+    training = settings(steps=220, batch=8, learning_rate=1e-2, warmup=20, exemplar=1.0, corruption="none", blind=1.0)
+    clips = [TokenClip(*clip_arrays(seed)) for seed in range(30)]
+    model = train_generator(config(**PROMPTED, layers=2), training, clips, tmp_path)
+    sounds, motions = zip(*(clip_arrays(seed)[:2] for seed in range(100, 140)), strict=True)
+    sound, motion = torch.tensor(np.stack(sounds))[:, :60], torch.tensor(np.stack(motions))[:, :6]
+    own = torch.zeros(40, 8).scatter_(1, motion[:, :, 1, 0], 1.0)
+    order, ids = model.config.order, model.config.layout.segment_start(2) + torch.arange(8)
+    costs = []
+    for sets in (own, own.roll(4, 1)):
+        batch = order.build(sound, motion, motion, torch.zeros(40, dtype=torch.int64), control_ids(sets, ids))
+        costs.append(code_nll(model, batch)[:, 2].mean().item())
+    assert costs[0] < costs[1] - 0.1, costs
