@@ -33,7 +33,7 @@ class Material(NamedTuple):
 
 
 MATERIALS = (
-    Material("skin", 0.52, "atlas"),
+    Material("skin", 0.62, "atlas"),
     Material("eye", 0.06, "atlas"),
     Material("mouth", 0.22, "atlas"),
     Material("lash", 0.80, is_cutout=True),

@@ -16,6 +16,7 @@ from .surface import Surface, border, make, normals, part, smoothed, subdivided
 
 Points = Float[np.ndarray, "v 3"]
 Field = Float[np.ndarray, " v"]
+SHARPER = 2.6  # power that narrows the border between arm and trunk
 TILE = 0.055  # metres of cloth in one picture of its weave
 HEM, ANKLE = 0.90, 0.072  # heights where top and trousers end
 
@@ -85,9 +86,26 @@ def top(body: Body, cloth: Surface) -> Surface:
     places = smoothed(places, piece.quads, 2, 0.4)
     rib = np.clip(1 - at / 0.045, 0, 1) > 0
     shade = np.where(rib, 0.90, 1.0) * (1 + 0.02 * noise(places, 0.05, 22))
-    weights = smoothed(piece.weights, piece.quads, 3, 0.5)
+    weights = _armpits(smoothed(piece.weights, piece.quads, 3, 0.5), places, body)
     piece = replace(piece, positions=places, weights=weights, colours=np.repeat(shade[:, None], 3, 1))
     return _hemmed(piece, 0.0045, 0.02)
+
+
+def _armpits(weights: Float[np.ndarray, "v j"], points: Points, body: Body) -> Float[np.ndarray, "v j"]:
+    """Weights with a narrower border between arm and trunk below the shoulder, or a raised arm lifts the whole side."""
+    weights = weights.copy()
+    for side in ("left", "right"):
+        arm, chest = fit.NAMES.index(side + "UpperArm"), fit.NAMES.index("upperChest")
+        share = weights[:, arm]
+        sharp = share**SHARPER / (share**SHARPER + (1 - share) ** SHARPER)
+        below = np.clip((body.joint(side + "UpperArm")[1] - points[:, 1] - 0.01) / 0.05, 0, 1)
+        wanted = share + below * (sharp - share)
+        rest = np.maximum(1 - share, 1e-6)
+        others = np.where(share > 0.999, 0, (1 - wanted) / rest)
+        weights = np.where((share > 0)[:, None], weights * others[:, None], weights)
+        weights[:, arm] = wanted
+        weights[:, chest] += 1 - weights.sum(1)
+    return weights
 
 
 def trousers(body: Body, cloth: Surface) -> Surface:

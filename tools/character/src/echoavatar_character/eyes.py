@@ -15,7 +15,8 @@ AROUND, RINGS = 24, 14
 FAR = np.radians(112)  # how far back the eyeball reaches
 IRIS = np.radians(26)  # half the angle of the iris
 ACROSS, UPWARDS = 0.52, 0.42  # radians of a full look
-LASHES = {"2": 54, "1": 20}  # helper strip and number of lashes
+LINE, STRANDS = 16, 30  # pieces of the dark line at the lid, and lashes
+BASE = 0.014  # half the width of a lash at its root, as a share of the lid
 
 
 def eyeball(body: Body, side: str) -> Surface:
@@ -96,41 +97,39 @@ def paint_eye(person: Person, size: int) -> Float[np.ndarray, "s s 3"]:
 
 
 def lashes(body: Body, side: str) -> Surface:
-    """Lashes as curved, tapering strands along the helper strips of both lids."""
+    """Lashes of the upper lid: a dark line at its edge that ends in curved, tapering strands."""
     rng = np.random.default_rng(3)
     base, eye = load_base(), body.eyes[side]
-    strands, owners = [], []
-    for strip, count in LASHES.items():
-        group = f"helper-{side[0].lower()}-eyelashes-{strip}"
-        rim = np.unique(border(base.quads[base.groups[group]]))
-        far = np.linalg.norm(body.points[rim] - eye.middle, axis=1) / eye.radius
-        roots, tips = (_ordered(body.points[rim[chosen]], eye) for chosen in (far < 1.10, far > 1.20))
-        upper = strip == "2"
-        length = (0.85 if upper else 0.40) * body.person.lash_length
-        for i in range(count):
-            share = (i + rng.uniform(0.2, 0.8)) / count
-            root = _along(roots, 0.04 + 0.93 * share)
-            tip = _along(tips, np.clip(0.04 + 0.93 * share + rng.normal(0, 0.012), 0, 1))
-            reach = length * rng.uniform(0.75, 1.08)
-            end = root + (tip - root) * reach
-            curl = np.array([0, 0.0016 if upper else -0.0006, 0.0010]) * reach
-            middle = (root + end) / 2 - curl * [0.3, 0.6, -0.6]
-            end = end + curl * 0.6
-            across = np.cross(end - root, middle - eye.middle)
-            across /= max(float(np.linalg.norm(across)), 1e-9)
-            thick = (0.00021 if upper else 0.00015) * across
-            strands.append([root - thick, root + thick, middle + thick * 0.75, middle - thick * 0.75, end])
-        owners.append(base.vertices_of(group))
-    points = np.array(strands).reshape(-1, 3)
-    first = np.arange(len(strands)) * 5
-    quads = np.concatenate(
-        [
-            np.stack([first, first + 1, first + 2, first + 3], 1),
-            np.stack([first + 3, first + 2, first + 4, first + 4], 1),
-        ]
-    )
-    owner = np.concatenate(owners)
-    distance, near = cKDTree(body.points[owner]).query(points, 4)
+    group = f"helper-{side[0].lower()}-eyelashes-2"
+    rim = np.unique(border(base.quads[base.groups[group]]))
+    far = np.linalg.norm(body.points[rim] - eye.middle, axis=1) / eye.radius
+    roots, tips = (_ordered(body.points[rim[chosen]], eye) for chosen in (far < 1.10, far > 1.20))
+    points: list[Float[np.ndarray, " 3"]] = []
+    quads: list[list[int]] = []
+
+    def add(corners: list[Float[np.ndarray, " 3"]], order: list[tuple[int, ...]]) -> None:
+        quads.extend([[len(points) + i for i in quad] for quad in order])
+        points.extend(corners)
+
+    line = []
+    for share in np.linspace(0, 1, LINE + 1):
+        root, tip = _along(roots, 0.02 + 0.96 * share), _along(tips, 0.02 + 0.96 * share)
+        line += [root, root + (tip - root) * np.interp(share, [0, 0.3, 0.8, 1], [0.05, 0.15, 0.20, 0.08])]
+    add(line, [(2 * i, 2 * i + 2, 2 * i + 3, 2 * i + 1) for i in range(LINE)])
+    for i in range(STRANDS):
+        share = (i + rng.uniform(0.3, 0.7)) / STRANDS
+        before, after = (_along(roots, np.clip(0.03 + 0.95 * share + d, 0, 1)) for d in (-BASE, BASE))
+        root = (before + after) / 2
+        tip = _along(tips, np.clip(0.05 + 0.95 * share + rng.normal(0, 0.012), 0, 1))
+        reach = rng.uniform(0.72, 1.0) * np.interp(share, [0, 0.5, 1], [0.55, 0.8, 0.95]) * body.person.lash_length
+        curl = np.array([0, 0.0016, 0.0010]) * reach
+        end = root + (tip - root) * reach + curl * 0.6
+        lift = (end - root) / 2 - curl * [0.3, 0.6, -0.6]
+        add([before, after, after + lift + (root - after) * 0.45, before + lift + (root - before) * 0.45, end],
+            [(0, 1, 2, 3), (3, 2, 4, 4)])  # fmt: skip
+    places = np.array(points)
+    owner = base.vertices_of(group)
+    distance, near = cKDTree(body.points[owner]).query(places, 4)
     share = 1 / (distance + 1e-5)
     share /= share.sum(1, keepdims=True)
     from echoavatar.motion.arkit import ARKIT_NAMES
@@ -140,10 +139,11 @@ def lashes(body: Body, side: str) -> Surface:
         move = body.move(name)[owner]
         if np.abs(move).max() > 1e-5:
             moves[name] = np.einsum("vn,vni->vi", share, move[near])
-    spots = np.tile(atlas.within(atlas.LASH, np.array([[0.5, 0.5]])), (len(quads), 4, 1))
-    out = points - eye.middle
+    corners = np.array(quads)
+    spots = np.tile(atlas.within(atlas.LASH, np.array([[0.5, 0.5]])), (len(corners), 4, 1))
+    out = places - eye.middle
     out /= np.linalg.norm(out, axis=1, keepdims=True)
-    return make(points, quads, body.one("head", len(points)), "lash", uvs=spots, moves=moves, normals=out)
+    return make(places, corners, body.one("head", len(places)), "lash", uvs=spots, moves=moves, normals=out)
 
 
 def _ordered(points: Float[np.ndarray, "n 3"], eye: Eye) -> Float[np.ndarray, "n 3"]:

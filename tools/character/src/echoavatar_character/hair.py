@@ -33,7 +33,7 @@ STYLES = {
         Layer(150, (0.009, 0.017), 0.012, (0.7, 1.03)),
     ),
     "bun": (Layer(260, (0.004, 0.006), 0.020, (1.0, 1.0)), Layer(220, (0.006, 0.009), 0.014, (0.9, 1.0))),
-    "short": (Layer(620, (0.003, 0.006), 0.010, (0.022, 0.034)), Layer(620, (0.004, 0.009), 0.007, (0.024, 0.042))),
+    "short": (Layer(600, (0.003, 0.006), 0.008, (0.020, 0.032)), Layer(560, (0.004, 0.009), 0.0055, (0.022, 0.038))),
 }
 
 
@@ -129,7 +129,7 @@ def _bun(body: Body, scalp: Scalp) -> Surface:
 
 def _cap(body: Body, scalp: Scalp) -> Surface:
     height = hairline(scalp.points, body)
-    inside = height > 0.004
+    inside = height > 0.010
     surface = make(scalp.points, scalp.quads, body.one("head", len(scalp.points)), "hair")
     piece = part(surface, inside[scalp.quads].all(1))
     up = np.clip(hairline(piece.positions, body) / 0.03, 0, 1)
@@ -172,14 +172,14 @@ def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -
             lines.append(at)
             outs.append(out)
     grown = np.stack(lines, 1)
-    free = ~_on_face(grown, eye).any(1)
+    free = ~_on_face(grown, eye, 0.076 if style == "short" else 0.066).any(1)
     return _strip(body, grown[free], np.stack(outs, 1)[free], layer, rng)
 
 
-def _on_face(points: Float[np.ndarray, "n s 3"], eye: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, "n s"]:
-    """Whether points hang before forehead, eyes or cheeks."""
+def _on_face(points: Float[np.ndarray, "n s 3"], eye: Float[np.ndarray, " 3"], high: float) -> Bool[np.ndarray, "n s"]:
+    """Whether points hang before forehead (`high` metres above the eyes), eyes or cheeks."""
     rel = points - eye
-    below = rel[..., 1] < 0.066 - 9 * rel[..., 0] ** 2
+    below = rel[..., 1] < high - 9 * rel[..., 0] ** 2
     return below & (rel[..., 2] > -0.062) & (np.abs(rel[..., 0]) < 0.088)
 
 

@@ -19,6 +19,7 @@ from .person import PEOPLE, Person
 from .surface import Surface, normals, smoothed, triangles
 
 ARMS = [j for j, name in enumerate(fit.NAMES) if name.endswith("UpperArm")]
+ATLAS_BYTES = 215_000
 INDEX = {material.name: i for i, material in enumerate(MATERIALS)}
 
 
@@ -65,7 +66,7 @@ def textures(body: Body, whole: Surface) -> Textures:
     pair = np.stack([grey, strands[..., 3]], 2)
     pair = np.round(np.round(pair * 20) / 20 * 255).astype(np.uint8)
     return Textures(
-        atlas=_encoded(Image.fromarray(np.round(picture * 255).astype(np.uint8)), "JPEG", quality=82),
+        atlas=_within(Image.fromarray(np.round(picture * 255).astype(np.uint8))),
         hair=_encoded(Image.fromarray(pair, "LA"), "PNG", optimize=True),
         knit=_encoded(_grey(fabric.knit()), "JPEG", quality=80),
         twill=_encoded(_grey(fabric.twill()), "JPEG", quality=75),
@@ -74,6 +75,12 @@ def textures(body: Body, whole: Surface) -> Textures:
 
 def _grey(picture: Float[np.ndarray, "h w"]) -> Image.Image:
     return Image.fromarray(np.round(picture * 255).astype(np.uint8))
+
+
+def _within(image: Image.Image) -> bytes:
+    """A JPEG of the best quality whose file is not too large for the page."""
+    made = (_encoded(image, "JPEG", quality=quality) for quality in (82, 76, 70, 64, 58))
+    return next((each for each in made if len(each) <= ATLAS_BYTES), b"") or _encoded(image, "JPEG", quality=52)
 
 
 def _encoded(image: Image.Image, kind: str, **options: object) -> bytes:
@@ -119,6 +126,10 @@ def _shaded(parts: list[Surface], body: Body) -> list[Surface]:
     made = []
     for part, start, normal in zip(parts, starts, turned, strict=False):
         own = light[start : start + len(part.positions)]
+        if part.material == "skin":  # or single ribbons of hair leave spots
+            high = np.clip((part.positions[:, 1] - body.eyes["Left"].middle[1] - 0.02) / 0.01, 0, 1)
+            own = smoothed(own[:, None], part.quads, 4, 0.5)
+            own = smoothed(own, part.quads, 24, 0.5 * high)[:, 0]
         floor = {"eye": 1.0, "lash": 1.0, "mouth": 0.75, "hair": 0.45, "skin": 0.42}.get(part.material, 0.35)
         shade = floor + (1 - floor) * np.clip(own * 1.25, 0, 1)
         tone = np.repeat(shade[:, None], 3, 1)

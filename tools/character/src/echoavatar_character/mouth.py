@@ -22,7 +22,7 @@ def teeth(body: Body, *, upper: bool) -> Surface:
     helper = body.points[members]
     arch = _arch(helper)
     low, high = helper[:, 1].min(), helper[:, 1].max()
-    gum, edge = (high, low - 0.0018) if upper else (low + 0.006, high - 0.001)
+    gum, edge = (high, low - 0.0030) if upper else (low + 0.006, high - 0.0042)
     widths = np.array(WIDTHS[::-1] + WIDTHS)
     borders = np.concatenate([[0], widths.cumsum()]) / widths.sum()
     local = np.linspace(0, 1, PER_TOOTH, endpoint=False)
@@ -50,11 +50,12 @@ def teeth(body: Body, *, upper: bool) -> Surface:
         scallop = 0.10 * (1 - phase**2) * (0.2 < v < 0.4)
         y = gum + (edge - gum) * (reach - scallop)
         gap = 0.0006 * np.abs(phase) ** 6 * (v > 0.2) * (depth > -0.002)
-        shift = depth - gap + (0.0008 if upper else 0.0)
+        shift = depth - gap - 0.0010 - 0.0012 * from_middle
         rows.append(np.stack([place[:, 0] + out[:, 0] * shift, y, place[:, 1] + out[:, 1] * shift], 1))
         dark = 1 - 0.22 * (np.abs(phase) ** 6 * (v > 0.2))
         tone = (GUM + (WHITE - GUM) * white) * dark[:, None]
-        tints.append(tone * (1 - 0.62 * from_middle[:, None] ** 1.5) * (0.65 if depth < -0.002 else 1))
+        shade = (1 if upper else 0.72) * (0.65 if depth < -0.002 else 1)  # the lip is above the lower row
+        tints.append(tone * (1 - 0.85 * from_middle[:, None] ** 1.4) * shade)
     points, count = np.concatenate(rows), len(share)
     quads = np.array(
         [

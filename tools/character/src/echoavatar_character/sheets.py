@@ -1,44 +1,77 @@
-"""Contact sheets of a person: `python -m echoavatar_character.sheets [NAME ...]` writes them into docs/img."""
+"""Contact sheets of a person: `python -m echoavatar_character.sheets [NAME ...]` writes them into docs/img.
+
+Rest, close-ups, twelve expressions and twenty extreme poses; and stills of the default bundle's motion for the shipped
+speech and music, and of its actions.
+"""
 
 import argparse
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 from PIL import Image
 
+import echoavatar
+from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
+from echoavatar.engine import Engine
+from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import CHARACTERS, Character, load_character, skin
+from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot, View
 from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
-from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.models.audio.io import read_audio
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.expression import MOODS
+from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.timing import CHUNK, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 Turns = dict[str, tuple[float, float, float]]
 Picture = UInt8[np.ndarray, "h w 3"]
+Curves = Float[np.ndarray, "t 52"]
+QUALITY = 72
+SECONDS = 12  # of the shipped sounds
+BEGIN = 4  # chunks before an action
+ACTIONS = ("wave", "thinking", "point_left", "clap", "give_up", "angry", "happy")
+VIEWS_OF: dict[str, View] = {"thinking": "bust", "clap": "bust"}
 DOWN: Turns = {
     "leftUpperArm": (0, 0, -1.2),
     "rightUpperArm": (0, 0, 1.2),
     "leftLowerArm": (0, -0.25, 0),
     "rightLowerArm": (0, 0.25, 0),
 }
+RAISED: Turns = {"leftShoulder": (0, 0, 0.35), "rightShoulder": (0, 0, -0.35)}  # as shoulders do when arms are high
+
+
+def _mood(name: str) -> dict[str, float]:
+    return {curve: float(value) for curve, value in zip(ARKIT_NAMES, MOODS[name], strict=True) if value > 0}
+
+
 EXPRESSIONS: tuple[dict[str, float], ...] = (
     {},
-    {"mouthSmile": 0.8, "cheekSquint": 0.6},
-    {"mouthSmile": 0.7, "jawOpen": 0.3, "eyeWide": 0.3},
-    {"mouthFrown": 0.8, "browInnerUp": 0.9},
-    {"browDown": 0.9, "mouthPress": 0.6, "noseSneer": 0.4},
+    _mood("agree"),
+    _mood("happy"),
+    _mood("sad"),
+    _mood("angry"),
     {"eyeWide": 0.9, "browOuterUp": 0.9, "browInnerUp": 0.7, "jawOpen": 0.45},
+    _mood("thinking"),
     {"eyeBlink": 1.0},
-    {"eyeLookOutLeft": 0.8, "eyeLookInRight": 0.8},
-    {"jawOpen": 0.8},
+    {"jawOpen": 0.7, "eyeLookOutLeft": 0.8, "eyeLookInRight": 0.8},
     {"mouthPucker": 0.9},
     {"mouthFunnel": 0.8, "jawOpen": 0.2},
     {"jawOpen": 0.4, "tongueOut": 0.9},
 )  # names without a side stand for both
+CLOSE_UPS: tuple[tuple[float, dict[str, float]], ...] = (
+    (6, {}),
+    (35, _mood("happy")),
+    (-25, {"jawOpen": 0.4, "mouthUpperUp": 0.2, "mouthLowerDown": 0.2}),
+)
 POSES: tuple[Turns, ...] = (
     {},
     DOWN,
-    {"leftUpperArm": (0, 0, 1.3), "rightUpperArm": (0, 0, -1.3)},
+    {**RAISED, "leftUpperArm": (0, 0, 0.95), "rightUpperArm": (0, 0, -0.95)},
     {"leftUpperArm": (0, -1.4, -0.2), "rightUpperArm": (0, 1.4, 0.2)},
     {**DOWN, "leftLowerArm": (0, -2.3, 0), "rightLowerArm": (0, 2.3, 0)},
     {**DOWN, "leftUpperLeg": (-1.6, 0, 0.1), "leftLowerLeg": (1.7, 0, 0)},
@@ -59,10 +92,13 @@ POSES: tuple[Turns, ...] = (
         "leftUpperArm": (0, -1.2, -1.0), "leftLowerArm": (0, -1.9, 0),
         "rightUpperArm": (0, 1.2, 1.0), "rightLowerArm": (0, 1.9, 0),
     },
-    {"leftUpperArm": (1.2, 0, 0.9), "leftLowerArm": (0, -1.6, 0), "rightUpperArm": (0, 0, 1.2)},
+    {
+        "leftShoulder": (0, 0, 0.3), "leftUpperArm": (1.2, 0, 0.6), "leftLowerArm": (0, -1.6, 0),
+        "rightUpperArm": (0, 0, 1.2),
+    },
     {**DOWN, "leftHand": (0, 0, 1.1), "rightHand": (0, 0, 1.1)},
     {
-        "leftUpperArm": (0, 0, 0.6), "rightUpperArm": (0, 0.6, 1.2),
+        "leftShoulder": (0, 0, 0.2), "leftUpperArm": (0, 0, 0.4), "rightUpperArm": (0, 0.6, 1.2),
         "rightLowerArm": (0, 2.1, 0), "leftUpperLeg": (-0.9, 0, 0.3), "rightUpperLeg": (0.6, 0, 0),
     },
 )  # fmt: skip
@@ -98,14 +134,76 @@ def grid(pictures: list[Picture], columns: int) -> Picture:
     return np.concatenate(rows)
 
 
+def stills(character: Character, motion: Motion, face: Curves, frames: list[int], view: View) -> list[Picture]:
+    """Frames of a motion with its face, from a film's camera."""
+    renderer, pose = AvatarRenderer(character, Shot((220, 220), view)), motion.pose()
+    return [
+        renderer.draw(pose.rotations[frame].numpy(), pose.positions[frame].numpy(), face[frame]) for frame in frames
+    ]
+
+
+@cache
+def performed(name: str) -> tuple[Motion, Curves]:
+    """The default bundle's motion and face for the first seconds of the shipped `speech` or `music`."""
+    sound = read_audio(Path(echoavatar.__file__).parent / "assets" / f"{name}.ogg")
+    made = echoavatar.animate(sound[: round(SECONDS * SAMPLE_RATE_HZ)])
+    assert made.face is not None
+    return made.motion, made.face
+
+
+@cache
+def acted() -> dict[str, tuple[Motion, Curves]]:
+    """A quiet session for each of `ACTIONS`, which begins after a second."""
+    pipeline = Pipeline(load_bundle("default"))
+    engine = Engine(pipeline, seats=len(ACTIONS), rewind=0, workers=0)
+    sessions = {name: engine.open(seed=3) for name in ACTIONS}
+    made: dict[str, list[MotionChunk]] = {name: [] for name in ACTIONS}
+    for number in range(BEGIN + 11):
+        for name, session in sessions.items():
+            if number == BEGIN:
+                session.act(name)
+            session.push(np.zeros(pipeline.chunk.samples, np.float32))
+        engine.tick()
+        for name, session in sessions.items():
+            made[name].extend(session)
+    whole = {name: join(chunks) for name, chunks in made.items()}
+    return {
+        name: (Motion(pipeline.skeleton, each.rotations, each.root, float(FRAME_RATE_HZ)), np.asarray(each.face))
+        for name, each in whole.items()
+    }
+
+
+def actions_sheet(character: Character) -> Picture:
+    """A row for each of `ACTIONS`: six moments of what a session shows."""
+    cells = []
+    for name, (motion, face) in acted().items():
+        first, last = (BEGIN * CHUNK.frames + round(time * FRAME_RATE_HZ) for time in SCRIPTS[name].hold)
+        frames = np.linspace(first - 8, last, 6).round().astype(int).tolist()
+        cells += stills(character, motion, face, frames, VIEWS_OF.get(name, "front"))
+    return grid(cells, 6)
+
+
 def sheets(character: Character) -> dict[str, Picture]:
-    """Portraits from five sides with the whole figure, twelve expressions, and twenty poses."""
+    """Portraits from five sides with the whole figure, close-ups, speech and dance, expressions, and twenty poses."""
     paint = Paint.of(character)
     heads = [shot(character, paint, around(d, 1.2, 1.57, 0.34), (240, 280), DOWN, {}) for d in (0, 40, 90, 140, 180)]
     whole = [shot(character, paint, around(d, 4.2, 0.87, 0.46), (240, 280), DOWN, {}) for d in (12, -40, 180)]
+    near = [shot(character, paint, around(d, 0.8, 1.57, 0.30), (400, 440), DOWN, face) for d, face in CLOSE_UPS]
     faces = [shot(character, paint, around(8, 0.85, 1.575, 0.33), (220, 250), DOWN, face) for face in EXPRESSIONS]
     poses = [shot(character, paint, around(15, 5.0, 0.9, 0.46), (200, 230), turns, {}) for turns in POSES]
-    return {"rest": grid(heads + whole, 4), "expressions": grid(faces, 6), "poses": grid(poses, 5)}
+    shown = []
+    sounds: tuple[tuple[str, View], ...] = (("speech", "bust"), ("music", "front"))
+    for name, view in sounds:
+        motion, face = performed(name)
+        frames = np.linspace(0.25, 0.95, 6) * (motion.frames - 1)
+        shown.append(grid(stills(character, motion, face, frames.astype(int).tolist(), view), 6))
+    return {
+        "rest": grid(heads + whole, 4),
+        "close": grid(near, 3),
+        "motion": np.concatenate(shown),
+        "expressions": grid(faces, 6),
+        "poses": grid(poses, 5),
+    }
 
 
 def main() -> None:
@@ -116,7 +214,10 @@ def main() -> None:
     args = parser.parse_args()
     for name in args.names:
         for kind, picture in sheets(load_character(name)).items():
-            Image.fromarray(picture).save(args.out / f"character_{name}_{kind}.webp", quality=78)
+            Image.fromarray(picture).save(args.out / f"character_{name}_{kind}.webp", quality=QUALITY, method=6)
+    if CHARACTERS[0] in args.names:
+        picture = actions_sheet(load_character(CHARACTERS[0]))
+        Image.fromarray(picture).save(args.out / "actions.webp", quality=QUALITY, method=6)
 
 
 if __name__ == "__main__":

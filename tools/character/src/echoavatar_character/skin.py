@@ -12,6 +12,7 @@ from .surface import Surface, make, part, smoothed
 
 Field = Float[np.ndarray, "..."]
 HANDS = ("Hand", "Thumb", "Index", "Middle", "Ring", "Little")
+BULGE = {"mouthSmile": 4.0, "cheekSquint": 2.0, "eyeSquint": 0.3}  # millimetres that the cheek rises besides
 BROW_PIXELS = 9000  # a metre, in the picture of the brows
 
 
@@ -27,10 +28,23 @@ def whole_skin(body: Body) -> Surface:
     moves = {name: body.move(name)[:count] for name in ARKIT_NAMES}
     for name in ARKIT_NAMES:  # the creases of a full smile are sharper than the mesh
         if "Smile" in name or "Squint" in name:
-            moves[name] = smoothed(moves[name], base.quads[quads], 2, 0.4)
+            moves[name] = smoothed(moves[name], base.quads[quads], 3, 0.45)
+            rise = BULGE[name.removesuffix("Left").removesuffix("Right")]
+            moves[name] = moves[name] + rise * _apple(body, name, count)
     return make(
         body.points[:count], base.quads[quads], body.weights[:count], "skin", uvs=atlas.placed(flipped), moves=moves
     )
+
+
+def _apple(body: Body, curve: str, count: int) -> Float[np.ndarray, "v 3"]:
+    """What lifts the apple of the cheek on the curve's side by a millimetre."""
+    points, side = body.points[:count], 1 if curve.endswith("Left") else -1
+    eye, mouth = body.eyes["Left"].middle, body.middle("joint-mouth")
+    place = np.array([side * eye[0] * 1.12, mouth[1] + 0.52 * (eye[1] - mouth[1]), 0])
+    far = ((points - place) / [0.017, 0.015, 1])[:, :2]
+    share = np.exp(-(far**2).sum(1)) * (points[:, 2] > eye[2] - 0.03)
+    out = np.array([0.45 * side, 0.35, 0.82])
+    return np.asarray(0.001 * share[:, None] * out)
 
 
 def seen_skin(skin: Surface, body: Body, neckline: Float[np.ndarray, " v"]) -> Surface:
@@ -66,9 +80,9 @@ def paint(body: Body, skin: Surface, scalp: Field, size: int = atlas.SIZE) -> Fl
     brows = _brows(body, points)
     hair = np.array(body.person.hair) / 255
     colour = colour + (hair * 0.8 - colour) * brows[..., None]
-    rough = 0.25 * atlas.noise(points, 0.004, 8) * (under_hair > 0.25)
-    strength = np.clip(under_hair * 1.6 - 0.3 + rough, 0, 1)[..., None] * 0.85
-    colour = colour + (hair * 0.75 - colour) * strength
+    rough = 0.30 * atlas.noise(points * [1, 0.3, 0.3], 0.0011, 8) * np.clip((under_hair - 0.15) / 0.3, 0, 1)
+    strength = np.clip(under_hair * 2.0 - 0.45 + rough, 0, 1)[..., None] * 0.95
+    colour = colour + (hair * 0.62 - colour) * strength
     return np.asarray(np.clip(colour, 0, 1))
 
 
@@ -100,20 +114,34 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
     mottle = 0.5 * atlas.noise(points, 0.022, 1) + 0.3 * atlas.noise(points, 0.007, 2)
     pores = atlas.noise(points, 0.0011, 3)
     hand = (np.abs(points[..., 0]) > 0.30).astype(float)
-    redness = 0.55 * cheek + 0.5 * tip + 0.25 * chin + 0.22 * ears + 0.14 * mottle + 0.20 * lids + 0.12 * hand
-    redness = redness + 0.25 * below_eye * (0.5 + person.lines)
+    redness = 0.34 * cheek + 0.34 * tip + 0.18 * chin + 0.22 * ears + 0.10 * mottle + 0.08 * lids + 0.12 * hand
+    redness = redness + 0.10 * below_eye * (0.5 + person.lines)
     colour = skin * (1 + 0.018 * pores[..., None] + 0.02 * mottle[..., None])
     blood = np.array([1.0, 0.80, 0.77])
     colour = colour * (1 + (blood - 1) * np.clip(redness, -0.3, 1.2)[..., None])
     if person.stubble:
-        beard = front * np.clip((nose[1] - 0.004 - points[..., 1]) / 0.02, 0, 1) * (1 - lips)
-        beard = beard * np.clip(0.62 + 0.5 * atlas.noise(points, 0.0016, 5), 0, 1)
-        colour = colour + (np.array(person.hair) / 255 * 0.9 - colour) * (beard * person.stubble)[..., None]
+        beard = (
+            _beard(points, nose, mouth, wide) * (1 - lips) * np.clip((points[..., 2] - mouth[2] + 0.085) / 0.02, 0, 1)
+        )
+        shadow = colour * np.array([0.80, 0.83, 0.87])  # roots below the skin look bluish
+        colour = colour + (shadow - colour) * (0.55 * beard)[..., None]
+        dots = np.clip(atlas.noise(points, 0.0007, 5) - 0.15, 0, 1) * 0.7 + 0.12 * atlas.noise(points, 0.006, 6)
+        share = beard * person.stubble * np.clip(0.10 + dots, 0, 1)
+        colour = colour + (np.array(person.hair) / 255 * 0.8 - colour) * share[..., None]
     lip = np.array(person.lips) / 255 * (1 + 0.05 * atlas.noise(points * [1, 0.25, 1], 0.0012, 4)[..., None])
     colour = colour + (lip - colour) * (lips * 0.82)[..., None]
     colour = colour + (skin * [1.04, 0.93, 0.92] - colour) * (nails * 0.8)[..., None]
     gum = np.array([0.48, 0.20, 0.20])
     return np.asarray(colour + (gum - colour) * inside[..., None])
+
+
+def _beard(points: Field, nose: Field, mouth: Field, wide: float) -> Field:
+    """Where a beard grows, 0 to 1: below a line from the nose over the cheek up to the ear, down to the throat."""
+    across = np.abs(points[..., 0])
+    above = [nose[1] - 0.006, nose[1] - 0.012, mouth[1] - 0.002, mouth[1] - 0.004, mouth[1] + 0.012, mouth[1] + 0.04]
+    line = np.interp(across, [0, 0.016, 0.7 * wide + 0.008, 0.045, 0.060, 0.072], above)
+    grown = np.clip((line - points[..., 1]) / 0.022, 0, 1) * np.clip((points[..., 1] - mouth[1] + 0.085) / 0.02, 0, 1)
+    return np.asarray(grown * grown * (3 - 2 * grown))
 
 
 def _nose(body: Body) -> Float[np.ndarray, " 3"]:
