@@ -38,6 +38,7 @@ def test_weights_are_theirs_to_the_bit(bundle, download):
 def test_everything_about_running_it_is_data(bundle, imported):
     assert bundle.generator.config.sequence == "prefix"
     assert not bundle.runtime.level_control
+    assert not bundle.generator.config.is_leveled
     assert bundle.runtime.lead_in_s == 0
     assert bundle.runtime.silent_temperature == 1.0
     assert bundle.face.config.context == 56

@@ -86,7 +86,8 @@ def _write_generator(found: Inspection, codec: AudioCodec, folder: Path, card: d
     if stored.is_tied:
         weights["lm_head.weight"] = weights["model.embed_tokens.weight"].clone()
     assert config.opening is not None
-    config = config.model_copy(update={"opening": Opening(silence=silence_codes(codec), motion=config.opening.motion)})
+    opening = Opening(silence=silence_codes(codec), motion=config.opening.motion)
+    config = config.model_copy(update={"opening": opening, "is_leveled": False})
     checkpoint.save(folder, config=config, weights=weights, card=card)
 
 
