@@ -45,6 +45,7 @@ class Film(VideoGenerator):
         self.shot = shot
         self._pictured = VideoSource(bridge.ready.rig, shot, character=character, curves=len(bridge.ready.face))
         self._stream = LiveStream(self._pictured, lambda: bridge.playback.position(time.monotonic()))
+        self.speaker: rtc.AudioSource | None = None  # through which the runner plays the sound
         self._audible = 0  # clock at the end of the newest chunk that has sound
 
     # ---- for the performer
@@ -110,6 +111,8 @@ class Film(VideoGenerator):
 
     async def _picture(self) -> Item:
         pixels = (await self._stream.picture()).pixels
+        if self.speaker is not None:  # sound waits in its queue, longer after a hiccup; so does the picture
+            await asyncio.sleep(self.speaker.queued_duration)
         high, wide, _ = pixels.shape
         return rtc.VideoFrame(wide, high, rtc.VideoBufferType.RGB24, np.ascontiguousarray(pixels).tobytes())
 
@@ -124,4 +127,6 @@ def runner(room: rtc.Room, film: Film) -> AvatarRunner:
         audio_sample_rate=SAMPLE_RATE_HZ,
         audio_channels=1,
     )
-    return AvatarRunner(room, audio_recv=_NoSpeech(), video_gen=film, options=options)
+    made = AvatarRunner(room, audio_recv=_NoSpeech(), video_gen=film, options=options)
+    film.speaker = getattr(made, "_audio_source", None)  # the runner has no public name for it
+    return made
