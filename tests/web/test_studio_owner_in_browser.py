@@ -67,6 +67,19 @@ class OwnerTab(PageDriver):
         self.wait(f"{here}.some((link) => link.hash === {json.dumps(address)})", 60)
 
 
+def test_who_has_not_signed_in_is_asked_nothing_and_a_reload_stays_signed_in(browser: Any, studio: Studio) -> None:
+    """The sign-in page asks for no session, so no browser logs a 401."""
+    context = browser.new_context()
+    page, refused = context.new_page(), list[str]()
+    page.on("response", lambda answer: refused.append(answer.url) if answer.status >= 400 else None)
+    tab = OwnerTab(page).sign_in(studio.url)
+    tab.see(".top")
+    page.reload()
+    tab.see(".top")
+    assert not refused
+    context.close()
+
+
 @pytest.fixture
 def owner(browser: Any, studio: Studio) -> Iterator[OwnerTab]:
     context = browser.new_context(viewport={"width": 1100, "height": 800})

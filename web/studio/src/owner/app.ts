@@ -20,6 +20,26 @@ export interface Desk {
 
 export type View = (desk: Desk, ...names: string[]) => Promise<HTMLElement>;
 
+const SIGNED_IN = "echoavatar.owner.signed_in";
+
+/** Whether this browser signed in and has not been turned away since. Who never did is not asked for a session. */
+function maySessionLive(): boolean {
+  try {
+    return localStorage.getItem(SIGNED_IN) !== null;
+  } catch {
+    return true; // storage is disabled: ask the server
+  }
+}
+
+function noteSession(isOpen: boolean): void {
+  try {
+    if (isOpen) localStorage.setItem(SIGNED_IN, "1");
+    else localStorage.removeItem(SIGNED_IN);
+  } catch {
+    // storage is disabled: every visit asks the server
+  }
+}
+
 export class OwnerApp {
   private readonly api = new Api();
   private timers: ReturnType<typeof setInterval>[] = [];
@@ -33,6 +53,7 @@ export class OwnerApp {
 
   async begin(): Promise<void> {
     document.title = t("owner_title");
+    if (!maySessionLive()) return this.signIn();
     try {
       this.enter(await this.api.get<OwnerSession>("/api/owner/me"));
       await this.go();
@@ -44,11 +65,13 @@ export class OwnerApp {
   private enter({ name, csrf }: OwnerSession): void {
     this.name = name;
     this.api.csrf = csrf;
+    noteSession(true);
   }
 
   private signIn(problem = ""): void {
     this.stopTimers();
     this.name = "";
+    noteSession(false);
     const status = h("p", { class: "problem", role: "alert" }, problem);
     const name = h("input", { name: "name", autocomplete: "username", required: true, maxlength: 128 });
     const password = h("input", {
