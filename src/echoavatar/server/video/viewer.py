@@ -6,17 +6,8 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 
 import av
-from aiortc import (
-    MediaStreamTrack,
-    RTCConfiguration,
-    RTCIceServer,
-    RTCPeerConnection,
-    RTCRtpSender,
-    RTCSessionDescription,
-)
-from aiortc.mediastreams import MediaStreamError
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import ServerMessage
 
@@ -24,6 +15,19 @@ from ..outbox import Outbox
 from ..session import ServerSession
 from .live_stream import LiveStream, doubled
 from .video_source import VideoSource
+
+try:
+    from aiortc import (
+        MediaStreamTrack,
+        RTCConfiguration,
+        RTCIceServer,
+        RTCPeerConnection,
+        RTCRtpSender,
+        RTCSessionDescription,
+    )
+    from aiortc.mediastreams import MediaStreamError
+except ImportError as error:
+    raise DependencyError("WebRTC needs aiortc; run: pip install 'echoavatar[video]'") from error
 
 _LOG = logging.getLogger(__name__)
 CODECS = ("video/vp8", "video/h264")  # the cheaper first
