@@ -29,6 +29,7 @@ from echoavatar.engine import Engine
 from echoavatar.files.avatar.avatar_renderer import Shot
 
 SIZE = (128, 128)
+ENOUGH_HZ = 12  # pictures a second below which flashes are not judged
 
 
 class Screen(NullTransport):
@@ -97,5 +98,7 @@ def test_images_are_in_step_with_the_voice_and_go_on_in_silence() -> None:
     flashes, sounds = middles(seen[:, 0], light), middles(heard[:, 0], np.clip(heard[:, 1] / 8_000, 0, 1))
     offsets = np.array([flash - sounds[np.abs(sounds - flash).argmin()] for flash in flashes])
     interval = float(np.median(np.diff(seen[:, 0])))
+    if interval > 1 / ENOUGH_HZ:
+        pytest.skip(f"{1 / interval:.0f} pictures a second are too few to time flashes (from {ENOUGH_HZ} on)")
     assert len(offsets) >= 2
     assert abs(offsets.mean()) < max(0.045, interval / 2), offsets  # a block of sound is 40 ms

@@ -48,6 +48,18 @@ async def test_sound_goes_on_without_a_gap_at_the_playhead() -> None:
     await stream.close()
 
 
+@pytest.mark.parametrize(("late_s", "skips"), [(0.1, True), (0.5, False)])
+async def test_after_a_hiccup_late_sound_is_handed_out_or_skipped(late_s: float, skips: bool) -> None:
+    session = Session()
+    stream = LiveStream(session, session.playhead, late_s=late_s)
+    before = [await stream.sound() for _ in range(5)][-1]
+    time.sleep(0.3)  # noqa: ASYNC251
+    after = await stream.sound()
+    gap_s = after.seconds - before.seconds
+    assert gap_s > 0.25 if skips else gap_s == pytest.approx(0.02)
+    await stream.close()
+
+
 async def test_a_picture_shows_the_sound_of_its_moment() -> None:
     session = Session(draw_s=0.005)
     stream = LiveStream(session, session.playhead)

@@ -85,6 +85,11 @@ class Watcher:
         offset = np.median(reports[:, 0] - reports[:, 1] / rate)
         return np.asarray(times, np.float64) / rate + offset
 
+    def rate(self) -> float:
+        """Pictures a second."""
+        times = self.seconds("video", [time for time, _ in self.pictures])
+        return float((len(times) - 1) / (times[-1] - times[0]))
+
     def flashes(self) -> np.ndarray:
         """Middles of the flashes, in seconds; a flash lasts from picture to picture."""
         times = self.seconds("video", [time for time, _ in self.pictures])

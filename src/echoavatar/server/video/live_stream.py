@@ -29,7 +29,7 @@ EDGE = 16  # samples around a block, for a filter that resamples it
 FAR_S = 0.25  # off the playhead by more, a stream with sound jumps to it
 SLACK_S = 0.005  # for the event loop
 MOST_AHEAD_S = 0.15  # motion that is sure to be there (`server.session.MARGIN_S`)
-MOST_BEHIND_S = 0.5  # blocks of sound that are later are skipped
+MOST_BEHIND_S = 0.5  # blocks of sound that are later are skipped, unless told otherwise
 CALM = 0.1  # weight of the newest measurement in a mean
 _SINC = np.sinc(np.arange(0.5 - EDGE, EDGE)) * np.hanning(2 * EDGE + 2)[1:-1]  # interpolates halfway between samples
 _NICENESS = 5  # motion comes first
@@ -67,16 +67,23 @@ class LiveStream:
     """One viewer's stream of a session. Sound and pictures may each be awaited by one task."""
 
     def __init__(
-        self, source: Source, playhead: Callable[[], int], *, rate: int = PICTURE_RATE_HZ, far_s: float = FAR_S
+        self,
+        source: Source,
+        playhead: Callable[[], int],
+        *,
+        rate: int = PICTURE_RATE_HZ,
+        far_s: float = FAR_S,
+        late_s: float = MOST_BEHIND_S,
     ) -> None:
         """`playhead` gives the sample of the session's clock that is heard now.
 
         The stream jumps to it where it is off by more than `far_s`; a jump is heard, so be patient where sound is
-        taken from the stream, and not where only pictures are.
+        taken from the stream, and not where only pictures are. Blocks of sound that are later than `late_s` are
+        skipped: allow little where a queue plays them without regard to when they were due, for there they stay late.
         """
         self.shown, self.skipped = 0, 0  # pictures
         self._source, self._playhead, self._rate = source, playhead, rate
-        self._far = far_s * SAMPLE_RATE_HZ
+        self._far, self._late = far_s * SAMPLE_RATE_HZ, late_s
         self._began: float | None = None
         self._anchor: tuple[int, int] | None = None  # a block, and the sample of the session that it begins with
         self._block = self._picture = -1  # newest that were handed out
@@ -98,7 +105,7 @@ class LiveStream:
     async def sound(self) -> Block:
         """The next block of sound, when it is due. Blocks follow each other without a gap."""
         newest = math.floor(self._now() / BLOCK_S)
-        if self._block < 0 or newest - self._block > MOST_BEHIND_S / BLOCK_S:
+        if self._block < 0 or newest - self._block > self._late / BLOCK_S:
             self._block = newest
         self._block += 1
         await self._until(self._block * BLOCK_S)

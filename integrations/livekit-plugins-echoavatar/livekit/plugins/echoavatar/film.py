@@ -9,6 +9,7 @@ import time
 from collections.abc import AsyncIterator
 
 import numpy as np
+from jaxtyping import UInt8
 from livekit import rtc
 from livekit.agents.voice.avatar import AudioReceiver, AudioSegmentEnd, AvatarOptions, AvatarRunner, VideoGenerator
 
@@ -20,6 +21,8 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import Flush
 
 Item = rtc.VideoFrame | rtc.AudioFrame
+MOST_LATE_S = 0.1  # what the runner's queue holds; sound that is later would stay behind its pictures for good
+MOST_DRAWN = 4  # pictures that wait for it
 
 
 class _NoSpeech(AudioReceiver):
@@ -44,8 +47,11 @@ class Film(VideoGenerator):
         """Raises EchoAvatarError if there is no such character or background; the bridge has started."""
         self.shot = shot
         self._pictured = VideoSource(bridge.ready.rig, shot, character=character, curves=len(bridge.ready.face))
-        self._stream = LiveStream(self._pictured, lambda: bridge.playback.position(time.monotonic()))
+        self._stream = LiveStream(
+            self._pictured, lambda: bridge.playback.position(time.monotonic()), late_s=MOST_LATE_S
+        )
         self.speaker: rtc.AudioSource | None = None  # through which the runner plays the sound
+        self._drawn = asyncio.Queue[tuple[float, UInt8[np.ndarray, "h w c"]]](MOST_DRAWN)  # time due, pixels
         self._audible = 0  # clock at the end of the newest chunk that has sound
 
     # ---- for the performer
@@ -88,31 +94,41 @@ class Film(VideoGenerator):
 
     async def _items(self) -> AsyncIterator[Item]:
         """Sound and pictures as they are due; the one does not wait for the other."""
+        drawing = asyncio.ensure_future(self._draw())
         makers = {
             self._sound: asyncio.ensure_future(self._sound()),
             self._picture: asyncio.ensure_future(self._picture()),
         }
         try:
             while True:
-                await asyncio.wait(makers.values(), return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait([*makers.values(), drawing], return_when=asyncio.FIRST_COMPLETED)
+                if drawing.done():  # only by an error
+                    drawing.result()
                 for make, task in list(makers.items()):
                     if task.done():
                         makers[make] = asyncio.ensure_future(make())
                         yield task.result()
         finally:
-            for task in makers.values():
+            tasks = [*makers.values(), drawing]
+            for task in tasks:
                 task.cancel()
-            await asyncio.gather(*makers.values(), return_exceptions=True)
+            await asyncio.gather(*tasks, return_exceptions=True)
             await self._stream.close()
 
     async def _sound(self) -> Item:
         samples = (await self._stream.sound()).samples[EDGE:-EDGE]
         return rtc.AudioFrame(samples.tobytes(), SAMPLE_RATE_HZ, 1, len(samples))
 
+    async def _draw(self) -> None:
+        """Draw without end; sound waits in the runner's queue, longer after a hiccup, and so does its picture."""
+        while True:
+            pixels = (await self._stream.picture()).pixels
+            late_s = self.speaker.queued_duration if self.speaker is not None else 0.0
+            await self._drawn.put((time.monotonic() + late_s, pixels))
+
     async def _picture(self) -> Item:
-        pixels = (await self._stream.picture()).pixels
-        if self.speaker is not None:  # sound waits in its queue, longer after a hiccup; so does the picture
-            await asyncio.sleep(self.speaker.queued_duration)
+        due, pixels = await self._drawn.get()
+        await asyncio.sleep(max(0.0, due - time.monotonic()))
         high, wide, _ = pixels.shape
         return rtc.VideoFrame(wide, high, rtc.VideoBufferType.RGB24, np.ascontiguousarray(pixels).tobytes())
 
