@@ -32,7 +32,7 @@ PANELS: tuple[tuple[str, str, float, View, int, str], ...] = (
     ("speech.ogg", "maya", 4.0, "face", 300, ""),
 )  # sound, who, where it begins in seconds, view, width, an action asked for ACTION_S later
 ACTION_S = 1.5
-SECONDS, EVERY, SEED = 7.0, 3, 3  # every third frame is shown: 10 a second
+SECONDS, EVERY, SEED = 7.0, 3, 2  # every third frame is shown: 10 a second
 
 
 def panel(
