@@ -30,7 +30,7 @@ from .wire import Category
 SECONDS = 6.0
 SOUNDS: tuple[tuple[str, str, Category, float], ...] = (
     ("speech 1", "speech.ogg", "gesture", 0.0),
-    ("speech 2", "speech.ogg", "gesture", 11.0),
+    ("speech 2", "speech.ogg", "gesture", 9.0),
     ("music 1", "music.ogg", "dance", 4.0),
     ("music 2", "music/Warm_Salsa.ogg", "dance", 8.0),
 )
@@ -50,7 +50,7 @@ def make_demo(maker: Maker, library: Path, *, model: str = "default", progress: 
         public = maker.begin(settings, by="studio")
         maker.make(public, settings, library, progress=progress)
         progress(1, 1, "raters answer")
-        preferences = PREFERENCES if settings.kind == "pairwise" else Preferences(worth={model: 0.0})
+        preferences = PREFERENCES if settings.kind == "pairwise" else Preferences(worth={model: 0.0}, noise=0.2)
         actions = OwnerActions(maker, "studio")
         simulate(maker.store, actions, public, preferences, raters=_raters(settings), seed=number, last=3)
         names.append(public)
@@ -122,7 +122,7 @@ def _preference(sounds: tuple[SoundChoice, ...], model: str) -> PreferenceStudy:
         model=model,
         sounds=(sounds[0], sounds[2]),
         length=15,
-        raters=5 + _LEFT,
+        raters=9 + _LEFT,
         tasks_per_rater=4,
         training=1,
         checks=Checks(identical=0, corrupted=1),
