@@ -113,6 +113,13 @@ def test_the_first_minute(page, shots):
     page.wait("__echo.shown.state !== 'dancing'", PATIENCE)
 
 
+def test_an_uploaded_song_is_danced_to_and_the_label_says_so(page):
+    song = (files("echoavatar") / "assets" / "music.ogg").read_bytes()
+    page.drop("song.ogg", song, "audio/ogg")
+    page.wait("document.getElementById('subtitle').textContent === 'Dancing to “song.ogg”'", PATIENCE)
+    page.click("#stop")
+
+
 def test_a_dropped_vrm_speaks_with_its_own_mouth_and_arms(boxes, shots):
     boxes.click("#begin")
     boxes.wait("__echo.shown.state === 'speaking'", PATIENCE)

@@ -338,6 +338,71 @@ def test_nothing_is_cut_off(new_page, mock_url, width, height, tmp_path):
     driver.shot(tmp_path / f"{width}.png")
 
 
+OVERLAPS = """(() => {
+  const found = [...document.querySelectorAll("h1, h2, header button, .line, .welcome p, .welcome button, " +
+    ".subtitle, #hud, #actions button, .dock button")].filter((element) =>
+    element.textContent.trim() + element.innerHTML && element.checkVisibility({ opacityProperty: true })
+    && element.getBoundingClientRect().width > 1 && !element.closest(".gone"));
+  const clipped = (element) => {
+    let { left, top, right, bottom } = element.getBoundingClientRect();
+    for (let at = element.parentElement; at; at = at.parentElement) {
+      if (getComputedStyle(at).overflowX === "visible") continue;
+      const box = at.getBoundingClientRect();
+      [left, top] = [Math.max(left, box.left), Math.max(top, box.top)];
+      [right, bottom] = [Math.min(right, box.right), Math.min(bottom, box.bottom)];
+    }
+    return { left, top, right, bottom };
+  };
+  const named = (element) => element.id || element.getAttribute("aria-label") || element.textContent.trim();
+  const pairs = [];
+  found.forEach((one, k) => found.slice(k + 1).forEach((other) => {
+    if (one.contains(other) || other.contains(one)) return;
+    const [a, b] = [clipped(one), clipped(other)];
+    const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+    if (wide > 1 && high > 1) pairs.push(`${named(one)} and ${named(other)}`);
+  }));
+  return { pairs, count: found.length };
+})()"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 780), (844, 390), (1280, 720)])
+def test_labels_do_not_overlap(new_page, mock_url, width, height, tmp_path):
+    """At first, while it speaks, and with the meters open."""
+    driver = new_page(width, height)
+    driver.open(f"{mock_url}?quality=low")
+    for step in ("", "#begin", "#meters"):
+        if step:
+            driver.click(step)
+            driver.wait("document.getElementById('subtitle').textContent === 'Speaking'")
+            time.sleep(1)  # what fades has faded
+        found = driver.ask(OVERLAPS)
+        driver.shot(tmp_path / f"{width}{step}.png")
+        assert found["count"] > 8
+        assert found["pairs"] == [], step or "at first"
+
+
+def test_the_picture_reframes_on_resize(new_page, mock_url):
+    """From wide to narrow and back: the camera's shape is the window's, and head and feet stay in the picture."""
+    driver = new_page(640, 360)
+    driver.open(f"{mock_url}?quality=low")
+    ends = """[0.02, 0.97].map((share) => {
+      const { viewport, avatar } = __echo;
+      viewport.camera.updateMatrixWorld();
+      const { x, z } = avatar.here;
+      const point = avatar.here.clone().set(x, share * viewport.tall, z).project(viewport.camera);
+      return [point.x, point.y];
+    })"""
+    for width, height in ((300, 640), (640, 360)):
+        driver.page.set_viewport_size({"width": width, "height": height})
+        driver.wait(f"Math.abs(__echo.viewport.camera.aspect - {width / height}) < 0.01")
+        driver.wait("!__echo.viewport.isGliding", seconds=30)
+        assert np.abs(driver.ask(ends)).max() < 1
+        canvas = driver.ask("[__echo.viewport.canvas.clientWidth, __echo.viewport.canvas.clientHeight]")
+        assert canvas == [width, height]
+    assert driver.problems == []
+
+
 def test_every_control_has_a_name(new_page, mock_url):
     driver = new_page()
     driver.open(f"{mock_url}?quality=low")

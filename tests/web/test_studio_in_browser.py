@@ -291,6 +291,28 @@ def test_one_after_the_other_shows_one_at_a_time_in_the_drawn_order(studio, tab)
     assert rater.ask("__studio.player.playing") == []
 
 
+def test_every_pane_shows_a_still_before_play(studio, tab):
+    """Of eight candidates, none of which has been played, each pane has the avatar in it."""
+    study = studio.preference(candidates=8)
+    rater = tab(1000, 640).begin(studio.links(study)[0])
+    shares = """(() => {
+      const canvas = document.querySelector("canvas.views");
+      const flat = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d");
+      flat.drawImage(canvas, 0, 0);
+      const host = canvas.getBoundingClientRect();
+      const scale = canvas.width / host.width;
+      return [...document.querySelectorAll(".cell[data-slot]")].map((cell) => {
+        const box = cell.getBoundingClientRect();
+        const [x, y] = [(box.left - host.left) * scale, (box.top - host.top) * scale].map(Math.round);
+        const { data } = flat.getImageData(x, y, Math.round(box.width * scale), Math.round(box.height * scale));
+        return data.filter((value, k) => k % 4 === 3 && value > 250).length / (data.length / 4);
+      });
+    })()"""
+    rater.wait(f"{shares}.every((share) => share > 0.01)", 60)
+    assert len(rater.ask(shares)) == 8
+    assert rater.ask("__studio.player.plays") == [0] * 8
+
+
 def test_motion_is_locked_to_the_sound(studio, tab):
     """A display frame shows what is heard, plus at most the predicted delay until it is on screen."""
     study = studio.preference(candidates=2)

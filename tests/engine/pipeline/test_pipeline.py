@@ -1,6 +1,7 @@
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 import torch
@@ -89,3 +90,21 @@ def test_codes_are_drawn_cooler_in_silence(
     pipeline.step(audio, pipeline.init_state(2), torch.ones(2, dtype=torch.bool))
     full = pipeline.generator.config.temperature
     torch.testing.assert_close(heats[0], torch.tensor([full, 0.5 * full]))
+
+
+def test_it_says_that_it_compiles_only_when_it_compiles(
+    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    pipeline.warm_up()
+    caplog.clear()
+    pipeline.warm_up()
+    assert "compiling" not in caplog.text
+
+    @numba.njit
+    def twice(number: float) -> float:
+        return 2 * number
+
+    step = pipeline.step
+    monkeypatch.setattr(pipeline, "step", lambda *told: (twice(1.0), step(*told))[1])
+    pipeline.warm_up()
+    assert caplog.text.count("compiling for this processor") == 1
