@@ -111,6 +111,24 @@ def test_an_engine_that_breaks_is_loaded_again_and_the_sessions_go_on(workers: i
     assert machine.restarts == 1
 
 
+def test_a_session_whose_chunk_was_stopped_by_a_fault_does_not_wait_for_busy_neighbours() -> None:
+    """The neighbour is always due: a machine that is too slow."""
+    pipeline = Faulty()
+    machine = Engine(pipeline, seats=2, workers=1, reload=Faulty)  # type: ignore[arg-type]
+    stopped, busy = machine.open_core(), machine.open_core()
+    for core in (stopped, busy):
+        core.report_played(0)
+    stopped.push(np.ones(6_400, np.float32))
+    pipeline.broken = True
+    assert machine.work()
+    machine.restart()
+    for _ in range(4):
+        busy.push(np.ones(6_400, np.float32))
+        busy.report_played(busy.made)
+        assert machine.work()
+    assert stopped.take() is not None
+
+
 def test_motion_that_is_not_finite_ends_its_session() -> None:
     machine = engine(2)
     bad, good = machine.open_core(seed=1), machine.open_core()

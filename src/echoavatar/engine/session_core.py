@@ -297,12 +297,15 @@ class SessionCore:
 
     @property
     def ahead(self) -> int:
-        """Chunks made ahead of the player if it reports its place, else ahead of the reader."""
+        """Chunks made ahead of the player if it reports its place, else ahead of the reader; not the one in the making.
+
+        If a fault stopped that one, it would count as ahead until it is made, and others would always be made first.
+        """
         with self._lock:
             played = self._barge_in.played
             if played is None:
                 return self._playout.untaken
-            return -((played - self.made) // self.chunk.samples)
+            return -((played - self._playout.end) // self.chunk.samples)
 
     @property
     def music_ahead(self) -> int:
