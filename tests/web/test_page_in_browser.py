@@ -117,10 +117,12 @@ def test_raised_hands_stay_in_the_picture(page):
 
 def test_the_meter_counts_pictures(page):
     count = "__echo.viewport.renderer.info.render.frame"
-    before, begun = page.ask(count), time.monotonic()
-    time.sleep(3)
+    before, begun, told = page.ask(count), time.monotonic(), []
+    for _ in range(3):  # the meter tells of its last second, and a busy machine's seconds differ
+        time.sleep(1)
+        told.append(page.ask("__echo.metrics.fps"))
     drawn = (page.ask(count) - before) / (time.monotonic() - begun)
-    assert page.ask("__echo.metrics.fps") == pytest.approx(drawn, rel=0.5, abs=3)
+    assert np.mean(told) == pytest.approx(drawn, rel=0.5, abs=3)
 
 
 def test_actions_show_what_became_of_them(page):

@@ -1,8 +1,9 @@
 /** The avatar in the viewport: the built-in character, or a dropped one. */
 
-import type { AvatarDriver, protocol } from "@echoavatar/client";
+import type { AvatarDriver, Pose, protocol } from "@echoavatar/client";
 import { loadAvatar } from "@echoavatar/client/three";
-import { Box3, type Material, type Mesh, MeshLambertMaterial, type MeshStandardMaterial, type Object3D, Vector3 } from "three";
+import { Box3, type Mesh, type Object3D, Vector3 } from "three";
+import { FaceMorphs, plain } from "./plain.js";
 import type { Viewport } from "./viewport.js";
 
 const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i, /(^|[^a-z])head$/i]; // stay in the picture
@@ -17,6 +18,7 @@ export class AvatarSlot {
   private ready: protocol.ReadyMessage | null = null;
   private readonly here = new Vector3();
   private placed = false;
+  private face: FaceMorphs | null = null;
   private ends: readonly Object3D[] = [];
   private readonly places = ENDS.map(() => new Vector3());
 
@@ -49,12 +51,15 @@ export class AvatarSlot {
 
   private put(next: Driver, isSame = false): void {
     if (this.ready) next.bind(this.ready);
+    const { low, light } = this.viewport;
+    const isPlain = low && !("vrm" in next);
     next.object.traverse((node) => {
       const mesh = node as Mesh;
       if (!mesh.isMesh) return;
-      Object.assign(mesh, { castShadow: true, receiveShadow: !this.viewport.low, frustumCulled: false });
-      if (this.viewport.low && !("vrm" in next)) mesh.material = Array.isArray(mesh.material) ? mesh.material.map(plain) : plain(mesh.material);
+      Object.assign(mesh, { castShadow: true, receiveShadow: !low, frustumCulled: false });
+      if (isPlain) mesh.material = Array.isArray(mesh.material) ? mesh.material.map((one) => plain(one, light)) : plain(mesh.material, light);
     });
+    this.face = isPlain ? new FaceMorphs(next.object) : null;
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();
     this.driver = next;
@@ -74,6 +79,13 @@ export class AvatarSlot {
     this.driver?.bind(ready);
   }
 
+  /** Shows a pose; `seconds` since the previous one. */
+  pose(pose: Pose, seconds: number): void {
+    this.driver?.apply(pose);
+    this.driver?.update(seconds);
+    this.face?.update();
+  }
+
   /** Keeps the camera on the avatar, its hands in the picture. */
   follow(seconds: number): void {
     if (!this.driver?.hips) return;
@@ -82,12 +94,4 @@ export class AvatarSlot {
     this.placed = true;
     this.viewport.attend(this.ends.map((node, k) => node.getWorldPosition(this.places[k]!)), seconds);
   }
-}
-
-/** The same surface without highlights, which are most of what a pixel costs. */
-function plain(material: Material): Material {
-  const { isMeshStandardMaterial, map, color, emissive, emissiveMap } = material as MeshStandardMaterial;
-  if (!isMeshStandardMaterial) return material;
-  const { name, side, alphaTest, transparent, opacity, vertexColors } = material;
-  return new MeshLambertMaterial({ name, side, alphaTest, transparent, opacity, vertexColors, map, color, emissive, emissiveMap });
 }

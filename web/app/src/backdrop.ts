@@ -20,19 +20,22 @@ export class Backdrop {
       depthTest: false,
       depthWrite: false,
       uniforms: { wall: colour(), horizon: colour(), ground: colour() },
-      vertexShader: "varying vec2 at; void main() { at = position.xy; gl_Position = vec4(position.xy, 1.0, 1.0); }",
-      fragmentShader: `
-        uniform vec3 wall; uniform vec3 horizon; uniform vec3 ground; varying vec2 at;
-        float noise(vec2 p) { return fract(sin(dot(p, vec2(12.9898, 78.233))) * 43758.5453); }
+      vertexShader: `
+        uniform vec3 wall; uniform vec3 horizon; uniform vec3 ground; varying vec3 colour;
         void main() {
-          float y = 0.5 - 0.5 * at.y;
-          vec3 colour = mix(mix(wall, horizon, smoothstep(0.0, 0.62, y)), ground, smoothstep(0.62, 1.0, y));
-          colour *= 1.0 - (wall == ground ? 0.0 : 0.1) * at.x * at.x;
-          colour += (noise(gl_FragCoord.xy) - 0.5) / 255.0; // under a step of the display: else a slow gradient shows bands
-          gl_FragColor = vec4(colour, 1.0);
+          float y = 0.5 - 0.5 * position.y;
+          colour = mix(mix(wall, horizon, smoothstep(0.0, 0.62, y)), ground, smoothstep(0.62, 1.0, y));
+          colour *= 1.0 - (wall == ground ? 0.0 : 0.1) * position.x * position.x;
+          gl_Position = vec4(position.xy, 1.0, 1.0);
+        }`,
+      fragmentShader: `
+        varying vec3 colour;
+        float noise(vec2 p) { return fract(52.9829189 * fract(dot(p, vec2(0.06711056, 0.00583715)))); }
+        void main() { // the noise is under a step of the display: without, a slow gradient shows bands
+          gl_FragColor = vec4(colour + (noise(gl_FragCoord.xy) - 0.5) / 255.0, 1.0);
         }`,
     });
-    this.mesh = new Mesh(new PlaneGeometry(2, 2), material);
+    this.mesh = new Mesh(new PlaneGeometry(2, 2, 24, 48), material); // colours at vertices cost little
     this.mesh.renderOrder = -10;
     this.mesh.frustumCulled = false;
     this.set("studio");

@@ -96,8 +96,7 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
     const picture = session.picture(performance.now());
     inspected.shown = picture && { at: picture.at, held: picture.held, state: picture.state };
     if (picture && avatar.driver) {
-      avatar.driver.apply(picture.pose);
-      avatar.driver.update(seconds);
+      avatar.pose(picture.pose, seconds);
       document.getElementById("silhouette")?.classList.add("gone");
     }
     avatar.follow(seconds);

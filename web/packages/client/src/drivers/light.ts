@@ -24,6 +24,10 @@ export class StageLight {
   private readonly floor = new Mesh(new CircleGeometry(FADE_M, 48), new ShadowMaterial());
   private readonly contact = new ContactShadow();
   private readonly environments = new Map<Stage, Texture>();
+  /** The same light for a shader of one's own: directions in the world, colours that a white matte surface reflects. */
+  readonly uniforms = Object.fromEntries(
+    ["keyAt", "key", "rimAt", "rim", "sky", "ground"].map((name) => [name, { value: new Vector3() }]),
+  ) as Record<"keyAt" | "key" | "rimAt" | "rim" | "sky" | "ground", { value: Vector3 }>;
 
   constructor(private readonly scene: Scene, private readonly renderer: WebGLRenderer, private readonly low: boolean) {
     useFilmTone(renderer);
@@ -52,6 +56,10 @@ export class StageLight {
       light.position.set(...direction).multiplyScalar(4.5).y += 0.7;
       light.target.position.set(0, 0.7, 0);
     }
+    const { uniforms } = this;
+    uniforms.keyAt.value.set(...stage.direction);
+    uniforms.rimAt.value.set(...stage.behind);
+    for (const name of ["key", "rim", "sky", "ground"] as const) uniforms[name].value.set(...stage[name]);
     around.color.setRGB(...stage.sky);
     around.groundColor.setRGB(...stage.ground);
     around.intensity = Math.PI;
@@ -88,10 +96,13 @@ export class StageLight {
   }
 }
 
+const [A, B, C, D, E] = TONE.map((value) => value.toFixed(3));
+/** The film's tone curve: `vec3 filmTone(vec3)`, from linear light to linear light within 0 and 1. */
+export const TONE_GLSL = `vec3 filmTone( vec3 x ) { return clamp( x * ( ${A} * x + ${B} ) / ( x * ( ${C} * x + ${D} ) + ${E} ), 0.0, 1.0 ); }`;
+
 /** The film's tone curve in place of three's custom one. */
 export function useFilmTone(renderer: WebGLRenderer): void {
-  const [a, b, c, d, e] = TONE.map((value) => value.toFixed(3));
-  const own = `vec3 CustomToneMapping( vec3 x ) { return clamp( x * ( ${a} * x + ${b} ) / ( x * ( ${c} * x + ${d} ) + ${e} ), 0.0, 1.0 ); }`;
+  const own = TONE_GLSL.replace("filmTone", "CustomToneMapping");
   ShaderChunk.tonemapping_pars_fragment = ShaderChunk.tonemapping_pars_fragment.replace(
     "vec3 CustomToneMapping( vec3 color ) { return color; }", own);
   renderer.toneMapping = CustomToneMapping;
