@@ -223,6 +223,27 @@ def test_a_lost_source_resumes_its_session(server: RunningServer) -> None:
             assert back.closing()[0] == 4409
 
 
+def test_a_source_that_is_lost_as_it_interrupts_is_told_the_flush_when_it_resumes(server: RunningServer) -> None:
+    """Else it would play what was taken back, or take the new motion for motion that it has."""
+    with server.call(Hello(seed=3)) as lost:
+        lost.speak(1, np.full(72_000, 0.2, np.float32))
+        sound = lost.until(Sound, lambda sound: sound.seg == 1)
+        received, epoch = sound.at + 12_800, lost.ready.epoch
+        lost.say(Interrupt(heard=sound.at + 1_600, seg=1))
+        lost.until(Flush)  # as if this had not arrived
+        lost.line.socket.close()
+        time.sleep(0.2)
+        back = server.call(Hello(resume=lost.ready.resume, played=received, epoch=epoch))
+    with back:
+        flush = back.next()
+        assert isinstance(flush, Flush)
+        assert (flush.seg, flush.epoch) == (1, back.ready.epoch)
+        assert sound.at + 1_600 <= flush.at < received
+        assert back.until(Sound).at <= flush.at
+        with server.call(Hello(resume=back.ready.resume, played=back.ready.at, epoch=back.ready.epoch)) as again:
+            assert not isinstance(again.next(), Flush)
+
+
 def test_a_resume_key_is_spent_once_its_successor_is_known_to_have_arrived(server: RunningServer) -> None:
     with server.call(Hello(seed=3)) as first:
         old = first.ready.resume

@@ -178,6 +178,22 @@ def test_a_resuming_client_is_sent_what_it_missed() -> None:
     assert back.of(Motion)[0].at == 3 * CHUNK_SAMPLES
 
 
+def test_a_client_that_missed_a_flush_is_told_it_and_sent_all_that_follows() -> None:
+    """The connection broke with the interruption, so the client holds motion that was taken back."""
+    room = Room()
+    room.speak(1, 3.0)
+    room.go(1.0)
+    received, epoch = room.session.end, room.session.epoch
+    room.session.interrupt(Interrupt(heard=CHUNK_SAMPLES + 1_600))
+    room.go(0.5)
+    flush, back = room.session.missed_flush(epoch), Told()
+    assert flush == room.box.of(Flush)[-1]
+    assert room.session.missed_flush(room.session.epoch) is None
+    room.session.join(back, received=min(received, flush.at))
+    assert back.of(Motion)[0].at <= flush.at
+    assert {message.epoch for message in back.told if isinstance(message, Motion | Sound)} == {flush.epoch}
+
+
 @settings(max_examples=12, deadline=None)
 @given(before=st.floats(0, 1.5), share=st.floats(0, 1), length=st.floats(0.3, 4.0), after=st.floats(0.0, 0.5))
 def test_nothing_after_an_interruption_stems_from_unheard_sound(

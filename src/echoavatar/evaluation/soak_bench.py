@@ -69,7 +69,8 @@ class Watcher:
         self.stillness_s = 0.0  # longest wait for motion
         self.finished = 0  # the newest utterance that is over
         self.key, self.next = "", 0  # to resume with: the session's key, the clock of the next sound
-        self._motion, self._epoch, self._heard_at = 0, 0, inf
+        self.epoch = 0
+        self._motion, self._heard_at = 0, inf
 
     def see(self, message: ServerMessage | None) -> None:
         """Count a message."""
@@ -78,20 +79,20 @@ class Watcher:
                 self.counts["begun"] += 1
                 self.next = self._motion = message.at
             self.counts["resumed"] += message.resumed
-            self.key, self._epoch, self._heard_at = message.resume, message.epoch, inf
+            self.key, self.epoch, self._heard_at = message.resume, message.epoch, inf
         elif isinstance(message, Flush):
-            self._epoch, self.next = message.epoch, min(self.next, message.at)
+            self.epoch, self.next = message.epoch, min(self.next, message.at)
             self._motion = min(self._motion, message.at)
         elif isinstance(message, Sound):
             self.counts["doubled"] += message.at < self.next
             self.counts["missing"] += message.at > self.next
-            self.counts["stale"] += message.epoch < self._epoch
+            self.counts["stale"] += message.epoch < self.epoch
             self.next = message.at + len(message.pcm) // 2
         elif isinstance(message, Motion):
             self.counts["frames"] += message.frames
             self.counts["doubled"] += message.at < self._motion
             self.counts["dropped"] += max(0, message.at - self._motion) // SAMPLES_PER_FRAME  # a slow reader's
-            self.counts["stale"] += message.epoch < self._epoch
+            self.counts["stale"] += message.epoch < self.epoch
             self._motion = message.at + message.frames * SAMPLES_PER_FRAME
             self.stillness_s = max(self.stillness_s, time.monotonic() - self._heard_at)
             self._heard_at = time.monotonic()
@@ -122,7 +123,8 @@ class _Client:
 
     async def _live(self, socket: ClientConnection) -> None:
         watcher = self.watcher
-        await socket.send(encode(Hello(seed=self._number, resume=watcher.key, played=watcher.next)))
+        hello = Hello(seed=self._number, resume=watcher.key, played=watcher.next, epoch=watcher.epoch)
+        await socket.send(encode(hello))
         watcher.see(decode_server(await socket.recv(decode=False)))  # the answer, before anything else is sent
         tasks = [asyncio.create_task(self._speak(socket))]
         if not self._is_well:

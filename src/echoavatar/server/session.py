@@ -9,6 +9,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from .tracing import SessionTrace
 
 MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
+MOST_FLUSHES = 64  # that are kept for clients that resume
 KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
 
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
@@ -64,6 +66,12 @@ class Sent(NamedTuple):
     def end(self) -> int:
         """First sample after it."""
         return self.motion.at + self.motion.frames * SAMPLES_PER_FRAME
+
+    def as_of(self, epoch: int) -> "Sent":
+        """The same for a client that joins in a later epoch: nothing has taken it back."""
+        renew = msgspec.structs.replace
+        packed = None if self.packed is None else renew(self.packed, epoch=epoch)
+        return Sent(renew(self.motion, epoch=epoch), renew(self.sound, epoch=epoch), packed)
 
     def put_into(self, outbox: Outbox) -> None:
         """Send to a client, the sound in the form that it takes."""
@@ -97,6 +105,7 @@ class ServerSession:
         self.end = 0  # clock up to which motion was sent
         self.underruns = 0
         self.sent: deque[Sent] = deque()
+        self._flushes: deque[Flush] = deque(maxlen=MOST_FLUSHES)
         self.trace: SessionTrace | None = None
         self._actions, self._size = actions, core.chunk.samples
         self._user_speech = UtteranceReader(hello.audio)
@@ -118,6 +127,11 @@ class ServerSession:
 
     # ---- clients
 
+    def missed_flush(self, epoch: int | None) -> Flush | None:
+        """One flush for all those that a client of an earlier epoch has missed."""
+        missed = [flush for flush in self._flushes if epoch is not None and flush.epoch > epoch]
+        return msgspec.structs.replace(missed[-1], at=min(flush.at for flush in missed)) if missed else None
+
     def first_for(self, received: int | None) -> int:
         """Clock of the first motion that `join` will send."""
         return min((sent.motion.at for sent in self._missed(received)), default=self.end)
@@ -131,7 +145,7 @@ class ServerSession:
 
     def _missed(self, received: int | None) -> list[Sent]:
         start = self.playhead.sample if received is None else received
-        return [sent for sent in self.sent if sent.end > start]
+        return [sent.as_of(self.epoch) for sent in self.sent if sent.end > start]
 
     def leave(self, outbox: Outbox) -> None:
         """Remove a client."""
@@ -315,6 +329,7 @@ class ServerSession:
     def _flush(self, flush: Flush) -> None:
         """Forget what was sent from `flush.at` on, and tell all clients."""
         self.epoch = flush.epoch
+        self._flushes.append(flush)
         self.end = min(self.end, flush.at)
         self.sent = deque(sent for sent in self.sent if sent.motion.at < flush.at)
         for outbox in self.listeners:

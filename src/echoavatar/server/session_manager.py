@@ -18,7 +18,7 @@ from echoavatar.engine.tracks import Tracks
 from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar.wire import VERSIONS, Hello, Latency, ProtocolError, Ready, Rig
+from echoavatar.wire import VERSIONS, Flush, Hello, Latency, ProtocolError, Ready, Rig
 from echoavatar.wire.messages import SoundFormat
 
 from . import memory
@@ -114,16 +114,21 @@ class SessionManager:
         if self.is_draining:
             raise ProtocolError("shutting_down", "the server is stopping", retry_after=5.0)
         received: int | None = None
+        flush: Flush | None = None
         if hello.role == "viewer":
             session = self._known(self._sessions, hello.session)
         elif hello.resume:
             session, received = self._known(self._keys, hello.resume), hello.played
+            if (flush := session.missed_flush(hello.epoch)) is not None:
+                received = min(received, flush.at)
             self._replace(session)
             self._renew(session, hello.resume)
             self.metrics.resumed.inc()
         else:
             session = self._seat(hello)
         outbox.put(self._ready(session, hello, version, received, outbox.sound))
+        if flush is not None:
+            outbox.put(flush)
         session.join(outbox, received=received)
         if hello.role == "source":
             session.source, session.left_at = outbox, None

@@ -96,6 +96,9 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
     played: Annotated[
         Samples, Meta(description="resuming: everything before it was received; the rest is sent again")
     ] = 0
+    epoch: Annotated[
+        int | None, Meta(description="resuming: the newest one received; a `flush` missed since is sent again")
+    ] = None
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="equal seed and sound give equal motion")] = 0
 
 

@@ -214,7 +214,7 @@ class Avatar:
         code = closed.rcvd.code if closed.rcvd else 1006
         if code not in _RECONNECT_CODES:
             return False
-        changes: dict[str, Any] = {"resume": self.ready.resume, "played": self.received}
+        changes: dict[str, Any] = {"resume": self.ready.resume, "played": self.received, "epoch": self.epoch}
         for attempt in range(RECONNECT_ATTEMPTS):
             self._hello = msgspec.structs.replace(self._hello, **changes)
             try:
@@ -225,7 +225,7 @@ class Avatar:
                     raise
             except ProtocolError as error:
                 if error.code == "unknown_session":
-                    changes = {"resume": "", "played": 0}
+                    changes = {"resume": "", "played": 0, "epoch": None}
                 elif error.code != "overloaded" or attempt == RECONNECT_ATTEMPTS - 1:
                     raise
             await asyncio.sleep(min(1.0, 0.1 * 2**attempt))

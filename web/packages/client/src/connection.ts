@@ -44,8 +44,11 @@ export class Connection extends Emitter<ConnectionEvents> {
   private greeted = false;
   private over = false;
 
-  /** `received` returns the first sample that has not been received, for a resumed session. */
-  constructor(private readonly options: ConnectionOptions, private readonly received: () => number) {
+  /** `received` returns the first sample that has not been received and the newest epoch, for a resumed session. */
+  constructor(
+    private readonly options: ConnectionOptions,
+    private readonly received: () => { played: number; epoch: number | null },
+  ) {
     super();
   }
 
@@ -94,7 +97,7 @@ export class Connection extends Emitter<ConnectionEvents> {
       type: "hello", versions: [...VERSIONS], role, token, session, seed, sound,
       audio: { rate: 24000, channels: 1, format: "s16le" },
       resume: this.ready?.resume ?? "",
-      played: this.ready ? this.received() : 0,
+      ...(this.ready ? this.received() : { played: 0, epoch: null }),
     };
   }
 

@@ -118,6 +118,8 @@ export interface HelloMessage {
   resume?: string;
   /** resuming: everything before it was received; the rest is sent again */
   played?: number;
+  /** resuming: the newest one received; a `flush` missed since is sent again */
+  epoch?: number | null;
   /** equal seed and sound give equal motion */
   seed?: number;
 }

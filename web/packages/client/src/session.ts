@@ -44,7 +44,10 @@ export class EchoSession extends Emitter<SessionEvents> {
 
   constructor(private readonly options: SessionOptions) {
     super();
-    this.connection = new Connection(options, () => this.player?.received ?? 0);
+    this.connection = new Connection(options, () => ({
+      played: this.player?.received ?? 0,
+      epoch: this.player?.played.epoch ?? null,
+    }));
     this.connection.on("line", (line) => this.emit("line", line));
     this.connection.on("roundTrip", (milliseconds) => this.emit("roundTrip", milliseconds));
     this.connection.on("message", (message) => this.receive(message));

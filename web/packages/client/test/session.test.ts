@@ -151,7 +151,7 @@ it("comes back with the session's key and sends on from where the server is", ()
   vi.advanceTimersByTime(600);
   expect(FakeSocket.all).toHaveLength(2);
   latest().onopen();
-  expect(latest().sent[0]).toMatchObject({ type: "hello", resume: "key", played: 12800 });
+  expect(latest().sent[0]).toMatchObject({ type: "hello", resume: "key", played: 12800, epoch: 0 });
   latest().say({ ...READY, resumed: true, seg: 1, received: 18000 });
   vi.advanceTimersByTime(200);
   expect(latest().of("audio")[0]).toMatchObject({ seg: 1, start: 18000 });
