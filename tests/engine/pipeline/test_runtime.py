@@ -13,6 +13,7 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import ADDITIONS, Runtime
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.audio import read_audio
+from echoavatar.models.generator import Generator
 from echoavatar.models.warp import WarpConfig, WarpModel
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.stages.modes import MotionOptions
@@ -109,13 +110,16 @@ def machinery(runtime: Runtime, bundle) -> set[str]:
         if pipeline._temperature(torch.tensor([True])) != pipeline._temperature(torch.tensor([False]))
         else set()
     )  # noqa: SLF001
+    on |= {"guidance"} if pipeline.generator._guidance != 1 else set()  # noqa: SLF001
     on |= {"lead-in"} if pipeline._lead_in else set()  # noqa: SLF001
     on |= {"warp"} if pipeline.warp else set()
     return on | ({"cylinder"} if pipeline.cylinder else set())
 
 
 def test_each_switch_puts_in_exactly_its_part(tiny_bundle) -> None:
-    bundle = replace(load_bundle(tiny_bundle), warp=WarpModel(WarpConfig()))
+    bundle = load_bundle(tiny_bundle)
+    guided = bundle.generator.config.model_copy(update={"sequence": "depth", "guidance": 1.5})
+    bundle = replace(bundle, warp=WarpModel(WarpConfig()), generator=Generator(guided))
     assert machinery(Runtime().chosen("bare"), bundle) == set()
     assert machinery(Runtime().chosen("paper"), bundle) == {"cylinder"}
     for name in ADDITIONS:
@@ -127,6 +131,7 @@ def test_each_switch_puts_in_exactly_its_part(tiny_bundle) -> None:
 BODY, FACE = {"body"}, {"face"}
 CHANGES = {
     "level": BODY | FACE,  # both hear it
+    "guidance": BODY,
     "calm": BODY,
     "lead-in": BODY | FACE,
     "smoother": BODY,

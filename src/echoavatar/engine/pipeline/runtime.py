@@ -26,6 +26,7 @@ NUMBERS = {
     "level": ("level_control", False),
     "calm": ("silent_temperature", 1.0),
     "lead-in": ("lead_in_s", 0.0),
+    "guidance": ("guided", False),
 }  # addition -> its field, and the paper's value
 ADDITIONS = (*NUMBERS, *SWITCHES, WARP, *SESSION)
 
@@ -34,6 +35,9 @@ class Runtime(Config):
     """Run-time settings of a bundle."""
 
     level_control: bool = Field(default=True, description="whether sound is brought to one loudness first")
+    guided: bool = Field(
+        default=True, description="whether the sound guides sampling as far as the generator's `guidance` says"
+    )
     silent_temperature: float = Field(
         default=0.5, ge=0, description="factor of the temperature in silence (ours: 0.5, paper: 1)"
     )

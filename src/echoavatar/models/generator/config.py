@@ -56,6 +56,11 @@ class GeneratorConfig(Config):
     )
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
+    guidance: float = Field(
+        default=1.0,
+        ge=0,
+        description="depth order: classifier-free guidance by the sound; 1 is none (not in the paper)",
+    )
     patience: float = Field(
         default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steady`)"
     )

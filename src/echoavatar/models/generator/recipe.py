@@ -44,6 +44,12 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="share of windows whose context motion is all noise: the sound must tell (not in the paper)",
     )
+    deaf: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows without their sound, for classifier-free guidance (not in the paper)",
+    )
     out_of_step: float = Field(
         default=0.0,
         ge=0,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
@@ -36,6 +36,7 @@ class Lesson(NamedTuple):
     window: Window
     context: Int[Tensor, "b n p q"]  # motion codes, corrupted
     missing: Int[Tensor, " b"]  # leading chunks that count as not there
+    deaf: Bool[Tensor, " b"]  # rows without their sound
     exemplar: Exemplar | None
 
 
@@ -124,7 +125,10 @@ class GeneratorTask(TrainingTask[Lesson]):
         if config.sequence == "prefix":
             cut = torch.rand(rows, generator=random) < training.short_windows
             missing = torch.randint(self.chunks, (rows,), generator=random) * cut
-        return Lesson(window, context, missing, self._exemplar(window, step))
+        deaf = torch.zeros(rows, dtype=torch.bool)
+        if training.deaf:
+            deaf = torch.rand(rows, generator=random) < training.deaf
+        return Lesson(window, context, missing, deaf, self._exemplar(window, step))
 
     def weight(self, batch: Lesson) -> float:
         """Chunks that carry loss."""
@@ -137,7 +141,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             streams = stream_nll(self.generator, window)
             means = {"nll_audio": streams.audio.mean(), "nll_motion": streams.motion.mean()}
             return Loss(stream_loss(streams, training.depth_weights), means)
-        sequences = self._sequences(batch)
+        sequences = self.generator.config.order.without_sound(self._sequences(batch), batch.deaf)
         hidden = self.generator.read(sequences, batch.exemplar)
         nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)
