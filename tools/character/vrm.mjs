@@ -6,7 +6,7 @@ import { Logger, NodeIO } from "@gltf-transform/core";
 import { inspect } from "@gltf-transform/functions";
 import { VRMLoaderPlugin } from "@pixiv/three-vrm";
 import validator from "gltf-validator";
-import { Object3D, Texture, Vector3 } from "three";
+import { Object3D, Quaternion, Texture, Vector3 } from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 
 globalThis.self ??= globalThis;
@@ -23,7 +23,7 @@ async function opened(data) {
   return gltf.userData.vrm;
 }
 
-/** Plays a moment of the file: a smile, a look to the left, and the hair after a quick turn of the head. */
+/** Plays a moment of the file: a smile, a look to the left, a bent elbow, and the hair after a quick turn of the head. */
 function tried(vrm) {
   let weights = [];
   vrm.scene.traverse((mesh) => (mesh.morphTargetInfluences?.length ? (weights = mesh.morphTargetInfluences) : null));
@@ -47,7 +47,10 @@ function tried(vrm) {
   vrm.humanoid.getNormalizedBoneNode("head").rotation.y = 0.6;
   const during = settled(0.1);
   const after = settled(2);
-  return { moved: weights.filter((weight) => weight > 0.05).length, sag, swing: apart(during, after) };
+  vrm.humanoid.getNormalizedBoneNode("leftLowerArm").rotation.y = -1.6;
+  vrm.update(1 / 60);
+  const halfway = vrm.scene.getObjectByName("leftLowerArmHalfway")?.quaternion.angleTo(new Quaternion()) ?? 0;
+  return { halfway, moved: weights.filter((weight) => weight > 0.05).length, sag, swing: apart(during, after) };
 }
 
 const [...files] = process.argv.slice(2);

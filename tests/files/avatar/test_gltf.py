@@ -9,7 +9,8 @@ import pytest
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.gltf import Animation, pack_glb, write_glb
+from echoavatar.files.avatar.gltf import HALFWAY_NODES, Animation, pack_glb, write_glb
+from echoavatar.files.avatar.halfway import SOURCES, half
 from echoavatar.motion.kinematics import HUMANOID
 
 WIDTH = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -146,7 +147,9 @@ def test_the_animation_reads_back(compact: bool, tolerance: float, wave: Wave) -
     rotations[15:] *= -1  # the same rotations with the other sign: the file must not jump
     document, binary = parse(pack_glb(load_character(), [Animation("wave", rotations, root)], compact=compact))
     animation = document["animations"][0]
-    assert len(animation["channels"]) == 53
+    expected = {joint: rotations[:, joint] for joint in range(HUMANOID.joints)}
+    expected |= {node: half(rotations[:, joint]) for node, joint in zip(HALFWAY_NODES, SOURCES, strict=True)}
+    assert len(animation["channels"]) == 1 + len(expected)
     for channel in animation["channels"]:
         sampler = animation["samplers"][channel["sampler"]]
         np.testing.assert_allclose(array(document, binary, sampler["input"])[:, 0], np.arange(30) / 30, atol=1e-6)
@@ -156,7 +159,7 @@ def test_the_animation_reads_back(compact: bool, tolerance: float, wave: Wave) -
             np.testing.assert_allclose(values, root, atol=1e-6)
             continue
         values /= 32767 if compact else 1
-        same = np.abs(np.einsum("ti,ti->t", values[:, [3, 0, 1, 2]], rotations[:, joint]))
+        same = np.abs(np.einsum("ti,ti->t", values[:, [3, 0, 1, 2]], expected[joint]))
         np.testing.assert_allclose(same, 1, atol=tolerance)
         assert (np.einsum("ti,ti->t", values[1:], values[:-1]) > 0).all()
 

@@ -16,7 +16,7 @@ def body() -> Body:
 
 
 def test_clothes_lie_outside_the_body_and_have_closed_hems(body: Body) -> None:
-    """Nearly all cloth is on the outer side of the nearest skin."""
+    """Nearly all cloth that is seen is on the outer side of the nearest skin; of trousers the jumper hides the top."""
     from echoavatar_character.skin import whole_skin
     from echoavatar_character.surface import normals
 
@@ -26,7 +26,8 @@ def test_clothes_lie_outside_the_body_and_have_closed_hems(body: Body) -> None:
     for piece in (clothes.top(body, cloth), clothes.trousers(body, cloth)):
         near = cKDTree(skin.positions).query(piece.positions)[1]
         height = np.einsum("vi,vi->v", piece.positions - skin.positions[near], out[near])
-        assert (height > -0.004).mean() > 0.92
+        seen = (piece.positions[:, 1] < clothes.HEM - 0.01) | (piece.material == "cloth")
+        assert (height[seen] > -0.004).mean() > 0.92
 
 
 def test_a_cut_follows_its_line(body: Body) -> None:

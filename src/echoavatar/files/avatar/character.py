@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from echoavatar.errors import CheckpointError
-from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of
 
+from .halfway import BONES, REST
 from .morphs import Morphs, added
 from .textures import NAMES, Textures, decoded, looked_up
 
@@ -47,7 +47,7 @@ MATERIALS = (
 
 @dataclass(frozen=True)
 class Character:
-    """A skinned mesh in T-pose. `joints` index `HUMANOID.names`; triangles are counter-clockwise."""
+    """A skinned mesh in T-pose. `joints` index `BONES`; triangles are counter-clockwise."""
 
     positions: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
@@ -62,17 +62,17 @@ class Character:
 
     @cached_property
     def dense_weights(self) -> Float[np.ndarray, "v j"]:
-        """Weights as one matrix over all joints."""
-        dense = np.zeros((len(self.positions), HUMANOID.joints), np.float32)
+        """Weights as one matrix over all `BONES`."""
+        dense = np.zeros((len(self.positions), len(BONES)), np.float32)
         rows = np.arange(len(dense))
         for column in range(self.joints.shape[1]):
             np.add.at(dense, (rows, self.joints[:, column]), self.weights[:, column])
         return dense
 
     @cached_property
-    def rest_joints(self) -> Float[np.ndarray, "j 3"]:
-        """World positions of the joints in the rest pose."""
-        return HUMANOID.rest_positions.numpy()
+    def rest_joints(self) -> Float[np.ndarray, "b 3"]:
+        """World positions of all `BONES` in the rest pose."""
+        return REST
 
     def flat_colours(self) -> Float[np.ndarray, "v 3"]:
         """The sRGB colour of each vertex, 0 to 1, for files without pictures."""

@@ -22,10 +22,12 @@ from echoavatar.motion.kinematics.tables import write_whole
 from .character import Character
 from .gltf_buffer import Buffer, Tracks
 from .gltf_mesh import materials, meshes, pictures
+from .halfway import BONES, PARENTS, REST, SOURCES, half
 from .morphs import checked_face
 
 BODY_NODE = HUMANOID.joints
 FACE_NODE = HUMANOID.joints + 1
+HALFWAY_NODES = tuple(range(FACE_NODE + 1, FACE_NODE + 1 + len(SOURCES)))
 
 
 class Animation(NamedTuple):
@@ -68,11 +70,7 @@ def character_document(character: Character) -> tuple[dict[str, Any], Buffer]:
         "asset": {"version": "2.0", "generator": "EchoAvatar"},
         "scene": 0,
         "scenes": [{"name": "EchoAvatar", "nodes": [0, BODY_NODE, FACE_NODE]}],
-        "nodes": [
-            *_joint_nodes(),
-            {"name": "body", "mesh": 0, "skin": 0},
-            {"name": "face", "mesh": 1, "skin": 0},
-        ],
+        "nodes": _nodes(),
         "materials": materials(),
         "meshes": meshes(buffer, character),
         **pictures(buffer, character),
@@ -91,34 +89,41 @@ def packed(document: dict[str, Any], buffer: Buffer) -> bytes:
     return container(document, bytes(buffer.data))
 
 
-def _joint_nodes() -> list[dict[str, Any]]:
+def _nodes() -> list[dict[str, Any]]:
+    """The joints, the meshes, and the halfway bones, which hang on the parents of their bones."""
+    places = [[round(float(x), 6) for x in offset] for offset in HUMANOID.config.offsets]
     nodes: list[dict[str, Any]] = [
-        {"name": name, "translation": [round(float(x), 6) for x in offset]}
-        for name, offset in zip(HUMANOID.names, HUMANOID.config.offsets, strict=True)
+        *({"name": name, "translation": place} for name, place in zip(HUMANOID.names, places, strict=True)),
+        {"name": "body", "mesh": 0, "skin": 0},
+        {"name": "face", "mesh": 1, "skin": 0},
+        *({"name": BONES[HUMANOID.joints + i], "translation": places[joint]} for i, joint in enumerate(SOURCES)),
     ]
     for joint, parent in enumerate(HUMANOID.parents):
         if parent >= 0:
             nodes[parent].setdefault("children", []).append(joint)
+    for node, parent in zip(HALFWAY_NODES, PARENTS, strict=True):
+        nodes[parent]["children"].append(node)
     return nodes
 
 
 def _skin(buffer: Buffer) -> dict[str, Any]:
     """The skin. The rest pose has no rotations, so each inverse bind matrix (column-major) undoes one translation."""
-    matrices = np.tile(np.eye(4, dtype=np.float32), (HUMANOID.joints, 1, 1))
-    matrices[:, 3, :3] = -HUMANOID.rest_positions.numpy()
-    joints = list(range(HUMANOID.joints))
+    matrices = np.tile(np.eye(4, dtype=np.float32), (len(BONES), 1, 1))
+    matrices[:, 3, :3] = -REST
+    joints = [*range(HUMANOID.joints), *HALFWAY_NODES]
     return {"name": "humanoid", "inverseBindMatrices": buffer.add(matrices), "joints": joints, "skeleton": 0}
 
 
 def _animation(buffer: Buffer, animation: Animation, *, compact: bool) -> dict[str, Any]:
-    """Tracks of the animation: a rotation per joint, the translation of the hips, the face's weights."""
+    """Tracks of the animation: a rotation per bone, the translation of the hips, the face's weights."""
     rotations, root = checked(animation.rotations, animation.root)
     tracks = Tracks(buffer, len(root), animation.fps)
     tracks.add(0, "translation", root)
-    xyzw = align_signs(rotations)[..., [1, 2, 3, 0]]
-    for joint in range(HUMANOID.joints):
-        track = xyzw[:, joint]
-        tracks.add(joint, "rotation", np.round(track * 32767).astype(np.int16) if compact else track)
+    halves = half(rotations[:, list(SOURCES)])
+    xyzw = align_signs(np.concatenate([rotations, halves], 1))[..., [1, 2, 3, 0]]
+    for bone, node in enumerate((*range(HUMANOID.joints), *HALFWAY_NODES)):
+        track = xyzw[:, bone]
+        tracks.add(node, "rotation", np.round(track * 32767).astype(np.int16) if compact else track)
     if animation.face is not None:
         weights = checked_face(animation.face, len(root)).reshape(-1)
         tracks.add(FACE_NODE, "weights", np.round(weights * 255).astype(np.uint8) if compact else weights)

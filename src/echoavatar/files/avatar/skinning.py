@@ -6,6 +6,7 @@ from jaxtyping import Float
 from echoavatar.nn.kernels import kernel
 
 from .character import Character
+from .halfway import with_halfway
 
 F = np.float32
 
@@ -21,8 +22,8 @@ def skin(
     `face` holds the weights of the character's blendshapes; None is the neutral face.
     """
     positions, normals = (character.positions, character.normals) if face is None else character.with_face(face)
-    rotations = np.asarray(world_rotations, np.float32)
-    shift = np.asarray(world_positions, np.float32) - np.einsum("jik,jk->ji", rotations, character.rest_joints)
+    rotations, places = with_halfway(np.asarray(world_rotations, np.float32), np.asarray(world_positions, np.float32))
+    shift = places - np.einsum("jik,jk->ji", rotations, character.rest_joints)
     moves = np.concatenate([rotations, shift[:, :, None]], 2).astype(np.float32)
     vertices, turned = np.empty_like(positions), np.empty_like(normals)
     blended(positions, normals, character.joints, character.weights, moves, vertices, turned)

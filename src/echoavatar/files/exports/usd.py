@@ -17,6 +17,7 @@ from echoavatar.motion.kinematics.resample import align_signs
 
 from ..avatar.character import Character
 from ..avatar.gltf import checked
+from ..avatar.halfway import BONES, PARENTS, REST, SOURCES, half
 from ..avatar.morphs import checked_face
 from .take import Take
 
@@ -77,7 +78,14 @@ def _paths() -> list[str]:
     paths: list[str] = []
     for name, parent in zip(HUMANOID.names, HUMANOID.parents, strict=True):
         paths.append(name if parent < 0 else f"{paths[parent]}/{name}")
-    return paths
+    halfway = zip(BONES[HUMANOID.joints :], PARENTS, strict=True)
+    return paths + [f"{paths[parent]}/{name}" for name, parent in halfway]
+
+
+def _offsets() -> Float[np.ndarray, "b 3"]:
+    """Each bone's place from its parent."""
+    own = HUMANOID.offsets.numpy()
+    return np.concatenate([own, own[list(SOURCES)]])
 
 
 def _skeleton(stage: Any, path: str) -> Any:
@@ -89,8 +97,8 @@ def _skeleton(stage: Any, path: str) -> Any:
     def moved(places: Float[np.ndarray, "j 3"]) -> Any:
         return Vt.Matrix4dArray([Gf.Matrix4d(1).SetTranslate(Gf.Vec3d(*map(float, p))) for p in places])
 
-    skeleton.CreateBindTransformsAttr(moved(HUMANOID.rest_positions.numpy()))
-    skeleton.CreateRestTransformsAttr(moved(HUMANOID.offsets.numpy()))
+    skeleton.CreateBindTransformsAttr(moved(REST))
+    skeleton.CreateRestTransformsAttr(moved(_offsets()))
     return skeleton
 
 
@@ -98,12 +106,12 @@ def _animation(stage: Any, path: str, take: Take, character: Character) -> Any:
     from pxr import Gf, UsdSkel, Vt
 
     rotations, root = checked(take.motion.rotations, take.motion.root)
-    turns = align_signs(rotations)
+    turns = align_signs(np.concatenate([rotations, half(rotations[:, list(SOURCES)])], 1))
     animation = UsdSkel.Animation.Define(stage, path)
     animation.CreateJointsAttr(_paths())
-    animation.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1, 1, 1)] * HUMANOID.joints))
+    animation.CreateScalesAttr(Vt.Vec3hArray([Gf.Vec3h(1, 1, 1)] * len(BONES)))
     places, spins = animation.CreateTranslationsAttr(), animation.CreateRotationsAttr()
-    offsets = HUMANOID.offsets.numpy().copy()
+    offsets = _offsets()
     for frame, (turn, place) in enumerate(zip(turns.tolist(), root, strict=True)):
         offsets[0] = place
         places.Set(Vt.Vec3fArray.FromNumpy(offsets.astype(np.float32)), frame)

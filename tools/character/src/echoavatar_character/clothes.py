@@ -17,6 +17,7 @@ from .surface import Surface, border, make, normals, part, smoothed, subdivided
 Points = Float[np.ndarray, "v 3"]
 Field = Float[np.ndarray, " v"]
 SHARPER = 2.6  # power that narrows the border between arm and trunk
+CAP = (-0.055, 0.065)  # metres beyond the joint of a shoulder, where its round top passes from the trunk to the arm
 TILE = 0.055  # metres of cloth in one picture of its weave
 HEM, ANKLE = 0.90, 0.072  # heights where top and trousers end
 
@@ -43,8 +44,9 @@ def neckline(points: Points, body: Body) -> Field:
     apart = np.hypot(points[:, 0], points[:, 2] - neck[2])
     side = np.clip(np.abs(points[:, 0]) / 0.085, 0, 1) ** 2
     on_head = points[:, 1] > neck[1] + 0.06
-    far = 0.12 * np.clip((apart - 0.074) / 0.03, 0, 1) * ~on_head  # shoulders stay covered however high they are
-    return line - 0.012 * side + far * (points[:, 2] < neck[2] + 0.07) - points[:, 1]
+    wide = 0.074 + 0.03 * np.clip(front, 0, 1)
+    far = 0.12 * np.clip((apart - wide) / 0.03, 0, 1) * ~on_head  # shoulders stay covered however high they are
+    return line - 0.012 * side + far * np.clip((neck[2] + 0.085 - points[:, 2]) / 0.03, 0, 1) - points[:, 1]
 
 
 def sleeves(points: Points, body: Body, weights: Float[np.ndarray, "v j"], back: float) -> Field:
@@ -74,7 +76,8 @@ def top(body: Body, cloth: Surface) -> Surface:
     loose = np.where(arm > 0.5, 0.0075, 0.0125)
     edge = np.clip(at / 0.05, 0, 1)
     near_neck = np.clip(neckline(places, body) / 0.06, 0, 1)
-    loose = loose * (0.45 + 0.55 * edge) * (0.55 + 0.45 * near_neck)
+    hem = np.clip((HEM + 0.12 - places[:, 1]) / 0.04, 0, 1) * (arm < 0.5)
+    loose = loose * np.maximum(0.45 + 0.55 * edge, hem) * (0.55 + 0.45 * near_neck)
     blouse = np.exp(-(((places[:, 1] - HEM - 0.075) / 0.035) ** 2)) * (arm < 0.5) * 0.008
     cuff = np.exp(-(((at - 0.055) / 0.025) ** 2)) * (arm > 0.5) * 0.004
     rim = np.zeros(len(places), bool)
@@ -86,20 +89,27 @@ def top(body: Body, cloth: Surface) -> Surface:
     places = smoothed(places, piece.quads, 2, 0.4)
     rib = np.clip(1 - at / 0.045, 0, 1) > 0
     shade = np.where(rib, 0.90, 1.0) * (1 + 0.02 * noise(places, 0.05, 22))
-    weights = _armpits(smoothed(piece.weights, piece.quads, 3, 0.5), places, body)
+    weights = _shoulders(smoothed(piece.weights, piece.quads, 3, 0.5), places, body)
     piece = replace(piece, positions=places, weights=weights, colours=np.repeat(shade[:, None], 3, 1))
     return _hemmed(piece, 0.0045, 0.02)
 
 
-def _armpits(weights: Float[np.ndarray, "v j"], points: Points, body: Body) -> Float[np.ndarray, "v j"]:
-    """Weights with a narrower border between arm and trunk below the shoulder, or a raised arm lifts the whole side."""
+def _shoulders(weights: Float[np.ndarray, "v j"], points: Points, body: Body) -> Float[np.ndarray, "v j"]:
+    """Weights with a narrow border between arm and trunk, or a raised arm lifts the side and sinks at its top."""
     weights = weights.copy()
     for side in ("left", "right"):
         arm, chest = fit.NAMES.index(side + "UpperArm"), fit.NAMES.index("upperChest")
         share = weights[:, arm]
         sharp = share**SHARPER / (share**SHARPER + (1 - share) ** SHARPER)
-        below = np.clip((body.joint(side + "UpperArm")[1] - points[:, 1] - 0.01) / 0.05, 0, 1)
-        wanted = share + below * (sharp - share)
+        joint = body.joint(side + "UpperArm")
+        along = body.joint(side + "LowerArm") - joint
+        across = along / np.linalg.norm(along) + [np.sign(joint[0]), 0, 0]
+        beyond = (points - joint) @ across / np.linalg.norm(across)
+        passed = np.clip((beyond - CAP[0]) / (CAP[1] - CAP[0]), 0, 1)
+        here = (points[:, 0] * joint[0] > 0) & (passed < 1)
+        cap = np.where(here, passed * passed * (3 - 2 * passed), share)
+        below = np.clip((joint[1] - points[:, 1] - 0.01) / 0.05, 0, 1)
+        wanted = np.where(share > 0, cap + below * (sharp - cap), 0)
         rest = np.maximum(1 - share, 1e-6)
         others = np.where(share > 0.999, 0, (1 - wanted) / rest)
         weights = np.where((share > 0)[:, None], weights * others[:, None], weights)
@@ -117,7 +127,8 @@ def trousers(body: Body, cloth: Surface) -> Surface:
     places = smoothed(piece.positions, piece.quads, 5, 0.5)
     out = normals(places, piece.quads)
     low = np.clip((0.55 - places[:, 1]) / 0.45, 0, 1)
-    loose = 0.0055 + 0.004 * np.clip((0.85 - places[:, 1]) / 0.2, 0, 1) + 0.011 * low
+    below_top = np.clip((HEM - 0.01 - places[:, 1]) / 0.03, 0, 1)  # or it comes through the jumper's hem
+    loose = 0.0055 * below_top + 0.004 * np.clip((0.85 - places[:, 1]) / 0.2, 0, 1) + 0.011 * low
     stack = (
         0.0035 * np.sin(places[:, 1] * 190 + 2.2 * noise(places, 0.06, 31)) * np.clip((0.22 - places[:, 1]) / 0.1, 0, 1)
     )

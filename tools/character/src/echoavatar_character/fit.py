@@ -12,6 +12,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from echoavatar.files.avatar import halfway
+from echoavatar.files.avatar.halfway import with_halfway
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 
 from .base import bone_ends, bone_weights
@@ -32,7 +34,7 @@ class Fit(NamedTuple):
 
     scale: float
     posed: Float[np.ndarray, "j 3 4"]
-    pose: Float[np.ndarray, "j 3 4"]  # from T-pose to the modelled pose
+    pose: Float[np.ndarray, "b 3 4"]  # of all `BONES`, from T-pose to the modelled pose
     rotations: Float[np.ndarray, "j 3 3"]  # of the modelled pose, relative to the parent
     root: Float[np.ndarray, " 3"]
 
@@ -77,8 +79,8 @@ def fit(shape: Float[np.ndarray, "v 3"]) -> Fit:
             linear = posed[PARENTS[j], :, :3]
         posed[j, :, :3] = linear
         posed[j, :, 3] = goals[j] - linear @ heads[name]
-    turned = made.rotations.numpy().astype(np.float64)
-    pose = np.concatenate([turned, (placed - np.einsum("jik,jk->ji", turned, REST))[:, :, None]], 2)
+    turned, places = with_halfway(made.rotations.numpy().astype(np.float64), placed)
+    pose = np.concatenate([turned, (places - np.einsum("jik,jk->ji", turned, halfway.REST))[:, :, None]], 2)
     return Fit(float(scale), posed, pose, local, REST[0])
 
 
@@ -89,20 +91,11 @@ def posed(fitted: Fit, points: Float[np.ndarray, "v 3"], weights: Float[np.ndarr
 
 
 def to_rest(
-    fitted: Fit, points: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
+    fitted: Fit, points: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v b"]
 ) -> Float[np.ndarray, "v 3"]:
-    """Points of the modelled pose in the T-pose."""
+    """Points of the modelled pose in the T-pose; weights are over all `BONES`."""
     maps = np.einsum("vj,jik->vik", weights, fitted.pose)
     return np.linalg.solve(maps[:, :, :3], (points - maps[:, :, 3])[..., None])[..., 0]
-
-
-def moves_to_rest(
-    fitted: Fit, moves: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
-) -> Float[np.ndarray, "v 3"]:
-    """Small moves of the person's shape as moves in the T-pose."""
-    out = np.einsum("vj,jik,vk->vi", weights, fitted.posed[:, :, :3], moves)
-    maps = np.einsum("vj,jik->vik", weights, fitted.pose[:, :, :3])
-    return np.linalg.solve(maps, out[..., None])[..., 0]
 
 
 def _child(joint: int) -> int | None:

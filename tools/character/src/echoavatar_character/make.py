@@ -14,6 +14,7 @@ from echoavatar.files.avatar.morphs import LEAST_MOVE, LEAST_TURN, Morphs
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, skin
+from .bends import bent
 from .body import Body, make_body
 from .person import PEOPLE, Person
 from .surface import Surface, normals, smoothed, triangles
@@ -141,8 +142,9 @@ def _shaded(parts: list[Surface], body: Body) -> list[Surface]:
 
 def _block(part: Surface, body: Body, tint: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:
     """Vertices in the T-pose, one for each place in the texture."""
-    maps = np.einsum("vj,jik->vik", part.weights, body.fitted.pose)
-    points = fit.to_rest(body.fitted, part.positions, part.weights)
+    weights = bent(part.weights, part.positions, body)
+    maps = np.einsum("vj,jik->vik", weights, body.fitted.pose)
+    points = fit.to_rest(body.fitted, part.positions, weights)
     if part.material == "cloth":  # where arm and trunk share a vertex, undoing the pose tears; a smooth surface is kept
         shared = part.weights[:, ARMS].sum(1)
         points = smoothed(points, part.quads, 12, 0.5 * np.clip(4 * shared * (1 - shared), 0, 1) ** 0.5)
@@ -170,7 +172,7 @@ def _block(part: Surface, body: Body, tint: Float[np.ndarray, " 3"]) -> dict[str
         "normals": (out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9))[of],
         "uvs": part.uvs.reshape(-1, 2)[first],
         "colours": np.clip(part.colours * tint, 0, 1)[of],
-        "weights": part.weights[of],
+        "weights": weights[of],
         "materials": np.full(len(of), INDEX[part.material]),
         "moves": moves[:, of],
         "turns": turns[:, of],
@@ -194,7 +196,6 @@ def _joined(blocks: list[dict[str, np.ndarray]], pictures: Textures) -> Characte
     table = joined["weights"][order]
     joints = np.argsort(-table, axis=1)[:, :4]
     shares = np.take_along_axis(table, joints, 1)
-    shares = np.where(shares < 0.004, 0, shares)
     return Character(
         positions=joined["positions"][order].astype(np.float32),
         normals=joined["normals"][order].astype(np.float32),
@@ -202,7 +203,7 @@ def _joined(blocks: list[dict[str, np.ndarray]], pictures: Textures) -> Characte
         uvs=joined["uvs"][order].astype(np.float32),
         materials=joined["materials"][order].astype(np.uint8),
         joints=joints.astype(np.uint8),
-        weights=(shares / shares.sum(1, keepdims=True)).astype(np.float32),
+        weights=shares.astype(np.float32),
         triangles=place[faces].astype(np.int32),
         face=Morphs.of_dense(ARKIT_NAMES, moves[:, order], turns[:, order]),
         textures=pictures,

@@ -1,5 +1,7 @@
 """The skin: which part of the body is seen, and the picture on it, painted by where in space each texel lies."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw
@@ -8,11 +10,12 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from . import atlas, fit
 from .base import load_base, mask
 from .body import Body
-from .surface import Surface, make, part, smoothed
+from .surface import Surface, make, normals, part, smoothed
 
 Field = Float[np.ndarray, "..."]
 HANDS = ("Hand", "Thumb", "Index", "Middle", "Ring", "Little")
 BULGE = {"mouthSmile": 4.0, "cheekSquint": 2.0, "eyeSquint": 0.3}  # millimetres that the cheek rises besides
+HIDDEN = 0.006  # metres that skin sinks below the collar, or it comes through
 BROW_PIXELS = 9000  # a metre, in the picture of the brows
 
 
@@ -60,7 +63,14 @@ def seen_skin(skin: Surface, body: Body, neckline: Float[np.ndarray, " v"]) -> S
     neck = np.hypot(skin.positions[:, 0], skin.positions[:, 2] - body.joint("neck")[2]) < 0.105
     bare = (neckline < 0.02) & (neck | (share["head"] + share["neck"] > 0.3))
     keep = bare | (hand > 0.5) | (wrist > 0)
-    return part(skin, keep[skin.quads].any(1))
+    inwards = HIDDEN * np.clip(neckline / 0.012, 0, 1) * neck
+    sunk = skin.positions - normals(skin.positions, skin.quads) * inwards[:, None]
+    still = skin.weights.copy()  # as the collar, which no arm moves
+    for side in ("left", "right"):
+        arm = fit.NAMES.index(side + "UpperArm")
+        still[neck, fit.NAMES.index("upperChest")] += still[neck, arm]
+        still[neck, arm] = 0
+    return part(replace(skin, positions=sunk, weights=still), keep[skin.quads].any(1))
 
 
 def paint(body: Body, skin: Surface, scalp: Field, size: int = atlas.SIZE) -> Float[np.ndarray, "h w 3"]:

@@ -17,8 +17,9 @@ from jaxtyping import Float
 from PIL import Image
 
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
-from echoavatar.files.avatar.gltf import BODY_NODE, FACE_NODE, character_document, packed
+from echoavatar.files.avatar.gltf import BODY_NODE, FACE_NODE, HALFWAY_NODES, character_document, packed
 from echoavatar.files.avatar.gltf_buffer import Buffer
+from echoavatar.files.avatar.halfway import BONES, REST, SOURCES
 from echoavatar.files.avatar.render import Camera, Paint
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.expression import MOODS
@@ -108,12 +109,20 @@ def pack_vrm(character: Character, name: str, *, hangs: bool = False) -> bytes:
     chains = hair_chains(character) if hangs else []
     document, buffer = character_document(with_chains(character, chains))
     document["images"].append(_portrait(character, name, buffer))
-    document["extensionsUsed"] = ["VRMC_vrm"]
+    document["extensionsUsed"] = ["VRMC_vrm", "VRMC_node_constraint"]
+    _constrain(document["nodes"])
     document["extensions"] = {"VRMC_vrm": _humanoid(character, name, thumbnail=len(document["images"]) - 1)}
     if chains:
         document["extensionsUsed"].append("VRMC_springBone")
         document["extensions"]["VRMC_springBone"] = _springs(document, buffer, chains)
     return packed(document, buffer)
+
+
+def _constrain(nodes: list[dict[str, Any]]) -> None:
+    """Players turn each halfway bone by half of what its bone does."""
+    for node, source in zip(HALFWAY_NODES, SOURCES, strict=True):
+        turn = {"specVersion": "1.0", "constraint": {"rotation": {"source": source, "weight": 0.5}}}
+        nodes[node]["extensions"] = {"VRMC_node_constraint": turn}
 
 
 def _humanoid(character: Character, name: str, *, thumbnail: int) -> dict[str, Any]:
@@ -168,7 +177,7 @@ def hair_chains(character: Character) -> list[Chain]:
 
 
 def with_chains(character: Character, chains: list[Chain]) -> Character:
-    """The character whose hair follows the chains: joint 52 + 3 c + k is link k of chain c."""
+    """The character whose hair follows the chains: bone 56 + 3 c + k is link k of chain c."""
     if not chains:
         return character
     rows = np.flatnonzero(_hair(character))
@@ -187,7 +196,7 @@ def with_chains(character: Character, chains: list[Chain]) -> Character:
         depth = np.clip((heights[:, 0] - points[:, 1]) / step, 0, LINKS - 1e-4)
         link, within = np.floor(depth).astype(int), depth % 1
         within = np.where(link == 0, within, np.minimum(2 * within, 1))
-        own = HUMANOID.joints + near[:, i] * LINKS + link
+        own = len(BONES) + near[:, i] * LINKS + link
         joints[:, 2 * i] = own
         joints[:, 2 * i + 1] = np.where(link == 0, head, own - 1)
         shares[:, 2 * i], shares[:, 2 * i + 1] = weight[:, i] * within, weight[:, i] * (1 - within)
@@ -204,7 +213,7 @@ def with_chains(character: Character, chains: list[Chain]) -> Character:
 def _springs(document: dict[str, Any], buffer: Buffer, chains: list[Chain]) -> dict[str, Any]:
     """Adds the chains' nodes below the head and to the skin; returns the extension that swings them."""
     nodes, head = document["nodes"], HUMANOID.index("head")
-    origin = HUMANOID.rest_positions.numpy()
+    origin = REST
     binds, joints, springs = [-origin], [], []
     for number, (places,) in enumerate(chains):
         parent, at, line = head, origin[head], []

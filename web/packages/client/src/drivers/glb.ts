@@ -1,6 +1,6 @@
 /** A glTF character: bones with VRM or Mixamo names, morph targets with ARKit names. */
 
-import type { Mesh, Object3D } from "three";
+import { type Mesh, type Object3D, Quaternion } from "three";
 import type { AvatarDriver } from "../driver.js";
 import type { Pose } from "../pose.js";
 import type { ReadyMessage } from "../protocol.generated.js";
@@ -8,9 +8,13 @@ import { BoneMap } from "./bones.js";
 import { mixamoName } from "./mixamo.js";
 import { MorphMap } from "./morphs.js";
 
+const STILL = new Quaternion();
+
+/** Our characters have a bone `NAMEHalfway` beside each shoulder and elbow, which turns by half of what `NAME` does. */
 export class GlbDriver implements AvatarDriver {
   private bones: BoneMap | null = null;
   private morphs: MorphMap | null = null;
+  private halfway: { node: Object3D; bone: Object3D }[] = [];
 
   constructor(readonly object: Object3D) {}
 
@@ -25,11 +29,16 @@ export class GlbDriver implements AvatarDriver {
     this.object.traverse((node) => nodes.set(node.name.replace(/^mixamorig\d*:?/, ""), node));
     this.bones = new BoneMap(this.object, rig, (name) => nodes.get(name) ?? nodes.get(mixamoName(name)));
     if (!this.bones.size) throw new Error("This model has no bones named as in VRM or Mixamo.");
+    this.halfway = [...nodes].flatMap(([name, node]) => {
+      const bone = name.endsWith("Halfway") && nodes.get(name.slice(0, -"Halfway".length));
+      return bone ? [{ node, bone }] : [];
+    });
     this.rebind(face);
   }
 
   apply(pose: Pose): void {
     this.bones?.apply(pose.rotations, pose.root);
+    for (const { node, bone } of this.halfway) node.quaternion.slerpQuaternions(STILL, bone.quaternion, 0.5);
     this.morphs?.apply(pose.face);
   }
 

