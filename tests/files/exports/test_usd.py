@@ -61,7 +61,7 @@ def test_skinned_points_and_shapes_are_those_of_the_character(short: Take, tmp_p
     used = np.unique(character.triangles[character.triangles[:, 0] >= character.face.reach])
     rest = character.positions[used][:, None] - character.rest_joints
     each = np.einsum("jab,vjb->vja", turned, rest) + moved
-    ours = np.einsum("vj,vja->va", character.dense_weights[used], each)
+    ours = np.einsum("vj,vja->va", character.bone_weights[used], each)
     np.testing.assert_allclose(np.array(points), ours, atol=1e-4)
     shape = UsdSkel.BlendShape(stage.GetPrimAtPath("/Avatar/Face/jawOpen"))
     offsets = np.array(shape.GetOffsetsAttr().Get())

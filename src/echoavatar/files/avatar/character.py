@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of
 
-from .halfway import BONES, REST
+from .halfway import BONES, PARENTS, REST, SOURCES
 from .morphs import Morphs, added
 from .textures import NAMES, Textures, decoded, looked_up
 
@@ -61,12 +61,22 @@ class Character:
     textures: Textures
 
     @cached_property
-    def dense_weights(self) -> Float[np.ndarray, "v j"]:
+    def bone_weights(self) -> Float[np.ndarray, "v b"]:
         """Weights as one matrix over all `BONES`."""
         dense = np.zeros((len(self.positions), len(BONES)), np.float32)
         rows = np.arange(len(dense))
         for column in range(self.joints.shape[1]):
             np.add.at(dense, (rows, self.joints[:, column]), self.weights[:, column])
+        return dense
+
+    @cached_property
+    def dense_weights(self) -> Float[np.ndarray, "v j"]:
+        """Weights over the joints of `HUMANOID`: those of a halfway bone go to its bone and to its parent in halves."""
+        joints = len(BONES) - len(SOURCES)
+        dense, halves = self.bone_weights[:, :joints].copy(), self.bone_weights[:, joints:] / 2
+        dense[:, SOURCES] += halves
+        for row, parent in enumerate(PARENTS):
+            dense[:, parent] += halves[:, row]
         return dense
 
     @cached_property

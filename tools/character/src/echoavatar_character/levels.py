@@ -105,7 +105,7 @@ def _fewer(character: Character, faces: Int[np.ndarray, "f 3"], target: int) -> 
     extent = float(np.ptp(warped, axis=0).max())
     tiles = character.materials[used[0]] in TILED
     uvs = character.uvs[used] * (TILE_WEIGHT if tiles else 1)
-    values = [character.normals[used], _directions(character, used), _mixed(character.dense_weights[used]), uvs]
+    values = [character.normals[used], _directions(character, used), _mixed(character.bone_weights[used]), uvs]
     weights = np.repeat([0.25, 2.0 / extent, 0.05, UV_WEIGHT], [3, MOVES, WEIGHTS, 2])
     table = np.concatenate(values, 1).astype(np.float32)
     head = np.array([len(used), table.shape[1], local.size, target * 3], np.int32)
