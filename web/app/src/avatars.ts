@@ -1,8 +1,8 @@
 /** The avatar in the viewport: the built-in character, or a dropped one. */
 
 import type { AvatarDriver, Pose, protocol } from "@echoavatar/client";
-import { loadAvatar } from "@echoavatar/client/three";
-import { Box3, type Mesh, type Object3D, Vector3 } from "three";
+import { filmHair, loadAvatar } from "@echoavatar/client/three";
+import { Box3, type Material, type Mesh, type Object3D, Vector3 } from "three";
 import { FaceMorphs, plain } from "./plain.js";
 import type { Viewport } from "./viewport.js";
 
@@ -53,11 +53,12 @@ export class AvatarSlot {
     if (this.ready) next.bind(this.ready);
     const { low, light } = this.viewport;
     const isPlain = low && !("vrm" in next);
+    const surface = (material: Material) => (isPlain ? plain(material, light) : filmHair(material));
     next.object.traverse((node) => {
       const mesh = node as Mesh;
       if (!mesh.isMesh) return;
       Object.assign(mesh, { castShadow: true, receiveShadow: !low, frustumCulled: false });
-      if (isPlain) mesh.material = Array.isArray(mesh.material) ? mesh.material.map((one) => plain(one, light)) : plain(mesh.material, light);
+      mesh.material = Array.isArray(mesh.material) ? mesh.material.map(surface) : surface(mesh.material);
     });
     this.face = isPlain ? new FaceMorphs(next.object) : null;
     const size = new Box3().setFromObject(next.object);

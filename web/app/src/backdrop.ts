@@ -35,7 +35,7 @@ export class Backdrop {
           gl_FragColor = vec4(colour + (noise(gl_FragCoord.xy) - 0.5) / 255.0, 1.0);
         }`,
     });
-    this.mesh = new Mesh(new PlaneGeometry(2, 2, 24, 48), material); // colours at vertices cost little
+    this.mesh = new Mesh(new PlaneGeometry(2, 2, 8, 16), material); // colours at vertices cost little
     this.mesh.renderOrder = -10;
     this.mesh.frustumCulled = false;
     this.set("studio");

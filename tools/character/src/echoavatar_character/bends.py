@@ -47,8 +47,8 @@ def bent(weights: Float[np.ndarray, "v j"], points: Float[np.ndarray, "v 3"], bo
         scale[np.ix_(here, beyond)] = (far / np.maximum(c, 1e-9))[here, None]
         made *= scale
         made[:, len(NAMES) + row] += np.where(here, halfway, 0)
-    least = np.sort(made, 1)[:, -MOST][:, None]
-    made = np.where((made < least) | (made < LEAST), 0, made)
+    rank = (-made).argsort(1, kind="stable").argsort(1)
+    made = np.where((rank >= MOST) | (made < LEAST), 0, made)
     return np.asarray(made / made.sum(1, keepdims=True))
 
 

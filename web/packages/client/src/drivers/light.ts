@@ -2,7 +2,7 @@
 
 import {
   CircleGeometry, Color, CustomToneMapping, DataTexture, DirectionalLight, EquirectangularReflectionMapping, FloatType,
-  Group, HemisphereLight, Mesh, type Object3D, PCFShadowMap, PMREMGenerator, type Scene, ShaderChunk, ShaderMaterial,
+  Group, HemisphereLight, type Material, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, type Object3D, PCFShadowMap, PMREMGenerator, type Scene, ShaderChunk, ShaderMaterial,
   ShadowMaterial, Texture, Vector3, Vector4, type WebGLRenderer,
 } from "three";
 import { STAGES, type Stage, TONE, type Triple } from "./stages.generated.js";
@@ -106,6 +106,19 @@ export function useFilmTone(renderer: WebGLRenderer): void {
   ShaderChunk.tonemapping_pars_fragment = ShaderChunk.tonemapping_pars_fragment.replace(
     "vec3 CustomToneMapping( vec3 color ) { return color; }", own);
   renderer.toneMapping = CustomToneMapping;
+}
+
+/**
+ * The surface of hair cards (those with an alpha cut) as the film has it: without reflections, which at grazing angles
+ * take the light from behind for the colour of hair. Others are returned as they are.
+ */
+export function filmHair(material: Material): Material {
+  const { isMeshStandardMaterial, alphaTest } = material as MeshStandardMaterial;
+  if (!isMeshStandardMaterial || !alphaTest) return material;
+  const hair = new MeshPhysicalMaterial();
+  const { defines } = hair;
+  MeshStandardMaterial.prototype.copy.call(hair, material as MeshStandardMaterial);
+  return Object.assign(hair, { defines, specularIntensity: 0 });
 }
 
 /**
