@@ -5,7 +5,7 @@ import msgspec
 import pytest
 
 from echoavatar.evaluation.soak_bench import Watcher, bench_soak
-from echoavatar.wire import Error, Flush, Motion, ServerMessage, Sound
+from echoavatar.wire import Error, Flush, Motion, ServerMessage, Sound, decode_server
 
 
 def motion(at: int, epoch: int = 0) -> Motion:
@@ -36,6 +36,14 @@ def test_what_is_missing_doubled_or_stale_is_counted() -> None:
     assert seen(sound(0), Flush(at=0, epoch=1, seg=0, heard=0), sound(0))["stale"] == 1
     assert seen(Error(code="internal", message="", fatal=True, retry_after=1.0))["lost"] == 1
     assert seen(Error(code="internal", message="", fatal=False, retry_after=0.0))["lost"] == 0
+
+
+def test_what_a_resumed_session_sends_again_is_not_doubled() -> None:
+    """The connection broke between the motion of a chunk and its sound, so both are sent again."""
+    example = decode_server(Path("tests/fixtures/wire/ready.bin").read_bytes())
+    resumed = msgspec.structs.replace(example, resumed=True, at=6_400, epoch=0)
+    assert seen(sound(0), motion(0), motion(6_400), resumed, motion(6_400), sound(6_400))["doubled"] == 0
+    assert seen(sound(0), motion(0), resumed, motion(6_400), motion(6_400))["doubled"] == 1
 
 
 @pytest.mark.slow

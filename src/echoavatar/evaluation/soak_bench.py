@@ -75,7 +75,9 @@ class Watcher:
     def see(self, message: ServerMessage | None) -> None:
         """Count a message."""
         if isinstance(message, Ready):
-            if not message.resumed:
+            if message.resumed:  # whole chunks are sent again, from `at` on, also motion whose sound was lost
+                self.next, self._motion = min(self.next, message.at), min(self._motion, message.at)
+            else:
                 self.counts["begun"] += 1
                 self.next = self._motion = message.at
             self.counts["resumed"] += message.resumed
