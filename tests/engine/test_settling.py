@@ -6,7 +6,7 @@ import torch
 from tests.engine.fakes import FakePipeline, Heard
 
 from echoavatar.engine import Engine, Session
-from echoavatar.engine.settling import DANCING, Settling, leg_speed
+from echoavatar.engine.settling import DANCES, DANCING, Settling, leg_speed
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK_SAMPLES
@@ -90,11 +90,20 @@ def test_the_engine_makes_the_model_forget() -> None:
     assert dancer.forgot == 1
 
 
-def test_who_dances_is_told_after_two_seconds_and_until_the_sound_has_gone() -> None:
+def dancing(sounds: list[np.ndarray], speed: float) -> list[bool]:
     settling, answers = Settling(), []
-    for chunk, sound in enumerate([LOUD] * 9 + [QUIET] * 6):
-        settling.made(chunk, sound, legs(1.5 * DANCING), HUMANOID)
+    for chunk, sound in enumerate(sounds):
+        settling.made(chunk, sound, legs(speed), HUMANOID)
         answers.append(settling.is_dancing(chunk))
-    assert not any(answers[:4])
-    assert all(answers[7:10])
-    assert not any(answers[12:])
+    return answers
+
+
+def test_who_dances_is_told_within_four_seconds_and_until_the_sound_has_gone() -> None:
+    answers = dancing([LOUD] * 18 + [QUIET] * 6, 1.5 * DANCES)
+    assert not any(answers[:8])
+    assert all(answers[12:19])
+    assert not any(answers[21:])
+
+
+def test_who_steps_while_talking_does_not_dance() -> None:
+    assert not any(dancing([LOUD] * 24, 0.9 * DANCES))

@@ -19,8 +19,8 @@ from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 from .pipeline.pipeline import SILENCE
 
-DANCING = 15.0  # degrees per second, mean over the legs' joints; standing and talking stay under 10
-DANCES_S = 2.0  # the legs' mean speed over that time says whether the body dances
+DANCING = 15.0  # degrees per second, mean over the legs' joints; a body that stands stays under 10
+DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
 RECENT_S = 0.8  # before the silence; its liveliest chunk counts, because dances pause between moves
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
 KEPT = 64  # chunks that are remembered
@@ -47,10 +47,10 @@ class Settling:
         return silent % self._again == 1 and legs > DANCING
 
     def is_dancing(self, chunk: int) -> bool:
-        """Whether the legs danced to sound in the last two seconds up to this chunk, which was made."""
+        """Whether the legs danced to sound in the last seconds up to this chunk, which was made."""
         past = [self._chunks[at] for at in range(chunk - self._dances + 1, chunk + 1) if at in self._chunks]
         mean = sum(each.legs for each in past) / self._dances
-        return mean > DANCING and past[-1].silent < self._recent
+        return mean > DANCES and past[-1].silent < self._recent
 
     def made(self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton) -> None:
         """Note a chunk that was made."""
