@@ -3,6 +3,8 @@
     python scripts/measure_page.py                   # starts a server of its own; about two minutes
     python scripts/measure_page.py --url http://127.0.0.1:8765/ --gl gl-egl
 
+Without --gl, Chromium itself chooses: on a machine without a graphics card WebGL runs in SwiftShader, and the rest of
+the page is put together without GL. `--gl swiftshader` has all of it go through SwiftShader, which costs twice as much.
 Needs the extras `serve` and `browser`, and a system Chromium. Prints a table for docs/results/page.md.
 """
 
@@ -24,6 +26,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 SIZE = {"width": 1280, "height": 720}
 SECONDS = 12  # of speech, over which pictures and bytes are counted
 WAIT_S = 120.0
+SETTLED_S = 4.0  # after which a started browser has opened its own pages
 START_S = 300.0  # of a server that compiles first
 # Records when the first picture with the avatar was drawn. Pages forbid `eval`, so this runs before their own scripts.
 FIRST = """
@@ -39,8 +42,9 @@ FIRST = """
 
 COLUMNS = (
     "quality", "bytes, page", "bytes, avatar", "first picture, s", "second visit, s", "pictures a second",
-    "processor, ms per picture", "sound, kB/s", "motion, kB/s", "all, kB/s",
+    "resolution, a side", "processor, ms per picture", "sound, kB/s", "motion, kB/s", "all, kB/s",
 )  # fmt: skip
+SCALE = "__echo.viewport.canvas.width / innerWidth"  # along each side
 DRAWN = "__echo.viewport.renderer.info.render.frame"
 
 
@@ -48,7 +52,7 @@ def main() -> None:
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--url", help="a running server (default: start one)")
-    parser.add_argument("--gl", default="swiftshader", choices=("swiftshader", "gl-egl"), help="software GL to use")
+    parser.add_argument("--gl", default="", choices=("swiftshader", "gl-egl"), help="GL to use for all")
     parser.add_argument("--quality", nargs="*", default=["", "low"], help="values of ?quality=, '' is the page's own")
     parser.add_argument("--tries", type=int, default=3, help="visits over which the first picture is the median")
     args = parser.parse_args()
@@ -67,13 +71,15 @@ def row(driver: Any, args: argparse.Namespace, url: str, name: str) -> str:
     seen = visits[0]
     return (
         f"| {name} | {seen['page']:,.0f} | {seen['avatar']:,.0f} | {first:.1f} | {again:.1f} | {seen['fps']:.1f} "
-        f"| {seen['cost']:.0f} | {seen['sound']:.1f} | {seen['motion']:.1f} | {seen['all']:.1f} |"
+        f"| {seen['scale']:.0%} | {seen['cost']:.0f} | {seen['sound']:.1f} | {seen['motion']:.1f} | {seen['all']:.1f} |"
     )
 
 
 def visit(driver: Any, gl: str, url: str, *, plays: bool) -> dict[str, float]:
     """Open the page with an empty cache, open it again, and let it speak."""
-    flags = ["--no-sandbox", "--use-gl=angle", f"--use-angle={gl}", "--ignore-gpu-blocklist"]
+    flags = ["--no-sandbox"]
+    if gl:
+        flags += ["--use-gl=angle", f"--use-angle={gl}", "--ignore-gpu-blocklist"]
     if gl == "swiftshader":
         flags.append("--enable-unsafe-swiftshader")
     browser = driver.chromium.launch(executable_path=CHROMIUM, args=flags)
@@ -82,6 +88,7 @@ def visit(driver: Any, gl: str, url: str, *, plays: bool) -> dict[str, float]:
         context.add_init_script(FIRST)
         page = context.new_page()
         wire = Wire(context.new_cdp_session(page))
+        time.sleep(SETTLED_S)
         seen = {"first": open_page(page, url)}
         time.sleep(1)
         avatar = sum(size for address, size in wire.files.items() if "avatar" in address)
@@ -91,12 +98,14 @@ def visit(driver: Any, gl: str, url: str, *, plays: bool) -> dict[str, float]:
             page.locator("#begin").dispatch_event("click")
             wait(page, "__echo.shown.state === 'speaking'")
             wire.streams.clear()
-            begun, rates, pictures, spent = time.monotonic(), [], page.evaluate(DRAWN), browser_seconds()
+            begun, rates, scales, pictures, spent = time.monotonic(), [], [], page.evaluate(DRAWN), browser_seconds()
             while time.monotonic() - begun < SECONDS:
                 time.sleep(1)
                 rates.append(page.evaluate("__echo.metrics.fps"))
+                scales.append(page.evaluate(SCALE))
             took = 1000 * (time.monotonic() - begun)
             seen["cost"] = 1000 * (browser_seconds() - spent) / max(1, page.evaluate(DRAWN) - pictures)
+            seen["scale"] = statistics.mean(scales[2:])
             seen |= {"fps": statistics.mean(rates[2:]), "all": sum(wire.streams.values()) / took}
             seen |= {kind: wire.streams.get(kind, 0) / took for kind in ("motion", "sound")}
         return seen

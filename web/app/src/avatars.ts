@@ -3,7 +3,7 @@
 import type { AvatarDriver, Pose, protocol } from "@echoavatar/client";
 import { filmHair, loadAvatar } from "@echoavatar/client/three";
 import { Box3, type Material, type Mesh, type Object3D, Vector3 } from "three";
-import { FaceMorphs, plain } from "./plain.js";
+import { PlainBody, plain } from "./plain.js";
 import type { Viewport } from "./viewport.js";
 
 const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i, /(^|[^a-z])head$/i]; // stay in the picture
@@ -18,7 +18,7 @@ export class AvatarSlot {
   private ready: protocol.ReadyMessage | null = null;
   private readonly here = new Vector3();
   private placed = false;
-  private face: FaceMorphs | null = null;
+  private body: PlainBody | null = null;
   private ends: readonly Object3D[] = [];
   private readonly places = ENDS.map(() => new Vector3());
 
@@ -54,13 +54,14 @@ export class AvatarSlot {
     const { low, light } = this.viewport;
     const isPlain = low && !("vrm" in next);
     const surface = (material: Material) => (isPlain ? plain(material, light) : filmHair(material));
+    this.body = isPlain ? new PlainBody(next.object) : null;
     next.object.traverse((node) => {
       const mesh = node as Mesh;
       if (!mesh.isMesh) return;
       Object.assign(mesh, { castShadow: true, receiveShadow: !low, frustumCulled: false });
       mesh.material = Array.isArray(mesh.material) ? mesh.material.map(surface) : surface(mesh.material);
     });
-    this.face = isPlain ? new FaceMorphs(next.object) : null;
+    this.body?.update();
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();
     this.driver = next;
@@ -84,7 +85,7 @@ export class AvatarSlot {
   pose(pose: Pose, seconds: number): void {
     this.driver?.apply(pose);
     this.driver?.update(seconds);
-    this.face?.update();
+    this.body?.update();
   }
 
   /** Keeps the camera on the avatar, its hands in the picture. */

@@ -1,6 +1,7 @@
 /** The live page: the avatar, its sound sources and its controls. */
 
 import { EchoSession } from "@echoavatar/client";
+import { isSoftware } from "@echoavatar/client/three";
 import playbackWorklet from "@echoavatar/client/worklets/playback?worker&url";
 import { ActionPanel } from "./actions.js";
 import { AvatarSlot } from "./avatars.js";
@@ -10,7 +11,7 @@ import { Hud } from "./hud.js";
 import { drawIcons } from "./icons.js";
 import { toast } from "./notices.js";
 import { SourceBar } from "./sourcebar.js";
-import { Viewport, isSoftware } from "./viewport.js";
+import { Viewport } from "./viewport.js";
 import { StatusLine } from "./statusline.js";
 import { Tools } from "./tools.js";
 
@@ -79,6 +80,8 @@ async function showOwn(avatar: AvatarSlot, detail: DetailControl): Promise<void>
   }
 }
 
+const EMPTY_MS = 400; // between pictures of the empty stage, which may be drawn by the processor that reads the avatar
+
 interface Shown {
   readonly hud: Hud;
   readonly states: StatusLine;
@@ -89,6 +92,7 @@ interface Shown {
 /** The render loop; a hidden tab draws nothing and catches up when it is shown again. */
 function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud, states, sources, detail }: Shown): void {
   let last = performance.now();
+  let drawn = -Infinity;
   const draw = (now: number) => {
     requestAnimationFrame(draw);
     const seconds = Math.max(0, (now - last) / 1000);
@@ -103,7 +107,10 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
     viewport.echoes.advance(sources.output?.level ?? 0, seconds);
     states.show(picture);
     if (picture) viewport.suit(picture.state, seconds);
-    viewport.render(seconds);
+    if (avatar.driver || now - drawn > EMPTY_MS) {
+      viewport.render(seconds);
+      drawn = now;
+    }
     if (avatar.ours && detail.picture(seconds)) void avatar.show(avatar.ours, detail.level).catch(() => detail.restart());
     hud.picture();
   };

@@ -1,34 +1,26 @@
-/** Surfaces and faces for WebGL that runs on the processor, where pixels and vertex shaders are what costs. */
+/** Surfaces and bodies for WebGL that runs on the processor, where pixels and vertex shaders are what costs. */
 
 import type { StageLight } from "@echoavatar/client/three";
 import { TONE_GLSL } from "@echoavatar/client/three";
 import {
-  BufferAttribute, type BufferGeometry, Color, LinearMipmapNearestFilter, type Material, Matrix3, type Mesh,
-  MeshLambertMaterial, type MeshStandardMaterial, NoColorSpace, type Object3D, ShaderMaterial,
+  BufferAttribute, type BufferGeometry, Color, DataTexture, DynamicDrawUsage, LinearMipmapNearestFilter, type Material,
+  Matrix3, Matrix4, Mesh, MeshLambertMaterial, type MeshStandardMaterial, NoColorSpace, type Object3D, ShaderMaterial,
+  type SkinnedMesh,
 } from "three";
 
 const VERTEX = `
-  #include <common>
-  #include <skinning_pars_vertex>
   uniform vec3 keyAt; uniform vec3 key; uniform vec3 rimAt; uniform vec3 rim; uniform vec3 sky; uniform vec3 ground;
   uniform vec3 tint; uniform mat3 place;
   varying vec3 lit; varying vec2 at;
   void main() {
-    vec3 objectNormal = normal;
-    vec3 transformed = position;
-    #include <skinbase_vertex>
-    #include <skinnormal_vertex>
-    #include <skinning_vertex>
-    vec3 n = normalize(mat3(modelMatrix) * objectNormal);
+    vec3 n = normalize(mat3(modelMatrix) * normal);
     lit = mix(ground, sky, 0.5 * n.y + 0.5) + max(dot(n, keyAt), 0.0) * key + max(dot(n, rimAt), 0.0) * rim;
     lit *= tint;
     #ifdef USE_COLOR
       lit *= color.rgb;
     #endif
-    #ifdef MAPPED
-      at = (place * vec3(uv, 1.0)).xy;
-    #endif
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(transformed, 1.0);
+    at = (place * vec3(uv, 1.0)).xy;
+    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
   }`;
 
 // Fits of the sRGB curves that need no power function.
@@ -37,17 +29,17 @@ const FRAGMENT = `
   varying vec3 lit; varying vec2 at;
   ${TONE_GLSL}
   void main() {
-    vec3 x = lit;
-    #ifdef MAPPED
-      vec4 texel = texture2D(map, at);
-      if (texel.a < cut) discard;
-      x *= texel.rgb * (texel.rgb * (texel.rgb * 0.305306011 + 0.682171111) + 0.012522878);
-    #endif
-    x = filmTone(x);
+    vec4 texel = texture2D(map, at);
+    if (texel.a < cut) discard;
+    vec3 x = filmTone(lit * texel.rgb * (texel.rgb * (texel.rgb * 0.305306011 + 0.682171111) + 0.012522878));
     vec3 root = sqrt(x);
     vec3 fourth = sqrt(root);
     gl_FragColor = vec4(0.662002687 * root + 0.684122060 * fourth - 0.323583601 * sqrt(fourth) - 0.0225411470 * x, 1.0);
   }`;
+
+/** In place of no texture, so that there is one shader: compiling another costs more than reading it. */
+const WHITE = new DataTexture(new Uint8Array([255, 255, 255, 255]));
+WHITE.needsUpdate = true;
 
 /** The same surface with matte light at its vertices; one that needs more than that is matte at each pixel. */
 export function plain(material: Material, light: StageLight): Material {
@@ -64,15 +56,40 @@ export function plain(material: Material, light: StageLight): Material {
     name, side, vertexColors,
     vertexShader: VERTEX,
     fragmentShader: FRAGMENT,
-    defines: map ? { MAPPED: "" } : {},
     uniforms: {
       ...light.uniforms,
       tint: { value: new Color().copy(color) },
       place: { value: map?.matrix ?? new Matrix3() },
-      map: { value: map },
+      map: { value: map ?? WHITE },
       cut: { value: alphaTest },
     },
   });
+}
+
+/** Moves vertices before they are sent: by the morph targets in use, then by the bones. */
+export class PlainBody {
+  private readonly faces: Face[] = [];
+  private readonly skins: Skin[] = [];
+
+  /** Takes targets and skins away from the model's meshes; influences and bones stay where drivers write them. */
+  constructor(private readonly model: Object3D) {
+    const meshes: Mesh[] = [];
+    model.traverse((node) => (node as Mesh).isMesh && meshes.push(node as Mesh));
+    for (const mesh of meshes) {
+      const { geometry, morphTargetInfluences } = mesh;
+      const face = geometry.morphAttributes.position && geometry.morphTargetsRelative && morphTargetInfluences
+        ? new Face(geometry, morphTargetInfluences) : null;
+      if (face) this.faces.push(face);
+      if ((mesh as SkinnedMesh).isSkinnedMesh) this.skins.push(new Skin(mesh as SkinnedMesh, face));
+    }
+  }
+
+  /** Call once per picture, after influences and bones were set. */
+  update(): void {
+    for (const face of this.faces) face.update();
+    this.model.updateMatrixWorld();
+    for (const skin of this.skins) skin.update();
+  }
 }
 
 /** One morph target's vertices that move, and how far: position and normal. */
@@ -81,79 +98,143 @@ interface Target {
   readonly by: Float32Array;
 }
 
-interface Face {
-  readonly influences: readonly number[];
-  readonly applied: Float32Array;
-  readonly targets: readonly Target[];
-  readonly rest: readonly [position: Float32Array, normal: Float32Array];
+/** A mesh's vertices, moved by its morph targets: only the targets in use, only the vertices that they move. */
+class Face {
   readonly position: BufferAttribute;
   readonly normal: BufferAttribute;
+  private readonly rest: readonly [position: Float32Array, normal: Float32Array];
+  private readonly applied: Float32Array;
+  private readonly targets: readonly Target[];
+
+  constructor(geometry: BufferGeometry, private readonly influences: readonly number[]) {
+    const { position: places = [], normal: normals = [] } = geometry.morphAttributes;
+    this.rest = [floats(geometry, "position"), floats(geometry, "normal")];
+    [this.position, this.normal] = replace(geometry, this.rest[0].slice(), this.rest[1].slice());
+    this.applied = new Float32Array(influences.length);
+    this.targets = places.map((place, k) => target(components(place), normals[k] ? components(normals[k]) : null));
+    geometry.morphAttributes = {};
+  }
+
+  update(): void {
+    const { influences, applied, targets, rest, position, normal } = this;
+    if (applied.every((value, k) => value === influences[k])) return;
+    applied.set(influences);
+    const [places, normals] = [position.array as Float32Array, normal.array as Float32Array];
+    places.set(rest[0]);
+    normals.set(rest[1]);
+    targets.forEach(({ at, by }, k) => {
+      const share = applied[k]!;
+      if (!share) return;
+      for (let i = 0, from = 0; i < at.length; i++, from += 6) {
+        const to = 3 * at[i]!;
+        for (let axis = 0; axis < 3; axis++) {
+          places[to + axis]! += share * by[from + axis]!;
+          normals[to + axis]! += share * by[from + 3 + axis]!;
+        }
+      }
+    });
+    position.needsUpdate = normal.needsUpdate = true;
+  }
 }
 
-/** Applies morph targets before vertices are sent: only the targets in use, only the vertices that they move. */
-export class FaceMorphs {
-  private readonly faces: Face[] = [];
+/** A skinned mesh, replaced by one whose vertices are in the world. In software GL a skin's shader costs several times more. */
+class Skin {
+  private readonly rest: readonly [position: Float32Array, normal: Float32Array];
+  private readonly position: BufferAttribute;
+  private readonly normal: BufferAttribute;
+  private readonly bones: Uint16Array; // 4 a vertex
+  private readonly shares: Float32Array;
+  private readonly turns: Float32Array; // of each bone: 3 rows of 4
 
-  /** Takes the targets away from the model's meshes; their influences stay where drivers write them. */
-  constructor(model: Object3D) {
-    model.traverse((node) => {
-      const { geometry, morphTargetInfluences } = node as Mesh;
-      if (geometry?.morphAttributes.position && geometry.morphTargetsRelative && morphTargetInfluences)
-        this.faces.push(take(geometry, morphTargetInfluences));
+  /** Vertices that `face` moves are read where it writes them. */
+  constructor(private readonly mesh: SkinnedMesh, face: Face | null) {
+    const { geometry, skeleton } = mesh;
+    this.bones = Uint16Array.from(components(geometry.getAttribute("skinIndex"), 4));
+    this.shares = components(geometry.getAttribute("skinWeight"), 4);
+    this.rest = face
+      ? [face.position.array as Float32Array, face.normal.array as Float32Array]
+      : [floats(geometry, "position"), floats(geometry, "normal")];
+    [this.position, this.normal] = replace(geometry, this.rest[0].slice(), this.rest[1].slice());
+    this.turns = new Float32Array(12 * skeleton.bones.length);
+    for (const name of ["skinIndex", "skinWeight"]) geometry.deleteAttribute(name);
+    const drawn = new Mesh(geometry, mesh.material);
+    const { name, morphTargetDictionary, morphTargetInfluences } = mesh;
+    Object.assign(drawn, { name, morphTargetDictionary, morphTargetInfluences });
+    drawn.matrixWorldAutoUpdate = false; // stays the identity
+    mesh.parent?.add(drawn);
+    mesh.removeFromParent();
+  }
+
+  update(): void {
+    const { rest: [places, normals], bones, shares, turns, position, normal } = this;
+    this.turn();
+    const [to, up] = [position.array as Float32Array, normal.array as Float32Array];
+    for (let at = 0, four = 0; at < to.length; at += 3, four += 4) {
+      const x = places[at]!, y = places[at + 1]!, z = places[at + 2]!;
+      const u = normals[at]!, v = normals[at + 1]!, w = normals[at + 2]!;
+      for (let row = 0; row < 3; row++) {
+        let a = 0, b = 0, c = 0, d = 0;
+        for (let k = four; k < four + 4; k++) {
+          const share = shares[k]!;
+          if (!share) continue;
+          const from = 12 * bones[k]! + 4 * row;
+          a += share * turns[from]!;
+          b += share * turns[from + 1]!;
+          c += share * turns[from + 2]!;
+          d += share * turns[from + 3]!;
+        }
+        to[at + row] = a * x + b * y + c * z + d;
+        up[at + row] = a * u + b * v + c * w;
+      }
+    }
+    position.needsUpdate = normal.needsUpdate = true;
+  }
+
+  /** Where each bone takes a vertex from, to the world. */
+  private turn(): void {
+    const { mesh: { skeleton, bindMatrix }, turns } = this;
+    skeleton.bones.forEach((bone, k) => {
+      const { elements } = MATRIX.multiplyMatrices(bone.matrixWorld, skeleton.boneInverses[k]!).multiply(bindMatrix);
+      for (let row = 0; row < 3; row++)
+        for (let column = 0; column < 4; column++) turns[12 * k + 4 * row + column] = elements[4 * column + row]!;
     });
   }
-
-  /** Call once per picture, after influences were set. */
-  update(): void {
-    for (const { influences, applied, targets, rest, position, normal } of this.faces) {
-      if (applied.every((value, k) => value === influences[k])) continue;
-      applied.set(influences);
-      const [places, normals] = [position.array as Float32Array, normal.array as Float32Array];
-      places.set(rest[0]);
-      normals.set(rest[1]);
-      targets.forEach(({ at, by }, k) => {
-        const share = applied[k]!;
-        if (!share) return;
-        for (let i = 0, from = 0; i < at.length; i++, from += 6) {
-          const to = 3 * at[i]!;
-          for (let axis = 0; axis < 3; axis++) {
-            places[to + axis]! += share * by[from + axis]!;
-            normals[to + axis]! += share * by[from + 3 + axis]!;
-          }
-        }
-      });
-      position.needsUpdate = normal.needsUpdate = true;
-    }
-  }
 }
 
-type Attribute = BufferGeometry["attributes"][string];
+const MATRIX = new Matrix4();
 
-function take(geometry: BufferGeometry, influences: readonly number[]): Face {
-  const { position: places = [], normal: normals = [] } = geometry.morphAttributes;
-  const rest = [floats(geometry.attributes["position"]!), floats(geometry.attributes["normal"]!)] as const;
-  const [position, normal] = rest.map((values) => new BufferAttribute(values.slice(), 3)) as [BufferAttribute, BufferAttribute];
+function replace(geometry: BufferGeometry, places: Float32Array, normals: Float32Array): [BufferAttribute, BufferAttribute] {
+  const made = [places, normals].map((values) => new BufferAttribute(values, 3).setUsage(DynamicDrawUsage));
+  const [position, normal] = made as [BufferAttribute, BufferAttribute];
   geometry.setAttribute("position", position).setAttribute("normal", normal);
-  const targets = places.map((place, k) => target(floats(place), normals[k] && floats(normals[k])));
-  geometry.morphAttributes = {};
-  return { influences, applied: new Float32Array(influences.length), targets, rest, position, normal };
+  geometry.boundingBox = geometry.boundingSphere = null; // the file's own, of vertices in other units
+  return [position, normal];
 }
 
-function target(places: Float32Array, normals?: Float32Array): Target {
+function target(places: Float32Array, normals: Float32Array | null): Target {
   const at: number[] = [];
   const by: number[] = [];
-  for (let vertex = 0; 3 * vertex < places.length; vertex++) {
-    const [place, normal] = [places, normals].map((of) => of?.subarray(3 * vertex, 3 * vertex + 3) ?? [0, 0, 0]);
-    if (![...place!, ...normal!].some(Boolean)) continue;
-    at.push(vertex);
-    by.push(...place!, ...normal!);
+  for (let k = 0; k < places.length; k += 3) {
+    const [x, y, z] = [places[k]!, places[k + 1]!, places[k + 2]!];
+    const [u, v, w] = normals ? [normals[k]!, normals[k + 1]!, normals[k + 2]!] : [0, 0, 0];
+    if (!(x || y || z || u || v || w)) continue;
+    at.push(k / 3);
+    by.push(x, y, z, u, v, w);
   }
   return { at: Uint32Array.from(at), by: Float32Array.from(by) };
 }
 
-/** The attribute's three components, whatever they are stored as. */
-function floats(attribute: Attribute): Float32Array {
-  const out = new Float32Array(3 * attribute.count);
-  for (let k = 0; k < attribute.count; k++) out.set([attribute.getX(k), attribute.getY(k), attribute.getZ(k)], 3 * k);
+type Attribute = BufferGeometry["attributes"][string];
+
+/** An attribute's three components; one that is missing is made (normals) or empty. */
+function floats(geometry: BufferGeometry, name: "position" | "normal"): Float32Array {
+  if (!geometry.hasAttribute(name)) geometry.computeVertexNormals();
+  return components(geometry.getAttribute(name));
+}
+
+/** The attribute's components, whatever they are stored as. */
+function components(attribute: Attribute, size = 3): Float32Array {
+  const out = new Float32Array(size * attribute.count);
+  for (let k = 0, to = 0; k < attribute.count; k++) for (let part = 0; part < size; part++) out[to++] = attribute.getComponent(k, part);
   return out;
 }

@@ -27,7 +27,7 @@ export class Viewport {
   readonly camera = new PerspectiveCamera(28, 1, 0.05, 60);
   readonly echoes = new Echoes();
   private readonly backdrop = new Backdrop();
-  private readonly resolution = new ResolutionControl();
+  private readonly resolution: ResolutionControl;
   private readonly controls: OrbitControls;
   readonly light: StageLight;
   private readonly centre = new Vector3();
@@ -46,6 +46,7 @@ export class Viewport {
   constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean, readonly background = "") {
     const isClear = background === "clear";
     this.renderer = new WebGLRenderer({ canvas, antialias: !low, alpha: isClear, powerPreference: "high-performance" });
+    this.resolution = new ResolutionControl(low);
     this.light = new StageLight(this.scene, this.renderer, low);
     this.controls = new OrbitControls(this.camera, canvas);
     Object.assign(this.controls, { enableDamping: true, minDistance: 0.5, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
@@ -177,13 +178,4 @@ export class Viewport {
     this.isGliding = camera.position.distanceTo(position) > 0.01;
     camera.position.sub(controls.target).multiplyScalar(this.widened).add(controls.target);
   }
-}
-
-/** Whether WebGL runs on the processor, which is slow: low quality is chosen there. */
-export function isSoftware(): boolean {
-  const context = document.createElement("canvas").getContext("webgl2");
-  const told = context?.getExtension("WEBGL_debug_renderer_info");
-  const name = String(context?.getParameter(told?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER) ?? "");
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }

@@ -6,7 +6,7 @@
  */
 
 import type { AvatarDriver, Pose } from "@echoavatar/client";
-import { StageLight, loadAvatar } from "@echoavatar/client/three";
+import { StageLight, isSoftware, loadAvatar } from "@echoavatar/client/three";
 import {
   Box3,
   Color,
@@ -123,13 +123,4 @@ export class Views {
     Object.assign(lines.material as Material, { transparent: true, opacity: 0.28, depthWrite: false });
     this.world.add(lines);
   }
-}
-
-/** Whether WebGL runs on the processor, which is slow. */
-function isSoftware(): boolean {
-  const context = document.createElement("canvas").getContext("webgl2");
-  const told = context?.getExtension("WEBGL_debug_renderer_info");
-  const name = String(context?.getParameter(told?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER) ?? "");
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }

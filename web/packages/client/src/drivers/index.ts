@@ -5,5 +5,6 @@ export { STAGES, type StageName, StageLight, TONE_GLSL, filmHair, useFilmTone } 
 export { loadAvatar } from "./load.js";
 export { mixamoName } from "./mixamo.js";
 export { MorphMap } from "./morphs.js";
+export { isSoftware } from "./software.js";
 export { type Stage, openStage } from "./stage.js";
 export { VrmDriver } from "./vrm.js";

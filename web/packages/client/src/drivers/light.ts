@@ -2,8 +2,8 @@
 
 import {
   CircleGeometry, Color, CustomToneMapping, DataTexture, DirectionalLight, EquirectangularReflectionMapping, FloatType,
-  Group, HemisphereLight, type Material, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, type Object3D, PCFShadowMap, PMREMGenerator, type Scene, ShaderChunk, ShaderMaterial,
-  ShadowMaterial, Texture, Vector3, Vector4, type WebGLRenderer,
+  Group, HemisphereLight, type Material, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, type Object3D, PCFShadowMap,
+  PMREMGenerator, type Scene, ShaderChunk, ShaderMaterial, ShadowMaterial, Texture, Vector3, Vector4, type WebGLRenderer,
 } from "three";
 import { STAGES, type Stage, TONE, type Triple } from "./stages.generated.js";
 
