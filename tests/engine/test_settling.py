@@ -6,7 +6,7 @@ import torch
 from tests.engine.fakes import FakePipeline, Heard
 
 from echoavatar.engine import Engine, Session
-from echoavatar.engine.settling import DANCES, DANCING, Settling, leg_speed
+from echoavatar.engine.settling import DANCES, STANDING, Settling, leg_speed
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK_SAMPLES
@@ -39,32 +39,46 @@ def test_speed_of_legs_is_in_degrees_per_second(speed: float) -> None:
     assert leg_speed(legs(speed), HUMANOID) == pytest.approx(speed, rel=1e-2)
 
 
+DANCE = [LOUD] * 16
+
+
 def test_a_dance_is_broken_off_by_the_first_silent_chunk_and_again_while_it_goes_on() -> None:
-    sounds = [LOUD, LOUD, *[QUIET] * 5, LOUD, QUIET]
-    assert told(sounds, 2 * DANCING) == [False, False, True, False, False, True, False, False, True]
+    answers = told([*DANCE, *[QUIET] * 5, *DANCE, QUIET], 1.5 * DANCES)
+    assert [chunk for chunk, forgets in enumerate(answers) if forgets] == [16, 19, 37]
 
 
 def test_a_dance_that_stands_still_between_moves_is_a_dance() -> None:
     settling = Settling()
-    for chunk, speed in enumerate((100, 2, 2)):
+    for chunk, speed in enumerate([2 * DANCES] * 12 + [2] * 3):
         settling.made(chunk, LOUD, legs(speed), HUMANOID)
-    assert settling.must_forget(3, QUIET)
-    settling.made(3, LOUD, legs(2), HUMANOID)
-    assert not settling.must_forget(4, QUIET)
+    assert settling.must_forget(15, QUIET)
+    settling.made(15, LOUD, legs(2), HUMANOID)
+    assert not settling.must_forget(16, LOUD)
 
 
-def test_who_talks_or_stands_is_left_alone() -> None:
-    assert not any(told([LOUD, QUIET, QUIET, LOUD, QUIET], DANCING / 2))
-    assert not any(told([LOUD] * 4, 2 * DANCING))
+def test_a_body_that_has_come_to_rest_is_left_alone() -> None:
+    settling = Settling()
+    for chunk, sound in enumerate([*DANCE, *[QUIET] * 3]):
+        settling.made(chunk, sound, legs(1.5 * DANCES if sound is LOUD else STANDING / 2), HUMANOID)
+    assert not settling.must_forget(19, QUIET)
+
+
+@pytest.mark.parametrize("speed", [STANDING / 2, 2 * STANDING, 0.9 * DANCES])
+def test_who_talks_stands_or_steps_is_left_alone(speed: float) -> None:
+    assert not any(told([*DANCE, QUIET, QUIET, LOUD, QUIET], speed))
+
+
+def test_sound_that_goes_on_breaks_nothing_off() -> None:
+    assert not any(told(DANCE, 1.5 * DANCES))
 
 
 def test_a_chunk_that_is_made_again_is_judged_again() -> None:
     settling = Settling()
-    for chunk, sound in enumerate((LOUD, QUIET, QUIET)):
-        settling.made(chunk, sound, legs(100), HUMANOID)
-    assert settling.must_forget(1, QUIET)
-    assert not settling.must_forget(1, LOUD)
-    assert not settling.must_forget(2, QUIET)
+    for chunk, sound in enumerate((*DANCE, QUIET, QUIET)):
+        settling.made(chunk, sound, legs(1.5 * DANCES), HUMANOID)
+    assert settling.must_forget(16, QUIET)
+    assert not settling.must_forget(16, LOUD)
+    assert not settling.must_forget(17, QUIET)
 
 
 class Dancer(FakePipeline):
@@ -83,10 +97,10 @@ class Dancer(FakePipeline):
 def test_the_engine_makes_the_model_forget() -> None:
     dancer = Dancer()
     session = Engine(dancer).open_core()  # type: ignore[arg-type]
-    session.push(np.concatenate([LOUD, LOUD]))
-    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in Session(session)] == [True, True]
+    session.push(np.concatenate(DANCE))
+    assert all(leg_speed(chunk, HUMANOID) > DANCES for chunk in Session(session))
     session.push(np.concatenate([QUIET, QUIET]))
-    assert [leg_speed(chunk, HUMANOID) > DANCING for chunk in Session(session)] == [False, False]
+    assert all(leg_speed(chunk, HUMANOID) < 1 for chunk in Session(session))
     assert dancer.forgot == 1
 
 

@@ -19,9 +19,9 @@ from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
 from .pipeline.pipeline import SILENCE
 
-DANCING = 15.0  # degrees per second, mean over the legs' joints; a body that stands stays under 10
+STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that stands stays under 10
 DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
-RECENT_S = 0.8  # before the silence; its liveliest chunk counts, because dances pause between moves
+RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
 KEPT = 64  # chunks that are remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
@@ -40,11 +40,11 @@ class Settling:
         self._chunks: dict[int, _Chunk] = {}
 
     def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"]) -> bool:
-        """Whether the sound of the chunk that comes next breaks off a dance."""
+        """Whether the chunk that comes next is silence that breaks off a dance, or in which the dance still goes on."""
         silent = self._silent(chunk, audio)
-        recent = range(chunk - (self._recent if silent == 1 else 1), chunk)
-        legs = max((self._chunks[past].legs for past in recent if past in self._chunks), default=0.0)
-        return silent % self._again == 1 and legs > DANCING
+        if silent % self._again != 1 or not self.is_dancing(chunk - silent):
+            return False
+        return silent == 1 or self._chunks[chunk - 1].legs > STANDING
 
     def is_dancing(self, chunk: int) -> bool:
         """Whether the legs danced to sound in the last seconds up to this chunk, which was made."""

@@ -124,7 +124,6 @@ POINTING = ArmPose((0.477, 0.021, 0.257), (0.13, -0.314, 0.673), -0.059, (0.173,
 FISTS = ArmPose((0.06, -0.14, 0.28), (0.0, 0.0, 0.2), 0.25, (0.15, 0.05), "fist")
 FISTS_DOWN = ArmPose((0.08, -0.26, 0.30), (0.0, 0.0, 0.2), 0.3, (0.1, 0.05), "fist")
 SLUMPED = ArmPose((0.07, -0.47, 0.10), (0.15, 0.0, 0.4), 0.0, (-0.12, 0.2))
-FOLDED = ArmPose((-0.11, -0.33, 0.20), (0.2, 0.0, 0.5), 0.15, (0.0, 0.05))
 
 _RAISE_LEFT = Script(
     _there_and_back(pose("up"), reach=0.8, stay=1.3, back=0.9), (0.9, 2.0), "raise the left hand high", has_hands=True
@@ -236,8 +235,9 @@ SCRIPTS: Mapping[str, Script] = {
         is_on_top=True,
     ),
     "listen": Script(
-        _there_and_back(pose(FOLDED, FOLDED, head=(0.0, 0.05, 0.1), spine=(0.0, 0.05, 0.0)), reach=0.8, stay=1.6),
+        _there_and_back(pose(head=(0.0, 0.0, 0.16)), reach=0.8, stay=1.6),
         (0.8, 2.4),
-        "listen: hands together, head a little tilted",
+        "listen: head a little tilted",
+        is_on_top=True,  # arms stay where they are: nods come and go while the user speaks
     ),
 }

@@ -44,7 +44,7 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="share of windows whose context motion is all noise: the sound must tell (not in the paper)",
     )
-    deaf: float = Field(
+    audio_dropout: float = Field(
         default=0.0,
         ge=0,
         le=1,

@@ -36,7 +36,7 @@ class Lesson(NamedTuple):
     window: Window
     context: Int[Tensor, "b n p q"]  # motion codes, corrupted
     missing: Int[Tensor, " b"]  # leading chunks that count as not there
-    deaf: Bool[Tensor, " b"]  # rows without their sound
+    silenced: Bool[Tensor, " b"]  # rows without their sound
     exemplar: Exemplar | None
 
 
@@ -125,10 +125,10 @@ class GeneratorTask(TrainingTask[Lesson]):
         if config.sequence == "prefix":
             cut = torch.rand(rows, generator=random) < training.short_windows
             missing = torch.randint(self.chunks, (rows,), generator=random) * cut
-        deaf = torch.zeros(rows, dtype=torch.bool)
-        if training.deaf:
-            deaf = torch.rand(rows, generator=random) < training.deaf
-        return Lesson(window, context, missing, deaf, self._exemplar(window, step))
+        silenced = torch.zeros(rows, dtype=torch.bool)
+        if training.audio_dropout:
+            silenced = torch.rand(rows, generator=random) < training.audio_dropout
+        return Lesson(window, context, missing, silenced, self._exemplar(window, step))
 
     def weight(self, batch: Lesson) -> float:
         """Chunks that carry loss."""
@@ -141,7 +141,9 @@ class GeneratorTask(TrainingTask[Lesson]):
             streams = stream_nll(self.generator, window)
             means = {"nll_audio": streams.audio.mean(), "nll_motion": streams.motion.mean()}
             return Loss(stream_loss(streams, training.depth_weights), means)
-        sequences = self.generator.config.order.without_sound(self._sequences(batch), batch.deaf)
+        sequences = self._sequences(batch)
+        if training.audio_dropout:
+            sequences = self.generator.config.order.without_sound(sequences, batch.silenced)
         hidden = self.generator.read(sequences, batch.exemplar)
         nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)
