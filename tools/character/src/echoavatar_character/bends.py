@@ -17,8 +17,10 @@ from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 
 from .body import Body
 from .fit import NAMES, PARENTS
+from .surface import Surface, smoothed
 
 ARMPIT = 0.06  # metres below the joint of a shoulder
+SHOULDER, EASED = 0.2, 60  # metres from the joint in which weights are smoothed, most within half of it, and how often
 CLOTH = [material.name for material in MATERIALS].index("cloth")
 Points = Float[np.ndarray, "... 3"]
 BENDS = {  # bone, its rotation vector, and how far from its joint the sleeve is looked at, in metres
@@ -49,6 +51,15 @@ def bent(weights: Float[np.ndarray, "v j"], points: Float[np.ndarray, "v 3"], bo
         made[:, len(NAMES) + row] += np.where(here, halfway, 0)
     rank = (-made).argsort(1, kind="stable").argsort(1)
     made = np.where((rank >= MOST) | (made < LEAST), 0, made)
+    return np.asarray(made / made.sum(1, keepdims=True))
+
+
+def eased(surface: Surface, body: Body) -> Float[np.ndarray, "v j"]:
+    """The surface's weights, smoothed along it near the shoulders, which are square otherwise; rows sum to 1."""
+    joints = np.stack([body.joint(f"{side}UpperArm") for side in ("left", "right")])
+    far = np.linalg.norm(surface.positions[:, None] - joints, axis=2).min(1)
+    share = np.clip(2 * (1 - far / SHOULDER), 0, 1)
+    made = smoothed(surface.weights, surface.quads, EASED, 0.5 * share)
     return np.asarray(made / made.sum(1, keepdims=True))
 
 

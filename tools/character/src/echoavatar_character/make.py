@@ -14,7 +14,7 @@ from echoavatar.files.avatar.morphs import LEAST_MOVE, LEAST_TURN, Morphs
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, skin
-from .bends import bent
+from .bends import bent, eased
 from .body import Body, make_body
 from .person import PEOPLE, Person
 from .surface import Surface, normals, smoothed, triangles
@@ -142,7 +142,7 @@ def _shaded(parts: list[Surface], body: Body) -> list[Surface]:
 
 def _block(part: Surface, body: Body, tint: Float[np.ndarray, " 3"]) -> dict[str, np.ndarray]:
     """Vertices in the T-pose, one for each place in the texture."""
-    weights = bent(part.weights, part.positions, body)
+    weights = bent(eased(part, body) if part.material == "cloth" else part.weights, part.positions, body)
     maps = np.einsum("vj,jik->vik", weights, body.fitted.pose)
     points = fit.to_rest(body.fitted, part.positions, weights)
     if part.material == "cloth":  # where arm and trunk share a vertex, undoing the pose tears; a smooth surface is kept
