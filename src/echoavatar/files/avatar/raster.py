@@ -137,16 +137,20 @@ def shadow_depth(points, triangles, cutouts, to_light, light, shadow):  # type: 
         last = min(size - 1, int(math.floor(max(ax, bx, cx) - HALF)))
         if first > last:
             continue
-        inverse = ONE / area
-        ha, hb, hc = light[a, 2], light[b, 2], light[c, 2]
         low = max(0, int(math.ceil(min(ay, by, cy) - HALF)))
-        for row in range(low, min(size - 1, int(math.floor(max(ay, by, cy) - HALF))) + 1):
+        high = min(size - 1, int(math.floor(max(ay, by, cy) - HALF)))
+        inverse = ONE / area
+        du, dv = (by - cy) * inverse, (cy - ay) * inverse  # from one column to the next
+        hc = light[c, 2]
+        ha, hb = light[a, 2] - hc, light[b, 2] - hc
+        for row in range(low, high + 1):
+            x, y = F(first) + HALF, F(row) + HALF
+            u = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
+            v = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) * inverse
             for column in range(first, last + 1):
-                x, y = F(column) + HALF, F(row) + HALF
-                u = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
-                v = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) * inverse
-                w = ONE - u - v
-                if u >= ZERO and v >= ZERO and w >= ZERO:
-                    height = u * ha + v * hb + w * hc
+                if u >= ZERO and v >= ZERO and u + v <= ONE:
+                    height = u * ha + v * hb + hc
                     if height > shadow[row, column]:
                         shadow[row, column] = height
+                u += du
+                v += dv
