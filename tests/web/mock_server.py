@@ -96,8 +96,8 @@ class MockSession:
                 self._played = (at, time.monotonic())
             case Ping(nonce=nonce):
                 await self._send(Pong(nonce=nonce, at=self._at))
-            case Interrupt(heard=heard):
-                await self._interrupt(self._played[0] if heard is None else heard)
+            case Interrupt(heard=heard, seg=seg):
+                await self._interrupt(self._played[0] if heard is None else heard, seg or self._seg)
             case Action(id=id, name=name):
                 known = name in ACTIONS
                 for status in ("accepted", "started") if known else ("rejected",):
@@ -116,11 +116,11 @@ class MockSession:
             case Audio() | End():
                 pass
 
-    async def _interrupt(self, heard: int) -> None:
+    async def _interrupt(self, heard: int, seg: int) -> None:
         self._at, self._epoch = heard, self._epoch + 1
         self._waiting, self._music = self._waiting[:0], self._music[:0]
         await self._send(Flush(at=heard, epoch=self._epoch, seg=self._seg, heard=0))
-        self._seg += 1
+        self._seg = max(self._seg, seg + 1)  # utterances up to `seg` are void, and no later one
 
     async def _status(self, id: str, name: str, status: str) -> None:
         choices = ACTIONS if status == "rejected" else []

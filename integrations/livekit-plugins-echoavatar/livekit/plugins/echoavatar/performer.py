@@ -146,8 +146,10 @@ class Performer:
                 self._finished(segment.seconds, interrupted=True)
 
     async def _show(self, chunk: AvatarChunk) -> None:
-        now = time.monotonic()
-        due = (chunk.at - self.bridge.playback.position(now)) / SAMPLE_RATE_HZ
+        if chunk.pcm and self._film is None:  # after silence nothing waits in the source, which then plays at once
+            due = self._source.queued_duration
+        else:
+            due = (chunk.at - self.bridge.playback.position(time.monotonic())) / SAMPLE_RATE_HZ
         self._channel.show(chunk.motion, due_s=due)
         if self._film is not None:
             self._film.take(chunk)
