@@ -4,14 +4,13 @@ One picture is drawn by one thread; two threads draw two pictures. Every loop st
 Constants are float32, or numba would compute in double precision.
 """
 
-import math
-
 import numpy as np
 
 from echoavatar.nn.kernels import kernel
 
 F = np.float32
 ZERO, ONE, HALF = F(0.0), F(1.0), F(0.5)
+FAR, TINY = F(1e6), F(1e-9)
 
 
 @kernel(fastmath=True)
@@ -59,6 +58,45 @@ def bounds(points, towards, box):  # type: ignore[no-untyped-def]
         box[2, 1, i] = max(box[0, 1, i], box[1, 1, i])
 
 
+@kernel(fastmath=True, inline="always")
+def centres(least, greatest, begin, end):  # type: ignore[no-untyped-def]
+    """The first and the last sample of begin to end - 1 whose centres, at halves, lie between two coordinates."""
+    return int(max(least + HALF, F(begin))), int(min(greatest + HALF, F(end))) - 1
+
+
+@kernel(fastmath=True, inline="always")
+def barycentric(ax, ay, bx, by, cx, cy, area, column, row):  # type: ignore[no-untyped-def]
+    """Weights of a and b at the centre of a sample, and what they gain by the next column, and by the next row."""
+    x, y, inverse = F(column) + HALF, F(row) + HALF, ONE / area
+    u = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
+    v = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) * inverse
+    return u, v, (by - cy) * inverse, (cy - ay) * inverse, (cx - bx) * inverse, (ax - cx) * inverse
+
+
+@kernel(fastmath=True, inline="always")
+def border(weight, across, down):  # type: ignore[no-untyped-def]
+    """Where a weight that grows by `across` and `down` is zero, as a border on the left and one on the right.
+
+    Each is a column in the first row and its gain by the next row; that on the left is negated. One of them is far off.
+    """
+    if across > TINY:
+        return (weight / across, down / across), (FAR, ZERO)
+    across = min(across, -TINY)
+    return (FAR, ZERO), (-weight / across, -down / across)
+
+
+@kernel(fastmath=True, inline="always")
+def span(row, last, lefts, rights):  # type: ignore[no-untyped-def]
+    """The first column in a row of a triangle and the one behind the last, of 0 to `last`.
+
+    The hundredth closes the seam between neighbours. Borders are negated for `min`: `max` compiles to far slower code.
+    """
+    (a, da), (b, db), (c, dc) = lefts
+    first = -min(min(a + row * da, b + row * db), min(c + row * dc, ZERO))
+    (a, da), (b, db), (c, dc) = rights
+    return int(first + F(0.99)), int(min(min(a + row * da, b + row * db), min(c + row * dc, last)) + F(1.01))
+
+
 @kernel(fastmath=True)
 def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, table):  # type: ignore[no-untyped-def]
     """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) inside `box`, which holds all of `screen`.
@@ -66,10 +104,8 @@ def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, 
     Triangles with `cutouts` (f) are seen from both sides, and only where the alpha of their picture is a half or more.
     """
     left, top, right, bottom = box
-    for row in range(top, bottom):
-        for column in range(left, right):
-            depth[row, column] = ZERO
-            ids[row, column] = -1
+    depth[top:bottom, left:right] = ZERO
+    ids[top:bottom, left:right] = -1
     for t in range(triangles.shape[0]):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         ax, ay, bx, by, cx, cy = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1], screen[c, 0], screen[c, 1]
@@ -79,36 +115,39 @@ def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, 
         za, zb, zc = screen[a, 2], screen[b, 2], screen[c, 2]
         if min(za, zb, zc) <= ZERO:
             continue
-        first = max(left, int(math.ceil(min(ax, bx, cx) - HALF)))
-        last = min(right - 1, int(math.floor(max(ax, bx, cx) - HALF)))
-        if first > last:
+        first, last = centres(min(ax, bx, cx), max(ax, bx, cx), left, right)
+        low, high = centres(min(ay, by, cy), max(ay, by, cy), top, bottom)
+        if first > last or low > high:
             continue
-        low = max(top, int(math.ceil(min(ay, by, cy) - HALF)))
-        high = min(bottom - 1, int(math.floor(max(ay, by, cy) - HALF)))
+        u, v, du, dv, eu, ev = barycentric(ax, ay, bx, by, cx, cy, area, first, low)
+        lu, ru = border(u, du, eu)
+        lv, rv = border(v, dv, ev)
+        lw, rw = border(ONE - u - v, -du - dv, -eu - ev)
+        nearness = zc + u * (za - zc) + v * (zb - zc)
+        across, down = du * (za - zc) + dv * (zb - zc), eu * (za - zc) + ev * (zb - zc)
         picture = pictures[t] if cutouts[t] else -1
-        inverse = ONE / area
-        du, dv = (by - cy) * inverse, (cy - ay) * inverse  # from one column to the next
+        start, wide, tall = 0, 1, 1
+        if picture >= 0:
+            start, wide, tall = table[picture, 1, 0], table[picture, 1, 1], table[picture, 1, 2]
         for row in range(low, high + 1):
-            x, y = F(first) + HALF, F(row) + HALF
-            u = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
-            v = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) * inverse
-            for column in range(first, last + 1):
-                w = ONE - u - v
-                if u >= ZERO and v >= ZERO and w >= ZERO:
-                    near = u * za + v * zb + w * zc
-                    if near > depth[row, column]:
-                        is_clear = False
-                        if picture >= 0:
-                            start, wide, tall = table[picture, 1, 0], table[picture, 1, 1], table[picture, 1, 2]
-                            tu = int((u * uvs[a, 0] + v * uvs[b, 0] + w * uvs[c, 0]) * F(wide))
-                            tv = int((u * uvs[a, 1] + v * uvs[b, 1] + w * uvs[c, 1]) * F(tall))
-                            texel = start + min(tall - 1, max(0, tv)) * wide + min(wide - 1, max(0, tu))
-                            is_clear = texels[texel, 3] < 128
-                        if not is_clear:
-                            depth[row, column] = near
-                            ids[row, column] = t
-                u += du
-                v += dv
+            r = F(row - low)
+            begin, end = span(r, F(last - first), (lu, lv, lw), (ru, rv, rw))
+            near = nearness + r * down + F(begin) * across
+            for k in range(begin, end):
+                column = first + k
+                if near > depth[row, column]:
+                    is_clear = False
+                    if picture >= 0:
+                        p, q = u + r * eu + F(k) * du, v + r * ev + F(k) * dv
+                        o = ONE - p - q
+                        i = int((p * uvs[a, 0] + q * uvs[b, 0] + o * uvs[c, 0]) * F(wide))
+                        j = int((p * uvs[a, 1] + q * uvs[b, 1] + o * uvs[c, 1]) * F(tall))
+                        texel = start + min(tall - 1, max(0, j)) * wide + min(wide - 1, max(0, i))
+                        is_clear = texels[texel, 3] < 128
+                    if not is_clear:
+                        depth[row, column] = near
+                        ids[row, column] = t
+                near += across
 
 
 @kernel(fastmath=True)
@@ -133,24 +172,21 @@ def shadow_depth(points, triangles, cutouts, to_light, light, shadow):  # type: 
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         if area == ZERO or (area < ZERO and not cutouts[t]):  # what faces away is hidden by what faces the light
             continue
-        first = max(0, int(math.ceil(min(ax, bx, cx) - HALF)))
-        last = min(size - 1, int(math.floor(max(ax, bx, cx) - HALF)))
-        if first > last:
+        first, last = centres(min(ax, bx, cx), max(ax, bx, cx), 0, size)
+        low, high = centres(min(ay, by, cy), max(ay, by, cy), 0, size)
+        if first > last or low > high:
             continue
-        low = max(0, int(math.ceil(min(ay, by, cy) - HALF)))
-        high = min(size - 1, int(math.floor(max(ay, by, cy) - HALF)))
-        inverse = ONE / area
-        du, dv = (by - cy) * inverse, (cy - ay) * inverse  # from one column to the next
-        hc = light[c, 2]
-        ha, hb = light[a, 2] - hc, light[b, 2] - hc
+        u, v, du, dv, eu, ev = barycentric(ax, ay, bx, by, cx, cy, area, first, low)
+        lu, ru = border(u, du, eu)
+        lv, rv = border(v, dv, ev)
+        lw, rw = border(ONE - u - v, -du - dv, -eu - ev)
+        ha, hb, hc = light[a, 2], light[b, 2], light[c, 2]
+        top = hc + u * (ha - hc) + v * (hb - hc)
+        across, down = du * (ha - hc) + dv * (hb - hc), eu * (ha - hc) + ev * (hb - hc)
         for row in range(low, high + 1):
-            x, y = F(first) + HALF, F(row) + HALF
-            u = ((bx - x) * (cy - y) - (cx - x) * (by - y)) * inverse
-            v = ((cx - x) * (ay - y) - (ax - x) * (cy - y)) * inverse
-            for column in range(first, last + 1):
-                if u >= ZERO and v >= ZERO and u + v <= ONE:
-                    height = u * ha + v * hb + hc
-                    if height > shadow[row, column]:
-                        shadow[row, column] = height
-                u += du
-                v += dv
+            r = F(row - low)
+            begin, end = span(r, F(last - first), (lu, lv, lw), (ru, rv, rw))
+            height = top + r * down + F(begin) * across
+            for k in range(begin, end):
+                shadow[row, first + k] = max(height, shadow[row, first + k])
+                height += across
