@@ -10,6 +10,8 @@ from tests.models.generator.tiny import LAYOUT, config, generator
 
 from echoavatar.models.generator import Generator, WindowSampler, nll_by_domain
 from echoavatar.models.generator.cues import CueReader
+from echoavatar.models.generator.exemplar import draw_exemplar
+from echoavatar.models.generator.loss import code_nll
 from echoavatar.models.generator.streams import freeze_body, stream_nll
 from echoavatar.models.generator.train import train_generator
 
@@ -39,6 +41,24 @@ def test_hidden_states_are_those_of_a_naive_loop_over_frames_and_codes():
             inputs.append(inputs[0] + depth.body.embed_tokens(moves[:, frame, before]))
         expected = depth.body(torch.stack(inputs, 1), torch.arange(code + 1)[None], None)[:, -1]
         torch.testing.assert_close(hidden[:, frame, code], expected, atol=1e-4, rtol=1e-4)
+
+
+def test_asking_for_some_frames_gives_their_losses_among_those_of_all():
+    model = generator(sequence="depth", exemplar=True)
+    torch.nn.init.normal_(model.exemplar.hint_proj.weight)
+    torch.nn.init.normal_(model.exemplar.gate_proj.weight)
+    exemplar = draw_exemplar(WINDOW.motion, 1.0, codes=8, whole=False, generator=torch.Generator().manual_seed(3))
+    asked = torch.tensor([0, 3, 4])
+    everything = code_nll(model, sequences(model), exemplar=exemplar)
+    some = code_nll(model, sequences(model).asking(asked), exemplar=exemplar)
+    torch.testing.assert_close(some, everything[:, :, asked])
+
+
+def test_a_training_run_that_asks_for_a_third_of_the_frames_learns(tmp_path):
+    training = settings(steps=60, batch=8, learning_rate=5e-3, warmup=5, cue_weight=0.1, asked=0.34, exemplar=0.0)
+    train_generator(config(sequence="depth"), training, clips(8), tmp_path)
+    rows = [json.loads(row) for row in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert rows[-1]["codes"] < 0.7 * rows[0]["codes"]
 
 
 @pytest.mark.parametrize("autocast", [False, True])

@@ -36,14 +36,22 @@ class DepthReader(nn.Module):
         self.condition.weight.mul_(self.config.width**-0.5)
 
     def forward(
-        self, backbone: "Body", ids: Int[Tensor, "b t"], hints: Float[Tensor, "b n c"] | None
+        self,
+        backbone: "Body",
+        ids: Int[Tensor, "b t"],
+        hints: Float[Tensor, "b n c"] | None,
+        asked: Int[Tensor, " f"] | None = None,
     ) -> Float[Tensor, "b m d"]:
-        """The hidden state that predicts each code, frame after frame; see `tokens.Depth` for the ids."""
+        """The hidden state that predicts each code, frame after frame; see `tokens.Depth` for the ids.
+
+        With `asked`, of these frames alone: the backbone reads all.
+        """
         sizes = self._sizes
         sound, moves = torch.split(ids.view(len(ids), -1, sum(sizes)), sizes, dim=2)
         x = self.heard(backbone, sound) + self.moved(backbone, moves)
         x = x if hints is None else x + hints
-        return self.codes(self._run(backbone, x), moves)
+        hidden = self._run(backbone, x)
+        return self.codes(hidden, moves) if asked is None else self.codes(hidden[:, asked], moves[:, asked])
 
     def apart(
         self, backbone: "Body", sound: Int[Tensor, "b t"], moves: Int[Tensor, "b m"]

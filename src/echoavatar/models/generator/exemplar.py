@@ -33,6 +33,10 @@ class Exemplar(NamedTuple):
     members: Float[Tensor, "b K"]  # the intensity of each code of the set; 0 where not in it
     holds: Bool[Tensor, "b n"]  # motion time steps during which the directive is given
 
+    def at(self, steps: Int[Tensor, " m"] | None) -> "Exemplar":
+        """The same at these time steps alone; None is all."""
+        return self if steps is None else self._replace(holds=self.holds[:, steps])
+
 
 class Steer(NamedTuple):
     """The effect of a directive during one step of a stream."""

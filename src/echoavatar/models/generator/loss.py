@@ -43,9 +43,9 @@ def hierarchical_loss(
 
 def to_device(batch: Sequences, device: str) -> Sequences:
     """Move every tensor."""
-    ids, valid, predictors, targets, mask = batch
-    valid = None if valid is None else valid.to(device)
-    return Sequences(ids.to(device), valid, predictors.to(device), targets.to(device), mask.to(device))
+    ids, valid, predictors, targets, mask, asked = batch
+    valid, asked = (part if part is None else part.to(device) for part in (valid, asked))
+    return Sequences(ids.to(device), valid, predictors.to(device), targets.to(device), mask.to(device), asked)
 
 
 def summary(
@@ -53,7 +53,8 @@ def summary(
 ) -> dict[str, float]:
     """Mean NLL per domain, and per RVQ layer; of the directive's layer where one holds and where none does."""
     counts = batch.mask[:, None].expand_as(nll)
-    domain = window.domain.to(nll.device)[:, None].expand_as(nll)
+    heard = window.domain if batch.asked is None else window.domain[:, batch.asked]
+    domain = heard.to(nll.device)[:, None].expand_as(nll)
     means = {
         f"nll_{name}": nll[counts & (domain == index)].mean().item()
         for index, name in enumerate(DOMAINS)
@@ -63,7 +64,8 @@ def summary(
     layers = nll.view(len(nll), parts, -1, nll.shape[2]).transpose(1, 2)
     there = counts.reshape(len(nll), parts, -1, nll.shape[2]).transpose(1, 2)
     if exemplar is not None:
-        for name, where in (("told", exemplar.holds), ("untold", ~exemplar.holds)):
+        holds = exemplar.at(batch.asked).holds
+        for name, where in (("told", holds), ("untold", ~holds)):
             chosen = layers[:, 0, UPPER][where & batch.mask]
             means |= {f"nll_upper_{name}": chosen.mean().item()} if len(chosen) else {}
     return means | {f"nll_layer_{q}": layers[:, q][there[:, q]].mean().item() for q in range(layers.shape[1])}

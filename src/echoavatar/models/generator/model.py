@@ -166,14 +166,15 @@ class Generator(Checkpointed):
         ids: Int[Tensor, "b t"],
         valid: Bool[Tensor, "b t"] | None = None,
         hints: Float[Tensor, "b n c"] | None = None,
+        asked: Int[Tensor, " f"] | None = None,
     ) -> Float[Tensor, "b m d"]:
         """Hidden states after the final norm. Positions count the valid ids; invalid ones are never attended to.
 
-        `hints` are added to the embeddings of the ids. In the depth order there is a hidden state for each motion code,
-        and a hint for each frame.
+        `hints` are added to the embeddings of the ids. In the depth order there is a hidden state for each motion code
+        (of the frames `asked`), and a hint for each frame.
         """
         if self.depth is not None:
-            return self.depth(self.model, ids, hints)  # type: ignore[no-any-return]
+            return self.depth(self.model, ids, hints, asked)  # type: ignore[no-any-return]
         if valid is None:
             positions = torch.arange(ids.shape[1], device=ids.device)[None]
         else:
@@ -186,21 +187,21 @@ class Generator(Checkpointed):
     def read(self, batch: Sequences, exemplar: Exemplar | None = None) -> Float[Tensor, "b t c"]:
         """Hidden states of training sequences, under a directive where one is given."""
         if exemplar is None or self.exemplar is None:
-            return self.forward(batch.ids, batch.valid)
+            return self.forward(batch.ids, batch.valid, asked=batch.asked)
         rows = member_rows(self.model.embed_tokens.weight, self.config.layout)
         hint = self.exemplar.hint(exemplar.members, rows)
         if self.depth is not None:
-            return self.forward(batch.ids, hints=exemplar.holds[..., None] * hint[:, None])
+            return self.forward(batch.ids, hints=exemplar.holds[..., None] * hint[:, None], asked=batch.asked)
         return self.forward(batch.ids, batch.valid, spread_hints(hint, exemplar, batch))
 
     def code_logits(
         self, batch: Sequences, hidden: Float[Tensor, "b t c"], exemplar: Exemplar | None = None
     ) -> Float[Tensor, "k b n K"]:
-        """Logits of every motion code of training sequences, under a directive where one is given."""
+        """Logits of every motion code asked for, under a directive where one is given."""
         logits = self.segment_logits(hidden, batch.predictors)
         if exemplar is None or self.exemplar is None:
             return logits
-        return raise_logits(self.exemplar, logits, hidden, exemplar, batch)
+        return raise_logits(self.exemplar, logits, hidden, exemplar.at(batch.asked), batch)
 
     def tables(self) -> list[nn.Embedding]:
         """The embedding tables of its transformers."""

@@ -50,6 +50,13 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="share of windows without their sound, for classifier-free guidance (not in the paper)",
     )
+    asked: float = Field(
+        default=1.0,
+        gt=0,
+        le=1,
+        description="depth order: share of the frames of a window whose codes are asked for; all are heard and read, "
+        "so that the backbone sees more motion in the same time (not in the paper)",
+    )
     out_of_step: float = Field(
         default=0.0,
         ge=0,

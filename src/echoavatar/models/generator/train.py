@@ -4,6 +4,7 @@ Paper, Audio Driven Motion Generation. Everything random in a step depends on th
 in its batch (see `training`).
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -38,6 +39,7 @@ class Lesson(NamedTuple):
     missing: Int[Tensor, " b"]  # leading chunks that count as not there
     silenced: Bool[Tensor, " b"]  # rows without their sound
     exemplar: Exemplar | None
+    asked: Int[Tensor, " n"] | None  # the frames whose codes are asked for; None is all
 
 
 class GeneratorTask(TrainingTask[Lesson]):
@@ -59,6 +61,8 @@ class GeneratorTask(TrainingTask[Lesson]):
             raise CheckpointError(
                 f"depth_weights has {len(training.depth_weights)} values for {config.layout.motion_layers} RVQ layers"
             )
+        if training.asked < 1 and config.sequence != "depth":
+            raise CheckpointError("training asked < 1 needs a generator of the depth order; leave it at 1")
         if training.exemplar and not config.exemplar:
             raise CheckpointError("training exemplar > 0 needs a generator config with exemplar true")
         if training.exemplar and config.control == "prompt" and not config.layout.before_example:
@@ -128,7 +132,11 @@ class GeneratorTask(TrainingTask[Lesson]):
         silenced = torch.zeros(rows, dtype=torch.bool)
         if training.audio_dropout:
             silenced = torch.rand(rows, generator=random) < training.audio_dropout
-        return Lesson(window, context, missing, silenced, self._exemplar(window, step))
+        asked = None
+        if training.asked < 1:
+            frames = context.shape[1]
+            asked = torch.randperm(frames, generator=random)[: math.ceil(training.asked * frames)].sort().values
+        return Lesson(window, context, missing, silenced, self._exemplar(window, step), asked)
 
     def weight(self, batch: Lesson) -> float:
         """Chunks that carry loss."""
@@ -144,6 +152,8 @@ class GeneratorTask(TrainingTask[Lesson]):
         sequences = self._sequences(batch)
         if training.audio_dropout:
             sequences = self.generator.config.order.without_sound(sequences, batch.silenced)
+        if batch.asked is not None:
+            sequences = sequences.asking(batch.asked)
         hidden = self.generator.read(sequences, batch.exemplar)
         nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)

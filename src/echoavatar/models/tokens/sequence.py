@@ -28,6 +28,14 @@ class Sequences(NamedTuple):
     predictors: Int[Tensor, "k n"]  # the position whose output predicts segment k of time step n
     targets: Int[Tensor, "b k n"]  # codes 0..K-1
     mask: Bool[Tensor, "b n"]  # time steps that carry loss
+    asked: Int[Tensor, " n"] | None = None  # depth order: the time steps whose codes are asked for; None is all
+
+    def asking(self, asked: Int[Tensor, " m"]) -> "Sequences":
+        """The same ids, of which the codes of these time steps alone are asked for (depth order)."""
+        predictors = self.predictors[:, : len(asked)]  # hidden states are counted among those asked
+        return self._replace(
+            predictors=predictors, targets=self.targets[:, :, asked], mask=self.mask[:, asked], asked=asked
+        )
 
 
 @dataclass(frozen=True)
