@@ -90,13 +90,31 @@ def test_a_whole_run(tiny_bundle: Path, tmp_path: Path) -> None:
     found = alive.report(takes, alive.read_captured(captured(tmp_path)), 12)
     assert {"speech: English, female", "music: jazz", "speech, people", "speech, captured"} <= set(found.rows)
     assert found.rows["speech, people"]["hand_speed"] == 0.94
-    assert set(found.rows["silence"]) == {*STATISTICS, "stillest"}
+    assert set(found.rows["silence"]) == {*alive.SHOWN, "stillest"}
     assert found.frechet["speech"] > 0
     assert 0 <= found.told_apart["speech"] <= 1
     assert math.isnan(found.told_apart["music"])  # one captured dance
     told = json.loads(json.dumps(alive.as_json(found), allow_nan=False))
     assert told["told_apart"]["music"] is None
     assert alive.as_text(found).splitlines()[1].startswith("speech ")
+
+
+def test_captured_people_are_told_from_one_another_by_folder() -> None:
+    random = np.random.default_rng(0)
+
+    def person(folder: str, clips: int, level: float) -> list[alive.Measured]:
+        return [
+            alive.Measured(
+                alive.Take(f"{folder}/{clip}", "speech", folder, None),  # type: ignore[arg-type]
+                [],
+                [dict(zip(STATISTICS, random.normal(level, 1, len(STATISTICS)), strict=True)) for _ in range(20)],
+            )
+            for clip in range(clips)
+        ]
+
+    assert alive.people_apart(person("ann", 1, 0) + person("bob", 3, 9)) == 1
+    assert alive.people_apart(person("ann", 3, 0) + person("bob", 3, 0)) < 0.7
+    assert math.isnan(alive.people_apart(person("ann", 3, 0)))
 
 
 def test_motion_like_the_captured_one_is_no_distance_away() -> None:

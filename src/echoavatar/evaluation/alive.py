@@ -28,11 +28,13 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from .captured_people import KINDS, LISTENING, MUSIC, PEOPLE, SILENCE, SPEECH
 from .metrics.discriminator import held_out_accuracy
 from .metrics.frechet import frechet_distance, scaled_by_truth
-from .metrics.liveliness import ROOM_S, STATISTICS, body_points, liveliness, windows
+from .metrics.liveliness import ROOM_S, STATISTICS, body_points, jerk, liveliness, windows
 from .motion_folder import AUDIO_SUFFIXES
 
 QUIET_TAKES = 3  # of silence, and of listening
 COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
+SHOWN = (*STATISTICS, "jerk")  # of each window of a take
+QUARTERS = 4  # parts of a lone clip, of which the classifier holds out one after the other
 _CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
 
 Statistics = dict[str, float]
@@ -73,7 +75,7 @@ class AliveReport:
     captured: list[Measured]
     rows: dict[str, Statistics] = field(default_factory=dict)
     frechet: dict[str, float] = field(default_factory=dict)
-    told_apart: dict[str, float] = field(default_factory=dict)  # accuracy on held-out windows
+    told_apart: dict[str, float] = field(default_factory=dict)  # accuracy on held-out windows, and people's among them
 
 
 def read_sounds(
@@ -119,7 +121,7 @@ def perform(pipeline: Pipeline, sounds: Sequence[Sound], seconds: float, *, seed
 
 
 def read_captured(folder: Path) -> list[Take]:
-    """Captured clips of at least 10 s whose path says "speech" or "conversation", "dance" or "idle".
+    """Captured clips of at least 10 s whose path says "speech" or "conversation", "dance" or "idle"; by folder.
 
     Raises:
         EchoAvatarError: there is none, or one cannot be read.
@@ -129,7 +131,7 @@ def read_captured(folder: Path) -> list[Take]:
         said = path.relative_to(above).as_posix().lower()
         kind = next((kind for kind, words in _CAPTURED_WORDS.items() if any(word in said for word in words)), None)
         if kind and (motion := read_bvh(path)).seconds >= COMPARED_S:
-            takes.append(Take(said, kind, "", motion))
+            takes.append(Take(said, kind, path.parent.name, motion))
     if not takes:
         raise EchoAvatarError(f"{folder} holds no captured speech, dance or idle motion (.bvh); see docs/metrics.md")
     return takes
@@ -148,7 +150,8 @@ def measure(take: Take, seconds: float) -> Measured:
     fps = take.motion.fps
     short, hop = int(COMPARED_S * fps), int(COMPARED_S * fps / 2)
     compared = [liveliness(points[at : at + short], fps) for at in range(0, len(points) - short + 1, hop)]
-    return Measured(take, [liveliness(part, fps) for part in windows(points, fps, seconds)], compared)
+    whole = [liveliness(part, fps) | {"jerk": jerk(part, fps)} for part in windows(points, fps, seconds)]
+    return Measured(take, whole, compared)
 
 
 def report(
@@ -177,6 +180,7 @@ def report(
         if theirs:
             found.rows[f"{kind}, captured"] = mean_statistics(theirs)
             found.frechet[kind], found.told_apart[kind] = compare(ours, theirs)
+            found.told_apart[f"{kind}, captured"] = people_apart(theirs)
     return found
 
 
@@ -196,17 +200,37 @@ def compare(ours: Sequence[Measured], theirs: Sequence[Measured]) -> tuple[float
     return frechet_distance(*scaled_by_truth(made, true)), held_out_accuracy(made, true, made_clips, true_clips)
 
 
+def people_apart(captured: Sequence[Measured]) -> float:
+    """How well the classifier tells captured people from one another: the mean over folders, each against the others.
+
+    What `compare` gives for ours cannot be asked to be lower. NaN with less than two folders. The only clip of a folder
+    is cut in quarters.
+    """
+    accuracies = []
+    for group in dict.fromkeys(one.take.group for one in captured):
+        sides = [[one for one in captured if (one.take.group == group) is is_in] for is_in in (True, False)]
+        (some, clips), (others, other_clips) = (_table(side) for side in sides)
+        if len(some) and len(others):
+            accuracies.append(held_out_accuracy(some, others, _parts(clips), _parts(other_clips)))
+    return float(np.mean(accuracies)) if accuracies else float("nan")
+
+
+def _parts(clips: Sequence[str]) -> Sequence[str]:
+    """The clip of each window; its quarter where there is one clip."""
+    return [f"{number * QUARTERS // len(clips)}" for number in range(len(clips))] if len(set(clips)) == 1 else clips
+
+
 def mean_statistics(measured: Iterable[Measured]) -> Statistics:
     """Means over all windows; NaN where no window has a value. `stillest` is the largest share of `hands_still`."""
     rows = [row for one in measured for row in one.windows]
-    columns = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in STATISTICS}
+    columns = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in SHOWN}
     means = {name: float(np.mean(column)) if column else float("nan") for name, column in columns.items()}
     return means | {"stillest": max(row["hands_still"] for row in rows)}
 
 
 def as_text(found: AliveReport) -> str:
     """A table with a row for each kind, class and reference."""
-    columns = [*STATISTICS, "stillest", "frechet", "told_apart"]
+    columns = [*SHOWN, "stillest", "frechet", "told_apart"]
     width = max(map(len, found.rows))
     lines = [" " * width + "".join(f"{name:>15}" for name in columns)]
     for label, row in found.rows.items():

@@ -89,6 +89,15 @@ def test_shoulders_trunk_hips_and_ankles() -> None:
     assert found["ankle_speed"] == pytest.approx(0.15, rel=1e-2)
 
 
+def test_jerk_of_a_hand_on_a_circle_is_that_of_the_circle() -> None:
+    """r w^3 for one of twelve points; the smoothing takes a known share of a circle."""
+    points, radius, pace = standing(), 0.2, 2 * np.pi
+    place, turn = at("leftHand"), pace * TIME
+    points[:, place, :2] += radius * np.stack([np.cos(turn), np.sin(turn)], 1)
+    kept = np.exp(-((pace / 30) ** 2) / 2)
+    assert lively.jerk(points, FPS) == pytest.approx(kept * radius * pace**3 / len(POINTS), rel=0.02)
+
+
 def test_hands_are_measured_from_the_shoulders() -> None:
     """Where the body stands and which way it faces does not count."""
     points = standing()

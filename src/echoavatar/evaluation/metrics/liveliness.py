@@ -154,6 +154,15 @@ def hip_sway_cm(points: Points, fps: float) -> float:
     return float(100 * np.std(side - gaussian_filter1d(side, 4 * fps)))
 
 
+def jerk(points: Points, fps: float) -> float:
+    """Mean third derivative (m/s3) of all points about the hips, paths smoothed as the wrists'; not among `STATISTICS`.
+
+    It rises with speed and size as well as with roughness: compare it where hands and ankles are about as fast.
+    """
+    paths = gaussian_filter1d(points - points[:, :1], fps / 30, axis=0)
+    return float(np.linalg.norm(np.diff(paths, n=3, axis=0), axis=-1).mean() * fps**3)
+
+
 def _at(points: Points, name: str) -> Float[np.ndarray, "t 3"]:
     return points[:, POINTS.index(name)]
 
