@@ -9,7 +9,7 @@ renderers draw at once in threads.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, Integer, UInt8
 from numpy.typing import NDArray
 
 from . import raster, shading
@@ -19,7 +19,7 @@ from .textures import NAMES, Texels, decoded
 
 _BYTES = np.arange(256) / 255
 _LINEAR = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4).astype(np.float32)
-SHADOW_TEXELS = 1024
+SHADOW_TEXELS = 512
 SHADOW_METRES = 2.6
 CONTACT_CELLS = 128
 CONTACT_METRES = 1.92
@@ -48,7 +48,7 @@ class Paint:
     """What stays the same from frame to frame: colours, triangles, pictures, and highlights (strength, exponent)."""
 
     colours: Float[np.ndarray, "v 3"]  # linear factors on the pictures
-    triangles: Int[np.ndarray, "f 3"]
+    triangles: Integer[np.ndarray, "f 3"]  # unsigned, or the kernels ask whether each counts from the end
     uvs: Float[np.ndarray, "v 2"]
     pictures: Int[np.ndarray, " f"]  # -1: none
     cutouts: Bool[np.ndarray, " f"]  # seen from both sides, and only where the picture is opaque
@@ -61,7 +61,7 @@ class Paint:
         material = character.materials[character.triangles[:, 0]]
         return cls(
             colours=_LINEAR[character.colours],
-            triangles=np.ascontiguousarray(character.triangles, np.int32),
+            triangles=np.ascontiguousarray(character.triangles, np.uint32),
             uvs=np.ascontiguousarray(character.uvs, np.float32),
             pictures=np.array([NAMES.index(m.picture) if m.picture else -1 for m in MATERIALS], np.int32)[material],
             cutouts=np.array([m.is_cutout for m in MATERIALS])[material],

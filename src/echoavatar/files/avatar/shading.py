@@ -9,12 +9,13 @@ from echoavatar.nn.kernels import kernel
 
 from .raster import HALF, ONE, ZERO, F
 
+REPEATS = F(64.0)  # of a picture, at most, to the left or above
 FADE_METRES = F(2.6)  # distance from the body at which its shadow on the floor is gone
 
 
 @kernel(fastmath=True, inline="always")
 def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
-    """Share of the key light that reaches a point: 5 x 5 taps of the shadow map; `to_light` (3, 4) maps to texels.
+    """Share of the key light that reaches a point: 3 x 3 taps of the shadow map; `to_light` (3, 4) maps to texels.
 
     Where the corners and the middle of the window agree, they decide alone.
     """
@@ -22,12 +23,12 @@ def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
     v = to_light[1, 0] * x + to_light[1, 1] * y + to_light[1, 2] * z + to_light[1, 3]
     height = to_light[2, 0] * x + to_light[2, 1] * y + to_light[2, 2] * z + to_light[2, 3] + bias
     size = shadow.shape[0]
-    column, row = int(math.floor(u - HALF)), int(math.floor(v - HALF))
-    if column < 3 or row < 3 or column >= size - 4 or row >= size - 4:
+    column, row = int(u - HALF), int(v - HALF)
+    if column < 1 or row < 1 or column >= size - 2 or row >= size - 2:
         return ONE
     corners = 0
-    for dy in range(-2, 4, 5):
-        for dx in range(-2, 4, 5):
+    for dy in range(-1, 3, 3):
+        for dx in range(-1, 3, 3):
             corners += shadow[row + dy, column + dx] <= height
     corners += shadow[row, column] <= height
     if corners == 5:
@@ -36,43 +37,42 @@ def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
         return ZERO
     fu, fv = u - HALF - F(column), v - HALF - F(row)
     total = ZERO
-    for dy in range(-2, 4):
-        wy = ONE
-        if dy == -2:
-            wy = ONE - fv
-        elif dy == 3:
-            wy = fv
-        for dx in range(-2, 4):
-            wx = ONE
-            if dx == -2:
-                wx = ONE - fu
-            elif dx == 3:
-                wx = fu
+    for dy in range(-1, 3):
+        wy = ONE - fv if dy < 0 else fv if dy > 1 else ONE
+        for dx in range(-1, 3):
+            wx = ONE - fu if dx < 0 else fu if dx > 1 else ONE
             if shadow[row + dy, column + dx] <= height:
                 total += wx * wy
-    return total / F(25.0)
+    return total / F(9.0)
 
 
-@kernel(fastmath=True)
+@kernel(fastmath=True, inline="always")
+def wrapped(index, count):  # type: ignore[no-untyped-def]
+    """An index of -1 to count, which follows the last."""
+    return count - 1 if index < 0 else 0 if index >= count else index
+
+
+@kernel(fastmath=True, inline="always")
 def sampled(texels, table, to_linear, picture, level, x, y):  # type: ignore[no-untyped-def]
     """Linear colour of a picture at (x, y), which may repeat, between the four texels around."""
     level = min(table.shape[1] - 1, max(0, level))
     start, wide, high = table[picture, level, 0], table[picture, level, 1], table[picture, level, 2]
-    px, py = (x - math.floor(x)) * F(wide) - HALF, (y - math.floor(y)) * F(high) - HALF
-    left, top = int(math.floor(px)), int(math.floor(py))
-    fx, fy = F(px - left), F(py - top)
+    x = (x - F(int(x + REPEATS) - int(REPEATS))) * F(wide) + HALF
+    y = (y - F(int(y + REPEATS) - int(REPEATS))) * F(high) + HALF
+    right, lower = int(x), int(y)
+    fx, fy = x - F(right), y - F(lower)
     red, green, blue = ZERO, ZERO, ZERO
     for dy in range(2):
         for dx in range(2):
             share = (fx if dx else ONE - fx) * (fy if dy else ONE - fy)
-            texel = start + (top + dy) % high * wide + (left + dx) % wide
+            texel = start + wrapped(lower + dy - 1, high) * wide + wrapped(right + dx - 1, wide)
             red += share * to_linear[texels[texel, 0]]
             green += share * to_linear[texels[texel, 1]]
             blue += share * to_linear[texels[texel, 2]]
     return red, green, blue
 
 
-@kernel(fastmath=True)
+@kernel(fastmath=True, inline="always")
 def body_light(u, v, w, t, ray, paint, gloss, points, normals, colours, triangles, to_light, shadow, look):  # type: ignore[no-untyped-def]
     """Linear colour of a point on the surface, barycentric (u, v, w) in triangle t, seen along `ray`.
 
@@ -138,15 +138,17 @@ def floor_shadow(image, box, samples, camera, rays, middle, to_light, shadow, co
     has_alpha = image.shape[2] == 4
     for row in range(top, bottom):
         for column in range(left, right):
-            dx, dy, dz = ray_through(rays, (F(column) + HALF) * F(samples), (F(row) + HALF) * F(samples))
+            px, py = (F(column) + HALF) * F(samples), (F(row) + HALF) * F(samples)
+            dy = rays[0, 1] + rays[1, 1] * px + rays[2, 1] * py
             if dy > F(-1e-3):
                 continue
             distance = -camera[1] / dy
-            x, z = camera[0] + dx * distance, camera[2] + dz * distance
-            away = math.sqrt((x - middle[0]) ** 2 + (z - middle[1]) ** 2) / FADE_METRES
-            if away >= ONE:
+            x = camera[0] + (rays[0, 0] + rays[1, 0] * px + rays[2, 0] * py) * distance
+            z = camera[2] + (rays[0, 2] + rays[1, 2] * px + rays[2, 2] * py) * distance
+            fading = ONE - ((x - middle[0]) ** 2 + (z - middle[1]) ** 2) / FADE_METRES**2
+            if fading <= ZERO:
                 continue
-            dark = strength[0] * (ONE - lit(x, ZERO, z, to_light, shadow, F(0.004))) * (ONE - away * away)
+            dark = strength[0] * (ONE - lit(x, ZERO, z, to_light, shadow, F(0.004))) * fading
             u, v = x * contact_map[0, 0] + contact_map[0, 1], z * contact_map[1, 0] + contact_map[1, 1]
             i, j = int(math.floor(u)), int(math.floor(v))
             if i >= 0 and j >= 0 and i < cells - 1 and j < cells - 1:
