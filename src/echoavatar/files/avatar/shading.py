@@ -9,6 +9,7 @@ from echoavatar.nn.kernels import kernel
 
 from .raster import HALF, ONE, ZERO, F
 
+BLUR = F(2.5)  # texels in a sample from which on the next smaller picture is taken
 REPEATS = F(64.0)  # of a picture, at most, to the left or above
 FADE_METRES = F(2.6)  # distance from the body at which its shadow on the floor is gone
 
@@ -55,7 +56,6 @@ def wrapped(index, count):  # type: ignore[no-untyped-def]
 @kernel(fastmath=True, inline="always")
 def sampled(texels, table, to_linear, picture, level, x, y):  # type: ignore[no-untyped-def]
     """Linear colour of a picture at (x, y), which may repeat, between the four texels around."""
-    level = min(table.shape[1] - 1, max(0, level))
     start, wide, high = table[picture, level, 0], table[picture, level, 1], table[picture, level, 2]
     x = (x - F(int(x + REPEATS) - int(REPEATS))) * F(wide) + HALF
     y = (y - F(int(y + REPEATS) - int(REPEATS))) * F(high) + HALF
@@ -99,7 +99,7 @@ def body_light(u, v, w, t, ray, paint, gloss, points, normals, colours, triangle
     hx, hy, hz = lx - dx, ly - dy, lz - dz
     h = ONE / math.sqrt(hx * hx + hy * hy + hz * hz + F(1e-12))
     shine = gloss[0] * light
-    if shine > F(1e-3):
+    if shine > F(2e-3):
         shine *= max(ZERO, (nx * hx + ny * hy + nz * hz) * h) ** gloss[1]
     near_floor = min(ONE, F(0.55) + y * F(0.9))
     red = look[1, 0] * light + look[5, 0] * behind + (look[3, 0] + (look[2, 0] - look[3, 0]) * up) * near_floor
@@ -214,9 +214,9 @@ def shade(  # type: ignore[no-untyped-def]
             nearest, farthest = ZERO, F(1e9)
             for sy in range(samples):
                 for sx in range(samples):
-                    seen += ids[row * samples + sy, column * samples + sx] >= 0
-                    nearest = max(nearest, depth[row * samples + sy, column * samples + sx])
-                    farthest = min(farthest, depth[row * samples + sy, column * samples + sx])
+                    near = depth[row * samples + sy, column * samples + sx]
+                    seen += near > ZERO
+                    nearest, farthest = max(nearest, near), min(farthest, near)
             if seen == 0:
                 continue
             r, g, b = ZERO, ZERO, ZERO
@@ -245,7 +245,9 @@ def shade(  # type: ignore[no-untyped-def]
                         flat -= (uvs[k, 0] - uvs[i, 0]) * (uvs[j, 1] - uvs[i, 1])
                         texel = abs(flat) * F(table[picture, 0, 1] * table[picture, 0, 2]) / abs(area)
                         texel *= F((samples * samples) // (wanted * wanted))
-                        level = int(HALF * math.log2(texel + F(1e-6)) + F(0.35))
+                        level = 0
+                        while texel > BLUR and level < table.shape[1] - 1:
+                            level, texel = level + 1, texel * F(0.25)
                         tu = u * uvs[i, 0] + v * uvs[j, 0] + w * uvs[k, 0]
                         tv = u * uvs[i, 1] + v * uvs[j, 1] + w * uvs[k, 1]
                         paint = sampled(texels, table, to_linear, picture, level, tu, tv)
