@@ -44,12 +44,14 @@ docs: .venv-docs/ready
 
 # Pipecat, LiveKit and ElevenLabs together in one environment; no network is used once it stands, and no keys.
 integration-test: .venv-integrations/ready
-	OMP_NUM_THREADS=1 .venv-integrations/bin/pytest -W default tests/integrations tests/docs/test_frameworks.py
+	OMP_NUM_THREADS=1 .venv-integrations/bin/pytest -W default tests/integrations tests/docs/test_frameworks.py \
+	    $(wildcard tests/agents/integrations/test_elevenlabs*.py)
 
 .venv-integrations/ready: pyproject.toml constraints.txt $(wildcard integrations/*/pyproject.toml)
 	$(PYTHON) -m venv .venv-integrations
 	.venv-integrations/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,elevenlabs]' \
-	    -e ./integrations/pipecat-echoavatar -e ./integrations/livekit-plugins-echoavatar 'pytest>=8.3,<10'
+	    -e ./integrations/pipecat-echoavatar -e ./integrations/livekit-plugins-echoavatar \
+	    'pipecat-ai[webrtc,runner,silero,openai]' 'pytest>=8.3,<10'
 	touch $@
 
 .venv-demo/ready: pyproject.toml constraints.txt

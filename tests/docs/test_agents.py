@@ -22,7 +22,7 @@ from tests.server.fakes import RunningServer, serving
 from echoavatar.agents.proxy import avatar_events, events
 from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.cli import COMMANDS, command_module
-from echoavatar.wire import ActionStatus, Hello
+from echoavatar.wire import ActionStatus, Hello, Ready
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("openai_realtime", "mcp", "local_agent")
@@ -77,18 +77,16 @@ def example(name: str, **replaced: str) -> str:
 
 
 @contextmanager
-def conversation(place: RunningServer) -> Iterator[str]:
+def conversation(place: RunningServer, connected: threading.Event, shown: threading.Event) -> Iterator[str]:
     """The proxy's address, before a scripted voice, in a thread of its own."""
     there, over, told = threading.Event(), threading.Event(), []
 
     async def greet(session: ScriptedSession) -> None:
-        """One second of speech, when asked and the avatar is connected; then the voice disconnects."""
+        """One second of speech, when asked and the avatar is connected; the voice ends when frames were shown."""
         await session.until("response.create")
-        while not place.manager.sessions:  # noqa: ASYNC110
-            await asyncio.sleep(0.1)
-        await asyncio.sleep(1.0)
+        await asyncio.to_thread(connected.wait, 30)
         await session.say(tone(1.0), pace=1.0)
-        await asyncio.sleep(2.0)
+        await asyncio.to_thread(shown.wait, 30)
         await session.websocket.close()
 
     async def stand() -> None:
@@ -105,16 +103,27 @@ def conversation(place: RunningServer) -> Iterator[str]:
     thread.join(20)
 
 
-def test_the_example_with_openais_client_shows_frames(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_example_with_openais_client_shows_frames(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("openai")
     monkeypatch.setenv("OPENAI_API_KEY", "sk-test")
-    with avatar_server() as place, conversation(place) as url:
+    connected, shown, make = threading.Event(), threading.Event(), avatar_events.session_created
+
+    def made(ready: Ready) -> avatar_events.AvatarEvent:
+        connected.set()
+        return make(ready)
+
+    monkeypatch.setattr(avatar_events, "session_created", made)
+    printed: list[tuple[object, ...]] = []
+
+    def note(*words: object) -> None:
+        printed.append(words)
+        if len(printed) == 2:
+            shown.set()
+
+    with avatar_server() as place, conversation(place, connected, shown) as url:
         code = example("openai_realtime", url=("ws://127.0.0.1:8766/v1", url.removesuffix("/realtime")))
-        exec(compile(code, "openai_realtime.md", "exec"), {})
-    printed = capsys.readouterr().out.splitlines()
-    assert printed[:2] == ["item_1 0 8", "item_1 8 8"]
+        exec(compile(code, "openai_realtime.md", "exec"), {"print": note})
+    assert printed[:2] == [("item_1", 0, 8), ("item_1", 8, 8)]
 
 
 def test_the_example_with_mcps_client_makes_the_avatar_bow(capsys: pytest.CaptureFixture[str]) -> None:

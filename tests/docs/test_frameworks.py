@@ -140,7 +140,7 @@ def test_talking_with_elevenlabs_is_a_conversation(monkeypatch: pytest.MonkeyPat
     """The unchanged example, with a scripted service, a recording audio output and a fake body."""
     pytest.importorskip("elevenlabs")
     from elevenlabs import ElevenLabs
-    from tests.integrations import test_elevenlabs as scene
+    from tests.agents.integrations import test_elevenlabs as scene
 
     from echoavatar.agents.integrations.elevenlabs import AvatarAudioInterface
 

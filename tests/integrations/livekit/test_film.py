@@ -14,7 +14,7 @@ from livekit import rtc
 from livekit.agents import AgentSession
 from livekit.plugins.echoavatar import AvatarSession
 from tests.integrations.livekit.rooms import Room
-from tests.server.video.flashes import PERIOD, Flasher, beeps, middles
+from tests.server.video.flashes import PERIOD, Flasher, beeps, judge_mean, middles
 
 from echoavatar.engine import Engine
 from echoavatar.files.avatar.avatar_renderer import Shot
@@ -54,9 +54,9 @@ class Participants:
             self.size = event.frame.width, event.frame.height
             self.pictures.append((time.monotonic(), float(np.frombuffer(event.frame.data, np.uint8).mean())))
 
-    def rate(self) -> float:
-        """Pictures a second."""
-        return 1 / float(np.median(np.diff([moment for moment, _ in self.pictures])))
+    def rate(self, newest: int = 0) -> float:
+        """Pictures a second, of all or of the newest so many."""
+        return 1 / float(np.median(np.diff([moment for moment, _ in self.pictures[-newest:]])))
 
     def judge(self, rate: float) -> None:
         """Flashes come with their beeps, where pictures are frequent enough to tell."""
@@ -64,7 +64,7 @@ class Participants:
             pytest.skip(f"{rate:.0f} pictures a second are too few to time flashes (from {ENOUGH_HZ} on)")
         offsets = self.offsets()
         assert len(offsets) >= 2
-        assert abs(offsets.mean()) < 0.040, offsets
+        judge_mean(offsets, 0.040)
 
     def offsets(self) -> np.ndarray:
         """Seconds that each flash comes after its beep."""
@@ -131,9 +131,11 @@ async def test_sound_does_not_stay_behind_after_a_hiccup() -> None:
         watching.pictures.clear()
         watching.sounds.clear()
         await asyncio.sleep(3.5)
+        if rate > 20:
+            async with asyncio.timeout(20):  # as frequent again, at the latest when other load is over
+                while watching.rate(25) < 0.6 * rate:  # noqa: ASYNC110
+                    await asyncio.sleep(0.2)
     finally:
         await avatar.aclose()
         await watching.leave()
-    watching.judge(rate)
-    if rate > 20:
-        assert watching.rate() > 12, "pictures became fewer"
+    watching.judge(min(rate, watching.rate()))

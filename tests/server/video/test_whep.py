@@ -13,7 +13,7 @@ pytest.importorskip("aiortc", reason="pip install 'echoavatar[video]'")
 
 import aioice.ice
 from tests.server.fakes import FAST, RunningServer, serving
-from tests.server.video.flashes import PERIOD, Flasher, beeps, middles
+from tests.server.video.flashes import PERIOD, Flasher, beeps, runs
 from tests.server.video.webrtc import Watcher, http
 
 from echoavatar.server import ServerSettings
@@ -69,23 +69,23 @@ async def measure(settings: ServerSettings, flashes: int) -> Watcher:
 
 
 def test_flash_and_beep_are_seen_and_heard_together() -> None:
-    """The edges of a flash are known to half the interval between pictures, which a busy machine makes long."""
+    """The edges of a flash are known to half the interval between two pictures; a busy machine leaves pictures out."""
     watcher = asyncio.run(measure(VIDEO, 2))
     assert watcher.last is not None
     assert watcher.last.shape == (128, 128, 3)
-    offsets, rate = watcher.offsets(), watcher.rate()
+    (offsets, doubts), rate = watcher.offsets(), watcher.rate()
     if rate < ENOUGH_HZ:
         pytest.skip(f"{rate:.0f} pictures a second are too few to time flashes (from {ENOUGH_HZ} on)")
     assert len(offsets) >= 1
-    assert abs(offsets.mean()) < max(0.020, 0.5 / rate)
-    assert np.abs(offsets).max() < max(0.060, 1 / rate)
+    assert abs(offsets.mean()) < max(0.020, doubts.mean()), (offsets, doubts)
+    assert (np.abs(offsets) < np.maximum(0.060, 0.020 + doubts)).all(), (offsets, doubts)
 
 
 @pytest.mark.slow
 def test_a_hundred_flashes_at_full_size() -> None:
     """The issue's bound: mean within 20 ms, 99 % within 60 ms."""
     watcher = asyncio.run(asyncio.wait_for(measure(dataclasses.replace(VIDEO, video_size=(512, 512)), 100), 200))
-    offsets, rate = watcher.offsets(), watcher.rate()
+    (offsets, _), rate = watcher.offsets(), watcher.rate()
     sys.stdout.write(
         f"\n{len(offsets)} flashes, {rate:.1f} pictures a second; flash after beep: mean {1e3 * offsets.mean():.1f} ms,"
         f" 99 % within {1e3 * np.percentile(np.abs(offsets), 99):.0f} ms\n"
@@ -207,4 +207,6 @@ def test_the_page_is_served_and_without_video_nothing_of_it() -> None:
 
 def test_the_helpers_find_middles() -> None:
     times, share = np.arange(10.0), np.array([1, 0, 0, 1, 1, 1, 0, 0, 1, 1.0])
-    assert middles(times, share).tolist() == [4.0]
+    assert [found.tolist() for found in runs(times, share)] == [[4.0], [0.5]]
+    times[6:] += 2  # two pictures are missing
+    assert [found.tolist() for found in runs(times, share)] == [[4.5], [1.0]]

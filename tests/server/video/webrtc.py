@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription
 from aiortc.rtp import RtcpSrPacket
-from tests.server.video.flashes import middles
+from tests.server.video.flashes import middles, runs
 
 
 class Watcher:
@@ -90,11 +90,11 @@ class Watcher:
         times = self.seconds("video", [time for time, _ in self.pictures])
         return float((len(times) - 1) / (times[-1] - times[0]))
 
-    def flashes(self) -> np.ndarray:
-        """Middles of the flashes, in seconds; a flash lasts from picture to picture."""
+    def flashes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Middles of the flashes, in seconds, and how far off each may be; a flash lasts from picture to picture."""
         times = self.seconds("video", [time for time, _ in self.pictures])
         light = np.array([light for _, light in self.pictures])
-        return middles(times, (light - light.min()) / (light.max() - light.min()))
+        return runs(times, (light - light.min()) / (light.max() - light.min()))
 
     def beeps(self) -> np.ndarray:
         """Middles of the beeps, in seconds."""
@@ -103,11 +103,12 @@ class Watcher:
         times = self.seconds("audio", first + 48 * np.arange(len(rms)) + 24)
         return middles(times, np.clip(rms / 8_000, 0, 1))
 
-    def offsets(self) -> np.ndarray:
-        """Seconds that each flash comes after its beep."""
-        flashes, beeps = self.flashes(), self.beeps()
-        pairs = [(flash, beeps[np.abs(beeps - flash).argmin()]) for flash in flashes]
-        return np.array([flash - beep for flash, beep in pairs if abs(flash - beep) < 0.3])
+    def offsets(self) -> tuple[np.ndarray, np.ndarray]:
+        """Seconds that each flash comes after its beep, and how far off each may be."""
+        (flashes, doubts), beeps = self.flashes(), self.beeps()
+        offsets = np.array([flash - beeps[np.abs(beeps - flash).argmin()] for flash in flashes])
+        near = np.abs(offsets) < 0.3
+        return offsets[near], doubts[near]
 
 
 def http(
