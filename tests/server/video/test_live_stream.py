@@ -89,6 +89,20 @@ async def test_a_slow_machine_shows_fewer_pictures_and_none_twice() -> None:
     await stream.close()
 
 
+async def test_one_picture_that_is_held_up_makes_none_be_left_out() -> None:
+    session = Session(draw_s=0.005)
+    stream = LiveStream(session, session.playhead)
+    for _ in range(10):
+        await stream.picture()
+    skipped, session.draw_s = stream.skipped, 0.06
+    await stream.picture()
+    session.draw_s = 0.005
+    for _ in range(5):
+        await stream.picture()
+    assert stream.skipped == skipped
+    await stream.close()
+
+
 async def test_where_nothing_arrived_there_is_silence_and_nothing_is_lost() -> None:
     session = Session(end=4_800)
     session.start = 2_400

@@ -138,10 +138,14 @@ class LiveStream:
     # ---- inside
 
     async def _draw(self) -> Picture:
-        """Draw the first picture that can be ready in time."""
-        lead = min(1.25 * self._draw_s + self._send_s + SLACK_S, MOST_AHEAD_S)
+        """Draw the first picture that can be ready in time.
+
+        It is begun a picture early, so that one that is held up makes none after it late.
+        """
+        least = min(self._draw_s + self._send_s + SLACK_S, MOST_AHEAD_S)
+        lead = min(least + 1 / self._rate, MOST_AHEAD_S)
         following = self._picture + 1
-        index = max(following, math.ceil((self._now() + lead) * self._rate))
+        index = max(following, math.ceil((self._now() + least) * self._rate))
         if following:
             self.skipped += index - following
         self._picture = index
