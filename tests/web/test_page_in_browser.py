@@ -368,9 +368,25 @@ OVERLAPS = """(() => {
 })()"""
 
 
+# Whether the label of what the avatar does is within the box around its joints.
+ON_THE_BODY = """(() => {
+  const { viewport, avatar } = __echo;
+  const label = document.getElementById("subtitle").getBoundingClientRect();
+  viewport.camera.updateMatrixWorld();
+  const places = [];
+  avatar.driver.hips.traverse((bone) => {
+    const { x, y } = bone.getWorldPosition(avatar.here.clone()).project(viewport.camera);
+    places.push([((x + 1) / 2) * innerWidth, ((1 - y) / 2) * innerHeight]);
+  });
+  const [across, down] = [0, 1].map((axis) => places.map((place) => place[axis]));
+  return Math.max(...across) > label.left && Math.min(...across) < label.right
+    && Math.max(...down) > label.top && Math.min(...down) < label.bottom;
+})()"""
+
+
 @pytest.mark.parametrize(("width", "height"), [(390, 780), (844, 390), (1280, 720)])
 def test_labels_do_not_overlap(new_page, mock_url, width, height, tmp_path):
-    """At first, while it speaks, and with the meters open."""
+    """At first, while it speaks, and with the meters open; the body is free while it speaks."""
     driver = new_page(width, height)
     driver.open(f"{mock_url}?quality=low")
     for step in ("", "#begin", "#meters"):
@@ -382,6 +398,7 @@ def test_labels_do_not_overlap(new_page, mock_url, width, height, tmp_path):
         driver.shot(tmp_path / f"{width}{step}.png")
         assert found["count"] > 8
         assert found["pairs"] == [], step or "at first"
+        assert not step or not driver.ask(ON_THE_BODY)
 
 
 def test_the_picture_reframes_on_resize(new_page, mock_url):
