@@ -60,8 +60,11 @@ def bounds(points, towards, box):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, inline="always")
 def centres(least, greatest, begin, end):  # type: ignore[no-untyped-def]
-    """The first and the last sample of begin to end - 1 whose centres, at halves, lie between two coordinates."""
-    return int(max(least + HALF, F(begin))), int(min(greatest + HALF, F(end))) - 1
+    """The first sample from `begin` on, and the one behind the last, whose centres lie between two coordinates.
+
+    Limits are whole numbers, here and in `span`: they hold even for coordinates that are not finite.
+    """
+    return max(begin, int(least + HALF)), min(end, int(greatest + HALF))
 
 
 @kernel(fastmath=True, inline="always")
@@ -86,15 +89,16 @@ def border(weight, across, down):  # type: ignore[no-untyped-def]
 
 
 @kernel(fastmath=True, inline="always")
-def span(row, last, lefts, rights):  # type: ignore[no-untyped-def]
-    """The first column in a row of a triangle and the one behind the last, of 0 to `last`.
+def span(row, count, lefts, rights):  # type: ignore[no-untyped-def]
+    """The first column in a row of a triangle and the one behind the last, of 0 to count - 1.
 
     The hundredth closes the seam between neighbours. Borders are negated for `min`: `max` compiles to far slower code.
     """
     (a, da), (b, db), (c, dc) = lefts
-    first = -min(min(a + row * da, b + row * db), min(c + row * dc, ZERO))
+    first = F(0.99) - min(min(a + row * da, b + row * db), c + row * dc)
     (a, da), (b, db), (c, dc) = rights
-    return int(first + F(0.99)), int(min(min(a + row * da, b + row * db), min(c + row * dc, last)) + F(1.01))
+    last = F(1.01) + min(min(a + row * da, b + row * db), c + row * dc)
+    return max(0, int(first)), min(count, int(last))
 
 
 @kernel(fastmath=True)
@@ -115,9 +119,9 @@ def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, 
         za, zb, zc = screen[a, 2], screen[b, 2], screen[c, 2]
         if min(za, zb, zc) <= ZERO:
             continue
-        first, last = centres(min(ax, bx, cx), max(ax, bx, cx), left, right)
-        low, high = centres(min(ay, by, cy), max(ay, by, cy), top, bottom)
-        if first > last or low > high:
+        first, behind = centres(min(ax, bx, cx), max(ax, bx, cx), left, right)
+        low, under = centres(min(ay, by, cy), max(ay, by, cy), top, bottom)
+        if first >= behind or low >= under:
             continue
         u, v, du, dv, eu, ev = barycentric(ax, ay, bx, by, cx, cy, area, first, low)
         lu, ru = border(u, du, eu)
@@ -129,9 +133,9 @@ def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, 
         start, wide, tall = 0, 1, 1
         if picture >= 0:
             start, wide, tall = table[picture, 1, 0], table[picture, 1, 1], table[picture, 1, 2]
-        for row in range(low, high + 1):
+        for row in range(low, under):
             r = F(row - low)
-            begin, end = span(r, F(last - first), (lu, lv, lw), (ru, rv, rw))
+            begin, end = span(r, behind - first, (lu, lv, lw), (ru, rv, rw))
             near = nearness + r * down + F(begin) * across
             for k in range(begin, end):
                 column = first + k
@@ -172,9 +176,9 @@ def shadow_depth(points, triangles, cutouts, to_light, light, shadow):  # type: 
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
         if area == ZERO or (area < ZERO and not cutouts[t]):  # what faces away is hidden by what faces the light
             continue
-        first, last = centres(min(ax, bx, cx), max(ax, bx, cx), 0, size)
-        low, high = centres(min(ay, by, cy), max(ay, by, cy), 0, size)
-        if first > last or low > high:
+        first, behind = centres(min(ax, bx, cx), max(ax, bx, cx), 0, size)
+        low, under = centres(min(ay, by, cy), max(ay, by, cy), 0, size)
+        if first >= behind or low >= under:
             continue
         u, v, du, dv, eu, ev = barycentric(ax, ay, bx, by, cx, cy, area, first, low)
         lu, ru = border(u, du, eu)
@@ -183,9 +187,9 @@ def shadow_depth(points, triangles, cutouts, to_light, light, shadow):  # type: 
         ha, hb, hc = light[a, 2], light[b, 2], light[c, 2]
         top = hc + u * (ha - hc) + v * (hb - hc)
         across, down = du * (ha - hc) + dv * (hb - hc), eu * (ha - hc) + ev * (hb - hc)
-        for row in range(low, high + 1):
+        for row in range(low, under):
             r = F(row - low)
-            begin, end = span(r, F(last - first), (lu, lv, lw), (ru, rv, rw))
+            begin, end = span(r, behind - first, (lu, lv, lw), (ru, rv, rw))
             height = top + r * down + F(begin) * across
             for k in range(begin, end):
                 shadow[row, first + k] = max(height, shadow[row, first + k])
