@@ -29,6 +29,7 @@ export class Playout {
   private level = 0; // gain of the fade-in
   private tail = 0; // current value of the decaying tail
   private last = 0;
+  private expected = 0; // output frame of the next call, unless some are left out
   underruns = 0;
   /** The next sample to play. */
   head = 0;
@@ -71,6 +72,8 @@ export class Playout {
     const marks: PlayoutMark[] = [];
     const mark = (offset: number) =>
       marks.push({ frame: frame + offset, at: this.head, playing: this.playing, underruns: this.underruns });
+    if (this.playing && frame !== this.expected) mark(0); // a busy browser skipped the worklet, so this sound comes later
+    this.expected = frame + out.length;
     for (let i = 0; i < out.length; ) {
       if (!this.playing && this.ready(out.length - i)) {
         this.playing = true;

@@ -98,6 +98,15 @@ it("plays silence over a hole in a running stream", () => {
   expect(Math.abs(out[2000]!)).toBe(0);
 });
 
+it("tells where it goes on after output frames were left out", () => {
+  const queue = new Playout(JITTER, CHUNK);
+  queue.push(0, ramp(0, CHUNK + JITTER));
+  run(queue, 1280);
+  const { out, marks } = run(queue, 1280, 1280 + 384);
+  expect(out).toEqual([...ramp(1280, 1280)]); // no sample is skipped
+  expect(marks).toEqual([{ frame: 1664, at: 1280, playing: true, underruns: 0 }]);
+});
+
 it("knows only whole samples", () => {
   expect(() => new Playout(0, CHUNK).jump(0.5)).toThrow(RangeError);
 });
