@@ -203,8 +203,8 @@ def compare(ours: Sequence[Measured], theirs: Sequence[Measured]) -> tuple[float
 def people_apart(captured: Sequence[Measured]) -> float:
     """How well the classifier tells captured people from one another: the mean over folders, each against the others.
 
-    It is what to hold the accuracy of `compare` against. NaN with fewer than two folders. The only clip of a side is cut
-    in quarters.
+    Hold the accuracy of `compare` against it. NaN with fewer than two folders. The only clip of a side is cut in
+    quarters.
     """
     accuracies = []
     for group in dict.fromkeys(one.take.group for one in captured):
