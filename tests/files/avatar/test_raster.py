@@ -12,8 +12,8 @@ def _visible(screen: list[list[float]], triangles: list[list[int]], cutouts: lis
     texels[:, 3] = alpha
     table = np.array([[[0, len(alpha), 1]] * 2])
     uvs = (corners[:, :2] / 20).astype(np.float32)
-    index, pictures = np.array(triangles, np.int32), np.zeros(len(triangles), np.int32)
-    raster.visible(corners, index, depth, ids, (0, 0, 20, 20), uvs, pictures, np.array(cutouts), texels, table)
+    index, both = np.array(triangles, np.int32), np.array(cutouts)
+    raster.visible(corners, index, depth, ids, (0, 0, 20, 20), uvs, both, np.where(both, 0, -1), texels, table)
     return ids
 
 
@@ -30,15 +30,15 @@ def test_whatever_the_coordinates_nothing_is_written_beside_the_box() -> None:
     """20,000 triangles with corners that are tiny, huge or not finite; the arrays lie between others."""
     random = np.random.default_rng(0)
     odd = np.float32([0, 1e-20, -1e-30, 1e9, 1e19, -1e20, 1e30, 3e38, np.nan, np.inf, -np.inf])
-    triangle, none, cutout = np.array([[0, 1, 2]], np.uint32), np.array([-1], np.int32), np.array([True])
+    triangle, none, both = np.array([[0, 1, 2]], np.uint32), np.array([-1], np.int32), np.array([True])
     texels, table, still = np.zeros((1, 4), np.uint8), np.ones((1, 2, 3), np.int64), np.eye(3, 4, dtype=np.float32)
     depth, shadow, ids = (np.full((60, 20), 7, dtype) for dtype in (np.float32, np.float32, np.int32))
     for _ in range(20_000):
         corners = random.uniform(0.1, 20, (3, 3)).astype(np.float32)
         corners[random.integers(3, size=4), random.integers(2, size=4)] = random.choice(odd, 4)
         seen = depth[20:40], ids[20:40]
-        raster.visible(corners, triangle, *seen, (2, 2, 18, 18), corners, none, cutout, texels, table)
-        raster.shadow_depth(corners, triangle, cutout, still, corners.copy(), shadow[20:40])
+        raster.visible(corners, triangle, *seen, (2, 2, 18, 18), corners, both, none, texels, table)
+        raster.shadow_depth(corners, triangle, both, still, corners.copy(), shadow[20:40])
     ids[22:38, 2:18] = depth[22:38, 2:18] = shadow[20:40] = 7
     for array in (ids, depth, shadow):
         assert (array == 7).all()

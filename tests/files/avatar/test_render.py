@@ -24,7 +24,8 @@ def painted(colour: tuple[float, float, float], triangles: np.ndarray, picture: 
         triangles=np.ascontiguousarray(triangles),
         uvs=np.tile(np.float32([[0, 1], [1, 1], [1, 0], [0, 0]]), (corners // 4, 1)),
         pictures=np.full(len(triangles), picture, np.int32),
-        cutouts=np.full(len(triangles), picture >= 0),
+        two_sided=np.full(len(triangles), picture >= 0),
+        cutouts=np.full(len(triangles), picture, np.int32),
         glosses=np.tile(np.float32([0.1, 20]), (len(triangles), 1)),
         texels=Texels(values.reshape(-1, 4), table),
     )

@@ -7,7 +7,7 @@ from echoavatar.motion.ik import body_of_rig, measure_body
 from echoavatar.motion.kinematics import HUMANOID
 
 CHARACTER = load_character()
-SKIN = ~np.array([material.is_cutout for material in MATERIALS])[CHARACTER.materials]  # and clothes; no hair
+SKIN = ~np.array([material.name in ("hair", "lash") for material in MATERIALS])[CHARACTER.materials]  # clothes too
 
 
 def test_the_shipped_character_is_what_the_fallback_says_it_is() -> None:

@@ -29,16 +29,17 @@ class Material(NamedTuple):
     name: str
     roughness: float
     picture: str = ""
-    is_cutout: bool = False  # drawn from both sides, and not where the picture's alpha is below a half
+    is_two_sided: bool = False
+    is_cutout: bool = False  # not drawn where the picture's alpha is below a half
 
 
 MATERIALS = (
     Material("skin", 0.62, "atlas"),
     Material("eye", 0.06, "atlas"),
     Material("mouth", 0.22, "atlas"),
-    Material("lash", 0.80, is_cutout=True),
-    Material("hair", 0.80, "hair", is_cutout=True),
-    Material("cloth", 0.92, "knit"),
+    Material("lash", 0.80, is_two_sided=True),
+    Material("hair", 0.80, "hair", is_two_sided=True, is_cutout=True),
+    Material("cloth", 0.92, "knit", is_two_sided=True),
     Material("trousers", 0.88, "twill"),
     Material("shoe", 0.60),
     Material("sole", 0.70),

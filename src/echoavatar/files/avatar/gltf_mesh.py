@@ -38,10 +38,10 @@ def materials() -> list[dict[str, Any]]:
         if material.picture:
             surface["baseColorTexture"] = {"index": NAMES.index(material.picture)}
         entry: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": surface}
-        if material.is_cutout:
+        if material.is_two_sided:
             entry["doubleSided"] = True
-            if material.picture:
-                entry |= {"alphaMode": "MASK", "alphaCutoff": 0.5}
+        if material.is_cutout:
+            entry |= {"alphaMode": "MASK", "alphaCutoff": 0.5}
         made.append(entry)
     return made
 

@@ -102,10 +102,11 @@ def span(row, count, lefts, rights):  # type: ignore[no-untyped-def]
 
 
 @kernel(fastmath=True)
-def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, table):  # type: ignore[no-untyped-def]
+def visible(screen, triangles, depth, ids, box, uvs, two_sided, cutouts, texels, table):  # type: ignore[no-untyped-def]
     """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) inside `box`, which holds all of `screen`.
 
-    Triangles with `cutouts` (f) are seen from both sides, and only where the alpha of their picture is a half or more.
+    `two_sided` (f) triangles are seen from both sides. `cutouts` (f) names the picture whose alpha of a half or more is
+    seen alone, or is -1.
     """
     left, top, right, bottom = box
     depth[top:bottom, left:right] = ZERO
@@ -114,7 +115,7 @@ def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, 
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         ax, ay, bx, by, cx, cy = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1], screen[c, 0], screen[c, 1]
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-        if area == ZERO or (area > ZERO and not cutouts[t]):  # y points down: triangles that face us turn left
+        if area == ZERO or (area > ZERO and not two_sided[t]):  # y points down: triangles that face us turn left
             continue
         za, zb, zc = screen[a, 2], screen[b, 2], screen[c, 2]
         if min(za, zb, zc) <= ZERO:
@@ -129,7 +130,7 @@ def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, 
         lw, rw = border(ONE - u - v, -du - dv, -eu - ev)
         nearness = zc + u * (za - zc) + v * (zb - zc)
         across, down = du * (za - zc) + dv * (zb - zc), eu * (za - zc) + ev * (zb - zc)
-        picture = pictures[t] if cutouts[t] else -1
+        picture = cutouts[t]
         start, wide, tall = 0, 1, 1
         if picture >= 0:
             start, wide, tall = table[picture, 1, 0], table[picture, 1, 1], table[picture, 1, 2]
@@ -155,7 +156,7 @@ def visible(screen, triangles, depth, ids, box, uvs, pictures, cutouts, texels, 
 
 
 @kernel(fastmath=True)
-def shadow_depth(points, triangles, cutouts, to_light, light, shadow):  # type: ignore[no-untyped-def]
+def shadow_depth(points, triangles, two_sided, to_light, light, shadow):  # type: ignore[no-untyped-def]
     """Fill `shadow` with the height towards the light of the highest surface over each texel.
 
     `to_light` (3, 4) maps metres to texels and height; `light` (v, 3) receives the points there.
@@ -174,7 +175,7 @@ def shadow_depth(points, triangles, cutouts, to_light, light, shadow):  # type: 
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         ax, ay, bx, by, cx, cy = light[a, 0], light[a, 1], light[b, 0], light[b, 1], light[c, 0], light[c, 1]
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-        if area == ZERO or (area < ZERO and not cutouts[t]):  # what faces away is hidden by what faces the light
+        if area == ZERO or (area < ZERO and not two_sided[t]):  # what faces away is hidden by what faces the light
             continue
         first, behind = centres(min(ax, bx, cx), max(ax, bx, cx), 0, size)
         low, under = centres(min(ay, by, cy), max(ay, by, cy), 0, size)

@@ -51,7 +51,8 @@ class Paint:
     triangles: Integer[np.ndarray, "f 3"]  # unsigned, or the kernels ask whether each counts from the end
     uvs: Float[np.ndarray, "v 2"]
     pictures: Int[np.ndarray, " f"]  # -1: none
-    cutouts: Bool[np.ndarray, " f"]  # seen from both sides, and only where the picture is opaque
+    two_sided: Bool[np.ndarray, " f"]
+    cutouts: Int[np.ndarray, " f"]  # the picture whose opaque places are seen alone; -1: none
     glosses: Float[np.ndarray, "f 2"]
     texels: Texels
 
@@ -59,12 +60,15 @@ class Paint:
     def of(cls, character: Character) -> "Paint":
         """The paint of a character; its pictures are decoded here."""
         material = character.materials[character.triangles[:, 0]]
+        pictures = np.array([NAMES.index(m.picture) if m.picture else -1 for m in MATERIALS], np.int32)
+        cuts = np.array([m.is_cutout for m in MATERIALS])
         return cls(
             colours=_LINEAR[character.colours],
             triangles=np.ascontiguousarray(character.triangles, np.uint32),
             uvs=np.ascontiguousarray(character.uvs, np.float32),
-            pictures=np.array([NAMES.index(m.picture) if m.picture else -1 for m in MATERIALS], np.int32)[material],
-            cutouts=np.array([m.is_cutout for m in MATERIALS])[material],
+            pictures=pictures[material],
+            two_sided=np.array([m.is_two_sided for m in MATERIALS])[material],
+            cutouts=np.where(cuts, pictures, -1)[material],
             glosses=np.array([_gloss(m.roughness) for m in MATERIALS], np.float32)[material],
             texels=decoded(character.textures),
         )
@@ -132,12 +136,12 @@ class Renderer:
         self._project(points, self._screen)
         raster.bounds(points, look[0], self._bounds)
         to_light = self._light_space(look[0])
-        raster.shadow_depth(points, paint.triangles, paint.cutouts, to_light, self._light, self._shadow)
+        raster.shadow_depth(points, paint.triangles, paint.two_sided, to_light, self._light, self._shadow)
         image = self._empty.copy()
         self._draw_shadow(image, points, place, rays, to_light)
         box = self._box(self._screen)
         buffers = self._depth, self._ids, box
-        raster.visible(self._screen, paint.triangles, *buffers, paint.uvs, paint.pictures, paint.cutouts, *texels)
+        raster.visible(self._screen, paint.triangles, *buffers, paint.uvs, paint.two_sided, paint.cutouts, *texels)
         shading.shade(
             self._screen,
             points,

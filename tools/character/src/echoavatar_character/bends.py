@@ -7,16 +7,15 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
-from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character, skin
+from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
 from echoavatar.files.avatar.halfway import BONES, HALFWAY
-from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.motion.kinematics import HUMANOID
 
 from .body import Body
 from .fit import NAMES, PARENTS
+from .pose import Turns, posed
 from .surface import Surface, smoothed
 
 ARMPIT = 0.06  # metres below the joint of a shoulder
@@ -108,14 +107,10 @@ def sinks(character: Character, degrees: float) -> float:
     return float(1000 * (hanging[near, 1] - raised[near, 1]).mean())
 
 
-def _posed(character: Character, turns: dict[str, tuple[float, float, float]], joint: int) -> tuple[Points, Points]:
+def _posed(character: Character, turns: Turns, joint: int) -> tuple[Points, Points]:
     """The vertices in a pose, and where a joint is."""
-    local = torch.eye(3).repeat(HUMANOID.joints, 1, 1)
-    for name, turn in turns.items():
-        local[HUMANOID.index(name)] = matrix_from_axis_angle(torch.tensor(turn))
-    pose = forward_kinematics(HUMANOID, local, HUMANOID.rest_positions[0])
-    points, _ = skin(character, pose.rotations.numpy(), pose.positions.numpy())
-    return points.astype(float), pose.positions[joint].numpy()
+    points, _, joints = posed(character, turns)
+    return points.astype(float), joints[joint]
 
 
 def main() -> None:

@@ -2,7 +2,8 @@
 
 They are made from the shipped NAME.npz. meshoptimizer and gltf-transform do the work (`npm ci` in tools/character).
 A level keeps some of the vertices and moves none, so that pictures, weights and face curves stay as they are; of hair
-it keeps some of the ribbons, made wider.
+it keeps some of the ribbons, made wider. Which vertices it can lose is judged with lowered arms: a flat shoulder of the
+T-pose is a round one then.
 """
 
 import argparse
@@ -22,17 +23,19 @@ from echoavatar.files.avatar.character import FOLDER
 from echoavatar.files.avatar.gltf import pack_glb
 from echoavatar.files.avatar.morphs import Morphs
 
+from .pose import DOWN, posed
+
 TOOLS = Path(__file__).parents[2]
 TRIANGLES: tuple[Mapping[str, int], ...] = (  # by material; what is not named is kept
     {"skin": 19_000, "cloth": 5_800, "trousers": 2_500, "shoe": 1_500, "sole": 400, "eye": 1_250, "mouth": 1_900},
     {"skin": 6_600, "cloth": 2_300, "trousers": 900, "shoe": 500, "sole": 180, "eye": 480, "mouth": 800},
-    {"skin": 2_500, "cloth": 900, "trousers": 380, "shoe": 220, "sole": 100, "eye": 240, "mouth": 300},
+    {"skin": 2_850, "cloth": 1_200, "trousers": 380, "shoe": 220, "sole": 100, "eye": 240, "mouth": 340},
 )
 PICTURES = ((2048, 82), (1024, 80), (1024, 72))  # widest picture and its quality
 HAIR = ((1.0, 1.0, 9), (0.42, 1.7, 7), (0.16, 2.8, 5))  # share of the ribbons, how much wider, most steps along one
 CAPS = (2_000, 500, 250)  # triangles of the surface below the ribbons
 LONGEST = 9  # steps along a ribbon
-HEAD_SCALE = 1.7  # a face is looked at most
+HEAD_SCALE = 2.3  # a face is looked at most
 TILED = [i for i, material in enumerate(MATERIALS) if material.picture in ("knit", "twill")]
 UV_WEIGHT = 6.0  # or brows bend where a large triangle crosses them
 TILE_WEIGHT = 0.002  # of that: a picture that repeats may slide
@@ -98,14 +101,15 @@ def part(character: Character, triangles: Int[np.ndarray, "f 3"]) -> Character:
 def _fewer(character: Character, faces: Int[np.ndarray, "f 3"], target: int) -> Int[np.ndarray, "g 3"]:
     """About `target` of the triangles' surface, through meshoptimizer."""
     used, local = np.unique(faces, return_inverse=True)
-    points = character.positions[used].astype(np.float32)
+    shown, normals, _ = posed(character, DOWN)
+    points = shown[used]
     neck = character.rest_joints[[i for i, y in enumerate(character.rest_joints[:, 1]) if y > 1.4]].min(0)[1]
     high = np.clip((points[:, 1:2] - neck) / 0.05, 0, 1)
-    warped = points + np.where(np.abs(points[:, :1]) < 0.2, high, 0) * (HEAD_SCALE - 1) * (points - [0, neck, 0])
+    warped = points + high * (HEAD_SCALE - 1) * (points - [0, neck, 0])
     extent = float(np.ptp(warped, axis=0).max())
     tiles = character.materials[used[0]] in TILED
     uvs = character.uvs[used] * (TILE_WEIGHT if tiles else 1)
-    values = [character.normals[used], _directions(character, used), _mixed(character.bone_weights[used]), uvs]
+    values = [normals[used], _directions(character, used), _mixed(character.bone_weights[used]), uvs]
     weights = np.repeat([0.25, 2.0 / extent, 0.05, UV_WEIGHT], [3, MOVES, WEIGHTS, 2])
     table = np.concatenate(values, 1).astype(np.float32)
     head = np.array([len(used), table.shape[1], local.size, target * 3], np.int32)

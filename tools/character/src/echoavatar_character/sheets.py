@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float, UInt8
 from PIL import Image
 
@@ -17,18 +16,18 @@ import echoavatar
 from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.files.avatar import CHARACTERS, Character, load_character, skin
+from echoavatar.files.avatar import CHARACTERS, Character, load_character
 from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot, View
 from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
 from echoavatar.models.audio.io import read_audio
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.expression import MOODS
-from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
-Turns = dict[str, tuple[float, float, float]]
+from .pose import DOWN, Turns, posed
+
 Picture = UInt8[np.ndarray, "h w 3"]
 Curves = Float[np.ndarray, "t 52"]
 QUALITY = 72
@@ -36,12 +35,6 @@ SECONDS = 12  # of the shipped sounds
 BEGIN = 4  # chunks before an action
 ACTIONS = ("wave", "thinking", "point_left", "clap", "give_up", "angry", "happy")
 VIEWS_OF: dict[str, View] = {"thinking": "bust", "clap": "bust"}
-DOWN: Turns = {
-    "leftUpperArm": (0, 0, -1.2),
-    "rightUpperArm": (0, 0, 1.2),
-    "leftLowerArm": (0, -0.25, 0),
-    "rightLowerArm": (0, 0.25, 0),
-}
 RAISED: Turns = {"leftShoulder": (0, 0, 0.35), "rightShoulder": (0, 0, -0.35)}  # as shoulders do when arms are high
 
 
@@ -108,12 +101,8 @@ def shot(
     character: Character, paint: Paint, camera: Camera, size: tuple[int, int], turns: Turns, face: dict[str, float]
 ) -> Picture:
     """One picture of a pose and an expression."""
-    local = torch.eye(3).repeat(HUMANOID.joints, 1, 1)
-    for name, turn in turns.items():
-        local[HUMANOID.index(name)] = matrix_from_axis_angle(torch.tensor(turn, dtype=torch.float32))
-    pose = forward_kinematics(HUMANOID, local, HUMANOID.rest_positions[0])
     weights = np.array([_weight(face, name) for name in character.face.names], np.float32)
-    points, normals = skin(character, pose.rotations.numpy(), pose.positions.numpy(), weights)
+    points, normals, _ = posed(character, turns, weights)
     return Renderer(*size, camera=camera).draw(Surface(points, normals, paint))
 
 

@@ -167,9 +167,9 @@ def brow_curve(body: Body, share: Float[np.ndarray, " n"]) -> tuple[Float[np.nda
     eye = body.eyes["Left"]
     x = eye.middle[0] + np.interp(share, [0, 1], [-0.0185, 0.0265])
     y = eye.middle[1] + np.interp(
-        share, [0, 0.2, 0.45, 0.65, 0.85, 1], [0.0190, 0.0212, 0.0238, 0.0250, 0.0230, 0.0190]
+        share, [0, 0.2, 0.45, 0.65, 0.85, 1], [0.0202, 0.0220, 0.0242, 0.0252, 0.0232, 0.0190]
     )
-    half = np.interp(share, [0, 0.1, 0.3, 0.65, 1], [0.0012, 0.0027, 0.0031, 0.0023, 0.0006])
+    half = np.interp(share, [0, 0.1, 0.3, 0.65, 1], [0.0010, 0.0022, 0.0026, 0.0021, 0.0006])
     return np.stack([x, y], 1), half * body.person.brow_width
 
 

@@ -28,7 +28,8 @@ from echoavatar.motion.kinematics import HUMANOID
 from .eyes import ACROSS, UPWARDS
 from .levels import simplified
 from .person import PEOPLE
-from .sheets import DOWN, shot
+from .pose import DOWN
+from .sheets import shot
 
 LICENCE = "https://vrm.dev/licenses/1.0/"
 META = {
