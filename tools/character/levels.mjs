@@ -32,7 +32,10 @@ async function compress(source, goal, size, quality) {
   const resize = [Number(size), Number(size)];
   await document.transform(
     textureCompress({ encoder: sharp, targetFormat: "webp", quality: Number(quality), effort: 90, resize }),
-    meshopt({ encoder: MeshoptEncoder, level: "medium", quantizePosition: 14, quantizeNormal: 8, quantizeTexcoord: 13, quantizeColor: 8 }),
+    meshopt({ // one volume for all meshes, or face and body part at the neck by a step of their grids
+      encoder: MeshoptEncoder, level: "medium", quantizationVolume: "scene", quantizePosition: 15, quantizeNormal: 8,
+      quantizeTexcoord: 13, quantizeColor: 8,
+    }),
   );
   await io.write(goal, document);
 }

@@ -31,16 +31,18 @@ class Material(NamedTuple):
     picture: str = ""
     is_two_sided: bool = False
     is_cutout: bool = False  # not drawn where the picture's alpha is below a half
+    relief: str = ""  # a normal map
+    roughness_picture: str = ""
 
 
 MATERIALS = (
-    Material("skin", 0.62, "atlas"),
+    Material("skin", 0.62, "atlas", roughness_picture="skin_roughness"),
     Material("eye", 0.06, "atlas"),
     Material("mouth", 0.22, "atlas"),
     Material("lash", 0.80, is_two_sided=True),
     Material("hair", 0.80, "hair", is_two_sided=True, is_cutout=True),
-    Material("cloth", 0.92, "knit", is_two_sided=True),
-    Material("trousers", 0.88, "twill"),
+    Material("cloth", 0.92, "knit", is_two_sided=True, relief="knit_normal"),
+    Material("trousers", 0.88, "twill", relief="twill_normal"),
     Material("shoe", 0.60),
     Material("sole", 0.70),
 )

@@ -71,7 +71,7 @@ def character_document(character: Character) -> tuple[dict[str, Any], Buffer]:
         "scene": 0,
         "scenes": [{"name": "EchoAvatar", "nodes": [0, BODY_NODE, FACE_NODE]}],
         "nodes": _nodes(),
-        "materials": materials(),
+        "materials": materials(character.textures),
         "meshes": meshes(buffer, character),
         **pictures(buffer, character),
         "skins": [_skin(buffer)],

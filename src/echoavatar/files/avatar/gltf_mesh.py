@@ -11,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 
 from .character import MATERIALS, Character
 from .gltf_buffer import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Buffer
-from .textures import NAMES
+from .textures import Textures
 
 PLACE_STEP, MOVE_STEP, NORMAL_STEP, TURN_STEP = 2.0**-14, 2.0**-14, 2.0**-7, 2.0**-5  # metres (and UVs); parts of 1
 
@@ -30,14 +30,19 @@ def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
     return [{"name": "body", "primitives": body}, face]
 
 
-def materials() -> list[dict[str, Any]]:
+def materials(textures: Textures) -> list[dict[str, Any]]:
     """The glTF form of `MATERIALS`; colours of vertices are factors on the pictures."""
+    index = {name: i for i, name in enumerate(textures.present)}
     made = []
     for material in MATERIALS:
         surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": material.roughness}
-        if material.picture:
-            surface["baseColorTexture"] = {"index": NAMES.index(material.picture)}
         entry: dict[str, Any] = {"name": material.name, "pbrMetallicRoughness": surface}
+        if material.picture:
+            surface["baseColorTexture"] = {"index": index[material.picture]}
+        if material.roughness_picture in index:
+            surface |= {"metallicRoughnessTexture": {"index": index[material.roughness_picture]}, "roughnessFactor": 1}
+        if material.relief in index:
+            entry["normalTexture"] = {"index": index[material.relief]}
         if material.is_two_sided:
             entry["doubleSided"] = True
         if material.is_cutout:
@@ -47,14 +52,14 @@ def materials() -> list[dict[str, Any]]:
 
 
 def pictures(buffer: Buffer, character: Character) -> dict[str, list[dict[str, Any]]]:
-    """The images, samplers and textures of a document, in the order of `NAMES`."""
-    images = []
-    for name in NAMES:
+    """The images, samplers and textures of a document."""
+    images, names = [], character.textures.present
+    for name in names:
         encoded = getattr(character.textures, name)
         kind = "image/png" if encoded[:4] == b"\x89PNG" else "image/jpeg"
         view = buffer.view(np.frombuffer(encoded, np.uint8))
         images.append({"name": name, "mimeType": kind, "bufferView": view})
-    textures = [{"name": name, "source": i, "sampler": 0} for i, name in enumerate(NAMES)]
+    textures = [{"name": name, "source": i, "sampler": 0} for i, name in enumerate(names)]
     sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
     return {"images": images, "samplers": [sampler], "textures": textures}
 

@@ -1,23 +1,39 @@
 """The pictures on a character: encoded in its file, decoded with their reductions (mip levels) for the rasteriser."""
 
 import io
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-NAMES = ("atlas", "hair", "knit", "twill")
+NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
+DETAILS = ("knit_normal", "twill_normal", "skin_roughness")  # in glTF alone
 
 
 @dataclass(frozen=True)
 class Textures:
-    """Encoded pictures, JPEG or PNG. `hair` has alpha; `knit` and `twill` are grey and repeat."""
+    """Encoded pictures, JPEG or PNG, or nothing for a detail that is left out.
+
+    `hair` has alpha. `knit` and `twill` are grey and repeat, as their normal maps do; the roughness lies on the atlas.
+    """
 
     atlas: bytes
     hair: bytes
     knit: bytes
     twill: bytes
+    knit_normal: bytes = b""
+    twill_normal: bytes = b""
+    skin_roughness: bytes = b""
+
+    @property
+    def present(self) -> list[str]:
+        """The names of the pictures that there are."""
+        return [name for name in NAMES + DETAILS if getattr(self, name)]
+
+    def plain(self) -> "Textures":
+        """Colours alone."""
+        return replace(self, **dict.fromkeys(DETAILS, b""))
 
     def arrays(self) -> dict[str, Any]:
         """As arrays of bytes for an npz."""
@@ -26,7 +42,7 @@ class Textures:
     @classmethod
     def of_arrays(cls, stored: dict[str, np.ndarray]) -> "Textures":
         """What `arrays` made."""
-        return cls(*(stored[f"texture_{name}"].tobytes() for name in NAMES))
+        return cls(*(stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS))
 
 
 class Texels(NamedTuple):

@@ -1,4 +1,4 @@
-"""Pictures of cloth that repeat: a plain knit and a twill, as grey factors on the garment's colour."""
+"""Pictures of cloth that repeat: a plain knit and a twill, as grey factors on the garment's colour, and normal maps."""
 
 import numpy as np
 from jaxtyping import Float
@@ -26,3 +26,11 @@ def twill(size: int = 256, lines: int = 32) -> Float[np.ndarray, "s s"]:
     slub += gaussian_filter(rng.standard_normal((size, size)), (0.7, 5), mode="wrap")
     slub /= slub.std()
     return np.asarray(np.clip(0.84 + 0.10 * rib + 0.035 * slub, 0, 1))
+
+
+def normal_map(heights: Float[np.ndarray, "h w"], depth: float) -> Float[np.ndarray, "h w 3"]:
+    """Normals of heights that repeat, as colours 0 to 1: x to the right, y upwards; a height of 1 is `depth` texels."""
+    right = depth * (np.roll(heights, -1, 1) - np.roll(heights, 1, 1)) / 2
+    down = depth * (np.roll(heights, -1, 0) - np.roll(heights, 1, 0)) / 2
+    normals = np.stack([-right, down, np.ones_like(heights)], -1)
+    return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True) / 2 + 0.5)

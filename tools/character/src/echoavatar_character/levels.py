@@ -52,7 +52,8 @@ def simplified(character: Character, level: int) -> Character:
         faces = character.triangles[of == i]
         target = TRIANGLES[level].get(material.name, len(faces))
         kept.append(_fewer(character, faces, target) if target < len(faces) else faces)
-    return part(character, np.concatenate(kept))
+    made = part(character, np.concatenate(kept))
+    return made if level < len(TRIANGLES) - 1 else replace(made, textures=made.textures.plain())
 
 
 def _hair(character: Character, level: int) -> tuple[Character, list[Int[np.ndarray, "f 3"]]]:

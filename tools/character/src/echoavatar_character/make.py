@@ -21,6 +21,7 @@ from .surface import Surface, normals, smoothed, triangles
 
 ARMS = [j for j, name in enumerate(fit.NAMES) if name.endswith("UpperArm")]
 ATLAS_BYTES = 215_000
+KNIT_DEPTH, TWILL_DEPTH = 9.0, 5.0  # texels between black and white
 INDEX = {material.name: i for i, material in enumerate(MATERIALS)}
 
 
@@ -71,7 +72,15 @@ def textures(body: Body, whole: Surface) -> Textures:
         hair=_encoded(Image.fromarray(pair, "LA"), "PNG", optimize=True),
         knit=_encoded(_grey(fabric.knit()), "JPEG", quality=80),
         twill=_encoded(_grey(fabric.twill()), "JPEG", quality=75),
+        knit_normal=_normals(fabric.knit(), KNIT_DEPTH),
+        twill_normal=_normals(fabric.twill(), TWILL_DEPTH),
+        skin_roughness=_encoded(_grey(skin.roughness(body, whole)), "JPEG", quality=85),
     )
+
+
+def _normals(heights: Float[np.ndarray, "h w"], depth: float) -> bytes:
+    made = Image.fromarray(np.round(fabric.normal_map(heights, depth) * 255).astype(np.uint8))
+    return _encoded(made, "JPEG", quality=85, subsampling=0)
 
 
 def _grey(picture: Float[np.ndarray, "h w"]) -> Image.Image:

@@ -16,6 +16,7 @@ Field = Float[np.ndarray, "..."]
 HANDS = ("Hand", "Thumb", "Index", "Middle", "Ring", "Little")
 BULGE = {"mouthSmile": 4.0, "cheekSquint": 2.0, "eyeSquint": 0.3}  # millimetres that the cheek rises besides
 HIDDEN = 0.006  # metres that skin sinks below the collar, or it comes through
+ROUGH = 0.64  # of skin that does not shine
 BROW_PIXELS = 9000  # a metre, in the picture of the brows
 
 
@@ -75,17 +76,8 @@ def seen_skin(skin: Surface, body: Body, neckline: Float[np.ndarray, " v"]) -> S
 
 def paint(body: Body, skin: Surface, scalp: Field, size: int = atlas.SIZE) -> Float[np.ndarray, "h w 3"]:
     """The skin's colour in sRGB, 0 to 1. `scalp` is 1 at vertices below hair."""
-    base = load_base()
-    quads = base.groups["body"]
-    raw = base.uvs[base.uv_quads[quads]]
-    raw = np.stack([raw[..., 0], 1 - raw[..., 1]], -1)
-    own = _corners(skin.uvs)
-    values = np.concatenate(
-        [atlas.corners(skin.quads, skin.positions), _corners(raw), atlas.corners(skin.quads, scalp[:, None])], 2
-    )
-    spread, covered = atlas.spread(own, values, size)
-    spread = atlas.filled(spread, covered)
-    points, uv, under_hair = spread[..., :3], spread[..., 3:5], spread[..., 5]
+    points, uv, more = _texels(skin, size, scalp[:, None])
+    under_hair = more[..., 0]
     colour = _tone(body, points, uv)
     brows = _brows(body, points)
     hair = np.array(body.person.hair) / 255
@@ -94,6 +86,33 @@ def paint(body: Body, skin: Surface, scalp: Field, size: int = atlas.SIZE) -> Fl
     strength = np.clip(under_hair * 2.0 - 0.45 + rough, 0, 1)[..., None] * 0.95
     colour = colour + (hair * 0.62 - colour) * strength
     return np.asarray(np.clip(colour, 0, 1))
+
+
+def roughness(body: Body, skin: Surface, size: int = 512) -> Float[np.ndarray, "h w"]:
+    """How rough the skin is, 0 to 1: lips, nails, lids, brow and nose shine more than the rest."""
+    points, uv, _ = _texels(skin, size, np.zeros((len(skin.positions), 0)))
+    eye, nose, mouth = body.eyes["Left"].middle, _nose(body), body.middle("joint-mouth")
+    front = np.clip((points[..., 2] - eye[2] + 0.03) / 0.03, 0, 1) * (points[..., 1] > mouth[1] - 0.08)
+    brow = np.exp(-((points[..., 0] / 0.035) ** 2) - ((points[..., 1] - eye[1] - 0.055) / 0.025) ** 2)
+    ridge = np.exp(-((points[..., 0] / 0.012) ** 2) - ((points[..., 1] - (eye[1] + nose[1]) / 2) / 0.03) ** 2)
+    rough = ROUGH - 0.14 * front * np.maximum(brow, ridge) - 0.06 * _sample(mask("eyelids"), uv)
+    for name, wet in (("lips", 0.36), ("fingernails", 0.34)):
+        share = np.clip(_sample(gaussian_filter(mask(name), 1.2), uv), 0, 1)
+        rough = rough + (wet - rough) * share
+    return np.asarray(np.clip(rough + 0.03 * atlas.noise(points, 0.004, 9), 0, 1))
+
+
+def _texels(
+    skin: Surface, size: int, more: Float[np.ndarray, "v d"]
+) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w 2"], Float[np.ndarray, "h w d"]]:
+    """Where each texel of the atlas lies in space and on the base mesh's UV map, and `more` of the vertices there."""
+    base = load_base()
+    raw = base.uvs[base.uv_quads[base.groups["body"]]]
+    raw = np.stack([raw[..., 0], 1 - raw[..., 1]], -1)
+    places, others = (atlas.corners(skin.quads, values) for values in (skin.positions, more))
+    spread, covered = atlas.spread(_corners(skin.uvs), np.concatenate([places, _corners(raw), others], 2), size)
+    spread = atlas.filled(spread, covered)
+    return spread[..., :3], spread[..., 3:5], spread[..., 5:]
 
 
 def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, "h w 2"]) -> Float[np.ndarray, "h w 3"]:
