@@ -80,6 +80,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     describe.add_argument(
         "--beside", type=Path, action="append", default=[], help="a BVH clip to compare with; may be repeated"
     )
+    describe.add_argument(
+        "--captured",
+        type=Path,
+        help="folder of BVH whose paths say speech, conversation, dance or idle: how surely a classifier tells the"
+        " corpus from these people",
+    )
     merge = kinds.add_parser(
         "merge",
         help="several sets as one, such as the paper's mixture of speech and dance",
@@ -176,6 +182,8 @@ def _describe(args: argparse.Namespace) -> int:
     for row in ROWS:
         print(f"{row:<26}" + "".join(f"{values.get(row, float('nan')):>20.3f}" for values in columns.values()))
     _print_liveliness({domain: _stretches(clips, domain, corpus.skeleton) for domain in (1, 2, 0)})
+    if args.captured:
+        _print_told_apart(clips, corpus.skeleton, args.captured)
     return 0
 
 
@@ -204,6 +212,33 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
             own = float(np.mean([row[name] for row in rows])) if rows else float("nan")
             cells += f"{own:>16.3f}{f'{mean:g} ({low:g} to {high:g})':>24}"
         print(f"{name:<26}{cells}")
+
+
+def _print_told_apart(clips: "list[Clip]", skeleton: "Skeleton", folder: Path) -> None:
+    """A third table: accuracy of the classifier of `evaluate --alive` on windows of 10 s (docs/metrics.md)."""
+    from echoavatar.data import DOMAINS
+    from echoavatar.evaluation.alive import (
+        COMPARED_S,
+        Take,
+        captured_kind,
+        compare,
+        measure,
+        people_apart,
+        read_captured,
+    )
+
+    people = [measure(take, LONGEST_WINDOW_S) for take in read_captured(folder)]
+    print(f"{'told apart':<26}{'corpus':>16}{'people':>24}")
+    for domain in (1, 2, 0):
+        kind = DOMAINS[domain]
+        theirs = [person for person in people if person.take.kind == captured_kind(kind)]
+        ours = [
+            measure(Take(clip.name, kind, "", motion), LONGEST_WINDOW_S)
+            for clip in clips
+            for motion in _stretches([clip], domain, skeleton)
+            if motion.seconds >= COMPARED_S
+        ]
+        print(f"{kind:<26}{compare(ours, theirs)[1]:>16.2f}{people_apart(theirs):>24.2f}")
 
 
 def _stretches(clips: "list[Clip]", domain: int, skeleton: "Skeleton") -> "list[Motion]":
