@@ -140,7 +140,9 @@ def test_speech_over_music_is_as_loud_as_the_speech(monkeypatch: pytest.MonkeyPa
     sounds = [Sound("a", "speech", "male, read", noise.normal(0, 0.1, 500).astype(np.float32))]
     sounds.append(Sound("b", "music", "jazz", noise.normal(0, 0.7, 400).astype(np.float32)))
     monkeypatch.setattr(domains.alive, "read_sounds", lambda *_, **__: list(sounds))
-    *kept, mixed = domains.read_sounds(Path(), 1, 1)
+    *kept, loud, quiet = domains.read_sounds(Path(), 1, 1)
     assert kept == sounds
-    assert (mixed.kind, mixed.group, len(mixed.audio)) == ("both", domains.SPOKEN_OVER, 400)
-    assert np.std(mixed.audio) == pytest.approx(0.1, rel=0.15)
+    for mixed, below, music in ((loud, 0, 0.5), (quiet, 12, 0.06)):  # the music's share of the power
+        assert (mixed.kind, mixed.group, len(mixed.audio)) == ("both", domains.spoken_over(below), 400)
+        assert np.std(mixed.audio) == pytest.approx(0.1, rel=0.15)
+        assert np.corrcoef(mixed.audio, sounds[1].audio)[0, 1] ** 2 == pytest.approx(music, abs=0.06)

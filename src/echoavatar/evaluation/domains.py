@@ -9,6 +9,7 @@ they do is measured on performers who did not choose them (`held_out`).
 
 import re
 from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,8 +31,8 @@ AROUND_S = 2.0
 ANKLES = 0.60  # metres a second, of a body whose head joint is 1.5 m above its ankles
 HANDS = 0.12  # arm lengths a second
 WAITING, TALKING, SIGNALLING, DANCING = "waiting", "talking", "signalling and laughing", "dancing"
-BOTH, SPOKEN_OVER = "both", "spoken word over music (mixed)"
-MIXED = 3  # such sounds
+BOTH = "both"
+MIXED, BELOW_DB = 3, (0, 12)  # such sounds, and how much quieter than the voice the music is
 _WORDS = {
     DANCING: ("dance",),
     WAITING: ("idle",),
@@ -95,7 +96,9 @@ def danced_gestured(found: Pace, chosen: Limits = DEFAULT) -> tuple[np.ndarray, 
 
 
 def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
-    """The sounds of `alive.read_sounds` by classes of voice, and up to three mixtures of speech and music.
+    """The sounds of `alive.read_sounds` by classes of voice, and up to three mixtures of speech and music, twice.
+
+    Music is as loud as the voice, and 12 dB quieter.
 
     Raises:
         EchoAvatarError: no sound is left.
@@ -103,12 +106,17 @@ def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
     sounds = alive.read_sounds(folder, seconds, most, class_of=voice)
     spoken, played = ([sound for sound in sounds if sound.kind == kind] for kind in (SPEECH, MUSIC))
     mixed = []
-    for one, other in zip(spoken[:MIXED], played[:MIXED], strict=False):
-        size = min(len(one.audio), len(other.audio))
-        audio = one.audio[:size] / _loudness(one.audio) + other.audio[:size] / _loudness(other.audio)
-        audio *= _loudness(one.audio) / np.sqrt(2)
-        mixed.append(Sound(f"{one.name} over {other.name}", BOTH, SPOKEN_OVER, audio.astype(np.float32)))
+    for below, (one, other) in product(BELOW_DB, zip(spoken[:MIXED], played[:MIXED], strict=False)):
+        size, share = min(len(one.audio), len(other.audio)), 10 ** (-below / 20)
+        audio = one.audio[:size] / _loudness(one.audio) + share * other.audio[:size] / _loudness(other.audio)
+        audio *= _loudness(one.audio) / np.hypot(1, share)
+        mixed.append(Sound(f"{one.name} over {other.name}", BOTH, spoken_over(below), audio.astype(np.float32)))
     return sounds + mixed
+
+
+def spoken_over(below: int) -> str:
+    """The class of a mixture whose music is so many dB quieter than the voice."""
+    return f"spoken word over music, {f'{below} dB quieter' if below else 'as loud'} (mixed)"
 
 
 def voice(row: dict[str, str]) -> str:
