@@ -50,7 +50,8 @@ def make_character(person: Person) -> Character:
 
 def textures(body: Body, whole: Surface) -> Textures:
     """The pictures, encoded."""
-    picture = skin.paint(body, whole, hair.scalp_share(body, whole.positions))
+    scalp = hair.scalp_share(body, whole.positions)
+    picture = skin.paint(body, whole, scalp)
     for rect, image in (
         (atlas.EYE, eyes.paint_eye(body.person, round((atlas.EYE[2] - atlas.EYE[0]) * atlas.SIZE))),
         (atlas.TEETH, np.ones((8, 8, 3))),
@@ -74,7 +75,7 @@ def textures(body: Body, whole: Surface) -> Textures:
         twill=_encoded(_grey(fabric.twill()), "JPEG", quality=75),
         knit_normal=_normals(fabric.knit(), KNIT_DEPTH),
         twill_normal=_normals(fabric.twill(), TWILL_DEPTH),
-        skin_roughness=_encoded(_grey(skin.roughness(body, whole)), "JPEG", quality=85),
+        skin_roughness=_encoded(_grey(skin.roughness(body, whole, scalp)), "JPEG", quality=85),
     )
 
 

@@ -88,9 +88,9 @@ def paint(body: Body, skin: Surface, scalp: Field, size: int = atlas.SIZE) -> Fl
     return np.asarray(np.clip(colour, 0, 1))
 
 
-def roughness(body: Body, skin: Surface, size: int = 512) -> Float[np.ndarray, "h w"]:
-    """How rough the skin is, 0 to 1: lips, nails, lids, brow and nose shine more than the rest."""
-    points, uv, _ = _texels(skin, size, np.zeros((len(skin.positions), 0)))
+def roughness(body: Body, skin: Surface, scalp: Field, size: int = 512) -> Float[np.ndarray, "h w"]:
+    """How rough the skin is, 0 to 1: lips, nails, lids, brow and nose shine more than the rest, painted hair less."""
+    points, uv, under_hair = _texels(skin, size, scalp[:, None])
     eye, nose, mouth = body.eyes["Left"].middle, _nose(body), body.middle("joint-mouth")
     front = np.clip((points[..., 2] - eye[2] + 0.03) / 0.03, 0, 1) * (points[..., 1] > mouth[1] - 0.08)
     brow = np.exp(-((points[..., 0] / 0.035) ** 2) - ((points[..., 1] - eye[1] - 0.055) / 0.025) ** 2)
@@ -99,6 +99,7 @@ def roughness(body: Body, skin: Surface, size: int = 512) -> Float[np.ndarray, "
     for name, wet in (("lips", 0.36), ("fingernails", 0.34)):
         share = np.clip(_sample(gaussian_filter(mask(name), 1.2), uv), 0, 1)
         rough = rough + (wet - rough) * share
+    rough = rough + (1 - rough) * np.clip(under_hair[..., 0] * 2.0 - 0.45, 0, 1)
     return np.asarray(np.clip(rough + 0.03 * atlas.noise(points, 0.004, 9), 0, 1))
 
 
