@@ -3,9 +3,10 @@
     python scripts/measure_video.py                 # starts a server of its own; about a minute and a half
     python scripts/measure_video.py --view bust
     python scripts/measure_video.py --costs         # only the processor time of drawing and encoding a picture
+    python scripts/measure_video.py --renderers     # processor and graphics card: time, and how pictures differ
 
-Needs the extra `video`, and Linux, which tells processor time by process. The viewer decodes in this process, on the
-same processors. How far pictures and sound are apart is measured by
+Needs the extra `video` (`--renderers` needs `gpu` instead), and Linux, which tells processor time by process. The
+viewer decodes in this process, on the same processors. How far pictures and sound are apart is measured by
 `pytest -m slow -s tests/server/video/test_whep.py`.
 """
 
@@ -20,7 +21,7 @@ import urllib.request
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import av
 
@@ -37,7 +38,11 @@ def main() -> None:
     parser.add_argument("--view", default="front", help="front, bust, face, ... (default: %(default)s)")
     parser.add_argument("--size", default="512", help="pixels (default: %(default)s)")
     parser.add_argument("--costs", action="store_true", help="measure drawing and encoding alone, without a server")
+    parser.add_argument("--renderers", action="store_true", help="compare the renderers of `cpu` and `gpu`")
     args = parser.parse_args()
+    if args.renderers:
+        compare(int(args.size))
+        return
     if args.costs:
         costs(int(args.size))
         return
@@ -82,6 +87,41 @@ def costs(size: int, count: int = 60) -> None:
                 encoder.encode(frame)
             times.append(time.process_time() - began)
         print(f"| {view} | " + " | ".join(f"{1e3 * spent / count:.1f}" for spent in times) + " |")
+
+
+def compare(size: int, count: int = 10) -> None:
+    """Both renderers draw poses of the bundled speech: milliseconds a picture, and differences of 255."""
+    import numpy as np
+
+    from echoavatar import animate
+    from echoavatar.files.avatar import load_character
+    from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, RendererName, Shot, View
+    from echoavatar.files.avatar.gpu_render import GpuRenderer
+    from echoavatar.files.avatar.stage import Stage
+
+    made, character = animate(SPEECH), load_character()
+    views: tuple[View, ...] = ("front", "bust", "face")
+    print(f"{GpuRenderer(8, 8).card}; load {os.getloadavg()[0]:.1f}\n")
+    print(
+        "| view | background | cpu, ms | gpu, ms | mean difference | on the body | share that differs by more than 8 |"
+    )
+    print("|---|---|---|---|---|---|---|")
+    frames = np.linspace(0, made.motion.frames - 1, count).astype(int)
+    pose = made.motion.pose()
+    rotations, positions = pose.rotations.numpy()[frames], pose.positions.numpy()[frames]
+    for view in views:
+        for background in ("studio", "dusk", "plain"):
+            shots, times = [], []
+            for renderer in get_args(RendererName):
+                drawer = AvatarRenderer(character, Shot((size, size), view, background, renderer=renderer))
+                drawer.draw(rotations[0], positions[0])
+                began = time.perf_counter()
+                shots.append(np.stack([drawer.draw(*pose) for pose in zip(rotations, positions, strict=True)]))
+                times.append(1e3 * (time.perf_counter() - began) / count)
+            off = np.abs(shots[0].astype(int) - shots[1])
+            body = np.abs(shots[0].astype(int) - Stage.of(background).picture(size, size)).max(-1) > 8
+            print(f"| {view} | {background} | {times[0]:.1f} | {times[1]:.1f} | {off.mean():.2f} "
+                  f"| {off[body].mean():.2f} | {100 * (off.max(-1) > 8).mean():.1f} % |")  # fmt: skip
 
 
 async def measure(url: str, process: int, args: argparse.Namespace) -> None:

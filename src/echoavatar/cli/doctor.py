@@ -36,6 +36,7 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "matplotlib": "evaluate",
     "mcp": "mcp",
     "mcp_types": "mcp",
+    "moderngl": "gpu",
     "msgspec": "serve",
     "opentelemetry": "traces",
     "pretty_midi": "rehearse",

@@ -10,12 +10,15 @@ from jaxtyping import Float, UInt8
 from echoavatar.motion.kinematics import HUMANOID
 
 from .character import Character
+from .gpu_render import GpuRenderer
 from .render import Camera, Paint, Renderer, Surface
 from .skinning import skin
 
 HEAD = HUMANOID.index("head")
 View = Literal["front", "left", "right", "back", "bust", "face"]  # left and right are the character's
 VIEWS: tuple[View, ...] = get_args(View)
+RendererName = Literal["cpu", "gpu"]
+RENDERERS: dict[RendererName, type[Renderer]] = {"cpu": Renderer, "gpu": GpuRenderer}
 _TURNS = {"front": 0.0, "left": 75.0, "right": -90.0, "back": 180.0}  # degrees of the camera about the body
 CLOSE: tuple[View, ...] = ("bust", "face")
 
@@ -24,7 +27,8 @@ CLOSE: tuple[View, ...] = ("bust", "face")
 class Shot:
     """How an avatar is pictured: size in pixels, view, background, and samples a pixel along each axis.
 
-    With `alpha` pictures have a fourth channel and no backdrop.
+    With `alpha` pictures have a fourth channel and no backdrop. `renderer` is our rasteriser on the processor, or
+    OpenGL on a graphics card.
     """
 
     size: tuple[int, int] = (1280, 720)
@@ -32,16 +36,18 @@ class Shot:
     background: str = "studio"
     alpha: bool = False
     samples: int = 2
+    renderer: RendererName = "cpu"
 
 
 class AvatarRenderer:
-    """Draws one character's poses; for one thread. Several renderers may share a character's `Paint`."""
+    """Draws one character's poses; for one thread at a time. Several renderers may share a character's `Paint`."""
 
     def __init__(self, character: Character, shot: Shot, paint: Paint | None = None) -> None:
-        """Raises MotionError where there is no such background."""
+        """Raises MotionError where there is no such background, DependencyError where there is no OpenGL for `gpu`."""
         self.shot, self.paint = shot, paint or Paint.of(character)
         self._character = character
-        self._renderer = Renderer(*shot.size, samples=shot.samples, background=shot.background, alpha=shot.alpha)
+        make = RENDERERS[shot.renderer]
+        self._renderer = make(*shot.size, samples=shot.samples, background=shot.background, alpha=shot.alpha)
 
     def draw(
         self,

@@ -177,10 +177,7 @@ class Renderer:
         to_light: NDArray[np.float32],
     ) -> None:
         """Darken the floor around the places that the body's shadow can reach."""
-        middle = self._bounds[0, :, ::2].mean(0)
-        scale = CONTACT_CELLS / CONTACT_METRES
-        contact_map = np.array([[scale, CONTACT_CELLS / 2 - scale * at] for at in middle], np.float32)
-        shading.contact_shadow(points, self._contact, contact_map, self._spread)
+        middle, contact_map = self._touch(points)
         low, high = self._bounds[2, 0] - 0.25, self._bounds[2, 1] + 0.25
         corners = np.array([[x, 0, z] for x in (low[0], high[0]) for z in (low[2], high[2])], np.float32)
         seen = np.zeros_like(corners)
@@ -194,6 +191,14 @@ class Renderer:
             image, box, self.samples, place, rays, middle, to_light, self._shadow, self._contact, contact_map,
             self._strength,
         )  # fmt: skip
+
+    def _touch(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Fill the contact shadow; gives the body's middle on the floor, and the map from metres to cells."""
+        middle = self._bounds[0, :, ::2].mean(0)
+        scale = CONTACT_CELLS / CONTACT_METRES
+        contact_map = np.array([[scale, CONTACT_CELLS / 2 - scale * at] for at in middle], np.float32)
+        shading.contact_shadow(points, self._contact, contact_map, self._spread)
+        return middle, contact_map
 
     @property
     def _focal(self) -> float:
