@@ -1,5 +1,6 @@
 import io
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,6 +9,8 @@ import pytest
 import soundfile
 
 from echoavatar.cli import main
+from echoavatar.files.avatar.avatar_renderer import RENDERERS
+from echoavatar.files.avatar.render import Renderer, Surface
 from echoavatar.models.face.livelink import read_live_link
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import read_bvh
@@ -41,6 +44,32 @@ def test_the_mp4_shows_and_sounds(wav: Path, tmp_path: Path, tiny_bundle: Path, 
     with av.open(str(tmp_path / "out.mp4")) as container:
         assert len(container.streams.video) == len(container.streams.audio) == 1
         assert sum(1 for _ in container.decode(video=0)) == 6
+
+
+def test_another_renderer_draws_the_film(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, voice: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+
+    class Counted(Renderer):
+        def draw(self, surface: Surface) -> np.ndarray:
+            drawn.append((self.width, self.height))
+            return super().draw(surface)
+
+    monkeypatch.setitem(RENDERERS, "gpu", Counted)
+    soundfile.write(wav, voice[:4800], 24_000)
+    assert run(wav, tmp_path / "out.mp4", tiny_bundle, "--size", "64x48", "--renderer", "gpu") == 0
+    assert drawn == [(64, 48)] * 6
+
+
+def test_a_renderer_that_is_missing_is_told_before_any_work(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "moderngl", None)
+    assert run(wav, tmp_path / "out.mp4", tiny_bundle, "--renderer", "gpu") == 1
+    told = capsys.readouterr()
+    assert "pip install 'echoavatar[gpu]'" in told.err
+    assert (told.err.count("\n"), told.out) == (1, "")
 
 
 def test_sixty_frames_a_second_pass_through_the_thirty(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:

@@ -32,12 +32,14 @@ def test_a_session_is_recorded_with_its_sound(tmp_path: Path, capsys: pytest.Cap
 def test_errors_are_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "pyvirtualcam", None)
+    for missing in ("pyvirtualcam", "moderngl"):
+        monkeypatch.setitem(sys.modules, missing, None)
     for words, reason in (
         ([], "pyvirtualcam"),
         (["--to", "a.avi"], "neither rtmp"),
         (["--to", str(tmp_path / "a.flv"), "--server", "http://127.0.0.1:9"], "echoavatar serve"),
         (["--to", str(tmp_path / "a.flv"), "--size", "10x10"], "64x64"),
+        (["--renderer", "gpu"], "echoavatar[gpu]"),
     ):
         assert main(["camera", *words]) == 1
         told = capsys.readouterr().err.strip().splitlines()

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .serve import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP
+from .serve import DEVICE_HELP, RENDERER_HELP, RENDERER_NAMES, RUNTIME_HELP, WITHOUT_HELP
 
 if TYPE_CHECKING:
     from echoavatar.files.avatar import Character
@@ -90,6 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="behind the character in a film: studio (default), dusk, plain, or a colour such as #00ff00",
     )
     parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
+    parser.add_argument("--renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
@@ -140,9 +141,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_film(args: argparse.Namespace, outputs: list[Path]) -> None:
     """Find what a film cannot be before the motion is made."""
-    from echoavatar.files.avatar.stage import Stage
+    from echoavatar.files.avatar.avatar_renderer import RENDERERS
 
-    Stage.of(args.background)
+    RENDERERS[args.renderer](8, 8, background=args.background)
     if args.alpha and any(output.suffix.lower() != ".webm" for output in outputs):
         raise EchoAvatarError("--alpha needs a format with an alpha channel; let -o end in .webm")
 
@@ -193,7 +194,7 @@ def _film(path: Path, take: "Take", character: "Character", args: argparse.Names
             audio,
             face=take.face,
             character=character,
-            shot=Shot(args.size or default_size(view), view, args.background, args.alpha),
+            shot=Shot(args.size or default_size(view), view, args.background, args.alpha, renderer=args.renderer),
             progress=lambda made, _: _advance(bar, made),
         )
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from echoavatar.errors import DependencyError, EchoAvatarError
 
 from .animate import VIEWS
+from .serve import RENDERER_HELP, RENDERER_NAMES
 
 if TYPE_CHECKING:
     from echoavatar.server.playhead import Playhead
@@ -46,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--background", default="studio", metavar="WHAT", help="studio (default), dusk, plain, or #rrggbb"
     )
+    parser.add_argument("--renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
     parser.add_argument("--seconds", type=float, metavar="N", help="stop after so long (default: Ctrl-C)")
 
 
@@ -55,6 +57,9 @@ def run(args: argparse.Namespace) -> int:
         from echoavatar.server.video.broadcast import Broadcast, VirtualCamera, container_of
     except ModuleNotFoundError as error:
         raise DependencyError(f"this needs {error.name}: pip install 'echoavatar[camera]'") from error
+    from echoavatar.files.avatar.avatar_renderer import RENDERERS
+
+    RENDERERS[args.renderer](8, 8, background=args.background)  # finds what is missing at once
     if args.to:
         container_of(args.to)
     output: Output = Broadcast(args.to, args.size, RATE_HZ) if args.to else VirtualCamera(args.size, RATE_HZ)
@@ -160,7 +165,7 @@ class _Show:
         if self._source is not None:
             self._source.take(Flush(at=0, epoch=0, seg=0, heard=0))
             return
-        shot = Shot(args.size, args.view, args.background)
+        shot = Shot(args.size, args.view, args.background, renderer=args.renderer)
         source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character, curves=len(ready.face))
         self._stream = LiveStream(source, self._heard, rate=RATE_HZ)
         self._source = source

@@ -17,6 +17,8 @@ SINK_HELP = (
     "unity://HOST[:PORT] serves a Unity project of the paper's authors; it needs an imported bundle and no other sink"
 )
 
+RENDERER_NAMES = ("cpu", "gpu")
+RENDERER_HELP = "what draws: cpu (default), or gpu, a graphics card (extra gpu)"
 VIDEO_HELP = (
     "serve sessions as WebRTC video and sound (WHEP), drawn here, to so many viewers at once; without a number one for "
     "two processors. Each takes most of a processor (docs/video.md)"
@@ -108,6 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--video-size", type=int, default=512, metavar="PIXELS", help="width and height, even (default: %(default)s)"
     )
+    parser.add_argument("--video-renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
     parser.add_argument(
         "--ice",
         action="append",
@@ -153,6 +156,7 @@ def run(args: argparse.Namespace) -> int:
         sinks=tuple(args.sink),
         video=_viewers(args.video),
         video_size=(args.video_size, args.video_size),
+        video_renderer=args.video_renderer,
         ice_servers=tuple(args.ice),
         tracer=_tracer(args.traces),
         lists_sessions=is_loopback(args.host),

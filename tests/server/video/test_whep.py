@@ -16,6 +16,9 @@ from tests.server.fakes import FAST, RunningServer, serving
 from tests.server.video.flashes import PERIOD, Flasher, beeps, runs
 from tests.server.video.webrtc import Watcher, http
 
+from echoavatar.errors import DependencyError
+from echoavatar.files.avatar.avatar_renderer import RENDERERS
+from echoavatar.files.avatar.render import Renderer, Surface
 from echoavatar.server import ServerSettings
 from echoavatar.wire import Hello
 
@@ -116,6 +119,31 @@ async def test_renderers_are_bounded_and_each_end_frees_one() -> None:
         finally:
             for watcher in (one, two, three):
                 await watcher.close()
+
+
+async def test_viewers_are_drawn_by_the_renderer_of_the_settings(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Grey(Renderer):
+        def draw(self, surface: Surface) -> np.ndarray:
+            return np.full_like(super().draw(surface), 100)
+
+    monkeypatch.setitem(RENDERERS, "gpu", Grey)
+    settings = dataclasses.replace(VIDEO, video_renderer="gpu")
+    with serving(settings=settings, pipeline=Flasher()) as server, server.call(Hello(want=())):
+        watcher = Watcher()
+        try:
+            await watch(server, watcher)
+            assert await asyncio.to_thread(until, lambda: len(watcher.pictures) > 2)
+        finally:
+            await watcher.close()
+    assert watcher.last is not None
+    assert np.abs(watcher.last.astype(int) - 100).max() < 5
+
+
+def test_a_server_whose_renderer_is_missing_does_not_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "moderngl", None)
+    settings = dataclasses.replace(VIDEO, video_renderer="gpu")
+    with pytest.raises(DependencyError, match="echoavatar.gpu"), serving(settings=settings, pipeline=Flasher()):
+        pass
 
 
 async def test_a_viewer_that_vanishes_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -64,7 +64,7 @@ class VideoDesk:
         self._manager, self._settings = manager, manager.settings
         self._viewers: dict[str, Viewer] = {}
         self._taken = 0  # renderers, also of viewers that are being answered or are ending
-        prepare(Shot(self._settings.video_size))
+        prepare(Shot(self._settings.video_size, renderer=self._settings.video_renderer))
 
     @property
     def free(self) -> int:
@@ -115,7 +115,7 @@ class VideoDesk:
     async def _answer(self, session: ServerSession, wish: Wish, offer: str) -> tuple[str, str]:
         """Seat a viewer; returns its name and the SDP answer."""
         self._taken += 1
-        shot = Shot(self._settings.video_size, wish.view, wish.background)
+        shot = Shot(self._settings.video_size, wish.view, wish.background, renderer=self._settings.video_renderer)
         try:
             make = partial(VideoSource, self._manager.rig, shot, character=wish.character)
             source = await anyio.to_thread.run_sync(make)
