@@ -18,15 +18,17 @@ from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 
 from .test_render import CAMERA, is_red, painted, square
 
-pytest.importorskip("moderngl", reason="pip install 'echoavatar[gpu]'")
 
-
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(scope="module")
 def opengl() -> None:
+    """Skips where there is none."""
     try:
         GpuRenderer(8, 8)
     except DependencyError as error:
         pytest.skip(str(error))
+
+
+drawn = pytest.mark.usefixtures("opengl")
 
 
 def posed(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -38,6 +40,7 @@ def posed(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return world.rotations.numpy(), world.positions.numpy()
 
 
+@drawn
 @pytest.mark.parametrize(
     ("view", "background", "alpha", "most"),
     [
@@ -61,6 +64,7 @@ def test_it_draws_what_the_processor_draws(view, background, alpha, most) -> Non
         assert np.abs(ours - theirs)[~is_body].mean() < 0.05
 
 
+@drawn
 def test_a_cut_out_picture_is_seen_from_both_sides_where_it_is_opaque() -> None:
     for flip in (False, True):
         triangles = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -70,12 +74,14 @@ def test_a_cut_out_picture_is_seen_from_both_sides_where_it_is_opaque() -> None:
         assert not is_red(picture[40, 32])
 
 
+@drawn
 def test_what_faces_away_is_not_drawn_and_other_paint_takes_the_place_of_the_first() -> None:
     renderer = GpuRenderer(64, 64, camera=CAMERA)
     assert is_red(renderer.draw(square())[32, 32])
     assert not is_red(renderer.draw(square(flip=True))[32, 32])
 
 
+@drawn
 @pytest.mark.parametrize("samples", [1, 3])
 def test_edges_lie_where_the_processor_puts_them(samples) -> None:
     """Alpha is the share of a pixel that is covered."""
@@ -87,6 +93,7 @@ def test_edges_lie_where_the_processor_puts_them(samples) -> None:
     assert alphas[1].max() == 255
 
 
+@drawn
 def test_any_thread_draws_and_two_renderers_draw_at_once() -> None:
     first = AvatarRenderer(load_character(), Shot((64, 64), "bust", samples=1, renderer="gpu"))
     second, pose = first.twin(), posed(0)
@@ -103,10 +110,14 @@ def test_there_is_no_such_background() -> None:
 
 
 def test_without_opengl_the_error_says_what_failed_and_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("moderngl", reason="pip install 'echoavatar[gpu]'")
     monkeypatch.setenv("GLCONTEXT_LINUX_LIBEGL", "/nowhere/libEGL.so")
     with pytest.raises(DependencyError, match="EGL.*nowhere.*libegl1.*cpu"):
         GpuRenderer(8, 8)
-    monkeypatch.delenv("GLCONTEXT_LINUX_LIBEGL")
+
+
+@drawn
+def test_a_card_that_is_not_there_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLCONTEXT_DEVICE_INDEX", "99")
     with pytest.raises(DependencyError, match="99.*found"):
         GpuRenderer(8, 8)
@@ -118,6 +129,7 @@ def test_without_moderngl_the_error_names_the_extra(monkeypatch: pytest.MonkeyPa
         GpuRenderer(8, 8)
 
 
+@drawn
 def test_a_surface_out_of_sight_leaves_the_stage() -> None:
     renderer = GpuRenderer(64, 64, camera=CAMERA, background="#102030")
     far = square(50.0)
