@@ -19,7 +19,7 @@ Field = Float[np.ndarray, " v"]
 SHARPER = 2.6  # power that narrows the border between arm and trunk
 CAP = (-0.055, 0.065)  # metres beyond the joint of a shoulder, where its round top passes from the trunk to the arm
 TILE = 0.055  # metres of cloth in one picture of its weave
-HEM, ANKLE = 0.90, 0.072  # heights where top and trousers end
+HEM, ANKLE = 0.95, 0.072  # heights where top and trousers end
 
 
 def tights(body: Body) -> Surface:
