@@ -41,8 +41,8 @@ MATERIALS = (
     Material("mouth", 0.22, "atlas"),
     Material("lash", 0.80, is_two_sided=True),
     Material("hair", 0.80, "hair", is_two_sided=True, is_cutout=True),
-    Material("cloth", 0.92, "knit", is_two_sided=True, relief="knit_normal"),
-    Material("trousers", 0.88, "twill", relief="twill_normal"),
+    Material("cloth", 0.92, "knit", is_two_sided=True, relief="knit_normal", roughness_picture="knit_roughness"),
+    Material("trousers", 0.88, "twill", relief="twill_normal", roughness_picture="twill_roughness"),
     Material("shoe", 0.60),
     Material("sole", 0.70),
 )

@@ -8,14 +8,15 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
-DETAILS = ("knit_normal", "twill_normal", "skin_roughness")  # in glTF alone
+DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")  # in glTF alone
 
 
 @dataclass(frozen=True)
 class Textures:
     """Encoded pictures, JPEG or PNG, or nothing for a detail that is left out.
 
-    `hair` has alpha. `knit` and `twill` are grey and repeat, as their normal maps do; the roughness lies on the atlas.
+    `hair` has alpha. `knit` and `twill` are grey and repeat, as their normal and roughness maps do; that of skin lies
+    on the atlas.
     """
 
     atlas: bytes
@@ -25,6 +26,8 @@ class Textures:
     knit_normal: bytes = b""
     twill_normal: bytes = b""
     skin_roughness: bytes = b""
+    knit_roughness: bytes = b""
+    twill_roughness: bytes = b""
 
     @property
     def present(self) -> list[str]:

@@ -21,6 +21,7 @@ from .surface import Surface, normals, smoothed, triangles
 
 ARMS = [j for j, name in enumerate(fit.NAMES) if name.endswith("UpperArm")]
 ATLAS_BYTES = 215_000
+KNIT_ROUGH, TWILL_ROUGH = 0.92, 0.88  # on average, as their materials
 KNIT_DEPTH, TWILL_DEPTH = 9.0, 5.0  # texels between black and white
 INDEX = {material.name: i for i, material in enumerate(MATERIALS)}
 
@@ -75,6 +76,8 @@ def textures(body: Body, whole: Surface) -> Textures:
         twill=_encoded(_grey(fabric.twill()), "JPEG", quality=75),
         knit_normal=_normals(fabric.knit(), KNIT_DEPTH),
         twill_normal=_normals(fabric.twill(), TWILL_DEPTH),
+        knit_roughness=_encoded(_grey(fabric.roughness(fabric.knit(), KNIT_ROUGH)), "JPEG", quality=75),
+        twill_roughness=_encoded(_grey(fabric.roughness(fabric.twill(), TWILL_ROUGH)), "JPEG", quality=75),
         skin_roughness=_encoded(_grey(skin.roughness(body, whole, scalp)), "JPEG", quality=85),
     )
 
