@@ -35,7 +35,8 @@ LINGER = 0.28  # share by which a dancer's time runs faster and slower about a b
 AFTER_S = 1.0  # for which the dance goes on after the music, for feet that wait for their last step
 FADE_S, STEP_S = 0.6, 0.33
 TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: the salsa turns less than other dances
-FACING, AWAY = 0.6, 1.4  # cost of a stretch that faces backwards, and of each metre off the middle
+FACING, AWAY, NEAR_M = 0.6, 1.4, 0.4  # cost of a stretch that faces backwards, and of each metre off the middle
+SIZE, SIZES = 1.08, 0.22  # of a dance: median and log-normal deviation
 MOST_TURN = 1.0  # radians
 HOME_TURN, HOME_M = 0.5, 0.22  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
@@ -92,8 +93,9 @@ def captured_dance(
     phrases = choose(graph, groups, piece, rng)
     body: Controls | None = None
     first = int(np.ceil(piece.beat(phrases[0].begin) * FRAME_RATE_HZ))
+    size = SIZE * float(np.exp(SIZES * rng.standard_normal()))
     for phrase in phrases:
-        made = _played(phrase, piece, rng)
+        made = _played(phrase, piece, size, rng)
         body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])
     assert body is not None
     return first, _slowed(with_footfalls(_slowed(_within_reach(body))), without=FEET)
@@ -154,7 +156,7 @@ def _costs(
     far = np.linalg.norm(off, axis=1)
     shift = -off * np.minimum(1.0, HOME_M / np.maximum(far, 1e-6))[:, None]
     left = np.linalg.norm(off + shift, axis=1)
-    away = FACING * (1 - np.cos(heading + turn)) + AWAY * np.maximum(left - 0.25, 0)
+    away = FACING * (1 - np.cos(heading + turn)) + AWAY * np.maximum(left - NEAR_M, 0)
     fits = 0.8 * np.abs(kind.energy - (0.3 + 0.6 * energy)) + 0.3 * np.abs(np.log(kind.rate))
     return apart + away + fits, turn, shift
 
@@ -169,7 +171,7 @@ def _after(dance: Dance, phrase: Phrase, state: Float[Array, " 3"]) -> Float[Arr
     return np.array([*(state[:2] + moved_by), state[2] + yaw[b] - yaw[a]])
 
 
-def _played(phrase: Phrase, piece: Piece, rng: np.random.Generator) -> Controls:
+def _played(phrase: Phrase, piece: Piece, size: float, rng: np.random.Generator) -> Controls:
     """A phrase in the time of its beats, larger in louder music."""
     beats = phrase.begin + np.arange(phrase.counts + 1) * phrase.beats / phrase.counts
     times = np.array([piece.beat(float(b)) for b in beats])
@@ -180,7 +182,7 @@ def _played(phrase: Phrase, piece: Piece, rng: np.random.Generator) -> Controls:
     beat_s = (times[-1] - times[0]) / phrase.beats
     felt = clock + LINGER * beat_s / (2 * np.pi) * (np.cos(2 * np.pi * number) - 1)
     made = phrase.dance.at(np.maximum(warp(np.clip(felt, times[0], times[-1])), 0))
-    return _sized(made, float(0.92 + 0.2 * phrase.energy + rng.uniform(-0.06, 0.06)))
+    return _sized(made, size * float(0.92 + 0.2 * phrase.energy + rng.uniform(-0.06, 0.06)))
 
 
 def _sized(controls: Controls, size: float) -> Controls:

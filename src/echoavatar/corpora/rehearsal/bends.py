@@ -1,6 +1,7 @@
 """Bends of the trunk and levels of the hips, laid over a dance: deeper in louder music, reached on its counts.
 
-The hips go back and down while the trunk bows, so the body stays over its feet. A dance that bends already gets less.
+Some dances hardly bend and some go deep, as among people. The hips go back and down while the trunk bows, so the body
+stays over its feet. A dance that bends already gets less.
 """
 
 from dataclasses import replace
@@ -16,6 +17,8 @@ from .keyframes import glide
 
 FORWARD, BACK, ASIDE = 0.62, -0.14, 0.16  # radians in the loudest music
 QUIET = 0.55  # share of them in the quietest
+SIZE, SPREAD, LARGEST = 1.05, 0.8, 2.6  # of a dance's bends: median, log-normal deviation and most
+LOWEST_BOW = 1.15  # radians
 PELVIS = 0.45  # share of a bow in the hips; the spine has the rest
 LOOK = 0.6  # share of a bow that the head makes up for
 BACKWARDS_M, DOWN_M = 0.24, 0.14  # of the hips per radian of a bow
@@ -45,10 +48,12 @@ def _keys(counts: Counts, rng: np.random.Generator) -> tuple[Float[Array, " k"],
     apart = counts.metre if counts.metre == 3 else 2
     apart *= max(1, int(np.ceil(LONG_S / (apart * counts.length(0)))))
     times, values, motif = [counts.start], [np.zeros(2)], np.zeros((4, 2))
+    size = min(SIZE * float(np.exp(SPREAD * rng.standard_normal())), LARGEST)
     for number in range((len(counts.times) - 1) // apart + 1):
         if number % 8 == 0:
             down, up = rng.uniform(0.55, 1.0, 2) * FORWARD, rng.uniform(0.2, 1.0, 2) * BACK
-            motif = np.stack([np.stack([down, up], 1).ravel(), ASIDE * rng.uniform(-1, 1, 4)], 1)
+            bows = np.minimum(size * np.stack([down, up], 1).ravel(), LOWEST_BOW)
+            motif = np.stack([bows, min(size, 1.0) * ASIDE * rng.uniform(-1, 1, 4)], 1)
         time = counts.at(number * apart) + ANSWER_S
         if time > times[-1] + 0.5 * LONG_S:
             times.append(time)

@@ -15,16 +15,16 @@ from .dance import dance, danced
 from .grooves import Counts, find_counts
 from .sound import SoundTrack
 
-BY_RULE = 0.2  # of the pieces that captured people could dance
+BY_RULE = 0.1  # of the pieces that captured people could dance
 SALSA, STREET, MODERN = ("salsa_lead", "salsa_follow"), ("street", "keyed"), ("modern", "whirl")
 DANCERS: dict[str, tuple[tuple[str, ...], ...]] = {
     "salsa": (SALSA,),
     "hip_hop": (STREET, STREET, SALSA),
     "drum_and_bass": (STREET, SALSA),
-    "house": (SALSA, STREET),
-    "rock": (SALSA, STREET),
-    "pop": (SALSA, STREET),
-    "swing": (SALSA,),
+    "house": (SALSA, STREET, MODERN),
+    "rock": (SALSA, STREET, MODERN),
+    "pop": (SALSA, STREET, MODERN),
+    "swing": (SALSA, MODERN),
     "waltz": (MODERN, SALSA),
     "ballet": (MODERN,),
     "ballad": (MODERN, SALSA),

@@ -15,16 +15,17 @@ from .controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
 from .grooves import Counts
 from .keyframes import glide
 
-ASIDE_M, FRONT_M, EDGE_M = (0.55, 0.75), 0.15, 0.8  # from the middle: to the side, to the front or back, and at most
+ASIDE_M, FRONT_M, EDGE_M = (0.35, 1.3), 0.25, 1.3  # from the middle: to the side, to the front or back, and at most
+VARIED = 0.15  # share by which ways to the side differ within a dance
 QUIET = 0.75  # share of it in the quietest music
 LEG_S = 2.2  # from side to side at least
-FASTEST_M_S = 0.6  # of the travel that is laid over, on average between two sides
+FASTEST_M_S = 1.1  # of the travel that is laid over, on average between two sides
 OWN_S = 0.4  # over which the dance's own travel is smoothed
 OUT_S = 0.8
 BALL_M = 0.13  # from the ankle to the ball of the foot
 STILL_M_S, LOW_M = 0.06, 0.03  # a low foot whose ball is slower than this stands
-SWING_M_S = 3.0  # that a step may be faster than before, on average
-APART_M = 0.30  # that one foot may be ahead of the other
+SWING_M_S = 3.4  # that a step may be faster than before, on average
+APART_M = 0.38  # that one foot may be ahead of the other
 CLOSEST_M = 0.13  # between the ankles, sideways, unless the dance itself brings them nearer
 WIDEST_M = 0.58  # between the ankles, unless the dance itself sets them wider
 LIFT_M = 0.06  # of a foot that is carried 20 cm or more
@@ -57,12 +58,13 @@ def _wanted(own: Controls, first: int, counts: Counts, home: Controls, rng: np.r
     path = smoothed(own.pelvis_position[:, ::2] - home.pelvis_position[first, ::2], OWN_S)
     apart = 3 if counts.metre == 3 else 4
     apart *= max(1, int(np.ceil(LEG_S / (apart * counts.length(0)))))
-    heading, sign = float(home.pelvis_rotation[first, 0]), rng.choice((-1, 1))
+    heading, sign, wide = float(home.pelvis_rotation[first, 0]), rng.choice((-1, 1)), rng.uniform(*ASIDE_M)
     times, shifts = [float(clock[0])], [np.zeros(2)]
     for count in range(apart, len(counts.times), apart):
         energy = next((energy for begin, end, energy in counts.sections if begin <= count < end), 0.5)
         sign = -sign
-        x, z = (QUIET + (1 - QUIET) * energy) * np.array([sign * rng.uniform(*ASIDE_M), rng.uniform(-1, 1) * FRONT_M])
+        side, front = sign * wide * rng.uniform(1 - VARIED, 1 + VARIED), rng.uniform(-1, 1) * FRONT_M
+        x, z = (QUIET + (1 - QUIET) * energy) * np.array([side, front])
         goal = np.array([np.cos(heading) * x + np.sin(heading) * z, np.cos(heading) * z - np.sin(heading) * x])
         at = int(np.clip(np.searchsorted(clock, counts.at(count)), 0, len(own) - 1))
         if clock[at] - times[-1] < 0.5:
