@@ -125,7 +125,7 @@ def test_what_the_paper_does_not_have_is_off() -> None:
     assert settings_of("tokens")[1] == TokenSettings(patience=0, is_leveled=False)
     for stage in (1, 2, 3):
         model, training = settings_of(f"generator_stage{stage}")
-        assert (training.cue_weight, training.blind, training.out_of_step) == (0, 0, 0)
+        assert (training.cue_weight, training.blind, training.out_of_step, training.other_past) == (0, 0, 0, 0)
         assert training.optimiser == "adamw"
         assert (model.ahead_chunks, model.patience) == (0, 0)
         assert list(training.depth_weights) == sorted(training.depth_weights, reverse=True)

@@ -108,6 +108,19 @@ def test_a_window_out_of_step_has_late_or_early_context_and_targets_in_time():
         assert sum(torch.equal(made.ids[row], ids) for ids in moved) == 1
 
 
+def test_a_window_with_anothers_past_has_its_own_targets_and_its_own_context_from_a_token_on():
+    window, made, stage = lesson(corruption="none", other_past=1.0)
+    order, none = stage.generator.config.order, torch.zeros(2).long()
+    assert torch.equal(made.targets, order.build(window.audio, window.motion, window.motion, none).targets)
+    context, tokens = stage.draw(0).context, torch.arange(window.motion.shape[1])
+    for row in range(2):
+        mixed = [
+            torch.where((tokens < until)[:, None, None], window.motion[1 - row], window.motion[row])
+            for until in tokens + 1
+        ]
+        assert any(torch.equal(context[row], each) for each in mixed)
+
+
 @pytest.mark.slow
 def test_cues_are_learned_from_the_sound(tmp_path):
     """Every clip beats where its audio code is below 4: known cues make that readable in the hidden state."""

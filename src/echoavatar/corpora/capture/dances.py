@@ -35,8 +35,9 @@ LINGER = 0.28  # share by which a dancer's time runs faster and slower about a b
 AFTER_S = 1.0  # for which the dance goes on after the music, for feet that wait for their last step
 FADE_S, STEP_S = 0.6, 0.33
 TURNED = (1.5, 1.1, 1.1)  # the trunk against the hips as captured: the salsa turns less than other dances
-FACING, AWAY, NEAR_M = 1.2, 1.4, 0.4  # cost of a stretch that faces backwards, and of each metre off the middle
-SIZE, SIZES = 1.08, 0.22  # of a dance: median and log-normal deviation
+FACING, AWAY = 1.2, 1.4  # cost of a stretch that faces backwards, and of each metre off the middle
+NEAR_M = 0.4  # from the middle: this near costs nothing
+SIZE, SPREAD = 1.08, 0.22  # of a dance's movement: median and log-normal deviation
 MOST_TURN = 1.0  # radians
 HOME_TURN, HOME_M = 0.5, 0.22  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
@@ -93,7 +94,7 @@ def captured_dance(
     phrases = choose(graph, groups, piece, rng)
     body: Controls | None = None
     first = int(np.ceil(piece.beat(phrases[0].begin) * FRAME_RATE_HZ))
-    size = SIZE * float(np.exp(SIZES * rng.standard_normal()))
+    size = SIZE * float(np.exp(SPREAD * rng.standard_normal()))
     for phrase in phrases:
         made = _played(phrase, piece, size, rng)
         body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])

@@ -63,6 +63,13 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="share of windows whose context motion runs 1 or 2 tokens early or late (not in the paper)",
     )
+    other_past: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows whose context motion is another window's up to a random token, as when the body"
+        " still talks while music plays: the sound must tell (not in the paper)",
+    )
     exemplar: float = Field(
         default=0.0,
         ge=0,

@@ -116,6 +116,8 @@ class GeneratorTask(TrainingTask[Lesson]):
         rows, context, codebook = training.batch, window.motion, config.layout.motion_codes
         if training.out_of_step:
             context = _out_of_step(context, training.out_of_step, random)
+        if training.other_past:
+            context = _other_past(context, training.other_past, random)
         low, high = training.corruption_low, training.corruption_high
         rates = low + (high - low) * torch.rand(rows, generator=random)
         if training.corruption == "hierarchical":
@@ -228,3 +230,11 @@ def _out_of_step(motion: Int[Tensor, "b n p q"], share: float, random: torch.Gen
     by = torch.tensor([-2, -1, 1, 2])[torch.randint(4, (len(motion),), generator=random)]
     rows = [row.roll(int(step), 0) if moves else row for row, step, moves in zip(motion, by, chosen, strict=True)]
     return torch.stack(rows)
+
+
+def _other_past(motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator) -> Int[Tensor, "b n p q"]:
+    """A share of the rows with the past of another row until a random token, so that the sound outweighs the past."""
+    rows, tokens = motion.shape[:2]
+    until = torch.randint(1, tokens + 1, (rows,), generator=random)
+    is_other = (torch.arange(tokens) < until[:, None]) & (torch.rand(rows, 1, generator=random) < share)
+    return torch.where(is_other[..., None, None], motion.roll(1, 0), motion)
