@@ -23,7 +23,8 @@ def test_clothes_lie_outside_the_body_and_have_closed_hems(body: Body) -> None:
     skin = whole_skin(body)
     out = normals(skin.positions, skin.quads)
     cloth = clothes.tights(body)
-    for piece in (clothes.top(body, cloth), clothes.trousers(body, cloth)):
+    top = clothes.top(body, cloth)
+    for piece in (top, clothes.trousers(cloth, top, clothes.shoes(body, cloth))):
         near = cKDTree(skin.positions).query(piece.positions)[1]
         height = np.einsum("vi,vi->v", piece.positions - skin.positions[near], out[near])
         seen = (piece.positions[:, 1] < clothes.HEM - 0.01) | (piece.material == "cloth")

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import ConvexHull, cKDTree
@@ -19,7 +19,10 @@ Field = Float[np.ndarray, " v"]
 SHARPER = 2.6  # power that narrows the border between arm and trunk
 CAP = (-0.055, 0.065)  # metres beyond the joint of a shoulder, where its round top passes from the trunk to the arm
 TILE = 0.055  # metres of cloth in one picture of its weave
-HEM, ANKLE = 0.95, 0.072  # heights where top and trousers end
+# Heights where top and trousers end: a thigh raised by 90 degrees reaches 1.04 in front of the belly.
+HEM, ANKLE = 1.035, 0.072
+GAP = 0.007  # metres between trousers and what is over or under them
+RIB = 0.045  # metres of ribbing above the hem, which draws the top in
 
 
 def tights(body: Body) -> Surface:
@@ -67,7 +70,7 @@ def top(body: Body, cloth: Surface) -> Surface:
     points = cloth.positions
     arm = _arm(cloth.weights)
     cut = np.minimum(neckline(points, body), sleeves(points, body, cloth.weights, 0.012))
-    cut = np.minimum(cut, np.where(arm > 0.5, 1.0, points[:, 1] - HEM + 0.01 * np.clip(points[:, 2] / 0.1, -1, 1)))
+    cut = np.minimum(cut, np.where(arm > 0.5, 1.0, points[:, 1] - _hem(points)))
     piece, at = _cut(cloth, cut)
     arm = _arm(piece.weights)
     places = smoothed(piece.positions, piece.quads, 14, 0.5)
@@ -76,14 +79,14 @@ def top(body: Body, cloth: Surface) -> Surface:
     loose = np.where(arm > 0.5, 0.0075, 0.0125)
     edge = np.clip(at / 0.05, 0, 1)
     near_neck = np.clip(neckline(places, body) / 0.06, 0, 1)
-    hem = np.clip((HEM + 0.12 - places[:, 1]) / 0.04, 0, 1) * (arm < 0.5)
-    loose = loose * np.maximum(0.45 + 0.55 * edge, hem) * (0.55 + 0.45 * near_neck)
-    blouse = np.exp(-(((places[:, 1] - HEM - 0.075) / 0.035) ** 2)) * (arm < 0.5) * 0.008
+    above = (places[:, 1] - HEM - RIB) / 0.04
+    loose = loose * (0.45 + 0.55 * edge) * (0.55 + 0.45 * near_neck)
+    blouse = np.exp(-((above - 0.7) ** 2)) * (arm < 0.5) * 0.005
     cuff = np.exp(-(((at - 0.055) / 0.025) ** 2)) * (arm > 0.5) * 0.004
     rim = np.zeros(len(places), bool)
     rim[border(piece.quads)] = True
     rim &= (arm < 0.5) & (places[:, 1] < HEM + 0.06)
-    places[rim, 1] = HEM - 0.01 * np.clip(places[rim, 2] / 0.1, -1, 1)
+    places[rim, 1] = _hem(places[rim])
     folds = 0.0022 * _folds(places, body, arm) + 0.0020 * noise(places, 0.07, 21) * edge
     places = places + out * (loose + blouse + cuff + folds * edge)[:, None]
     places = smoothed(places, piece.quads, 2, 0.4)
@@ -92,6 +95,11 @@ def top(body: Body, cloth: Surface) -> Surface:
     weights = _shoulders(smoothed(piece.weights, piece.quads, 3, 0.5), places, body)
     piece = replace(piece, positions=places, weights=weights, colours=np.repeat(shade[:, None], 3, 1))
     return _hemmed(piece, 0.0045, 0.02)
+
+
+def _hem(points: Points) -> Field:
+    """The height where the top ends: lower behind than in front, where thighs are raised."""
+    return HEM + 0.015 * np.clip(points[:, 2] / 0.1, -1, 1)
 
 
 def _shoulders(weights: Float[np.ndarray, "v j"], points: Points, body: Body) -> Float[np.ndarray, "v j"]:
@@ -118,17 +126,17 @@ def _shoulders(weights: Float[np.ndarray, "v j"], points: Points, body: Body) ->
     return weights
 
 
-def trousers(body: Body, cloth: Surface) -> Surface:
-    """Straight trousers; the part below the top is left out."""
+def trousers(cloth: Surface, over: Surface, under: list[Surface]) -> Surface:
+    """Straight trousers, which end a little above the hem of the top that is worn over them; shoes are under them."""
     points = cloth.positions
     arm = _arm(cloth.weights)
-    cut = np.where(arm > 0.3, -1.0, np.minimum(HEM + 0.055 - points[:, 1], points[:, 1] - ANKLE))
+    cut = np.where(arm > 0.3, -1.0, np.minimum(HEM + 0.04 - points[:, 1], points[:, 1] - ANKLE))
     piece, _ = _cut(cloth, cut)
     places = smoothed(piece.positions, piece.quads, 5, 0.5)
     out = normals(places, piece.quads)
     low = np.clip((0.55 - places[:, 1]) / 0.45, 0, 1)
-    below_top = np.clip((HEM - 0.01 - places[:, 1]) / 0.03, 0, 1)  # or it comes through the jumper's hem
-    loose = 0.0055 * below_top + 0.004 * np.clip((0.85 - places[:, 1]) / 0.2, 0, 1) + 0.011 * low
+    covered = np.clip((places[:, 1] - HEM + 0.035) / 0.02, 0, 1)
+    loose = 0.0055 * (1 - covered) + 0.004 * np.clip((0.85 - places[:, 1]) / 0.2, 0, 1) + 0.011 * low
     stack = (
         0.0035 * np.sin(places[:, 1] * 190 + 2.2 * noise(places, 0.06, 31)) * np.clip((0.22 - places[:, 1]) / 0.1, 0, 1)
     )
@@ -141,11 +149,24 @@ def trousers(body: Body, cloth: Surface) -> Surface:
     places = places + out * (loose + stack + knee + folds)[:, None]
     places = smoothed(places, piece.quads, 2, 0.4)
     weights = smoothed(piece.weights, piece.quads, 3, 0.5)
+    near, gap = _gap(places, out, over.positions)
+    deep = GAP + 0.4 * np.maximum(places[:, 1] - _hem(places), 0)  # or coarse levels come through
+    places = places - out * (covered * np.maximum(deep - gap, 0))[:, None]
+    weights = weights + covered[:, None] * (over.weights[near] - weights)
+    _, gap = _gap(places, out, np.concatenate([shoe.positions for shoe in under]))
+    covers = np.clip((ANKLE + 0.05 - places[:, 1]) / 0.03, 0, 1)
+    places = places + out * (covers * np.maximum(GAP + gap, 0))[:, None]
     shade = 1 + 0.03 * noise(places, 0.04, 34)
     piece = replace(
         piece, positions=places, weights=weights, material="trousers", colours=np.repeat(shade[:, None], 3, 1)
     )
     return _hemmed(piece, 0.003, 0.025)
+
+
+def _gap(places: Points, out: Points, others: Points) -> tuple[Int[np.ndarray, " v"], Field]:
+    """The nearest of others to each place, and how far out it is."""
+    near = cKDTree(others).query(places)[1]
+    return near, np.einsum("vi,vi->v", others[near] - places, out)
 
 
 def shoes(body: Body, cloth: Surface) -> list[Surface]:
@@ -189,10 +210,10 @@ def _sole(upper: Surface, ground: float) -> Surface:
     rows = []
     for height, out in (
         (0.030, -0.0035),
-        (0.0305, 0.0012),
-        (0.028, 0.0030),
-        (0.008, 0.0030),
-        (0.002, 0.0),
+        (0.0305, 0.0040),
+        (0.028, 0.0060),
+        (0.008, 0.0060),
+        (0.002, 0.0030),
         (0.0, -0.005),
     ):
         direction = (ring - middle) / np.linalg.norm(ring - middle, axis=1, keepdims=True)
@@ -214,7 +235,10 @@ def _sole(upper: Surface, ground: float) -> Surface:
 
 
 def _draped(places: Points, arm: Field, body: Body) -> Points:
-    """Cloth of the trunk hangs: round each height it reaches as far out as what is within a hand's breadth above."""
+    """Cloth of the trunk hangs: round each height it reaches as far out as what is within a hand's breadth above.
+
+    Ribbing draws it in again by half.
+    """
     middle = np.array([0.0, 0.0, -0.005])
     trunk = (arm < 0.35) & (places[:, 1] < body.joint("neck")[1] - 0.10)
     turn = np.arctan2(places[:, 0], places[:, 2] - middle[2])
@@ -233,6 +257,7 @@ def _draped(places: Points, arm: Field, body: Body) -> Points:
         (heights, angles), np.maximum(hung / np.maximum(table, 1e-3), 1), bounds_error=False, fill_value=1.0
     )
     share = np.clip((0.35 - arm) / 0.25, 0, 1) * np.clip((1.30 - places[:, 1]) / 0.08, 0, 1)
+    share = share * (0.5 + 0.5 * np.clip((places[:, 1] - HEM - 0.5 * RIB) / RIB, 0, 1))
     grow = 1 + (spread(np.stack([places[:, 1].clip(heights[0], heights[-1]), turn], 1)) - 1) * share * 0.85
     out = places.copy()
     out[:, [0, 2]] = (places[:, [0, 2]] - middle[[0, 2]]) * grow[:, None] + middle[[0, 2]]

@@ -35,7 +35,8 @@ def surfaces(body: Body) -> tuple[list[Surface], Surface]:
     parts += [eyes.lashes(body, side) for side in ("Left", "Right")]
     parts += [mouth.teeth(body, upper=True), mouth.teeth(body, upper=False), mouth.tongue(body)]
     parts += hair.hair(body, whole)
-    parts += [clothes.top(body, cloth), clothes.trousers(body, cloth), *clothes.shoes(body, cloth)]
+    top, shoes = clothes.top(body, cloth), clothes.shoes(body, cloth)
+    parts += [top, clothes.trousers(cloth, top, shoes), *shoes]
     return parts, whole
 
 

@@ -72,7 +72,7 @@ POSES: tuple[Turns, ...] = (
     {**DOWN, "spine": (0.5, 0, 0), "chest": (0.4, 0, 0), "upperChest": (0.3, 0, 0)},
     {**DOWN, "spine": (-0.2, 0, 0), "chest": (-0.25, 0, 0), "neck": (-0.3, 0, 0)},
     {**DOWN, "spine": (0, 0.35, 0), "chest": (0, 0.35, 0), "head": (0, 0.7, 0)},
-    {**DOWN, "spine": (0, 0, 0.35), "chest": (0, 0, 0.3)},
+    {**DOWN, "spine": (0, 0, 0.35), "chest": (0, 0, 0.3), "rightUpperArm": (0, 0, 0.75)},
     {**DOWN, "head": (0.5, 0, 0)},
     {**DOWN, "head": (-0.5, 0.4, 0.2)},
     {**DOWN, "neck": (0, 0.5, 0), "head": (0, 0.7, 0)},
@@ -82,8 +82,8 @@ POSES: tuple[Turns, ...] = (
         "rightUpperLeg": (-1.5, 0, -0.2), "leftLowerLeg": (1.6, 0, 0), "rightLowerLeg": (1.6, 0, 0),
     },
     {
-        "leftUpperArm": (0, -1.2, -1.0), "leftLowerArm": (0, -1.9, 0),
-        "rightUpperArm": (0, 1.2, 1.0), "rightLowerArm": (0, 1.9, 0),
+        "leftUpperArm": (0, -1.2, -1.0), "leftLowerArm": (0, -1.5, 0),
+        "rightUpperArm": (0, 1.0, 1.0), "rightLowerArm": (0, 1.9, 0),
     },
     {
         "leftShoulder": (0, 0, 0.3), "leftUpperArm": (1.2, 0, 0.6), "leftLowerArm": (0, -1.6, 0),
@@ -91,7 +91,7 @@ POSES: tuple[Turns, ...] = (
     },
     {**DOWN, "leftHand": (0, 0, 1.1), "rightHand": (0, 0, 1.1)},
     {
-        "leftShoulder": (0, 0, 0.2), "leftUpperArm": (0, 0, 0.4), "rightUpperArm": (0, 0.6, 1.2),
+        "leftShoulder": (0, 0, 0.2), "leftUpperArm": (0, 0, 0.4), "rightUpperArm": (0, 0.6, 1.1),
         "rightLowerArm": (0, 2.1, 0), "leftUpperLeg": (-0.9, 0, 0.3), "rightUpperLeg": (0.6, 0, 0),
     },
 )  # fmt: skip
