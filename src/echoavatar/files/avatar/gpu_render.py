@@ -15,7 +15,7 @@ from jaxtyping import Float, UInt8
 from echoavatar.errors import DependencyError
 
 from . import raster, shading
-from .render import CONTACT_CELLS, SHADOW_TEXELS, Camera, Paint, Renderer, Surface
+from .render import CONTACT_CELLS, SHADOW_TEXELS, Paint, Renderer, Surface
 from .textures import LEVELS, Texels
 
 _SRGB8_ALPHA8 = 0x8C43  # of OpenGL: the card makes sRGB linear before it mixes texels
@@ -181,37 +181,27 @@ class GpuRenderer(Renderer):
         card: what draws, in the driver's words; with `llvmpipe` in them it is no card.
     """
 
-    def __init__(
-        self,
-        width: int = 1280,
-        height: int = 720,
-        *,
-        camera: Camera | None = None,
-        samples: int = 2,
-        background: str = "studio",
-        alpha: bool = False,
-    ) -> None:
-        """As `Renderer`. Where there are several cards, the variable GLCONTEXT_DEVICE_INDEX chooses.
+    def _allocate(self) -> None:
+        """Open a context; where there are several cards, the variable GLCONTEXT_DEVICE_INDEX chooses.
 
         Raises:
             DependencyError: moderngl is not installed, or there is no OpenGL 3.3 through EGL here.
-            MotionError: there is no such background.
         """
-        super().__init__(width, height, camera=camera, samples=samples, background=background, alpha=alpha)
         self._gl, self._context = _context()
         weakref.finalize(self, self._context.release)
         self._painted: Paint | None = None
         with self._context as context:
             self.card: str = context.info["GL_RENDERER"]
-            wide, high = width * samples, height * samples
+            size, channels = (self.width, self.height), self._empty.shape[2]
+            samples = self._grid[::-1]
             self._heights = context.texture((SHADOW_TEXELS, SHADOW_TEXELS), 1, dtype="f4")
-            self._body = context.texture((wide, high), 4)
+            self._body = context.texture(samples, 4)
             self._touched = context.texture((CONTACT_CELLS, CONTACT_CELLS), 1, dtype="f4")
-            backdrop = context.texture((width, height), self._empty.shape[2], self._empty.tobytes(), alignment=1)
+            backdrop = context.texture(size, channels, self._empty.tobytes(), alignment=1)
             tone = context.texture((len(self._tone), 1), 1, self._tone.tobytes())
             self._shadow_target = context.framebuffer([self._heights])
-            self._body_target = context.framebuffer([self._body], context.depth_renderbuffer((wide, high)))
-            self._target = context.framebuffer([context.renderbuffer((width, height), 4)])
+            self._body_target = context.framebuffer([self._body], context.depth_renderbuffer(samples))
+            self._target = context.framebuffer([context.renderbuffer(size, 4)])
             self._shadow_program = context.program(vertex_shader=_SHADOW_VERTEX, fragment_shader=_SHADOW_FRAGMENT)
             self._body_program = context.program(vertex_shader=_BODY_VERTEX, fragment_shader=_BODY_FRAGMENT)
             self._program = context.program(vertex_shader=_WHOLE_VERTEX, fragment_shader=_PICTURE_FRAGMENT)
@@ -222,9 +212,9 @@ class GpuRenderer(Renderer):
             self._unit = len(units)  # of the picture on the body
             _set(self._shadow_program, texels=float(SHADOW_TEXELS))
             _set(self._body_program, shadow=0, tone=4, picture=self._unit, look=self._stage.look, levels=LEVELS)
-            _set(self._body_program, blur=float(shading.BLUR), samples=float(samples))
-            _set(self._program, shadow=0, body=1, contact=2, backdrop=3, samples=samples, is_clear=alpha)
-            _set(self._program, strength=self._strength, fade=float(shading.FADE_METRES))
+            _set(self._body_program, blur=float(shading.BLUR), samples=float(self.samples))
+            _set(self._program, shadow=0, body=1, contact=2, backdrop=3, samples=self.samples)
+            _set(self._program, is_clear=channels == 4, strength=self._strength, fade=float(shading.FADE_METRES))
 
     def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w c"]:
         """The picture in sRGB, and its alpha as a fourth channel if the backdrop is clear."""
@@ -313,7 +303,7 @@ class GpuRenderer(Renderer):
 
     def _view(self) -> Float[np.ndarray, "4 4"]:
         """The map from world to the clip space of the samples, y downwards; the far plane is at infinity."""
-        high, wide = self._depth.shape
+        high, wide = self._grid
         right, up, back = self.camera.axes()
         scaled = np.stack([right * (2 * self._focal / wide), -up * (2 * self._focal / high), -back, -back])
         shift = -scaled @ np.array(self.camera.position)

@@ -107,22 +107,26 @@ class Renderer:
             MotionError: there is no such background.
         """
         self.width, self.height, self.samples = width, height, samples
+        self._grid = height * samples, width * samples
         self.camera = camera or Camera()
         self._stage = Stage.of(background)
-        wide, high = width * samples, height * samples
-        self._depth = np.zeros((high, wide), np.float32)
-        self._ids = np.zeros((high, wide), np.int32)
         self._empty = self._stage.picture(width, height)
         if alpha:
             self._empty = np.zeros((height, width, 4), np.uint8)
-        self._shadow = np.zeros((SHADOW_TEXELS, SHADOW_TEXELS), np.float32)
         self._contact = np.zeros((CONTACT_CELLS, CONTACT_CELLS), np.float32)
         self._spread = np.zeros(CONTACT_CELLS, np.float32)
         self._strength = np.array(self._stage.shadow, np.float32)
         self._tone = tone_curve()
+        self._bounds = np.zeros((3, 2, 3), np.float32)
+        self._allocate()
+
+    def _allocate(self) -> None:
+        """Buffers of the body and of its shadow."""
+        self._depth = np.zeros(self._grid, np.float32)
+        self._ids = np.zeros(self._grid, np.int32)
+        self._shadow = np.zeros((SHADOW_TEXELS, SHADOW_TEXELS), np.float32)
         self._screen = np.zeros((0, 3), np.float32)
         self._light = self._screen
-        self._bounds = np.zeros((3, 2, 3), np.float32)
 
     def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w c"]:
         """The picture in sRGB, and its alpha as a fourth channel if the backdrop is clear."""
@@ -202,24 +206,24 @@ class Renderer:
 
     @property
     def _focal(self) -> float:
-        return float(0.5 * len(self._depth) / np.tan(self.camera.field_of_view / 2))
+        return float(0.5 * self._grid[0] / np.tan(self.camera.field_of_view / 2))
 
     def _project(self, points: NDArray[np.float32], screen: NDArray[np.float32]) -> None:
-        high, wide = self._depth.shape
+        high, wide = self._grid
         axes = self.camera.axes().astype(np.float32)
         place = np.array(self.camera.position, np.float32)
         raster.projected(points, place, axes, np.float32(self._focal), np.float32(wide), np.float32(high), screen)
 
     def _box(self, screen: NDArray[np.float32]) -> tuple[int, int, int, int]:
         """The samples around the points, in whole pixels."""
-        high, wide = self._depth.shape
+        high, wide = self._grid
         left, top, right, bottom = raster.box_of(screen, wide, high)
         n = self.samples
         return left // n * n, top // n * n, -(-right // n) * n, -(-bottom // n) * n
 
     def _rays(self) -> NDArray[np.float32]:
         """The affine map from samples to ray directions: of the corner, a step to the right, a step down."""
-        high, wide = self._depth.shape
+        high, wide = self._grid
         right, up, back = self.camera.axes()
         corner = -back - right * (wide / 2) / self._focal + up * (high / 2) / self._focal
         return np.stack([corner, right / self._focal, -up / self._focal]).astype(np.float32)
