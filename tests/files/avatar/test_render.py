@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
 from echoavatar.files.avatar.textures import Texels
 
@@ -88,3 +89,15 @@ def test_supersampling_smooths_edges() -> None:
     hard = Renderer(96, 96, camera=CAMERA, samples=1).draw(square())[48, :, 0]
     soft = Renderer(96, 96, camera=Camera((0.05, 1.1, 4.0), (0.05, 1.1, 0.0), 0.6), samples=3).draw(square())[48, :, 0]
     assert len(np.unique(soft)) >= len(np.unique(hard))
+
+
+def test_hair_that_is_painted_on_skin_does_not_shine() -> None:
+    """The scalp's triangles are the matt ones, and without a roughness map no triangle of skin is."""
+    character = load_character()
+    skin = character.materials[character.triangles[:, 0]] == 0
+    matt = skin & (Paint.of(character).glosses[:, 0] == 0)
+    heights = character.positions[character.triangles, 1].mean(1)
+    assert 0.01 < matt.sum() / skin.sum() < 0.1
+    assert np.median(heights[matt]) > np.percentile(heights[skin], 75)
+    plain = Paint.of(replace(character, textures=character.textures.plain()))
+    assert (plain.glosses[skin, 0] > 0).all()

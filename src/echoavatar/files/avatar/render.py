@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import raster, shading
 from .character import MATERIALS, Character
 from .stage import Stage, tone_curve
-from .textures import NAMES, Texels, decoded
+from .textures import NAMES, Texels, decoded, grey_at
 
 _BYTES = np.arange(256) / 255
 _LINEAR = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4).astype(np.float32)
@@ -23,6 +23,7 @@ SHADOW_TEXELS = 512
 SHADOW_METRES = 2.6
 CONTACT_CELLS = 128
 CONTACT_METRES = 1.92
+MATT = 0.7  # roughness from which skin is painted hair
 NEAR_M = 1.5  # to the target: a closer camera sees shadows in finer texels
 
 
@@ -69,9 +70,19 @@ class Paint:
             pictures=pictures[material],
             two_sided=np.array([m.is_two_sided for m in MATERIALS])[material],
             cutouts=np.where(cuts, pictures, -1)[material],
-            glosses=np.array([_gloss(m.roughness) for m in MATERIALS], np.float32)[material],
+            glosses=_glosses(character, material),
             texels=decoded(character.textures),
         )
+
+
+def _glosses(character: Character, material: Integer[np.ndarray, " f"]) -> Float[np.ndarray, "f 2"]:
+    """Each triangle's highlight is its material's; hair painted on skin has none, as skin's roughness map tells."""
+    glosses: Float[np.ndarray, "f 2"] = np.array([_gloss(m.roughness) for m in MATERIALS], np.float32)[material]
+    if character.textures.skin_roughness:
+        skin = [m.name for m in MATERIALS].index("skin")
+        places = character.uvs[character.triangles].mean(1)
+        glosses[(material == skin) & (grey_at(character.textures.skin_roughness, places) > MATT)] = _gloss(1.0)
+    return glosses
 
 
 def _gloss(roughness: float) -> tuple[float, float]:

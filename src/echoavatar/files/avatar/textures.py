@@ -98,3 +98,13 @@ def looked_up(
         y = (uvs[here, 1] % 1 * height).astype(int).clip(0, height - 1)
         out[here] = texels.values[start + y * width + x, :3] / np.float32(255)
     return out
+
+
+def grey_at(encoded: bytes, uvs: Float[np.ndarray, "v 2"]) -> Float[np.ndarray, " v"]:
+    """The value (0 to 1) of a grey picture that does not repeat, at each place."""
+    from PIL import Image
+
+    picture = np.asarray(Image.open(io.BytesIO(encoded)).convert("L"))
+    size = np.array(picture.shape[::-1])
+    x, y = (uvs * size).astype(int).clip(0, size - 1).T
+    return np.asarray(picture[y, x] / np.float32(255))
