@@ -42,6 +42,7 @@ async function compress(source, goal, size, quality) {
 
 /** Prints the number of errors that Khronos' validator finds in each file, and fails if there is one. */
 async function validate(...files) {
+  if (!files.length) throw new Error("no file to validate; name one or more: node levels.mjs validate FILE...");
   const { validateBytes } = (await import("gltf-validator")).default;
   for (const file of files) {
     const { issues } = await validateBytes(new Uint8Array(readFileSync(file)));

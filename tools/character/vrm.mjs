@@ -54,6 +54,7 @@ function tried(vrm) {
 }
 
 const [...files] = process.argv.slice(2);
+if (!files.length) throw new Error("no file to open; name one or more: node vrm.mjs FILE...");
 for (const file of files) {
   const data = readFileSync(file);
   const { issues } = await validator.validateBytes(new Uint8Array(data), { maxIssues: 20 });

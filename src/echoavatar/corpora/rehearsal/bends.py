@@ -18,7 +18,7 @@ from .keyframes import glide
 FORWARD, BACK, ASIDE = 0.62, -0.14, 0.16  # radians in the loudest music
 QUIET = 0.55  # share of them in the quietest
 SIZE, SPREAD, LARGEST = 1.05, 0.8, 2.6  # of a dance's bends: median, log-normal deviation and most
-LOWEST_BOW = 1.15  # radians
+MOST_BOW = 1.15  # radians, however large the dance
 PELVIS = 0.45  # share of a bow in the hips; the spine has the rest
 LOOK = 0.6  # share of a bow that the head makes up for
 BACKWARDS_M, DOWN_M = 0.24, 0.14  # of the hips per radian of a bow
@@ -52,7 +52,7 @@ def _keys(counts: Counts, rng: np.random.Generator) -> tuple[Float[Array, " k"],
     for number in range((len(counts.times) - 1) // apart + 1):
         if number % 8 == 0:
             down, up = rng.uniform(0.55, 1.0, 2) * FORWARD, rng.uniform(0.2, 1.0, 2) * BACK
-            bows = np.minimum(size * np.stack([down, up], 1).ravel(), LOWEST_BOW)
+            bows = np.minimum(size * np.stack([down, up], 1).ravel(), MOST_BOW)
             motif = np.stack([bows, min(size, 1.0) * ASIDE * rng.uniform(-1, 1, 4)], 1)
         time = counts.at(number * apart) + ANSWER_S
         if time > times[-1] + 0.5 * LONG_S:

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
-DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")  # in glTF alone
+# In glTF; films read the roughness of skin alone.
+DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")
 
 
 @dataclass(frozen=True)
