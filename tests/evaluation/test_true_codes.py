@@ -1,12 +1,16 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from tests.models.generator.tiny import generator
 
 from echoavatar.cli import main
 from echoavatar.corpora.rehearsal.corpus import Plan, make_clip
-from echoavatar.evaluation.true_codes import true_codes
+from echoavatar.engine.pipeline import load_bundle
+from echoavatar.evaluation.true_codes import drawn_after_truth, true_codes
+from echoavatar.models.generator import TokenClip
 from echoavatar.models.tokenizer import BodyTokenizer
 
 
@@ -23,17 +27,37 @@ class Perfect(BodyTokenizer):
 
 def test_a_perfect_tokenizer_keeps_all_of_the_timing(tiny_bundle: Path):
     clips = [make_clip(Plan(1.0, 47, Path("unused"), clip_seconds=32.0), index) for index in (0, 3, 5)]
-    tokenizer = BodyTokenizer.load(tiny_bundle / "tokenizer")
-    random = true_codes(tokenizer, clips)
+    bundle, tokenizer = load_bundle(tiny_bundle), BodyTokenizer.load(tiny_bundle / "tokenizer")
+    random = true_codes(bundle, clips, tokenizer=tokenizer)
     tokenizer.__class__ = Perfect
-    found = true_codes(tokenizer, clips)
-    assert found["decoded"] == pytest.approx(found["truth"], abs=0.02)
+    found = true_codes(bundle, clips, tokenizer=tokenizer)
+    assert found["decoded"] == pytest.approx(found["truth"], rel=0.02, abs=0.02)
     assert found["truth"]["onset_excess"] > 0.08
     assert random["decoded"]["onset_excess"] < 0.5 * random["truth"]["onset_excess"]
     assert random["tokenizer"]["mpjpe_body_mm"] > 10 * found["tokenizer"]["mpjpe_body_mm"]
 
 
+@pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])
+def test_a_chunk_is_drawn_after_the_true_past_alone(sequence):
+    model, rng = generator(sequence=sequence, temperature=0.1), np.random.default_rng(3)
+    audio, motion = rng.integers(0, 16, (80, 2)), rng.integers(0, 8, (8, 3, 2))
+    clip = TokenClip(audio, motion, np.zeros(8, np.uint8))
+    drawn = drawn_after_truth(model, clip)
+    assert drawn.shape == motion.shape
+    differs = []
+    for chunk in range(4):
+        other = motion.copy()
+        other[2 * chunk : 2 * chunk + 2] = 0
+        changed = drawn_after_truth(model, TokenClip(audio, other, clip.domain))
+        assert torch.equal(changed[: 2 * chunk + 2], drawn[: 2 * chunk + 2])
+        differs.append(not torch.equal(changed, drawn))
+    assert any(differs)
+
+
 def test_the_command_ends_with_json(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]):
     folder = str(tiny_bundle)
+    assert main(["evaluate", folder, "--codes", "--clips", "2"]) == 0
+    rows = {"tokenizer", "truth", "decoded", "shown", "drawn"}
+    assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == rows
     assert main(["evaluate", folder, "--codes", "--clips", "2", "--tokenizer", f"{folder}/tokenizer"]) == 0
-    assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == {"tokenizer", "truth", "decoded", "shown"}
+    assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == rows - {"drawn"}

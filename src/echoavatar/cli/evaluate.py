@@ -66,7 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--codes",
         action="store_true",
-        help="measure the tokenizer instead: what its codes keep of the truth's timing, decoded and shown",
+        help="measure what is lost of the truth's timing instead: in its codes, decoded and shown, and in codes that"
+        " the generator draws after the true past",
     )
     parser.add_argument(
         "--tokenizer", type=Path, metavar="FOLDER", help="with --codes: another tokenizer than the bundle's"
@@ -155,9 +156,11 @@ def _codes(args: argparse.Namespace, bundle: "Bundle", clips: list) -> int:  # t
     from echoavatar.evaluation.true_codes import true_codes
     from echoavatar.models.tokenizer import BodyTokenizer
 
-    tokenizer = BodyTokenizer.load(args.tokenizer) if args.tokenizer else bundle.tokenizer
+    tokenizer = BodyTokenizer.load(args.tokenizer) if args.tokenizer else None
     with tqdm(unit="clip", disable=not sys.stderr.isatty()) as bar:
-        found = true_codes(tokenizer, clips, progress=lambda done, _: bar.update(done - bar.n))
+        found = true_codes(
+            bundle, clips, tokenizer=tokenizer, seed=args.seed, progress=lambda done, _: bar.update(done - bar.n)
+        )
     for name, scores in found.items():
         print(f"{name:<12}" + "  ".join(f"{key} {value:+.3f}" for key, value in scores.items()))
     print(json.dumps({name: {key: round(value, 5) for key, value in scores.items()} for name, scores in found.items()}))
