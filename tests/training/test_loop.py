@@ -1,10 +1,12 @@
+import math
+
 import pytest
 import torch
 from tests.training.line import CONFIG, Line, weights
 
 from echoavatar.checkpoint import read_weights
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.training import Loop, state
+from echoavatar.training import Loop, Loss, state
 
 
 def run(loop, steps):
@@ -41,6 +43,19 @@ def test_pieces_share_one_trajectory():
         loop = Loop(Line(CONFIG.model_copy(update={"accumulation": pieces})))
         losses.append([(told["loss"], told["gradient"]) for told in run(loop, 10)])
     torch.testing.assert_close(torch.tensor(losses[0]), torch.tensor(losses[1]), rtol=1e-5, atol=1e-6)
+
+
+def test_a_metric_that_is_no_number_in_a_piece_is_averaged_over_the_others(monkeypatch):
+    def loss(self, batch, step):
+        return Loss(self.modules["layers"][0].weight.sum(), {"some": batch[0].sum(), "none": torch.tensor(math.nan)})
+
+    rows = torch.tensor([[1.0], [math.nan], [3.0], [math.nan]])
+    monkeypatch.setattr(Line, "draw", lambda self, step: (rows, rows))
+    monkeypatch.setattr(Line, "loss", loss)
+    monkeypatch.setattr(Line, "after", lambda self, step, gather: None)
+    told = Loop(Line(CONFIG.model_copy(update={"batch": 4, "accumulation": 4}))).advance()
+    assert told["some"] == 2
+    assert "none" not in told
 
 
 def test_averaged_weights_are_shown_and_the_others_trained_on(tmp_path):

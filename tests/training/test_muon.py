@@ -23,7 +23,26 @@ def learn(monkeypatch: pytest.MonkeyPatch, *, is_fast: bool) -> list[nn.Paramete
     return matrices
 
 
-def test_float32_gives_what_torchs_bfloat16_gives(monkeypatch):
+def test_steps_are_torchs():
+    torch.manual_seed(0)
+    sides = [(24, 8), (8, 24), (24, 8)]
+    ours, theirs = ([nn.Parameter(torch.ones(side)) for side in sides] for _ in range(2))
+    optimisers = [
+        Muon(ours, rate=0.02, weight_decay=0.1),
+        torch.optim.Muon(theirs, lr=0.02, weight_decay=0.1, adjust_lr_fn="match_rms_adamw"),
+    ]
+    for _ in range(3):
+        for one, other in zip(ours, theirs, strict=True):
+            one.grad = torch.randn_like(one)
+            other.grad = one.grad.clone()
+        for optimiser in optimisers:
+            optimiser.step()
+    for one, other in zip(ours, theirs, strict=True):
+        torch.testing.assert_close(one, other, atol=2e-3, rtol=0)
+    assert optimisers[0].state[ours[0]].keys() == optimisers[1].state[theirs[0]].keys()
+
+
+def test_float32_gives_what_bfloat16_gives(monkeypatch):
     for ours, torchs in zip(learn(monkeypatch, is_fast=False), learn(monkeypatch, is_fast=True), strict=True):
         torch.testing.assert_close(ours, torchs, atol=0.01, rtol=0)
 

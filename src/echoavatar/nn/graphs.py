@@ -18,11 +18,12 @@ from torch import Tensor
 WARM_UP = 3
 KEPT = 4  # graphs of one function; each keeps its memory
 StateT = TypeVar("StateT")
+AnswerT = TypeVar("AnswerT")
 Capture = Callable[[Callable[[], Tensor]], Callable[[], Tensor]]
 """Makes a replay of a function without arguments; the replay's answer may be overwritten by the next replay."""
 
 
-def capture_cuda(run: Callable[[], Tensor]) -> Callable[[], Tensor]:
+def capture_cuda(run: Callable[[], AnswerT]) -> Callable[[], AnswerT]:
     """A CUDA graph of `run`, which is called some times before, as capturing demands."""
     stream = torch.cuda.Stream()  # type: ignore[no-untyped-call]
     stream.wait_stream(torch.cuda.current_stream())
@@ -34,7 +35,7 @@ def capture_cuda(run: Callable[[], Tensor]) -> Callable[[], Tensor]:
     with torch.cuda.graph(graph):
         output = run()
 
-    def replay() -> Tensor:
+    def replay() -> AnswerT:
         graph.replay()
         return output
 

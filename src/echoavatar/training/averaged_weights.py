@@ -26,8 +26,8 @@ class AveragedWeights:
     def update(self, step: int) -> None:
         """Move the average towards the weights as they are after `step` steps."""
         share = 1 - min(self.decay, (1 + step) / (_RAMP + step))
-        for key, value in self.values.items():
-            value.lerp_(self._learned[key].detach().to(value.dtype), share)
+        learned = [self._learned[key].detach().to(value.dtype) for key, value in self.values.items()]
+        torch._foreach_lerp_(list(self.values.values()), learned, share)
 
     @contextmanager
     def applied(self) -> Iterator[None]:

@@ -1,5 +1,6 @@
 """One step of the training loop and its state, the same for all tasks and any number of processes."""
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
@@ -17,6 +18,7 @@ from . import state
 from .averaged_weights import AveragedWeights
 from .muon import multiplies_bfloat16
 from .processes import Processes, full_state_dicts, full_tensor, placed_like
+from .recording import Recording
 from .task import BatchT, Loss, TrainingTask, row_count, take_rows
 
 
@@ -52,6 +54,9 @@ class Loop(Generic[BatchT]):
         self.average = AveragedWeights(stage.modules, stage.config.average) if stage.config.average else None
         self.step = 0
         self.seconds = 0.0
+        is_one_piece = self._pieces == 1 and self.processes.device.type == "cuda"
+        is_recorded = is_one_piece and stage.is_recordable
+        self._recording = Recording(self._pass_once, self.processes.device) if is_recorded else None
         self._autocast = stage.config.autocast and multiplies_bfloat16(self.processes.device)
 
     def done(self) -> float:
@@ -66,7 +71,7 @@ class Loop(Generic[BatchT]):
         Raises:
             EchoAvatarError: the loss is not finite (checked only if `is_logged`).
         """
-        stage, step, device = self.stage, self.step, self.processes.device
+        stage, step = self.stage, self.step
         whole_batch = stage.draw(step)
         stage.before(whole_batch, step)
         rate = stage.rate(step, self.done())
@@ -77,15 +82,11 @@ class Loop(Generic[BatchT]):
         assert rows * self._pieces == row_count(whole_batch), "a batch must have as many rows for each piece"
         first, means = self.processes.rank * stage.config.accumulation, _Means()
         for piece in range(first, first + stage.config.accumulation):
-            batch = take_rows(whole_batch, slice(piece * rows, (piece + 1) * rows), device)
+            batch = take_rows(whole_batch, slice(piece * rows, (piece + 1) * rows), _CPU)
             share = stage.weight(batch) / every
             is_last = piece == first + stage.config.accumulation - 1
             with nullcontext() if is_last else self.processes.without_reduction(self._loss_module):
-                with torch.autocast(device.type, torch.bfloat16, enabled=self._autocast):
-                    loss = self._loss_module(batch, step)
-                # processes average their gradients, but the shares add up over all processes
-                (loss.total * (share * self.processes.count)).backward()
-            means.add({"loss": loss.total, **loss.metrics}, share)
+                means.add(self._pass(batch, share) if self._recording is None else self._recording(batch), share)
         norm = self._descend()
         stage.after(step, self.processes.gather)
         if self.average is not None:
@@ -101,12 +102,27 @@ class Loop(Generic[BatchT]):
             )
         return metrics
 
+    def _pass(self, batch: BatchT, share: float) -> Mapping[str, Tensor | float]:
+        """Forward and backward pass of a piece; its loss and metrics."""
+        device = self.processes.device
+        with torch.autocast(device.type, torch.bfloat16, enabled=self._autocast):
+            loss = self._loss_module(take_rows(batch, slice(None), device), self.step)
+        # processes average their gradients, but the shares add up over all processes
+        (loss.total * (share * self.processes.count)).backward()
+        return {"loss": loss.total.detach(), **loss.metrics}
+
+    def _pass_once(self, batch: BatchT) -> Mapping[str, Tensor | float]:
+        """The pass of a whole batch, into new gradients."""
+        self._loss_module.zero_grad(set_to_none=True)
+        return self._pass(batch, 1.0)
+
     def _descend(self) -> Tensor:
         learned = [parameter for parameter in self.stage.clipped_parameters() if parameter.grad is not None]
         norm = nn.utils.clip_grad_norm_(learned, self.stage.config.clip)
         for optimiser in self.optimisers:
             optimiser.step()
-        self._loss_module.zero_grad(set_to_none=True)
+        if self._recording is None:  # which writes over the gradients
+            self._loss_module.zero_grad(set_to_none=True)
         return norm.full_tensor() if isinstance(norm, DTensor) else norm
 
     @contextmanager
@@ -186,27 +202,25 @@ def _unsaid(config: Config) -> dict[str, Any]:
     return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
 
 
+_CPU = torch.device("cpu")
 _FREE = ("accumulation", "log_every", "evaluate_every", "save_every", "save_minutes")  # do not change the result
 
 
 class _Means:
-    """Means of metrics over pieces; a metric that some pieces lack is averaged over the others."""
+    """Means of metrics over pieces; a metric that some pieces lack, or where it is NaN, is averaged over the others."""
 
     def __init__(self) -> None:
-        self._sums: dict[str, Any] = defaultdict(float)
-        self._shares: dict[str, float] = defaultdict(float)
+        self._values: dict[str, list[tuple[Tensor | float, float]]] = defaultdict(list)
 
     def add(self, values: Mapping[str, Tensor | float], share: float) -> None:
         for name, value in values.items():
-            self._sums[name] += (value.detach() if isinstance(value, Tensor) else value) * share
-            self._shares[name] += share
+            self._values[name].append((value.detach() if isinstance(value, Tensor) else value, share))
 
     def over(self, processes: Processes) -> dict[str, float]:
-        own = {name: (float(value), self._shares[name]) for name, value in self._sums.items()}
-        sums: dict[str, list[float]] = {}
+        own = {name: [(float(value), share) for value, share in pairs] for name, pairs in self._values.items()}
+        found: dict[str, list[tuple[float, float]]] = defaultdict(list)
         for one in processes.gather_json(own):
-            for name, (value, share) in one.items():
-                so_far = sums.setdefault(name, [0.0, 0.0])
-                so_far[0] += value
-                so_far[1] += share
-        return {name: value / share for name, (value, share) in sums.items() if share}
+            for name, pairs in one.items():
+                found[name] += [(v, share) for v, share in pairs if not math.isnan(v) or name == "loss"]
+        shares = {name: sum(share for _, share in pairs) for name, pairs in found.items()}
+        return {name: sum(v * s for v, s in pairs) / shares[name] for name, pairs in found.items() if shares[name]}

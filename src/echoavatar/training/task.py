@@ -35,6 +35,9 @@ class TrainingTask(ABC, Generic[BatchT]):
 
     has_idle = False
     """Whether some trained parameters get no gradient in some steps; DDP must know."""
+    is_recordable = False
+    """Whether `loss` only queues the same kernels in each step: it never waits for the device nor uses `step`, and all
+    batches have one shape. On a GPU the loop then records the step once and replays it (`recording`)."""
     seconds = 0.0
     """Training time up to the checkpoint that is being saved."""
     processes = Processes()
@@ -142,7 +145,9 @@ def tensors_in(batch: Any) -> Iterator[Tensor]:
 def take_rows(batch: Any, rows: slice, device: torch.device) -> Any:
     """Some rows of every tensor of a batch, on a device; other values stay as they are."""
     if isinstance(batch, Tensor):
-        return batch[rows].to(device, non_blocking=True)
+        chosen = batch[rows]
+        is_sent = chosen.device.type == "cpu" and device.type == "cuda"
+        return (chosen.pin_memory() if is_sent else chosen).to(device, non_blocking=True)
     if isinstance(batch, tuple):
         parts = [take_rows(part, rows, device) for part in batch]
         return type(batch)(*parts) if hasattr(batch, "_fields") else tuple(parts)

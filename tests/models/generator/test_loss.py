@@ -42,3 +42,10 @@ def test_the_summary_splits_by_domain_and_layer():
     means = summary(nll, sequences, window)
     assert (means["nll_silence"], means["nll_speech"], means["nll_music"]) == (0.0, 4.0, 3.0)
     assert (means["nll_layer_0"], means["nll_layer_1"]) == (4.0, 1.0)
+
+
+def test_the_mean_of_a_domain_that_is_not_there_is_no_number():
+    window, sequences = batch(generator())
+    means = summary(torch.zeros(2, 6, 4), sequences, window._replace(domain=torch.ones_like(window.domain)))
+    assert means["nll_music"].isnan()
+    assert means["nll_speech"] == 0

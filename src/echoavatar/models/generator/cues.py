@@ -68,5 +68,5 @@ class CueReader(nn.Module):
 
 def cue_loss(logits: Float[Tensor, "*any"], cues: Int[Tensor, "*any"]) -> Float[Tensor, ""]:
     """Cross-entropy of cues on or off, the rare ones that are on weighted up."""
-    weight = torch.tensor(ON_WEIGHT, device=logits.device)
+    weight = torch.full((), ON_WEIGHT, device=logits.device)
     return F.binary_cross_entropy_with_logits(logits.float(), cues.to(logits).float(), pos_weight=weight)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from ..tokens import Sequences
@@ -34,11 +34,11 @@ def hierarchical_loss(
     nll: Float[Tensor, "b k n"], batch: Sequences, depth_weights: Sequence[float]
 ) -> Float[Tensor, ""]:
     """Mean over codes, each layer weighted by `depth_weights` (one per RVQ layer, the first is the coarsest)."""
-    weights = (
-        torch.tensor(depth_weights, device=nll.device).repeat(nll.shape[1] // len(depth_weights))[:, None]
-        * batch.mask[:, None]
-    )
-    return (nll * weights).sum() / weights.sum()
+    rows, segments, steps = nll.shape
+    counted = (nll * batch.mask[:, None]).view(rows, -1, len(depth_weights), steps)
+    by_layer = counted.sum((0, 1, 3)) / (batch.mask.sum() * (segments // len(depth_weights)))
+    weighted = [weight * nats for weight, nats in zip(depth_weights, by_layer, strict=True)]
+    return torch.stack(weighted).sum() / sum(depth_weights)
 
 
 def to_device(batch: Sequences, device: str) -> Sequences:
@@ -50,22 +50,24 @@ def to_device(batch: Sequences, device: str) -> Sequences:
 
 def summary(
     nll: Float[Tensor, "b k n"], batch: Sequences, window: Window, exemplar: Exemplar | None = None
-) -> dict[str, float]:
-    """Mean NLL per domain, and per RVQ layer; of the directive's layer where one holds and where none does."""
+) -> dict[str, Tensor]:
+    """Mean NLL per domain, and per RVQ layer; of the directive's layer where one holds and where none does.
+
+    A mean of nothing is NaN: asking whether there is something would wait for the device.
+    """
     counts = batch.mask[:, None].expand_as(nll)
     heard = window.domain if batch.asked is None else window.domain[:, batch.asked]
     domain = heard.to(nll.device)[:, None].expand_as(nll)
-    means = {
-        f"nll_{name}": nll[counts & (domain == index)].mean().item()
-        for index, name in enumerate(DOMAINS)
-        if bool((counts & (domain == index)).any())
-    }
+    means = {f"nll_{name}": _mean(nll, counts & (domain == index)) for index, name in enumerate(DOMAINS)}
     parts = window.motion.shape[2]
     layers = nll.view(len(nll), parts, -1, nll.shape[2]).transpose(1, 2)
     there = counts.reshape(len(nll), parts, -1, nll.shape[2]).transpose(1, 2)
     if exemplar is not None:
         holds = exemplar.at(batch.asked).holds
         for name, where in (("told", holds), ("untold", ~holds)):
-            chosen = layers[:, 0, UPPER][where & batch.mask]
-            means |= {f"nll_upper_{name}": chosen.mean().item()} if len(chosen) else {}
-    return means | {f"nll_layer_{q}": layers[:, q][there[:, q]].mean().item() for q in range(layers.shape[1])}
+            means[f"nll_upper_{name}"] = _mean(layers[:, 0, UPPER], where & batch.mask)
+    return means | {f"nll_layer_{q}": _mean(layers[:, q], there[:, q]) for q in range(layers.shape[1])}
+
+
+def _mean(nll: Float[Tensor, "*any"], where: Bool[Tensor, "*any"]) -> Float[Tensor, ""]:
+    return (nll * where).sum() / where.sum()

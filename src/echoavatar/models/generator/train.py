@@ -39,7 +39,7 @@ class Lesson(NamedTuple):
     missing: Int[Tensor, " b"]  # leading chunks that count as not there
     silenced: Bool[Tensor, " b"]  # rows without their sound
     exemplar: Exemplar | None
-    asked: Int[Tensor, " n"] | None  # the frames whose codes are asked for; None is all
+    asked: Int[Tensor, "b n"] | None  # the frames whose codes are asked for, the same in all rows; None is all
 
 
 class GeneratorTask(TrainingTask[Lesson]):
@@ -79,6 +79,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         if training.objective == "streams":
             freeze_body(self.generator)
         self.has_idle = self.generator.exemplar is not None and not training.exemplar and training.objective == "motion"
+        self.is_recordable = config.sequence == "depth" and training.objective == "motion"
         self.chunks = config.window_chunks if config.sequence == "prefix" else training.chunks
         chosen = [clip.heard_ahead(config.ahead_chunks) for clip in clips if clip.split == "train"]
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
@@ -137,7 +138,8 @@ class GeneratorTask(TrainingTask[Lesson]):
         asked = None
         if training.asked < 1:
             frames = context.shape[1]
-            asked = torch.randperm(frames, generator=random)[: math.ceil(training.asked * frames)].sort().values
+            count = math.ceil(training.asked * frames)
+            asked = torch.randperm(frames, generator=random)[:count].sort().values.expand(rows, -1)
         return Lesson(window, context, missing, silenced, self._exemplar(window, step), asked)
 
     def weight(self, batch: Lesson) -> float:
@@ -155,7 +157,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         if training.audio_dropout:
             sequences = self.generator.config.order.without_sound(sequences, batch.silenced)
         if batch.asked is not None:
-            sequences = sequences.asking(batch.asked)
+            sequences = sequences.asking(batch.asked[0])
         hidden = self.generator.read(sequences, batch.exemplar)
         nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)
