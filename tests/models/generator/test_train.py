@@ -41,15 +41,25 @@ def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence, opt
     check_resume(partial(train_generator, config(sequence=sequence), training, clips()), tmp_path, at=at)
 
 
-@pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])
-def test_pieces_share_one_trajectory(sequence):
+@pytest.mark.parametrize(("sequence", "asked"), [("interleaved", 1.0), ("prefix", 1.0), ("depth", 1.0), ("depth", 0.4)])
+def test_pieces_share_one_trajectory(sequence, asked):
     """Eight windows at once or one after the other (1x8 and 8x1), some of them cut short in the prefix order."""
 
     def make(pieces):
-        training = settings(batch=8, accumulation=pieces, exemplar=0.5, blind=0.2, short_windows=0.5)
+        training = settings(batch=8, accumulation=pieces, exemplar=0.5, blind=0.2, short_windows=0.5, asked=asked)
         return GeneratorTask(config(sequence=sequence, exemplar=True), training, clips())
 
     check_pieces(make, 8, "gradient", steps=6)
+
+
+def test_clips_of_split_test_measure_and_do_not_teach():
+    ours = [*clips(2), *(clip.__class__(clip.audio, clip.motion, clip.domain, "test") for clip in clips(4)[2:])]
+    stage = GeneratorTask(config(), settings(), ours)
+    assert len(stage.sampler) == 2 * 9
+    measured = stage.evaluate()
+    assert measured.keys() == {"held_out", "held_out_speech"}
+    assert 1.5 < measured["held_out"] < 2.5  # near ln 8
+    assert GeneratorTask(config(), settings(), ours[:2]).evaluate() == {}
 
 
 def test_training_learns_to_follow_the_audio(tmp_path):

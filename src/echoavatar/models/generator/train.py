@@ -5,7 +5,7 @@ in its batch (see `training`).
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,9 +25,11 @@ from .initial import align_embeddings, init_from_qwen
 from .loss import code_nll, hierarchical_loss, summary
 from .model import Generator
 from .recipe import GeneratorTraining
+from .reliance import nll_by_domain
 from .streams import freeze_body, stream_loss, stream_nll
 from .windows import TokenClip, Window, WindowSampler
 
+_MEASURED = 512  # windows of an evaluation
 _EXEMPLARS = 500_009  # salt of the other random numbers of a step
 
 
@@ -43,7 +45,7 @@ class Lesson(NamedTuple):
 
 
 class GeneratorTask(TrainingTask[Lesson]):
-    """A generator and the clips of split "train"."""
+    """A generator, the clips of split "train" that it learns from, and those of split "test" that measure it."""
 
     config: GeneratorTraining
 
@@ -82,6 +84,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         self.is_recordable = config.sequence == "depth" and training.objective == "motion"
         self.chunks = config.window_chunks if config.sequence == "prefix" else training.chunks
         chosen = [clip.heard_ahead(config.ahead_chunks) for clip in clips if clip.split == "train"]
+        self.held_out = [clip for clip in clips if clip.split == "test" and clip.chunks >= self.chunks]
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
 
     def begin_with(self, start: Generator) -> None:
@@ -180,6 +183,15 @@ class GeneratorTask(TrainingTask[Lesson]):
     def save(self, folder: Path, step: int) -> None:
         """The generator."""
         self.generator.save(folder, {"kind": "generator", "step": step, "training": self.config.model_dump()})
+
+    def evaluate(self) -> Mapping[str, object]:
+        """Mean NLL of the codes of "test" clips after their true past, of all and by domain; {} without such clips."""
+        if not self.held_out:
+            return {}
+        found = nll_by_domain(
+            self.generator.eval(), self.held_out, chunks=self.chunks, batch=self.config.batch, most_windows=_MEASURED
+        )
+        return {"held_out": found.pop("all")} | {f"held_out_{domain}": nll for domain, nll in found.items()}
 
     def _exemplar(self, window: Window, step: int) -> Exemplar | None:
         """The step's directives, where the generator takes them."""
