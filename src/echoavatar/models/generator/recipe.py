@@ -61,7 +61,7 @@ class GeneratorTraining(TrainingConfig):
         default=0.0,
         ge=0,
         le=1,
-        description="share of windows whose context motion runs 1 or 2 tokens early or late (not in the paper)",
+        description="share of windows whose context motion drifts up to 3 tokens early or late (not in the paper)",
     )
     other_past: float = Field(
         default=0.0,

@@ -29,6 +29,7 @@ from .reliance import nll_by_domain
 from .streams import freeze_body, stream_loss, stream_nll
 from .windows import TokenClip, Window, WindowSampler
 
+_FARTHEST, _DRIFT = 3, 0.08  # tokens out of step (0.4 s, half a slow beat); chance of a change at each token
 _MEASURED = 512  # windows of an evaluation
 _EXEMPLARS = 500_009  # salt of the other random numbers of a step
 
@@ -142,7 +143,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         if training.asked < 1:
             frames = context.shape[1]
             count = math.ceil(training.asked * frames)
-            asked = torch.randperm(frames, generator=random)[:count].sort().values.expand(rows, -1)
+            asked = torch.randperm(frames, generator=random)[:count].sort().values.repeat(rows, 1)
         return Lesson(window, context, missing, silenced, self._exemplar(window, step), asked)
 
     def weight(self, batch: Lesson) -> float:
@@ -239,11 +240,15 @@ def train_generator(
 
 
 def _out_of_step(motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator) -> Int[Tensor, "b n p q"]:
-    """A share of the rows, shifted by 1 or 2 tokens in time, so that only the sound tells the phase."""
-    chosen = torch.rand(len(motion), generator=random) < share
-    by = torch.tensor([-2, -1, 1, 2])[torch.randint(4, (len(motion),), generator=random)]
-    rows = [row.roll(int(step), 0) if moves else row for row, step, moves in zip(motion, by, chosen, strict=True)]
-    return torch.stack(rows)
+    """A share of the rows runs early or late by up to 3 tokens, now more, now less: only the sound tells the phase."""
+    rows, tokens = motion.shape[:2]
+    chosen = torch.rand(rows, 1, generator=random) < share
+    start = torch.randint(-_FARTHEST, _FARTHEST + 1, (rows, 1), generator=random)
+    turns = torch.rand(rows, tokens, generator=random) < _DRIFT
+    ahead = torch.randint(2, (rows, tokens), generator=random) * 2 - 1
+    late = (start + (turns * ahead).cumsum(1)).clamp(-_FARTHEST, _FARTHEST) * chosen
+    source = (torch.arange(tokens) - late).clamp(0, tokens - 1)
+    return motion[torch.arange(rows)[:, None], source]
 
 
 def _other_past(motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator) -> Int[Tensor, "b n p q"]:
