@@ -15,7 +15,7 @@ CHAINS = Chains(HUMANOID, list(HUMANOID.config.feet))
 
 def walk(frames: int = 48) -> tuple[torch.Tensor, torch.Tensor]:
     """A pendulum of stiff legs: the pelvis rocks over planted feet, with wrong root velocities on top."""
-    angle = 0.12 * torch.sin(torch.arange(frames) * 2 * math.pi / 24)
+    angle = 0.04 * torch.sin(torch.arange(frames) * 2 * math.pi / 24)
     turns = torch.zeros(1, frames, HUMANOID.joints, 3)
     for side in ("left", "right"):
         turns[:, :, HUMANOID.index(f"{side}UpperLeg"), 0] = angle
@@ -67,6 +67,16 @@ def test_in_the_air_the_decoded_velocity_counts() -> None:
     root = step(ground, rotations, travel, ground.init_state(1))
     torch.testing.assert_close(root[:, 1:, 0] - root[:, :-1, 0], travel[:, 1:, 0])
     torch.testing.assert_close(root[..., 1], travel[..., 2])
+
+
+@pytest.mark.parametrize(("speed", "share"), [(0.2, 0.0), (0.55, 0.5), (0.9, 1.0)])
+def test_a_low_foot_that_travels_faster_than_errors_do_is_not_planted(speed: float, share: float) -> None:
+    """Standing legs that glide, as in a dancer's low step."""
+    rotations, travel = torch.eye(3).expand(1, 24, HUMANOID.joints, 3, 3), torch.zeros(1, 24, 3)
+    travel[..., 0], travel[..., 2] = speed / 30, 0.95
+    ground = Ground(HUMANOID, CHAINS)
+    way = step(ground, rotations, travel, ground.init_state(1))[0, -1, 0]
+    torch.testing.assert_close(way, torch.tensor(share * 23 * speed / 30), atol=1e-4, rtol=0)
 
 
 @pytest.mark.parametrize("sizes", [[8] * 6, [1, 7, 8, 3, 5, 8, 8, 8], [1] * 48])

@@ -35,10 +35,7 @@ FADE = 0.78  # share of a correction that remains after a frame in the air
 SETTLE = 0.35  # share of the height error that is removed per planted frame
 LARGEST = 0.12  # metres: the farthest that a foot is held from its decoded place
 BACK = 0.015  # metres from its decoded place at which a released foot may be planted again
-STANDING_SPEED, STEPPING_SPEED = (
-    0.3,
-    0.8,
-)  # m/s, horizontal: below the first a foot may be planted, above the second it steps
+STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, along the floor: below it a foot may be planted; above, it steps
 CLEARANCE = 0.045  # metres: height of a stepping foot
 CLEAR = 0.035  # metres above the floor from which a foot travels, and its correction fades, at full speed
 RISE = 0.5  # share of the missing height that a frame adds

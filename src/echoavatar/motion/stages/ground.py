@@ -1,10 +1,12 @@
 """Root travel from planted feet: the root moves so that the planted foot stays where it is.
 
 The decoded root velocity carries the tokenizer's quantisation error, which shows as sliding feet. While a foot is
-planted, the legs tell how the pelvis moves over it, and that movement is integrated. As the feet leave the floor, the
-decoded velocity takes over. Not in the paper; its foot losses (appendix) act in training only.
+planted, the legs tell how the pelvis moves over it, and that movement is integrated. As the feet leave the floor, or
+travel faster than an error makes them slide (a dancer's low step, a pivot), the decoded velocity takes over. Not in
+the paper; its foot losses (appendix) act in training only.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +20,7 @@ from echoavatar.nn.kernels import kernel
 from ..ik.chains import ChainPose, Chains
 from ..kinematics import Skeleton
 from ..kinematics.quaternions import read_quaternion, read_vector, rotate, write_vector
+from .feet import STANDING_SPEED, STEPPING_SPEED
 from .pose import Array, Pose
 
 RELEASE_HEIGHT = 0.035  # metres above its rest height from which a point does not count as planted
@@ -50,18 +53,18 @@ class Ground:
     def step(self, pose: Pose, chains: ChainPose, state: GroundState, active: Bool[Array, " b"]) -> None:
         """Replace the decoded travel in `pose.root` by world positions; `chains` is the pose's."""
         memory = state.seen.numpy(), state.place.numpy(), state.points.numpy()
-        travel(self._slots, self._rest, chains, pose.rotations, pose.root, memory, active)
+        travel(self._slots, self._rest, chains, pose.rotations, pose.root, memory, active, pose.fps)
 
 
 @kernel()
-def planted(clearance):  # type: ignore[no-untyped-def]
-    """How firmly a point stands at a height above its rest height: 1 at 0, 0 from `RELEASE_HEIGHT` on."""
-    share = min(max(clearance / RELEASE_HEIGHT, 0.0), 1.0)
+def falling(share):  # type: ignore[no-untyped-def]
+    """From 1 at 0 to 0 at 1, without a step in speed."""
+    share = min(max(share, 0.0), 1.0)
     return 1.0 - share * share * (3.0 - 2.0 * share)
 
 
 @kernel()
-def travel(slots, rest, chains, rotations, root, memory, active):  # type: ignore[no-untyped-def]
+def travel(slots, rest, chains, rotations, root, memory, active, fps):  # type: ignore[no-untyped-def]
     """Integrate the root of active rows from the movement of their ankles and toes relative to it, in world axes."""
     seen, places, all_points = memory
     for row in range(len(rotations)):
@@ -75,11 +78,13 @@ def travel(slots, rest, chains, rotations, root, memory, active):  # type: ignor
             for point in range(len(slots)):
                 x, y, z = rotate(hips, read_vector(chains.places[row, frame, slots[point]]))
                 clearance = height + y - rest[point]
-                weight = planted(clearance)
+                weight = falling(clearance / RELEASE_HEIGHT)
                 if is_first:
                     write_vector(points[point], (x, z, weight))
                 last_x, last_z, last_weight = read_vector(points[point])
-                both = min(weight, last_weight)
+                speed = fps * math.hypot(x - last_x + root[row, frame, 0], z - last_z + root[row, frame, 2])
+                standing = falling((speed - STANDING_SPEED) / (STEPPING_SPEED - STANDING_SPEED))
+                both = min(weight, last_weight) * standing
                 lead = both**4  # the more firmly planted point leads
                 held_x, held_z = held_x + lead * (last_x - x), held_z + lead * (last_z - z)
                 total, strongest = total + lead, max(strongest, both)
