@@ -98,7 +98,17 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
     }
     two_runs = {  # or three; the recipe is that of the first
         "tokenizer": {"steps", "learning_rate", "warmup", "decay_at", "quantize_from", "is_principal_start"},
-        "generator_depth": {"steps", "minutes", "batch", "learning_rate", "seed", "warmup"},
+        "generator_depth": {
+            "steps",
+            "minutes",
+            "batch",
+            "learning_rate",
+            "seed",
+            "warmup",
+            "average",
+            "asked",
+            "out_of_step",
+        },
     }
     renamed = {"gradient_norm": "clip", "checkpoint_minutes": "save_minutes", "noise": "noise_spread"}
     for stem, folder in cards.items():
