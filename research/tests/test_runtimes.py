@@ -44,7 +44,7 @@ def test_a_bundle_runs_in_three_ways_on_the_same_clips(tiny_bundle: Path, monkey
     assert runtimes.waves(experiment) == []
     table = runtimes.make(experiment)
     assert len(table.lines) == 4
-    assert table.notes[-1].startswith("default: what its bundle says, of ours level, calm, lead-in")
+    assert table.notes[-1].startswith("default: what its bundle says, of ours level, lead-in")
     _, bare, paper, default = ([motion.rotations.tobytes() for motion in made] for made in scored)
     assert bare != default
     assert len(bare) == len(paper) == len(default) == len(experiment.test_clips)

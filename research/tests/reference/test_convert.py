@@ -40,7 +40,6 @@ def test_everything_about_running_it_is_data(bundle, imported):
     assert not bundle.runtime.level_control
     assert not bundle.generator.config.is_leveled
     assert bundle.runtime.lead_in_s == 0
-    assert bundle.runtime.silent_temperature == 1.0
     assert bundle.face.config.context == 56
     assert list(bundle.actions) == ["idle", "wave", "stand"]
     card = json.loads((imported / "card.json").read_text())

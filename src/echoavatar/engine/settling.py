@@ -17,8 +17,7 @@ from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
-from .pipeline.pipeline import SILENCE
-
+SILENCE = 0.003  # RMS of a silent chunk, -50 dBFS
 STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that stands stays under 10
 DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
 RECENT_S = 0.8  # of silence in which a dance still counts as one

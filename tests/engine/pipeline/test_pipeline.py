@@ -76,22 +76,6 @@ def test_every_stage_reports_its_end_in_order(pipeline: Pipeline, voice: np.ndar
     assert tuple(stages) == STAGES
 
 
-def test_codes_are_drawn_cooler_in_silence(
-    pipeline: Pipeline, voice: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    heats, draw = [], pipeline.generator.step
-
-    def step(*args: Any, **options: Any) -> torch.Tensor:
-        heats.append(options["temperature"].clone())
-        return draw(*args, **options)
-
-    monkeypatch.setattr(pipeline.generator, "step", step)
-    audio = torch.stack([torch.from_numpy(voice[:6400]), torch.zeros(6400)])
-    pipeline.step(audio, pipeline.init_state(2), torch.ones(2, dtype=torch.bool))
-    full = pipeline.generator.config.temperature
-    torch.testing.assert_close(heats[0], torch.tensor([full, 0.5 * full]))
-
-
 def test_it_says_that_it_compiles_only_when_it_compiles(
     pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -27,7 +27,7 @@ def test_without_the_file_everything_is_as_ours(tmp_path):
 
 
 def test_it_comes_back(tmp_path):
-    own = Runtime(level_control=False, silent_temperature=1.0, lead_in_s=0.5, stages=("smoother",))
+    own = Runtime(level_control=False, lead_in_s=0.5, stages=("smoother",))
     own.save(tmp_path)
     assert Runtime.load(tmp_path) == own
 
@@ -59,7 +59,6 @@ def test_the_papers_runtime_has_nothing_of_ours() -> None:
     assert not paper.level_control
     assert paper.lead_in_s == 0
     assert paper.cylinder
-    assert paper.silent_temperature == 1
 
 
 def test_every_addition_has_a_switch() -> None:
@@ -105,11 +104,6 @@ def machinery(runtime: Runtime, bundle) -> set[str]:
     pipeline = Pipeline(replace(bundle, runtime=runtime))
     on = {*pipeline.post.stages, *pipeline.additions}
     on |= {"level"} if pipeline.level else set()
-    on |= (
-        {"calm"}
-        if pipeline._temperature(torch.tensor([True])) != pipeline._temperature(torch.tensor([False]))
-        else set()
-    )  # noqa: SLF001
     on |= {"guidance"} if pipeline.generator._guidance != 1 else set()  # noqa: SLF001
     on |= {"lead-in"} if pipeline._lead_in else set()  # noqa: SLF001
     on |= {"warp"} if pipeline.warp else set()
@@ -132,7 +126,6 @@ BODY, FACE = {"body"}, {"face"}
 CHANGES = {
     "level": BODY | FACE,  # both hear it
     "guidance": BODY,
-    "calm": BODY,
     "lead-in": BODY | FACE,
     "smoother": BODY,
     "ground": BODY,

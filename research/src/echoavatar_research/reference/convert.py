@@ -55,7 +55,7 @@ def convert(
     actions.save(output)
     assert found.rig is not None
     as_published = Runtime(  # no lead-in: a session begins with the generator's `opening`
-        level_control=False, silent_temperature=1.0, lead_in_s=0.0, rig=found.rig
+        level_control=False, lead_in_s=0.0, rig=found.rig
     )
     as_published.save(output)
     (output / "card.json").write_text(json.dumps(card, indent=2) + "\n", "utf-8")

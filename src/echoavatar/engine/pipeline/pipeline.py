@@ -46,7 +46,6 @@ _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
-SILENCE = 0.003  # RMS of a silent chunk behind the level control, -50 dBFS
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, WARP)
 
 
@@ -128,7 +127,6 @@ class Pipeline:
         config = bundle.generator.config
         self.chunk = bundle.chunk
         self.directive_codes = len(config.directed) * config.layout.motion_codes
-        self._silent = runtime.silent_temperature
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
         self.on_stage: OnStage = _ignore
@@ -201,11 +199,6 @@ class Pipeline:
             self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
             self._warm_row()
 
-    def _temperature(self, is_silent: Bool[Tensor, " b"]) -> Float[Tensor, " b"]:
-        """The sampling temperature of each row: lower in silence, so that hands settle."""
-        full = torch.full(is_silent.shape, self.generator.config.temperature)
-        return torch.where(is_silent, self._silent * full, full)
-
     def encode_audio(
         self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b f l"]:
@@ -238,14 +231,12 @@ class Pipeline:
         sounds = self.encode_audio(level, state, active)
         self.on_stage("codec")
         there = self.device
-        is_silent = level.square().mean(1).sqrt() < SILENCE
         exemplar, bias = (None, None) if directive is None else (part.to(there) for part in directive)
         codes = self.generator.step(
             sounds.to(there),
             state.generator,
             active.to(there),
             seeds=state.seeds.to(there),
-            temperature=self._temperature(is_silent).to(there),
             exemplar=exemplar,
             bias=bias,
         )

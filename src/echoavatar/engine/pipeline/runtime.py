@@ -1,8 +1,8 @@
 """How the pipeline runs a bundle's models: settings beside the checkpoints, in `runtime.json`.
 
 A bundle without the file gets the defaults, which are those of our own bundles. Everything that we add to the paper's
-method is in `ADDITIONS` and can be switched by name; `Runtime.chosen("paper")` has none of it: codes are drawn at the
-generator's temperature and decoded, the paper's cylinder keeps the hands off the body, and files have 60 frames per
+method is in `ADDITIONS` and can be switched by name; `Runtime.chosen("paper")` has none of it: codes are
+drawn and decoded, the paper's cylinder keeps the hands off the body, and files have 60 frames per
 second. `bare` leaves out those too. Scores are always taken at the 30 that are decoded.
 """
 
@@ -24,7 +24,6 @@ PAPER_FPS = 60.0  # paper, Settings: 30 frames per second, "subsequently interpo
 SESSION = ("settling", "idle", "expression", "blinks", "listening", "overlays")  # what a session adds to the models
 NUMBERS = {
     "level": ("level_control", False),
-    "calm": ("silent_temperature", 1.0),
     "lead-in": ("lead_in_s", 0.0),
     "guidance": ("guided", False),
 }  # addition -> its field, and the paper's value
@@ -37,9 +36,6 @@ class Runtime(Config):
     level_control: bool = Field(default=True, description="whether sound is brought to one loudness first")
     guided: bool = Field(
         default=True, description="whether the sound guides sampling as far as the generator's `guidance` says"
-    )
-    silent_temperature: float = Field(
-        default=0.5, ge=0, description="factor of the temperature in silence (ours: 0.5, paper: 1)"
     )
     lead_in_s: float = Field(
         default=2.0,
