@@ -4,9 +4,9 @@
     python scripts/measure_post.py MADE.npz                   measure what was generated before
 
 Every sound is looped or cut to `SECONDS`; all sounds run in one batch. MADE.npz holds the decoded `features` (sessions,
-frames, channels) and the `brake` (sessions, frames) of the time warp. For the hour on a leash each session repeats its
-own features. `border_steps_over_others` is the mean change of angular velocity at chunk borders over that at other
-frames; 1 means that borders do not show. Prints one line of JSON.
+frames, channels). For the hour on a leash each session repeats its own features. `border_steps_over_others` is the mean
+change of angular velocity at chunk borders over that at other frames; 1 means that borders do not show. Prints one line
+of JSON.
 """
 
 import json
@@ -17,7 +17,6 @@ import numpy as np
 import torch
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.engine.pipeline.time_warp import TimeWarp
 from echoavatar.models.audio.io import stream_audio
 from echoavatar.motion.ik import penetration_depth_m
 from echoavatar.motion.interpolate import StreamInterpolator
@@ -39,21 +38,19 @@ SECONDS = 60.0
 BALLS = list(HUMANOID.config.feet)[1::2]
 
 
-def generate(sounds: list[Path]) -> tuple[torch.Tensor, torch.Tensor]:
-    """Decoded features (b, t, c), before any other stage, and the warp model's brake (b, t)."""
+def generate(sounds: list[Path]) -> torch.Tensor:
+    """Decoded features (b, t, c), before any other stage."""
     chunks = int(SECONDS * SAMPLE_RATE_HZ / CHUNK_SAMPLES)
     audio = np.stack([np.resize(np.concatenate(list(stream_audio(path))), chunks * CHUNK_SAMPLES) for path in sounds])
     pipeline = Pipeline(load_bundle())
     state, active = pipeline.init_state(len(sounds)), torch.ones(len(sounds), dtype=torch.bool)
     for row in range(len(sounds)):
         pipeline.reset(state, torch.arange(len(sounds)) == row, seed=row)
-    assert pipeline.warp is not None
     features = _tap(pipeline.tokenizer, "decode_step")
-    brake = _tap(pipeline.warp, "step")
     for step in range(chunks):
         part = audio[:, step * CHUNK_SAMPLES : (step + 1) * CHUNK_SAMPLES]
         pipeline.step(torch.from_numpy(np.ascontiguousarray(part)), state, active)
-    return torch.cat(features, 1), torch.cat(brake, 1)
+    return torch.cat(features, 1)
 
 
 def _tap(stage: object, name: str) -> list[torch.Tensor]:
@@ -70,17 +67,13 @@ def _tap(stage: object, name: str) -> list[torch.Tensor]:
 
 
 def through(
-    features: torch.Tensor, stages: tuple[str, ...], options: MotionOptions, brake: torch.Tensor | None = None
+    features: torch.Tensor, stages: tuple[str, ...], options: MotionOptions
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Rotations and roots of every session; with `brake`, after the time warp."""
-    post, time_warp = Post(HUMANOID, stages=stages), TimeWarp(HUMANOID.joints)
+    """Rotations and roots of every session."""
+    post = Post(HUMANOID, stages=stages)
     state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
-    warp_state = time_warp.init_state(len(features))
     state.modes.choose(active, options)
     shown = [post.step(part, state, active) for part in torch.split(features, CHUNK_FRAMES, 1)]
-    if brake is not None:
-        brakes = torch.split(brake, CHUNK_FRAMES, 1)
-        shown = [time_warp.step(*both, warp_state, active) for both in zip(shown, brakes, strict=True)]
     rotations, root = join_batches(shown)
     return torch.from_numpy(rotations), torch.from_numpy(root)
 
@@ -154,26 +147,23 @@ def main() -> None:
     torch.set_num_threads(1)
     path, sounds = Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
     if sounds:
-        made = generate(sounds)
-        np.savez(path, features=made[0].numpy(), brake=made[1].numpy())
+        np.savez(path, features=generate(sounds).numpy())
     with np.load(path) as kept:
-        features, brake = torch.from_numpy(kept["features"]), torch.from_numpy(kept["brake"])
+        features = torch.from_numpy(kept["features"])
     free = MotionOptions()
     without_hands = tuple(stage for stage in SWITCHES if stage != "hands")
-    full, warped = through(features, SWITCHES, free), through(features, SWITCHES, free, brake)
+    full = through(features, SWITCHES, free)
     report: dict[str, object] = {
         "minutes": features.shape[0] * features.shape[1] / FRAME_RATE_HZ / 60,
         "decoded": measured(*through(features, ("ground",), free)),
         "without hands": measured(*through(features, without_hands, free)),
         "all": measured(*full),
-        "all and warp": measured(*warped),
         "at 60 fps": at_60(*full),
-        "at 60 fps, with warp": at_60(*warped),
         "an hour": farthest(features, 60, free),
         "an hour on a leash of 1 m": farthest(features, 60, MotionOptions(leash_m=1)),
     }
     for name in ("leash_m", "in_place", "upper_body"):
-        report[name] = measured(*through(features, SWITCHES, MotionOptions.model_validate({name: 1}), brake))
+        report[name] = measured(*through(features, SWITCHES, MotionOptions.model_validate({name: 1})))
     print(json.dumps(report))
 
 

@@ -16,13 +16,11 @@ from scripts.synthetic_release import skeleton
 from tests.models.face import tiny as face
 from tests.models.generator import tiny as generators
 from tests.models.tokenizer.fixtures import fill, small_body
-from tests.models.warp.tiny import CONFIG as WARP
 from tests.tiny_bundle import write_bundle
 from torch import Tensor
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
-from echoavatar.engine.pipeline.time_warp import TimeWarp
 from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
 from echoavatar.models.face import FaceStream, HubertConfig
 from echoavatar.models.face.encoder import MelEncoder
@@ -33,7 +31,6 @@ from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.depth_stream import DepthStream
 from echoavatar.models.generator.stream import InterleavedStream, PrefixStream
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, MotionTokenizerConfig
-from echoavatar.models.warp import WarpModel
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, to_features
 from echoavatar.motion.kinematics.features import REFERENCE
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
@@ -50,7 +47,6 @@ from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
 from echoavatar_research.reference.release_rig import rig_config, skeleton_config
 
 Cuts = Sequence[Sequence[int]]
-JOINTS = 3  # of the body whose time is warped
 TOKENIZER = MotionTokenizerConfig(features=10, width=16, heads=2, layers=3, codes=24)
 EAR = HubertConfig(width=16, layers=1, heads=2, mlp=16, convolutions=(4,) * 7, position_kernel=4, position_groups=2)
 FEW: Cuts = ((3, 1, 4), (1, 1, 2))
@@ -220,24 +216,6 @@ def flat(motion: MotionBatch) -> Tensor:
     return torch.from_numpy(np.concatenate([rotations, motion.root], 2))
 
 
-def time_warp() -> Stream:
-    """Rotations, root and brake in one row of numbers."""
-    warp = TimeWarp(JOINTS)
-
-    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
-        turns = torch.nn.functional.normalize(x[..., : 4 * JOINTS].unflatten(-1, (JOINTS, 4)), dim=-1)
-        return flat(warp.step(MotionBatch(turns.numpy(), x[..., -4:-1].numpy()), x[..., -1], state, active))
-
-    return Stream(warp.init_state, step)
-
-
-def braked_motion(rows: int, frames: int, random: torch.Generator) -> Tensor:
-    still = torch.tensor([1.0, 0, 0, 0]).repeat(JOINTS)
-    turns = still + 0.1 * torch.randn(rows, frames, 4 * JOINTS, generator=random)
-    root = torch.randn(rows, frames, 3, generator=random)
-    return torch.cat([turns, root, torch.rand(rows, frames, 1, generator=random)], 2)
-
-
 def released() -> Skeleton:
     """A rig of 88 joints, as the published release has."""
     names, parents, offsets = skeleton()
@@ -308,13 +286,11 @@ CASES: dict[type, dict[str, Case]] = {
     InterleavedStream: {"": Case(lambda: generator("interleaved"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
     PrefixStream: {"": Case(lambda: generator("prefix"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
     DepthStream: {"": Case(lambda: generator("depth"), generators.audio, unit=20, cuts=((1, 1, 2),))},
-    WarpModel: {"": Case(seeded(WarpModel, config=WARP), numbers(), CHUNK_SAMPLES, atol=1e-9)},
     Post: {
         "free": Case(post, gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
         "on a leash": Case(lambda: post(MotionOptions(leash_m=0.02)), gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
         "upper body": Case(lambda: post(MotionOptions(upper_body=True)), gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
     },
-    TimeWarp: {"": Case(time_warp, braked_motion, unit=2, atol=1e-4)},
     RigAdapter: {"": Case(rig, released_features, cuts=((3, 1, 4), (1, 7)), atol=2e-5)},
     Pipeline: {"": Case(pipeline, sound, CHUNK_SAMPLES, cuts=FEW[1:], atol=1e-5)},
 }

@@ -23,8 +23,6 @@ from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.recipe import GeneratorTraining
 from echoavatar.models.tokenizer.decoding import DecoderTraining
 from echoavatar.models.tokenizer.recipe import TokenizerTraining
-from echoavatar.models.warp import WarpConfig
-from echoavatar.models.warp.recipe import WarpTraining
 from echoavatar.motion.kinematics import HUMANOID
 
 ROOT = Path(__file__).parents[2]
@@ -37,7 +35,6 @@ CONFIGS = {
     "generator": (GeneratorConfig, GeneratorTraining),
     "face": (FaceConfig, FaceTraining),
     "fingers": (FingerConfig, FingerTraining),
-    "warp": (WarpConfig, WarpTraining),
     "fid-encoder": (MotionEncoderConfig, MotionEncoderTraining),
 }
 
@@ -92,7 +89,6 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         "generator_depth": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
-        "warp": bundles / "default" / "warp",
         "fingers": bundles / "fingers",
         "fid_encoder": bundles / "fid_encoder",
     }
@@ -153,7 +149,6 @@ def test_the_tiny_recipes_run_from_end_to_end(tmp_path: Path, monkeypatch: pytes
         "generator_depth",
         "face",
         "fingers",
-        "warp",
         "fid_encoder",
     ):
         go(stem)

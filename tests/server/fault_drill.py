@@ -23,7 +23,7 @@ SESSIONS, WARM_S, WATCH_S, STUCK_S = 4, 8.0, 7.0, 3.0
 HEALED = (
     *(
         f"out of memory once, in `{stage}`"
-        for stage in ("level", "face", "codec", "generator", "decoder", "feet", "warp")
+        for stage in ("level", "face", "codec", "generator", "decoder", "feet", "hands")
     ),
     "out of memory at every step, until loaded again",
     "an error of torch at every step, until loaded again",

@@ -16,9 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n  echoavatar bundle runs -o my-bundle     from runs/codec, runs/tokenizer and runs/generator\n"
         "  echoavatar bundle default               show the shipped bundle's card"
     )
-    parser.add_argument(
-        "source", help="folder with codec/, tokenizer/, generator/ and optionally face/ and warp/; or a bundle"
-    )
+    parser.add_argument("source", help="folder with codec/, tokenizer/, generator/ and optionally face/; or a bundle")
     parser.add_argument(
         "-o", "--output", type=Path, help="folder of the new bundle; without it the bundle's card is shown"
     )
@@ -47,8 +45,7 @@ def run(args: argparse.Namespace) -> int:
 def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
     """Copy the checkpoints without their training state, with weights in half precision, or the generator's in int8.
 
-    A face model (`face/`) and a warp model (`warp/`) are copied where they exist. Without an `actions.json`, our own
-    actions are made.
+    A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made.
 
     Raises:
         EchoAvatarError: a part is missing or damaged.
@@ -58,7 +55,6 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
     from echoavatar.models.face import FaceModel
     from echoavatar.models.generator import Generator
     from echoavatar.models.tokenizer import BodyTokenizer
-    from echoavatar.models.warp import WarpModel
 
     for part in ("codec", "tokenizer", "generator"):
         missing = [name for name in FILES if not (source / part / name).exists()]
@@ -84,8 +80,6 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
         own_actions(BodyTokenizer.load(output / "tokenizer").eval()).save(output)
     if (source / "face").is_dir():
         FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
-    if (source / "warp").is_dir():
-        WarpModel.load(source / "warp").save(output / "warp", read_card(source / "warp"), dtype=torch.float16)
     if not (output / "card.json").exists():
         parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
         (output / "card.json").write_text(

@@ -29,7 +29,7 @@ RUNTIME_HELP = (
     "how the models run: paper (bare decoding, the paper's cylinder for hands, files at 60 fps), default (the bundle's"
     " own), bare (no cylinder, 30 fps), or what to keep of ours on top of paper, such as ground,feet"
 )
-WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet, hands or warp; may be repeated"
+WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet or hands; may be repeated"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

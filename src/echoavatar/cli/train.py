@@ -1,4 +1,4 @@
-"""`echoavatar train`: codec, tokenizer, generator, face, warp in this order; fingers, FID extractor. Each resumes."""
+"""`echoavatar train`: codec, tokenizer, generator, face in this order; fingers, FID extractor. Each resumes."""
 
 import argparse
 import os
@@ -10,16 +10,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from . import (
-    train_codec,
-    train_decoder,
-    train_face,
-    train_fid_encoder,
-    train_fingers,
-    train_generator,
-    train_tokenizer,
-    train_warp,
-)
+from . import train_codec, train_decoder, train_face, train_fid_encoder, train_fingers, train_generator, train_tokenizer
 from .recipe import Options, Settings
 
 ORDER = """all commands from nothing to a bundle:
@@ -31,7 +22,6 @@ ORDER = """all commands from nothing to a bundle:
   echoavatar train generator runs/tokens -o runs/generator --codec runs/codec --tokenizer runs/tokenizer
   echoavatar data face --rehearse 1.1 -o faces
   echoavatar train face faces -o runs/face
-  echoavatar train warp corpus -o runs/warp
   echoavatar bundle runs -o my-bundle
 
 Calling a command again resumes its run, also after SIGTERM. Sizes are those of the default bundle; recipes/ has the
@@ -93,8 +83,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "face", "the face model, on pairs of audio and ARKit curves", "folder of face clips (`data face`)"
     )
     train_face.add_arguments(face, options, SEED)
-    warp, options = stage("warp", "the model that times motion to stresses and beats", corpus)
-    train_warp.add_arguments(warp, options, SEED)
     takes = "corpus folder (`data rehearse`), or folder of BVH clips"
     train_fingers.add_arguments(
         *stage("fingers", "the model behind `refine-fingers`, on motion with good fingers", takes)
@@ -149,7 +137,6 @@ def _train(args: argparse.Namespace, progress: Progress) -> None:
         "tokenizer": train_tokenizer.train,
         "decoder": train_decoder.train,
         "face": train_face.train,
-        "warp": train_warp.train,
         "fingers": train_fingers.train,
         "fid-encoder": train_fid_encoder.train,
     }

@@ -30,15 +30,26 @@ def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:
 
 def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
     whole = load_bundle()
-    part = whole.without(["face", "smoother", "warp"])
+    part = whole.without(["face", "smoother"])
     assert part.face is None
     assert Pipeline(part).post.stages == {"ground", "leash", "feet", "hands"}
-    assert Pipeline(part).warp is None
-    assert Pipeline(whole).warp is not None
     assert whole.face is not None  # the one it was taken from is as it was
     assert Pipeline(whole.without([])).post.stages == set(SWITCHES)
     with pytest.raises(EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, smoother"):
         whole.without(["smoother", "toes"])
+
+
+def test_a_warp_model_of_an_earlier_version_is_passed_over(tiny_bundle: Path, tmp_path: Path) -> None:
+    """Neither its folder, of which nothing is read, nor its name among the stages of `runtime.json` is in the way."""
+    folder = tmp_path / "old"
+    shutil.copytree(tiny_bundle, folder)
+    (folder / "warp").mkdir()
+    (folder / "warp" / "config.json").write_text("{}")
+    (folder / "runtime.json").write_text(json.dumps({"stages": ["warp", "smoother", "feet"]}))
+    bundle = load_bundle(folder)
+    assert bundle.parameters == load_bundle(tiny_bundle).parameters
+    assert bundle.runtime.stages == ("smoother", "feet")
+    assert Pipeline(bundle).post.stages == {"smoother", "feet"}
 
 
 def test_help_names_every_stage_that_can_be_left_out() -> None:

@@ -14,7 +14,6 @@ from echoavatar.engine.pipeline.runtime import ADDITIONS, Runtime
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.generator import Generator
-from echoavatar.models.warp import WarpConfig, WarpModel
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import SWITCHES
@@ -23,7 +22,7 @@ from echoavatar.timing import CHUNK_SAMPLES
 
 def test_without_the_file_everything_is_as_ours(tmp_path):
     assert Runtime.load(tmp_path) == Runtime()
-    assert Runtime().stages == ("warp", *SWITCHES)
+    assert Runtime().stages == SWITCHES
 
 
 def test_it_comes_back(tmp_path):
@@ -106,14 +105,13 @@ def machinery(runtime: Runtime, bundle) -> set[str]:
     on |= {"level"} if pipeline.level else set()
     on |= {"guidance"} if pipeline.generator._guidance != 1 else set()  # noqa: SLF001
     on |= {"lead-in"} if pipeline._lead_in else set()  # noqa: SLF001
-    on |= {"warp"} if pipeline.warp else set()
     return on | ({"cylinder"} if pipeline.cylinder else set())
 
 
 def test_each_switch_puts_in_exactly_its_part(tiny_bundle) -> None:
     bundle = load_bundle(tiny_bundle)
     guided = bundle.generator.config.model_copy(update={"sequence": "depth", "guidance": 1.5})
-    bundle = replace(bundle, warp=WarpModel(WarpConfig()), generator=Generator(guided))
+    bundle = replace(bundle, generator=Generator(guided))
     assert machinery(Runtime().chosen("bare"), bundle) == set()
     assert machinery(Runtime().chosen("paper"), bundle) == {"cylinder"}
     for name in ADDITIONS:
@@ -132,7 +130,6 @@ CHANGES = {
     "leash": BODY,
     "feet": BODY,
     "hands": BODY,
-    "warp": BODY,
     "settling": BODY,
     "idle": BODY,
     "expression": FACE,

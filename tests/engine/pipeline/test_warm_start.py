@@ -13,7 +13,6 @@ from tests.models.face.tiny import make
 from echoavatar.engine.pipeline import Pipeline, PipelineState, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.engine.pipeline.warm_start import WarmStart, copy_row
-from echoavatar.models.warp import WarpConfig, WarpModel
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.nn import StreamState
@@ -22,14 +21,9 @@ EVERYONE = torch.ones(1, dtype=torch.bool)
 
 
 def pipeline_of(folder: Path, lead_in_s: float) -> Pipeline:
-    """The tiny bundle with a face and a warp."""
+    """The tiny bundle with a face."""
     torch.manual_seed(2)
-    bundle = replace(
-        load_bundle(folder),
-        face=make().float(),
-        warp=WarpModel(WarpConfig()).eval(),
-        runtime=Runtime(lead_in_s=lead_in_s),
-    )
+    bundle = replace(load_bundle(folder), face=make().float(), runtime=Runtime(lead_in_s=lead_in_s))
     return Pipeline(bundle, precision="float32")
 
 

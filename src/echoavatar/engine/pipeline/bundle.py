@@ -1,7 +1,7 @@
 """A bundle: the trained parts that belong together, in one folder.
 
-`codec/`, `tokenizer/`, `generator/` and, optionally, `face/` and `warp/` are checkpoints of their own. `card.json`
-beside them describes the whole.
+`codec/`, `tokenizer/`, `generator/` and, optionally, `face/` are checkpoints of their own. `card.json` beside them
+describes the whole. Other folders, such as the `warp/` of earlier versions, are not read.
 """
 
 import re
@@ -21,7 +21,6 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.face import FaceModel
 from echoavatar.models.generator import Generator, qwen_half_billion
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.models.warp import WarpModel
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.post import SWITCHES, refuse_unknown
@@ -29,17 +28,16 @@ from echoavatar.timing import CHUNK_SECONDS, ChunkSize
 
 from .actions import ActionLibrary
 from .runtime import Runtime
-from .time_warp import WARP
 
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
 _HUB_NAME = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*")
-OPTIONAL_STAGES = (FACE, *SWITCHES, WARP)
+OPTIONAL_STAGES = (FACE, *SWITCHES)
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """Codec, motion tokenizer, generator and optional face and warp models, loaded and checked against each other."""
+    """Codec, motion tokenizer, generator and optional face model, loaded and checked against each other."""
 
     name: str
     codec: AudioCodec
@@ -49,7 +47,6 @@ class Bundle:
     actions: ActionLibrary = field(default_factory=ActionLibrary)
     face: FaceModel | None = None
     runtime: Runtime = field(default_factory=Runtime)
-    warp: WarpModel | None = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -65,7 +62,7 @@ class Bundle:
     def parameters(self) -> int:
         """The number of weights of all parts."""
         parts: tuple[nn.Module | None, ...]
-        parts = (self.codec, self.tokenizer, self.generator, self.face, self.warp)
+        parts = (self.codec, self.tokenizer, self.generator, self.face)
         modules = [part for part in parts if part is not None]
         return sum(weight.numel() for module in modules for weight in module.parameters())
 
@@ -106,9 +103,8 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         chunk = ChunkSize(generator.config.step)
         actions = ActionLibrary.load(folder, width, chunk)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
-        warp = WarpModel.load(folder / "warp") if (folder / "warp").is_dir() else None
         runtime = Runtime.load(folder, is_leveled=generator.config.is_leveled)
-        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, warp)
+        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime)
     _check(bundle)
     return bundle
 

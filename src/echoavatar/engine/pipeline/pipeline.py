@@ -1,7 +1,6 @@
 """The streaming pipeline: audio chunks in, motion chunks out, many sessions at once (paper, Real-time Deployment).
 
-    level control -> codec -> generator -> tokenizer decoder -> rig -> post (`Post`: smoother to hands) -> warp
-                  -> warp, where the bundle has a warp model ----------------------------------------------^
+    level control -> codec -> generator -> tokenizer decoder -> rig -> post (`Post`: smoother to hands)
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session whose audio is pushed faster. Nothing depends on the wall clock.
@@ -26,7 +25,6 @@ from echoavatar.models.generator.linear import Precision
 from echoavatar.models.generator.stream import GeneratorStream, HistoryState, RingState
 from echoavatar.models.tokenizer.body import BodyState
 from echoavatar.models.tokenizer.model import DecoderState
-from echoavatar.models.warp import WarpModelState
 from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
@@ -39,22 +37,13 @@ from .actions import Directive
 from .bundle import Bundle, lookahead_refusal
 from .device import find_device
 from .foreign_rig import Output, RigAdapter, RigState
-from .time_warp import WARP, TimeWarp, TimeWarpState
 from .warm_start import WarmStart, copy_row
 
 _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
-STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES, WARP)
-
-
-@dataclass
-class WarpState(StreamState):
-    """The states of the warp model and of the warp itself."""
-
-    model: WarpModelState
-    playback: TimeWarpState
+STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
 
 
 @dataclass
@@ -68,7 +57,6 @@ class PipelineState(StreamState):
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
     face: list[FaceState]  # one, or none without a face model
-    time_warp: list[WarpState]  # one, or none without a warp model
     seeds: Int[Tensor, " b"]
 
 
@@ -115,10 +103,8 @@ class Pipeline:
             bundle.generator.to(self.device), precision or own_precision, is_guided=runtime.guided
         )
         self.tokenizer = bundle.tokenizer.to(self.device)
-        chosen = set(runtime.stages if stages is None else stages)
-        self.warp = bundle.warp if WARP in chosen else None
-        self.time_warp = TimeWarp(self.skeleton.joints) if self.warp else None
-        self.post = Post(self.skeleton, stages=chosen - {WARP}, body=body)
+        chosen = runtime.stages if stages is None else stages
+        self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
         self.additions = frozenset(runtime.session)  # what sessions add, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
@@ -153,14 +139,8 @@ class Pipeline:
             self.post.init_state(rows),
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
-            self._init_warp(rows),
             torch.zeros(rows, dtype=torch.int64),
         )
-
-    def _init_warp(self, rows: int) -> list[WarpState]:
-        if not (self.warp and self.time_warp):
-            return []
-        return [WarpState(self.warp.init_state(rows), self.time_warp.init_state(rows))]
 
     def reset(
         self, state: PipelineState, rows: Bool[Tensor, " b"], *, seed: int, options: MotionOptions = FREE
@@ -176,12 +156,11 @@ class Pipeline:
         return self._warm_start.state(self._after_silence)
 
     def _after_silence(self) -> PipelineState:
-        """One row that has heard the lead-in silence. The states of what was shown, position included, are reset."""
+        """One row that has heard the lead-in silence. The state of what was shown, position included, is reset."""
         state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
         for _ in range(self._lead_in):
             self.step(torch.zeros(1, self.chunk_samples), state, everyone)
-        for shown in (state.post, *(warp.playback for warp in state.time_warp)):
-            shown.reset(everyone)
+        state.post.reset(everyone)
         return state
 
     def restart_generator(self, state: PipelineState, rows: Bool[Tensor, " b"]) -> None:
@@ -250,10 +229,6 @@ class Pipeline:
         motion = join_batches([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
         if self.cylinder:
             motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
-        if self.warp and self.time_warp:
-            brake = self.warp.step(level, state.time_warp[0].model, active)
-            motion = self.time_warp.step(motion, brake, state.time_warp[0].playback, active)
-        self.on_stage(WARP)
         return motion.split(face)
 
 

@@ -17,7 +17,6 @@ from echoavatar.motion.stages.post import SWITCHES
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .foreign_rig import RigConfig
-from .time_warp import WARP
 
 FILE = "runtime.json"
 PAPER_FPS = 60.0  # paper, Settings: 30 frames per second, "subsequently interpolated to 60 FPS for final rendering"
@@ -27,7 +26,7 @@ NUMBERS = {
     "lead-in": ("lead_in_s", 0.0),
     "guidance": ("guided", False),
 }  # addition -> its field, and the paper's value
-ADDITIONS = (*NUMBERS, *SWITCHES, WARP, *SESSION)
+ADDITIONS = (*NUMBERS, *SWITCHES, *SESSION)
 
 
 class Runtime(Config):
@@ -43,9 +42,7 @@ class Runtime(Config):
         le=60,
         description="seconds of silence in the warm start of a session (rounded up to chunks; paper: 0)",
     )
-    stages: tuple[str, ...] = Field(
-        default=(WARP, *SWITCHES), description="stages behind the decoder, unless asked for"
-    )
+    stages: tuple[str, ...] = Field(default=SWITCHES, description="stages behind the decoder, unless asked for")
     session: tuple[str, ...] = Field(
         default=SESSION,
         description="what a session adds: settling after music, idle motion with breath, moods of the face, blinks, "
@@ -118,8 +115,10 @@ class Runtime(Config):
             return cls(level_control=is_leveled)
         check_file(path, CONFIG_BYTES, CheckpointError)
         try:
-            return cls.model_validate_json(path.read_bytes())
+            runtime = cls.model_validate_json(path.read_bytes())
         except ValidationError as error:
             first = error.errors()[0]
             field = ".".join(str(part) for part in first["loc"]) or "the whole file"
             raise CheckpointError(f"{path}: {field}: {first['msg']}; import or copy the bundle again") from error
+        # Files of earlier versions name `warp`, a stage that is gone.
+        return runtime.model_copy(update={"stages": tuple(stage for stage in runtime.stages if stage != "warp")})

@@ -5,7 +5,7 @@ other, the decoded foot floats or sinks by millimetres, and `leash` may have mov
 
 - A foot is planted while its ball is low and does not rise fast. Its ball is then held where it was first shown.
 - A released foot rises before it travels: the closer it is to the floor, the less of its way it makes, and the more
-  slowly the correction fades. So it does not slide, however slowly it is played (`time_warp`).
+  slowly the correction fades. So it does not slide.
 - A foot that is held too far from its decoded place is released, and steps there.
 - A foot that travels without lifting, as in a decoded shuffle, is lifted, so that it steps instead of sliding.
 
