@@ -40,7 +40,7 @@ def reference_statistics(**changes) -> ReferenceStatistics:
     dip -= dip.mean()
     known = {
         "beat": tuple(dip.tolist()), "stress": tuple((-dip).tolist()), "speed": (0.05, 0.3, 0.5), "jerk": 100.0,
-        "scenes": 10,
+        "movement": ((0.01, 0.01, 0.01, 0.01), (0.1, 0.05, 0.05, 0.2), (0.2, 0.1, 0.2, 0.5)), "scenes": 10,
     }  # fmt: skip
     return ReferenceStatistics.model_validate(known | changes)
 

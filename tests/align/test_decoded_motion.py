@@ -7,20 +7,19 @@ import numpy as np
 import torch
 from tests.align.tuning import clips
 
-from echoavatar.align.decoded_motion import decode_continuations, decode_truth
+from echoavatar.align.decoded_motion import decode_continuations, decode_truth, shown_positions
 from echoavatar.align.prompts import PromptSampler
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import forward_kinematics, from_features
 
 
 def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):
-    """Past of 12 tokens, 10 of them decoded, 2 kept as lead: by then the decoder has forgotten where it began."""
+    """Past of 12 tokens, 10 of them decoded, 2 kept as lead: by then decoder and smoother forgot where they began."""
     tokenizer = BodyTokenizer.load(tiny_bundle / "tokenizer")
     clip = clips(1, chunks=9)["clip0"]
     prompt = PromptSampler({"clip0": clip}, past=6, length=2).cut("clip0", 1)
     (made,) = decode_truth(tokenizer, [prompt])
-    whole = from_features(tokenizer.skeleton, tokenizer.decode(torch.from_numpy(clip.motion[None]).long()))
-    positions = forward_kinematics(tokenizer.skeleton, whole.rotations, whole.root).positions[0].numpy()
+    features = tokenizer.decode(torch.from_numpy(clip.motion[None]).long()).numpy()
+    positions = shown_positions(tokenizer.skeleton, features)[0]
     begin = (1 + 6) * 8
     np.testing.assert_allclose(
         made.positions[made.lead :] - made.positions[made.lead :, :1],

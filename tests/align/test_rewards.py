@@ -37,6 +37,26 @@ def test_without_events_timing_says_nothing():
         assert say(name, scene(dips(BEATS))) == 0
 
 
+def test_timing_is_credited_where_it_is_made():
+    braking = scene(dips([beat + 0.08 for beat in BEATS]), beats=BEATS)
+    by_frame = BUILT_IN["beat_alignment"](braking, reference_statistics())
+    paid = np.flatnonzero(by_frame > 0.1)
+    assert paid.tolist() == [int(beat * 30) for beat in BEATS]
+    assert by_frame[: paid[0]].sum() == by_frame[paid[-1] + 1 :].sum() == 0  # chance is measured between the events
+
+
+def test_frequent_braking_does_not_pay():
+    everywhere = scene(dips(np.arange(0.1, 2.3, 0.2), depth=0.5), beats=BEATS)
+    assert abs(say("beat_alignment", everywhere)) < 0.15
+
+
+def test_trunk_and_feet_pay_up_to_a_limit():
+    still, moving, wild = (scene(np.full(FRAMES + LEAD, level)) for level in (0.0, 0.5, 50.0))
+    assert say("whole_body", still) == 0
+    assert 0.2 < say("whole_body", moving) < say("whole_body", wild) <= 3
+    assert say("whole_body", scene(np.full(FRAMES + LEAD, 0.2), domain=1)) > say("whole_body", scene(STEADY * 0.4))
+
+
 def test_trembling_costs_and_calm_is_free():
     assert say("smoothness", scene(STEADY), jerk=1e3) == 0
     assert say("smoothness", scene(STEADY, jitter=0.003), jerk=100.0) < -1

@@ -28,6 +28,9 @@ class AlignTraining(TrainingConfig):
         default=8, gt=0, description="continuations of each prompt (paper: GRPO 30, PPO 1, pairs for DPO 8)"
     )
     past: int = Field(default=3, ge=0, description="chunks of true motion and audio before a continuation")
+    own_past: int = Field(
+        default=0, ge=0, description="chunks of the past that the policy makes itself, as in a session (paper: none)"
+    )
     length: int = Field(default=9, gt=0, description="chunks of a continuation (paper: 15, 4 s)")
     fewest_events: int = Field(
         default=2, ge=0, description="beats or stressed syllables that a prompt's audio must contain"
@@ -59,6 +62,12 @@ class AlignTraining(TrainingConfig):
     save_every: int = Field(default=10, ge=0, description="steps between checkpoints")
     videos: int = Field(default=1, ge=0, description="held-out prompts rendered at each checkpoint; 0: none")
     seed: int = Field(default=0, description="seed of prompts and sampled codes")
+
+    @model_validator(mode="after")
+    def _own_past_is_past(self) -> Self:
+        if self.own_past > self.past:
+            raise ValueError(f"own_past ({self.own_past}) chunks are the last of the past ({self.past})")
+        return self
 
     @model_validator(mode="after")
     def _group_is_one(self) -> Self:

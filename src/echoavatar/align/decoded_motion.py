@@ -1,4 +1,7 @@
-"""Continuations decoded to motion, together with their audio events: the input of reward functions."""
+"""Continuations decoded to motion, together with their audio events: the input of reward functions.
+
+Rewards judge what a viewer sees, so the pipeline's smoother runs behind the decoder.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,8 +14,18 @@ from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Skeleton, forward_kinematics, from_features
-from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
+from echoavatar.motion.kinematics import Skeleton, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.motion.stages.pose import Pose
+from echoavatar.motion.stages.smoother import Smoother
+from echoavatar.motion.stages.unpack import Unpacking
+from echoavatar.timing import (
+    AUDIO_FRAMES_PER_CHUNK,
+    CHUNK_FRAMES,
+    FRAME_RATE_HZ,
+    FRAMES_PER_MOTION_TOKEN,
+    MOTION_TOKENS_PER_CHUNK,
+)
 
 from .prompts import Prompt
 
@@ -62,11 +75,10 @@ def decode_continuations(
     past = torch.from_numpy(np.stack([prompt.past for prompt in prompts]).astype(np.int64))
     context = past[:, -(WARM_TOKENS + LEAD_TOKENS) :].repeat_interleave(group, 0)
     lead_tokens = min(LEAD_TOKENS, context.shape[1])
-    features = tokenizer.decode(torch.cat([context, codes.cpu()], 1))
+    features = tokenizer.decode(torch.cat([context, codes.cpu()], 1).to(tokenizer.mean.device)).cpu()
     lead = lead_tokens * FRAMES_PER_MOTION_TOKEN
-    features = features[:, (context.shape[1] - lead_tokens) * FRAMES_PER_MOTION_TOKEN :]
-    moved = from_features(tokenizer.skeleton, features)
-    positions = forward_kinematics(tokenizer.skeleton, moved.rotations, moved.root).positions.numpy()
+    kept = slice((context.shape[1] - lead_tokens) * FRAMES_PER_MOTION_TOKEN, None)
+    positions, features = shown_positions(tokenizer.skeleton, features.numpy())[:, kept], features[:, kept]
     first = past.shape[1] // MOTION_TOKENS_PER_CHUNK * AUDIO_FRAMES_PER_CHUNK
     motions = []
     for row in range(len(codes)):
@@ -86,6 +98,19 @@ def decode_continuations(
             )
         )
     return motions
+
+
+def shown_positions(skeleton: Skeleton, features: Float[np.ndarray, "b t c"]) -> Float[np.ndarray, "b t j 3"]:
+    """Joint positions (m) of decoded features behind the smoother, which takes a chunk of 8 frames at a time."""
+    whole, _ = Unpacking(skeleton).pose_of(features, FRAME_RATE_HZ)
+    smoother, everyone = Smoother(skeleton.joints), np.ones(len(features), bool)
+    state = smoother.init_state(len(features))
+    for start in range(0, whole.frames, CHUNK_FRAMES):
+        at = slice(start, start + CHUNK_FRAMES)
+        smoother.step(Pose(whole.rotations[:, at], whole.root[:, at], whole.fps), state, everyone)
+    whole.root[..., ::2] = whole.root[..., ::2].cumsum(1)  # travel along the ground is a velocity until here
+    rotations = matrix_from_quaternion(torch.from_numpy(whole.rotations))
+    return np.asarray(forward_kinematics(skeleton, rotations, torch.from_numpy(whole.root)).positions.numpy())
 
 
 def decode_truth(tokenizer: BodyTokenizer, prompts: Sequence[Prompt]) -> list[DecodedMotion]:

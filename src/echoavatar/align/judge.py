@@ -36,7 +36,7 @@ class DecodingJudge:
 
     def motions(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> list[DecodedMotion]:
         """The continuations as motion."""
-        return decode_continuations(self.tokenizer, prompts, codes)
+        return decode_continuations(self.tokenizer.to(codes.device), prompts, codes)
 
 
 def concatenated(found: Sequence[Rewards]) -> Rewards:

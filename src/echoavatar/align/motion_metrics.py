@@ -48,8 +48,11 @@ class MotionMetrics:
     def __call__(self, motions: Sequence[DecodedMotion]) -> Measurements:
         """`fid`, `diversity` (m), `beat_alignment` and `stress_alignment`; the last two as mean and standard error."""
         aligned = {
-            "beat_alignment": [beat_alignment(s, self._reference_statistics) for s in motions if len(s.beats)],
-            "stress_alignment": [stress_alignment(s, self._reference_statistics) for s in motions if len(s.stresses)],
+            name: [float(np.sum(score(s, self._reference_statistics))) for s in motions if len(getattr(s, events))]
+            for name, events, score in (
+                ("beat_alignment", "beats", beat_alignment),
+                ("stress_alignment", "stresses", stress_alignment),
+            )
         }
         relative = [motion.positions - motion.positions[:, :1] for motion in motions]
         return {

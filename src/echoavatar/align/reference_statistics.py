@@ -34,12 +34,16 @@ FEWEST_EVENTS = 20
 Kind = Literal["beat", "stress"]
 
 
+Movement = tuple[float, float, float, float]
+
+
 class ReferenceStatistics(Config):
     """Measured once, on the true motion of the training clips."""
 
     beat: tuple[float, ...] = Field(description="profile of the body's speed around beats, frame by frame")
     stress: tuple[float, ...] = Field(description="profile of the arms' speed around stressed syllables")
     speed: tuple[float, float, float] = Field(description="mean speed (m/s) in silence, speech, music")
+    movement: tuple[Movement, Movement, Movement] = Field(description="mean of `body_movement` in the same domains")
     jerk: float = Field(gt=0, description="mean jerk, m/s3")
     scenes: int = Field(gt=0, description="number of motions measured")
 
@@ -83,14 +87,37 @@ def measure_reference_statistics(scenes: Sequence[DecodedMotion]) -> ReferenceSt
     speeds = np.concatenate([motion.speed() for motion in scenes])
     domains = np.concatenate([motion.domain[motion.lead :] for motion in scenes])
     level = [float(speeds[domains == d].mean()) if (domains == d).any() else 0.0 for d in range(3)]
+    moved = np.concatenate([body_movement(motion) for motion in scenes])
+    movement = [moved[domains == d].mean(0) if (domains == d).any() else np.zeros(4) for d in range(3)]
     jerk = float(np.mean([jerk_m_s3(motion.positions) for motion in scenes]))
     return ReferenceStatistics(
         beat=profiles["beat"],
         stress=profiles["stress"],
         speed=(level[0], level[1], level[2]),
+        movement=tuple(tuple(float(value) for value in row) for row in movement),  # type: ignore[arg-type]
         jerk=max(jerk, 1e-6),
         scenes=len(scenes),
     )
+
+
+def body_movement(motion: DecodedMotion) -> Float[np.ndarray, "t 4"]:
+    """Movement of trunk and feet in the new frames.
+
+    How far the shoulders are turned against the hips and the trunk leans along Z, in radians, and how far the hips are
+    to the side along X, in metres, each about its own mean; and the mean speed of the ankles, m/s.
+    """
+    new, at = motion.positions[motion.lead :], motion.skeleton.index
+    shoulders, hips = (new[:, at("left" + bone)] - new[:, at("right" + bone)] for bone in ("UpperArm", "UpperLeg"))
+    turn = np.unwrap(_yaw(shoulders) - _yaw(hips))
+    trunk = (new[:, at("leftUpperArm")] + new[:, at("rightUpperArm")]) / 2 - new[:, 0]
+    about = np.stack([turn, np.arctan2(trunk[:, 2], trunk[:, 1]), new[:, 0, 0]], 1)
+    feet = motion.positions[:, [at("leftFoot"), at("rightFoot")]]
+    ankles = np.linalg.norm(np.diff(feet, axis=0, prepend=feet[:1]), axis=-1).mean(1)[motion.lead :] * FRAME_RATE_HZ
+    return np.concatenate([np.abs(about - about.mean(0)), ankles[:, None]], 1)
+
+
+def _yaw(across: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
+    return np.asarray(np.arctan2(-across[:, 2], across[:, 0]))
 
 
 def relative_speed(motion: DecodedMotion, kind: Kind) -> Float[np.ndarray, " t"]:

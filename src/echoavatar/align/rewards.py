@@ -18,20 +18,20 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.metrics.beat_alignment import SHARP_SIGMA_S, mean_hit_rate
+from echoavatar.evaluation.metrics.beat_alignment import SHARP_SIGMA_S, hits
 from echoavatar.evaluation.metrics.dance_alignment import dance_beats
 from echoavatar.evaluation.metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
 from echoavatar.motion.kinematics.contact import skate
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 
 from .decoded_motion import DecodedMotion
-from .reference_statistics import ReferenceStatistics, response
+from .reference_statistics import ReferenceStatistics, body_movement, response
 
 Reward = Callable[[DecodedMotion, ReferenceStatistics], float | Float[np.ndarray, " t"]]
 
-SHIFTS_S = tuple(float(shift) for shift in np.arange(0.1, 1.0, 0.1))
 FREE_JERK, MOST_JERK = 2.0, 4.0  # multiples of the truth's mean jerk; strokes briefly reach twice the mean
 FREE_RATIO = 1.5  # factor by which speed may differ from the truth's without cost
+MOST_MOVEMENT = 3.0  # multiples of the truth's mean movement; more does not pay
 
 
 def beats(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
@@ -44,15 +44,26 @@ def stresses(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -
     return response(motion, "stress", reference_statistics)
 
 
-def beat_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
-    """BA_D (`sharp`) minus chance, which is the mean score with beats shifted by 0.1 to 0.9 s, wrapping around."""
+def beat_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
+    """BA_D (`sharp`) minus chance, which is the score of an event at any time; by frame, the sum is the score."""
     return _excess(motion, [dance_beats(motion.positions)], motion.beats)
 
 
-def stress_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
+def stress_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
     """BA_G (`sharp`) of the arms on stressed syllables minus chance, as above; strokes end 0.18 s later."""
     arms = motion.skeleton.indices(ARM_JOINTS)
     return _excess(motion, gesture_beats(motion.positions[:, arms]), motion.stresses + STROKE_DELAY_S)
+
+
+def whole_body(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
+    """How much trunk and feet move, over the truth's for this domain: 1 like the truth. Divided by the frames.
+
+    Without it, a policy that is paid for timing moves the arms on the beat and lets the rest of the body rest.
+    """
+    domain = motion.domain[motion.lead :]
+    levels = np.maximum(np.array(reference_statistics.movement), 1e-3)  # one row a domain
+    shares = np.minimum(body_movement(motion) / levels[domain], MOST_MOVEMENT)
+    return np.asarray(shares.mean(1) / motion.frames)
 
 
 def smoothness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
@@ -91,14 +102,20 @@ def stillness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) 
     return np.asarray(np.where(silent, -np.minimum(speed, 3.0), 0.0) / motion.frames)
 
 
-def _excess(motion: DecodedMotion, found: Sequence[np.ndarray], events: Float[np.ndarray, " n"]) -> float:
+def _excess(
+    motion: DecodedMotion, found: Sequence[np.ndarray], events: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " t"]:
+    """Hits of the events at their frames, minus what an event between the first and the last would hit anywhere."""
+    out, frame = np.zeros(motion.frames), np.arange(motion.frames) / FRAME_RATE_HZ
+    events = events[events < motion.frames / FRAME_RATE_HZ]
+    if len(events) < 2:  # one event has no time around it that chance could be measured in
+        return out
     times = [own - motion.lead / FRAME_RATE_HZ for own in found]
-    length = motion.frames / FRAME_RATE_HZ
-    events = events[events < length]
-    if not len(events):
-        return 0.0
-    by_chance = [mean_hit_rate((events + shift) % length, times, SHARP_SIGMA_S) for shift in SHIFTS_S]
-    return mean_hit_rate(events, times, SHARP_SIGMA_S) - float(np.mean(by_chance))
+    hit, anywhere = (np.mean([hits(at, own, SHARP_SIGMA_S) for own in times], 0) for at in (events, frame))
+    between = (frame >= events[0]) & (frame <= events[-1])
+    np.add.at(out, np.floor(events * FRAME_RATE_HZ).astype(int), hit / len(events))
+    out[between] -= anywhere[between] / between.sum()
+    return out
 
 
 BUILT_IN: dict[str, Reward] = {
@@ -106,6 +123,7 @@ BUILT_IN: dict[str, Reward] = {
     "stresses": stresses,
     "beat_alignment": beat_alignment,
     "stress_alignment": stress_alignment,
+    "whole_body": whole_body,
     "smoothness": smoothness,
     "planted_feet": planted_feet,
     "liveliness": liveliness,

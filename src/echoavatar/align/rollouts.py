@@ -1,15 +1,18 @@
 """Continuations that the policy sampled itself and reward functions judged: the training data of GRPO and PPO."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+
 from .policy import Scores
-from .prompts import PromptBatch, PromptSampler, batch_of
+from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 from .trainer import PolicyTask, rollout_seeds, share_of_process
 
 
@@ -68,7 +71,7 @@ class RolloutTask(PolicyTask[RolloutBatch]):
     @torch.no_grad()
     def _sample(self, number: int) -> RolloutBatch:
         training, device, gather = self.config, self.device, self.processes.gather
-        drawn = self._book.draw(number, training.batch)
+        drawn = self._with_own_past(self._book.draw(number, training.batch), number)
         mine = share_of_process(drawn, self.processes)
         rows, group = len(mine) * training.group, training.group
         first = self.processes.rank * rows
@@ -90,6 +93,20 @@ class RolloutTask(PolicyTask[RolloutBatch]):
         made = RolloutBatch(batch, codes, torch.zeros_like(judged.tokens), logged, **scored)
         advantages, returns = self.advantages_and_returns(judged, made)
         return made._replace(advantages=advantages, returns=returns)
+
+    def _with_own_past(self, drawn: Sequence[Prompt], number: int) -> list[Prompt]:
+        """The prompts, the last `own_past` chunks of their past made by the policy.
+
+        After true motion a policy can read the time off the body; in a session it cannot.
+        """
+        tokens = self.config.own_past * MOTION_TOKENS_PER_CHUNK
+        if not tokens:
+            return list(drawn)
+        past, device = batch_of(drawn, str(self.device)), self.device
+        head = PromptBatch(past.audio[:, : self.config.past * AUDIO_FRAMES_PER_CHUNK], past.past[:, :-tokens])
+        seeds = rollout_seeds(self.config, -1 - number, len(drawn)).to(device)
+        made = torch.cat([head.past, self._rollout(head, 1, seeds)], 1).cpu().numpy()
+        return [replace(prompt, past=own) for prompt, own in zip(drawn, made, strict=True)]
 
     def _scored(self, prompts: PromptBatch, codes: Int[Tensor, "r n p q"]) -> dict[str, Tensor]:
         """Scores of this process's continuations under the policy that sampled, gathered from all processes."""

@@ -43,6 +43,8 @@ class SampleVideos:
             write_film(target, self._motion(row), sound.numpy(), shot=Shot(SIZE, samples=1))
 
     def _motion(self, codes: Tensor) -> Motion:
-        moved = from_features(self._tokenizer.skeleton, self._tokenizer.decode(codes[None]))
+        moved = from_features(
+            self._tokenizer.skeleton, self._tokenizer.decode(codes[None].to(self._tokenizer.mean.device)).cpu()
+        )
         turns = quaternion_from_matrix(moved.rotations)[0].numpy()
         return Motion(self._tokenizer.skeleton, turns, moved.root[0].numpy(), FRAME_RATE_HZ)

@@ -37,6 +37,7 @@ SETTINGS = {
     "batch": (int, "prompts (dpo: pairs) per step"),
     "group": (int, "continuations of each prompt"),
     "past": (int, "chunks of true motion before a continuation"),
+    "own-past": (int, "chunks of that past which the policy makes itself"),
     "length": (int, "chunks in a continuation"),
     "learning-rate": (float, "learning rate of AdamW"),
     "critic-rate": (float, "learning rate of the value head (ppo)"),

@@ -16,14 +16,19 @@ SHARP_SIGMA_S = 0.06
 """Tolerance of our own `sharp` forms in seconds. With the usual 0.3 s any lively motion scores near 1."""
 
 
+def hits(events: Shaped[np.ndarray, " n"], beats: Shaped[np.ndarray, " m"], sigma: float) -> Float[np.ndarray, " n"]:
+    """Hit of each event by the nearest beat: 1 at the beat, 0 far from it or without beats."""
+    if not len(beats):
+        return np.zeros(len(events))
+    distance = np.abs(np.asarray(events, np.float64)[:, None] - np.asarray(beats, np.float64)[None]).min(1)
+    return np.asarray(np.exp(-(distance**2) / (2 * sigma**2)))
+
+
 def hit_rate(events: Shaped[np.ndarray, " n"], beats: Shaped[np.ndarray, " m"], sigma: float) -> float:
     """Mean hit of each event by the nearest beat, all in the unit of `sigma`; 0 without beats, NaN without events."""
     if not len(events):
         return float("nan")
-    if not len(beats):
-        return 0.0
-    distance = np.abs(np.asarray(events, np.float64)[:, None] - np.asarray(beats, np.float64)[None]).min(1)
-    return float(np.exp(-(distance**2) / (2 * sigma**2)).mean())
+    return float(hits(events, beats, sigma).mean())
 
 
 def mean_hit_rate(events: Shaped[np.ndarray, " n"], beats: Sequence[Shaped[np.ndarray, " _"]], sigma: float) -> float:
