@@ -9,8 +9,7 @@ from the plain softmax:
   Ratio, entropy and divergence from the reference are those of distributions over that support. If the nucleus were
   recomputed after each step it would change discontinuously, and a sampled code could get probability zero.
 
-A tuned policy must therefore ship with the temperature, cooling and top-p that it was tuned for. It is tuned without
-classifier-free guidance, which would change what is sampled and not what is scored.
+A tuned policy must therefore ship with the temperature, cooling and top-p that it was tuned for.
 """
 
 from typing import NamedTuple, Protocol
@@ -63,8 +62,8 @@ class GeneratorPolicy:
     """A generator that samples continuations and scores them, with either sequence order, on the generator's device."""
 
     def __init__(self, generator: Generator, sampling: Sampling | None = None) -> None:
-        changed = {} if sampling is None else sampling.model_dump()
-        generator.config = generator.config.model_copy(update=changed | {"guidance": 1.0})
+        if sampling is not None:
+            generator.config = generator.config.model_copy(update=sampling.model_dump())
         self.generator = generator
 
     @property

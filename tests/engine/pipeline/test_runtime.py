@@ -1,5 +1,6 @@
 """How a bundle wants to be run travels beside its checkpoints."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,6 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import ADDITIONS, Runtime
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.audio import read_audio
-from echoavatar.models.generator import Generator
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import SWITCHES
@@ -36,6 +36,12 @@ def test_the_pipeline_obeys(tiny_bundle):
     assert Pipeline(bundle).level is None
     assert Pipeline(bundle).post.stages == {"smoother"}
     assert Pipeline(bundle, stages=("feet",)).post.stages == {"feet"}
+
+
+@pytest.mark.parametrize("guided", [True, False])
+def test_a_file_of_an_earlier_version_that_names_guidance_still_loads(tmp_path, guided):
+    (tmp_path / "runtime.json").write_text(json.dumps({"guided": guided, "lead_in_s": 0.5}))
+    assert Runtime.load(tmp_path) == Runtime(lead_in_s=0.5)
 
 
 def test_a_damaged_file_is_named(tmp_path):
@@ -103,15 +109,12 @@ def machinery(runtime: Runtime, bundle) -> set[str]:
     pipeline = Pipeline(replace(bundle, runtime=runtime))
     on = {*pipeline.post.stages, *pipeline.additions}
     on |= {"level"} if pipeline.level else set()
-    on |= {"guidance"} if pipeline.generator._guidance != 1 else set()  # noqa: SLF001
     on |= {"lead-in"} if pipeline._lead_in else set()  # noqa: SLF001
     return on | ({"cylinder"} if pipeline.cylinder else set())
 
 
 def test_each_switch_puts_in_exactly_its_part(tiny_bundle) -> None:
     bundle = load_bundle(tiny_bundle)
-    guided = bundle.generator.config.model_copy(update={"sequence": "depth", "guidance": 1.5})
-    bundle = replace(bundle, generator=Generator(guided))
     assert machinery(Runtime().chosen("bare"), bundle) == set()
     assert machinery(Runtime().chosen("paper"), bundle) == {"cylinder"}
     for name in ADDITIONS:
@@ -123,7 +126,6 @@ def test_each_switch_puts_in_exactly_its_part(tiny_bundle) -> None:
 BODY, FACE = {"body"}, {"face"}
 CHANGES = {
     "level": BODY | FACE,  # both hear it
-    "guidance": BODY,
     "lead-in": BODY | FACE,
     "smoother": BODY,
     "ground": BODY,

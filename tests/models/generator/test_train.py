@@ -97,16 +97,6 @@ def test_a_blind_window_has_noise_for_context_and_clean_targets():
     assert (made.ids != clean.ids).sum() > 0.75 * 2 * 8 * 6  # 7 of 8 random codes differ
 
 
-def test_a_window_whose_audio_is_dropped_has_no_audio_ids():
-    window, made, stage = lesson(audio_dropout=1.0)
-    layout = stage.generator.config.layout
-    sequences = stage.generator.config.order.without_sound(made, stage.draw(0).silenced)
-    is_audio = (made.ids >= layout.audio_base) & (made.ids < layout.motion_base)
-    assert is_audio.sum() == window.audio.numel()
-    assert (sequences.ids[is_audio] == layout.start_id).all()
-    assert torch.equal(sequences.ids[~is_audio], made.ids[~is_audio])
-
-
 def test_a_window_out_of_step_drifts_and_its_targets_keep_time():
     taught = settings(corruption="none", out_of_step=0.5, batch=64, chunks=12)
     stage = GeneratorTask(config(window_chunks=12), taught, clips())

@@ -99,9 +99,7 @@ class Pipeline:
         self.device = find_device(device)
         self.codec = bundle.codec.to(self.device)
         own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
-        self.generator: GeneratorStream[Any] = open_stream(
-            bundle.generator.to(self.device), precision or own_precision, is_guided=runtime.guided
-        )
+        self.generator: GeneratorStream[Any] = open_stream(bundle.generator.to(self.device), precision or own_precision)
         self.tokenizer = bundle.tokenizer.to(self.device)
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)

@@ -7,8 +7,9 @@ second. `bare` leaves out those too. Scores are always taken at the 30 that are 
 """
 
 from pathlib import Path
+from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError
@@ -21,11 +22,7 @@ from .foreign_rig import RigConfig
 FILE = "runtime.json"
 PAPER_FPS = 60.0  # paper, Settings: 30 frames per second, "subsequently interpolated to 60 FPS for final rendering"
 SESSION = ("settling", "idle", "expression", "blinks", "listening", "overlays")  # what a session adds to the models
-NUMBERS = {
-    "level": ("level_control", False),
-    "lead-in": ("lead_in_s", 0.0),
-    "guidance": ("guided", False),
-}  # addition -> its field, and the paper's value
+NUMBERS = {"level": ("level_control", False), "lead-in": ("lead_in_s", 0.0)}  # addition -> field, the paper's value
 ADDITIONS = (*NUMBERS, *SWITCHES, *SESSION)
 
 
@@ -33,9 +30,6 @@ class Runtime(Config):
     """Run-time settings of a bundle."""
 
     level_control: bool = Field(default=True, description="whether sound is brought to one loudness first")
-    guided: bool = Field(
-        default=True, description="whether the sound guides sampling as far as the generator's `guidance` says"
-    )
     lead_in_s: float = Field(
         default=2.0,
         ge=0,
@@ -55,6 +49,14 @@ class Runtime(Config):
     rig: RigConfig | None = Field(
         default=None, description="how the features of a foreign rig differ from ours; None: our rig"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_not_guided(cls, values: Any) -> Any:
+        """Earlier versions saved `guided`, a switch for a generator's `guidance`, which `GeneratorConfig` judges."""
+        if not isinstance(values, dict):
+            return values
+        return {name: value for name, value in values.items() if name != "guided"}
 
     @property
     def additions(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Sizes of a generator: vocabulary, order of the sequence, layers, and sampling defaults."""
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -56,11 +56,6 @@ class GeneratorConfig(Config):
     )
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
-    guidance: float = Field(
-        default=1.0,
-        ge=0,
-        description="depth order: classifier-free guidance by the sound; 1 is none (not in the paper)",
-    )
     patience: float = Field(
         default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steady`)"
     )
@@ -91,6 +86,19 @@ class GeneratorConfig(Config):
     example_bias: float | None = Field(
         default=None, description="nats that a directive adds to the logits of its codes; None: the pipeline's"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_not_guided(cls, values: Any) -> Any:
+        """Earlier versions saved `guidance`, with which the sound guided sampling; 1 was none."""
+        if not isinstance(values, dict) or "guidance" not in values:
+            return values
+        if values["guidance"] != 1:
+            raise ValueError(
+                f"guidance is {values['guidance']}, and this version has no guidance by the sound; load weights that"
+                " were tuned for it with the version that trained them, or set guidance to 1 in config.json"
+            )
+        return {name: value for name, value in values.items() if name != "guidance"}
 
     @model_validator(mode="after")
     def _fits_its_order(self) -> Self:

@@ -56,7 +56,6 @@ class DepthDecoder(Decoder):
         layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)
         sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
         self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)
-        self._no_sound = layout.audio_layers * torch.einsum("opi,i->o", by_place, self._table[layout.start_id])
         for part in (self, self._backbone):
             part.keep_compiled()
         self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, lambda rings: [*_tensors(rings)])
@@ -79,17 +78,13 @@ class DepthDecoder(Decoder):
 
     def embed(
         self, sound: Int[Tensor, "b i"], last: Int[Tensor, "b k"], is_first: Bool[Tensor, " b"]
-    ) -> tuple[Float[Tensor, "b c"], Float[Tensor, "b c"]]:
-        """The backbone's input from a frame's audio ids and the motion ids of the frame before, if there was one.
-
-        With the sound, and without it.
-        """
+    ) -> Float[Tensor, "b c"]:
+        """The backbone's input from a frame's audio ids and the motion ids of the frame before, if there was one."""
         layout = self.config.layout
         place = torch.arange(AUDIO_FRAMES_PER_TOKEN, device=sound.device).repeat_interleave(layout.audio_layers)
         heard = self._sounds[place, sound - layout.audio_base].sum(1)
         start = self._table[layout.start_id]
-        moved = torch.where(is_first[:, None], start, self._table[last].sum(1))
-        return heard + moved, self._no_sound + moved
+        return heard + torch.where(is_first[:, None], start, self._table[last].sum(1))
 
     def frame(
         self,
@@ -100,33 +95,18 @@ class DepthDecoder(Decoder):
         rings: Sequence[KeyValueRing],
         sampler: Sampler,
         steer: Steer | None,
-        guidance: float,
     ) -> Int[Tensor, "b k"]:
-        """The codes of one frame, a captured graph on CUDA. `places` are the backbone's.
-
-        Classifier-free guidance moves the backbone's answer, not the logits of every code, so that the depth
-        transformer runs once. The second half of the rings is then of a backbone that hears nothing.
-        """
-        return self._frames(rings, guidance, sound, last, is_first, *places, *sampler, *(steer or ()))
+        """The codes of one frame, a captured graph on CUDA. `places` are the backbone's."""
+        return self._frames(rings, None, sound, last, is_first, *places, *sampler, *(steer or ()))
 
     def _frame(
-        self,
-        rings: Sequence[KeyValueRing],
-        guidance: float,
-        sound: Tensor,
-        last: Tensor,
-        is_first: Tensor,
-        *inputs: Tensor,
+        self, rings: Sequence[KeyValueRing], _: None, sound: Tensor, last: Tensor, is_first: Tensor, *inputs: Tensor
     ) -> Int[Tensor, "b k"]:
         places, sampler = Places(*inputs[:3]), Sampler(*inputs[3:6])
         steer = Steer(*inputs[6:]) if len(inputs) > 6 else None
-        hint = 0 if steer is None else steer.hint
-        with_sound, without = (x + hint for x in self.embed(sound, last, is_first))
-        layers = len(rings) if guidance == 1 else len(rings) // 2
-        condition = self._backbone.logits(self._backbone.read(with_sound, places, rings[:layers]), 0)
-        if guidance != 1:
-            unheard = self._backbone.logits(self._backbone.read(without, places, rings[layers:]), 0)
-            condition = torch.lerp(unheard, condition, guidance)
+        x = self.embed(sound, last, is_first)
+        hidden = self._backbone.read(x if steer is None else x + steer.hint, places, rings)
+        condition = self._backbone.logits(hidden, 0)
         rows, count = last.shape
         own, slots = self._own_places(rows, count), self.rings(rows, count)
         first = self.read(condition, own.part(0, 1), slots)
@@ -148,10 +128,7 @@ def _tensors(rings: Sequence[KeyValueRing]) -> list[Tensor]:
 
 @dataclass
 class FrameState(StreamState):
-    """Keys and values of the backbone's window, the last frame's codes, and how many frames were heard.
-
-    With guidance, the rings of the backbone that hears nothing come after those of the one that hears.
-    """
+    """Keys and values of the backbone's window, the last frame's codes, and how many frames were heard."""
 
     rings: list[KeyValueRing]
     last: Int[Tensor, "b p q"]
@@ -164,18 +141,15 @@ class DepthStream(GeneratorStream[FrameState]):
     _decoder_type: ClassVar[type[Decoder]] = DepthDecoder
     _decoder: DepthDecoder
 
-    def __init__(self, generator: Generator, precision: Precision = "float32", *, is_guided: bool = True) -> None:
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
         super().__init__(generator, precision)
-        self._guidance = generator.config.guidance if is_guided else 1.0
         self._slots = generator.config.window_tokens
 
     def init_state(self, rows: int) -> FrameState:
         """A fresh state."""
         device, layout = self._decoder.device, self.layout
         last = torch.zeros(rows, layout.parts, layout.motion_layers, dtype=torch.int64, device=device)
-        branches = 1 if self._guidance == 1 else 2
-        rings = [ring for _ in range(branches) for ring in self._decoder.backbone.rings(rows, self._slots)]
-        return FrameState(rings, last, last[:, 0, 0].clone())
+        return FrameState(self._decoder.backbone.rings(rows, self._slots), last, last[:, 0, 0].clone())
 
     def _heard(self, state: FrameState) -> Int[Tensor, " b"]:
         return state.frames // self.config.step
@@ -196,7 +170,6 @@ class DepthStream(GeneratorStream[FrameState]):
                 state.rings,
                 sampler._replace(noise=noise[:, at * count : (at + 1) * count]),
                 steer,
-                self._guidance,
             )
             frames.append(self.layout.unflatten(drawn))
             self._advance(state, frames[-1][:, 0], active)
@@ -207,13 +180,9 @@ class DepthStream(GeneratorStream[FrameState]):
         self, x: Int[Tensor, "b f l"], motion: Int[Tensor, "b n p q"], state: FrameState, active: Bool[Tensor, " b"]
     ) -> None:
         """See `GeneratorStream.prime`."""
-        layers = self.config.layers
         for at, sound in enumerate(torch.split(x, AUDIO_FRAMES_PER_TOKEN, dim=1)):
-            places = self._places(state, active)
-            with_sound, without = self._decoder.embed(*self._inputs(sound, state))
-            self._decoder.backbone.read(with_sound, places, state.rings[:layers])
-            if self._guidance != 1:
-                self._decoder.backbone.read(without, places, state.rings[layers:])
+            embedded = self._decoder.embed(*self._inputs(sound, state))
+            self._decoder.backbone.read(embedded, self._places(state, active), state.rings)
             self._advance(state, motion[:, at].long(), active)
 
     def _inputs(self, sound: Int[Tensor, "b f l"], state: FrameState) -> tuple[Tensor, Tensor, Tensor]:

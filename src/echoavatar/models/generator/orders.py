@@ -7,13 +7,13 @@ from .stream import InterleavedStream, PrefixStream
 
 
 def open_stream(
-    generator: Generator, precision: Precision = "float32", *, is_guided: bool = True
+    generator: Generator, precision: Precision = "float32"
 ) -> InterleavedStream | PrefixStream | DepthStream:
-    """The stream of this generator's sequence order; `is_guided`: with the config's guidance, if any."""
+    """The stream of this generator's sequence order."""
     match generator.config.sequence:
         case "interleaved":
             return InterleavedStream(generator, precision)
         case "prefix":
             return PrefixStream(generator, precision)
         case "depth":
-            return DepthStream(generator, precision, is_guided=is_guided)
+            return DepthStream(generator, precision)

@@ -44,12 +44,6 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="share of windows whose context motion is all noise: the sound must tell (not in the paper)",
     )
-    audio_dropout: float = Field(
-        default=0.0,
-        ge=0,
-        le=1,
-        description="share of windows without their sound, for classifier-free guidance (not in the paper)",
-    )
     asked: float = Field(
         default=1.0,
         gt=0,

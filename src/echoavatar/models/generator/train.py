@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
@@ -40,7 +40,6 @@ class Lesson(NamedTuple):
     window: Window
     context: Int[Tensor, "b n p q"]  # motion codes, corrupted
     missing: Int[Tensor, " b"]  # leading chunks that count as not there
-    silenced: Bool[Tensor, " b"]  # rows without their sound
     exemplar: Exemplar | None
     asked: Int[Tensor, "b n"] | None  # the frames whose codes are asked for, the same in all rows; None is all
 
@@ -136,15 +135,12 @@ class GeneratorTask(TrainingTask[Lesson]):
         if config.sequence == "prefix":
             cut = torch.rand(rows, generator=random) < training.short_windows
             missing = torch.randint(self.chunks, (rows,), generator=random) * cut
-        silenced = torch.zeros(rows, dtype=torch.bool)
-        if training.audio_dropout:
-            silenced = torch.rand(rows, generator=random) < training.audio_dropout
         asked = None
         if training.asked < 1:
             frames = context.shape[1]
             count = math.ceil(training.asked * frames)
             asked = torch.randperm(frames, generator=random)[:count].sort().values.repeat(rows, 1)
-        return Lesson(window, context, missing, silenced, self._exemplar(window, step), asked)
+        return Lesson(window, context, missing, self._exemplar(window, step), asked)
 
     def weight(self, batch: Lesson) -> float:
         """Chunks that carry loss."""
@@ -158,8 +154,6 @@ class GeneratorTask(TrainingTask[Lesson]):
             means = {"nll_audio": streams.audio.mean(), "nll_motion": streams.motion.mean()}
             return Loss(stream_loss(streams, training.depth_weights), means)
         sequences = self._sequences(batch)
-        if training.audio_dropout:
-            sequences = self.generator.config.order.without_sound(sequences, batch.silenced)
         if batch.asked is not None:
             sequences = sequences.asking(batch.asked[0])
         hidden = self.generator.read(sequences, batch.exemplar)

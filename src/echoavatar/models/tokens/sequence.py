@@ -82,12 +82,6 @@ class SequenceOrder(ABC):
         `missing` leading chunks of a row count as not there, as at the beginning of a session.
         """
 
-    def without_sound(self, sequences: Sequences, rows: Bool[Tensor, " b"]) -> Sequences:
-        """The same, with the start id in place of every audio id of these rows."""
-        ids, layout = sequences.ids, self.layout
-        is_audio = (ids >= layout.audio_base) & (ids < layout.audio_base + layout.audio_layers * layout.audio_codes)
-        return sequences._replace(ids=ids.masked_fill(is_audio & rows[:, None], layout.start_id))
-
     def _targets(self, target: Int[Tensor, "b n p q"]) -> Int[Tensor, "b k n"]:
         return target.long().flatten(2).transpose(1, 2)
 
