@@ -62,7 +62,9 @@ LINES: dict[Method, tuple[str, tuple[float, ...]]] = {
     "grpo": ("Ours (GRPO)", (24.13, 20.89, 8.239, 2.618)),
     "ppo": ("Ours (PPO)", (24.97,)),
 }
-NO_STATISTICS = ReferenceStatistics(beat=(0.0,), stress=(0.0,), speed=(0.0, 0.0, 0.0), jerk=1.0, scenes=1)
+NO_STATISTICS = ReferenceStatistics(
+    beat=(0.0,), stress=(0.0,), speed=(0.0,) * 3, movement=((0.0,) * 4,) * 3, jerk=1.0, scenes=1
+)
 """Learned rewards need no reference statistics."""
 
 

@@ -160,7 +160,9 @@ class GeneratorPolicy:
         self, audio: Tensor, motion: Tensor, missing: Tensor, steps: int
     ) -> tuple[Float[Tensor, "b n k K"], Float[Tensor, "b n k c"]]:
         batch = self.generator.config.order.build(audio, motion, motion, missing)
-        hidden = self.generator(batch.ids, batch.valid)
+        if self.generator.config.sequence == "depth":  # the codes of the past need not be read one by one
+            batch = batch.asking(torch.arange(motion.shape[1] - steps, motion.shape[1], device=motion.device))
+        hidden = self.generator(batch.ids, batch.valid, asked=batch.asked)
         predictors = batch.predictors[:, -steps:]
         logits = self.generator.segment_logits(hidden, predictors)
         return logits.permute(1, 2, 0, 3), hidden[:, predictors.T]
