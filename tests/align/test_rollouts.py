@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from tests.align.tuning import grpo, ppo, wants_threes
+from tests.align.tuning import book, grpo, ppo, wants_threes
 
 from echoavatar.align.trainer import RunContext
 from echoavatar.training import Loop
@@ -55,3 +55,21 @@ def test_the_logged_values_are_the_judged_ones():
     assert float(told["reward"]) == pytest.approx(wanted.mean(), abs=1e-6)
     spread = wanted.reshape(one.config.batch, -1).std(1).mean()
     assert float(told["spread"]) == pytest.approx(spread, abs=1e-6)
+
+
+def test_a_past_of_its_own_is_the_policys_and_is_what_continuations_follow():
+    plain, own = (grpo(prompts=book(past=2), past=2, own_past=share) for share in (0, 1))
+    one, other = plain.draw(0), own.draw(0)
+    assert torch.equal(one.prompts.audio, other.prompts.audio)
+    assert torch.equal(one.prompts.past[:, :2], other.prompts.past[:, :2])  # a chunk of true motion
+    assert not torch.equal(one.prompts.past[:, 2:], other.prompts.past[:, 2:])
+    rows = other.prompts.past.view(own.config.batch, own.config.group, *other.prompts.past.shape[1:])
+    assert (rows == rows[:, :1]).all()  # one past for all continuations of a prompt
+    again = grpo(prompts=book(past=2), past=2, own_past=1).draw(0)
+    assert torch.equal(again.prompts.past, other.prompts.past)
+    assert torch.equal(again.codes, other.codes)
+
+
+def test_more_own_past_than_past_is_refused():
+    with pytest.raises(ValueError, match=r"own_past \(2\) chunks are the last of the past \(1\)"):
+        grpo(own_past=2)

@@ -72,8 +72,9 @@ def training(method: str, **changes) -> AlignTraining:
     return AlignTraining.model_validate(sizes | changes)
 
 
-def grpo(context: RunContext = NO_CONTEXT, **changes) -> GrpoTask:
-    return GrpoTask(policy(), policy(), training("grpo", **changes), wants_threes, context, book=book())
+def grpo(context: RunContext = NO_CONTEXT, prompts: PromptSampler | None = None, **changes) -> GrpoTask:
+    settings = training("grpo", **changes)
+    return GrpoTask(policy(), policy(), settings, wants_threes, context, book=prompts or book())
 
 
 def ppo(context: RunContext = NO_CONTEXT, **changes) -> PpoTask:

@@ -1,4 +1,4 @@
-"""`echoavatar align`: reinforcement learning of a generator (GRPO, DPO, PPO), rollouts, reward models."""
+"""`echoavatar align`: reinforcement learning of a generator (GRPO, DPO, PPO), rollouts, soups, reward models."""
 
 import argparse
 import os
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from . import align_compare, align_rewards
+from . import align_compare, align_rewards, align_soup
 
 if TYPE_CHECKING:
     from echoavatar.align.config import AlignTraining
@@ -21,6 +21,7 @@ EXAMPLES = """examples:
   echoavatar align dpo TOKENS -o runs/dpo --pairs pairs.jsonl
   echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
   echoavatar align compare TOKENS -o it.json --beside runs/grpo    what tuning gained and what it cost
+  echoavatar align soup runs/a=0.5 runs/b=0.5 -o runs/mix          a mix of two runs from the same generator
   echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels from your own FID
   echoavatar align reward-quality TOKENS -o runs/quality           how good motion looks
   echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion fits the audio
@@ -74,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     beside = kinds.add_parser("compare", help="compare generators on held-out prompts")
     _add_common(beside)
     align_compare.add_arguments(beside)
+    align_soup.add_arguments(kinds.add_parser("soup", help="mix generators that were tuned from the same one"))
     align_rewards.add_arguments(kinds)
     for child in (grpo, dpo, ppo):
         _add_common(child)
@@ -137,6 +139,8 @@ def run(args: argparse.Namespace) -> int:
     """Run one of the sub-commands."""
     if args.kind in align_rewards.KINDS:
         return align_rewards.run(args)
+    if args.kind == "soup":
+        return align_soup.run(args)
     if args.kind == "compare":
         return align_compare.run(args, _setup(args))
     is_first = os.environ.get("RANK", "0") == "0"
