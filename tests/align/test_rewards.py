@@ -54,6 +54,7 @@ def test_trunk_and_feet_pay_up_to_a_limit():
     still, moving, wild = (scene(np.full(FRAMES + LEAD, level)) for level in (0.0, 0.5, 50.0))
     assert say("whole_body", still) == 0
     assert 0.2 < say("whole_body", moving) < say("whole_body", wild) <= 3
+    assert say("whole_body", scene(STEADY, domain=0)) == 0
     assert say("whole_body", scene(np.full(FRAMES + LEAD, 0.2), domain=1)) > say("whole_body", scene(STEADY * 0.4))
 
 

@@ -23,4 +23,4 @@ def test_a_soup_of_two_runs(tmp_path, tiny_bundle, capsys):
     mixed = Generator.load(tmp_path / "mix")
     torch.testing.assert_close(mixed.lm_head.weight, start.lm_head.weight + 1.0)
     assert main(["align", "soup", str(tmp_path / "a"), "-o", str(tmp_path / "bad"), "--model", str(tiny_bundle)]) == 1
-    assert "is not NAME=WEIGHT" in capsys.readouterr().err
+    assert "a' is not NAME=WEIGHT, such as runs/a=0.5" in capsys.readouterr().err

@@ -56,14 +56,14 @@ def stress_alignment(motion: DecodedMotion, reference_statistics: ReferenceStati
 
 
 def whole_body(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
-    """How much trunk and feet move, over the truth's for this domain: 1 like the truth. Divided by the frames.
+    """How much trunk and feet move, over the truth's for this domain: 1 like the truth. 0 in silence; divided by the frames.
 
     Without it, a policy that is paid for timing moves the arms on the beat and lets the rest of the body rest.
     """
     domain = motion.domain[motion.lead :]
     levels = np.maximum(np.array(reference_statistics.movement), 1e-3)  # one row a domain
     shares = np.minimum(body_movement(motion) / levels[domain], MOST_MOVEMENT)
-    return np.asarray(shares.mean(1) / motion.frames)
+    return np.asarray(np.where(domain > 0, shares.mean(1), 0.0) / motion.frames)
 
 
 def smoothness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
@@ -193,8 +193,8 @@ class RewardMix:
         return np.asarray(value.reshape(-1, FRAMES_PER_MOTION_TOKEN).sum(1))
 
 
-def parse_weights(words: Sequence[str]) -> dict[str, float]:
-    """`beats=1 stillness=0.5` as weights; `module:function` names a function of your own.
+def parse_weights(words: Sequence[str], what: str = "reward", example: str = "beats=1") -> dict[str, float]:
+    """`beats=1 stillness=0.5` as weights; of rewards, `module:function` names a function of your own.
 
     Raises:
         EchoAvatarError: a word is not NAME=WEIGHT.
@@ -205,9 +205,9 @@ def parse_weights(words: Sequence[str]) -> dict[str, float]:
         try:
             weights[name] = float(weight)
         except ValueError as error:
-            raise EchoAvatarError(f"reward {word!r} is not NAME=WEIGHT, such as beats=1") from error
+            raise EchoAvatarError(f"{what} {word!r} is not NAME=WEIGHT, such as {example}") from error
         if not name:
-            raise EchoAvatarError(f"reward {word!r} has no name; write for example beats={word.lstrip('=')}")
+            raise EchoAvatarError(f"{what} {word!r} has no name; write for example {example}")
     return weights
 
 

@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.models.generator import Generator
 
-    shares = parse_weights(args.runs)
+    shares = parse_weights(args.runs, "run", "runs/a=0.5")
     start = Generator.load(args.generator) if args.generator else load_bundle(args.model).generator
     mixed = soup(start, {name: (Generator.load(Path(name)), share) for name, share in shares.items()})
     cards = {name: read_card(Path(name)) for name in shares}
