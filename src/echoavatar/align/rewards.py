@@ -56,7 +56,7 @@ def stress_alignment(motion: DecodedMotion, reference_statistics: ReferenceStati
 
 
 def whole_body(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
-    """How much trunk and feet move, over the truth's for this domain: 1 like the truth. 0 in silence; divided by the frames.
+    """How much trunk and feet move, over the truth's for this domain; 0 in silence. Divided by the frames.
 
     Without it, a policy that is paid for timing moves the arms on the beat and lets the rest of the body rest.
     """
