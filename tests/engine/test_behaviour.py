@@ -171,7 +171,7 @@ def test_nobody_freezes_in_silence(pipeline: Pipeline) -> None:
     late = slice(5 * FRAME_RATE_HZ, None)
     assert np.ptp(place["hips"][late, 0]) > 0.008
     assert np.ptp(np.degrees(off_viewer(motion, HUMANOID))[late]) > 2
-    assert speed(motion)[150:].max() < 0.12
+    assert speed(motion)[150:].max() < 0.4  # a hand that changes its place, no lurch
     feet = [np.linalg.norm(place[foot][late] - place[foot][150], axis=1).max() for foot in ("leftFoot", "rightFoot")]
     _log.info("silence: hips %.3f m, feet slide %.4f m", np.ptp(place["hips"][late, 0]), max(feet))
     assert max(feet) < 0.01

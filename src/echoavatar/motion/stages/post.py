@@ -29,6 +29,7 @@ from .modes import FREE, IdleLegs, ModesState, MotionOptions
 from .pose import Pose
 from .repair import repair
 from .smoother import Smoother, SmootherState
+from .speed_limit import SpeedLimit, SpeedLimitState
 from .unpack import Unpacking
 
 OnStage = Callable[[str], None]
@@ -47,10 +48,11 @@ class PostState(StreamState):
     ground: GroundState
     leash: LeashState
     feet: FeetState
+    limit: SpeedLimitState
 
 
 class Post:
-    """The stages in order: pose, smoother, ground, leash, feet, hands."""
+    """The stages in order: pose, smoother, ground, leash, feet, hands; a speed limit belongs to the last."""
 
     def __init__(
         self, skeleton: Skeleton, *, stages: Collection[str] = SWITCHES, body: BodyProfile | None = None
@@ -71,6 +73,7 @@ class Post:
         self._ground = Ground(skeleton, self._chains, is_holding="ground" in stages)
         self._leash = Leash()
         self._feet = Feet(skeleton, self._chains)
+        self._limit = SpeedLimit(skeleton.joints)
 
     def init_state(self, rows: int) -> PostState:
         """Nothing shown yet, no restrictions."""
@@ -80,6 +83,7 @@ class Post:
             self._ground.init_state(rows),
             self._leash.init_state(rows),
             self._feet.init_state(rows),
+            self._limit.init_state(rows),
         )
 
     def step(
@@ -115,6 +119,7 @@ class Post:
         report("feet")
         if "hands" in self.stages:
             self._hands.resolve(pose.rotations, chains)
+            self._limit.step(pose, state.limit, on)
         np.negative(pose.rotations, out=pose.rotations, where=pose.rotations[..., :1] < 0)
         report("hands")
         return MotionBatch(pose.rotations, pose.root)
