@@ -24,5 +24,5 @@ def test_shares_say_how_far_each_run_counts():
 
 
 def test_another_order_is_refused():
-    with pytest.raises(CheckpointError, match="reference other has another sequence"):
+    with pytest.raises(CheckpointError, match="run other has another sequence: prefix"):
         soup(generator(), {"other": (generator(sequence="prefix"), 1.0)})

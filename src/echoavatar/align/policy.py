@@ -174,16 +174,16 @@ def mean_by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
     return [float(mean) for mean in split.mean((0, 1, 2))]
 
 
-def check_reference(policy: Generator, reference: Generator, *, name: str) -> None:
+def check_reference(policy: Generator, reference: Generator, *, name: str, what: str = "reference") -> None:
     """Refuse a reference whose codes mean something else.
 
     Raises:
         CheckpointError: its vocabulary, sequence order or code patience differs.
     """
     own, other = policy.config, reference.config
-    for what in ("layout", "sequence", "patience"):
-        if getattr(own, what) != getattr(other, what):
+    for field in ("layout", "sequence", "patience"):
+        if getattr(own, field) != getattr(other, field):
             raise CheckpointError(
-                f"reference {name} has another {'vocabulary' if what == 'layout' else what}:"
-                f" {getattr(other, what)}, the policy's is {getattr(own, what)}; use the generator it was trained from"
+                f"{what} {name} has another {'vocabulary' if field == 'layout' else field}:"
+                f" {getattr(other, field)}, the policy's is {getattr(own, field)}; use the generator it was trained from"
             )

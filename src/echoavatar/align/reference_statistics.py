@@ -22,6 +22,7 @@ from pydantic import Field, ValidationError
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.evaluation.metrics.gesture_alignment import ARM_JOINTS
+from echoavatar.evaluation.metrics.liveliness import yaw
 from echoavatar.evaluation.metrics.physical import jerk_m_s3
 from echoavatar.timing import FRAME_RATE_HZ
 
@@ -108,16 +109,12 @@ def body_movement(motion: DecodedMotion) -> Float[np.ndarray, "t 4"]:
     """
     new, at = motion.positions[motion.lead :], motion.skeleton.index
     shoulders, hips = (new[:, at("left" + bone)] - new[:, at("right" + bone)] for bone in ("UpperArm", "UpperLeg"))
-    turn = np.unwrap(_yaw(shoulders) - _yaw(hips))
+    turn = np.unwrap(yaw(shoulders) - yaw(hips))
     trunk = (new[:, at("leftUpperArm")] + new[:, at("rightUpperArm")]) / 2 - new[:, 0]
     about = np.stack([turn, np.arctan2(trunk[:, 2], trunk[:, 1]), new[:, 0, 0]], 1)
     feet = motion.positions[:, [at("leftFoot"), at("rightFoot")]]
     ankles = np.linalg.norm(np.diff(feet, axis=0, prepend=feet[:1]), axis=-1).mean(1)[motion.lead :] * FRAME_RATE_HZ
     return np.concatenate([np.abs(about - about.mean(0)), ankles[:, None]], 1)
-
-
-def _yaw(across: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
-    return np.asarray(np.arctan2(-across[:, 2], across[:, 0]))
 
 
 def relative_speed(motion: DecodedMotion, kind: Kind) -> Float[np.ndarray, " t"]:

@@ -45,7 +45,7 @@ def stresses(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -
 
 
 def beat_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
-    """BA_D (`sharp`) minus chance, which is the score of an event at any time; by frame, the sum is the score."""
+    """BA_D (`sharp`) minus chance, the mean score of an event at any time. By frame; the sum is the score."""
     return _excess(motion, [dance_beats(motion.positions)], motion.beats)
 
 
@@ -105,7 +105,7 @@ def stillness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) 
 def _excess(
     motion: DecodedMotion, found: Sequence[np.ndarray], events: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " t"]:
-    """Hits of the events at their frames, minus what an event between the first and the last would hit anywhere."""
+    """By frame: the hit of each event, minus the mean hit of an event anywhere between the first and the last."""
     out, frame = np.zeros(motion.frames), np.arange(motion.frames) / FRAME_RATE_HZ
     events = events[events < motion.frames / FRAME_RATE_HZ]
     if len(events) < 2:  # one event has no time around it that chance could be measured in

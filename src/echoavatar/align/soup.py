@@ -16,7 +16,7 @@ from .policy import check_reference
 
 @torch.no_grad()
 def soup(start: Generator, runs: Mapping[str, tuple[Generator, float]]) -> Generator:
-    """A new generator with `start`'s config; `runs` by name, each with its share.
+    """A new generator with `start`'s config. `runs` holds each tuned generator and its share, by name.
 
     Raises:
         CheckpointError: the codes of a run mean something else than `start`'s.
@@ -24,7 +24,7 @@ def soup(start: Generator, runs: Mapping[str, tuple[Generator, float]]) -> Gener
     mixed = Generator(start.config)
     weights = {name: value.clone() for name, value in start.state_dict().items()}
     for run, (tuned, share) in runs.items():
-        check_reference(tuned, start, name=run)
+        check_reference(start, tuned, name=run, what="run")
         theirs = tuned.state_dict()
         for name, value in start.state_dict().items():
             weights[name] += share * (theirs[name] - value)

@@ -98,12 +98,12 @@ def foot_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
 def hand_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
     """Both wrists in the shoulders' frame, arm lengths: origin between the shoulders, X along them, Y up."""
     left, right = (_at(points, side + "UpperArm") for side in ("left", "right"))
-    yaw = _yaw(left - right)
+    turn = yaw(left - right)
     elbow, wrist = _at(points, "leftLowerArm"), _at(points, "leftHand")
     arm = np.median(np.linalg.norm(left - elbow, axis=1) + np.linalg.norm(elbow - wrist, axis=1))
     hands = points[:, [POINTS.index("leftHand"), POINTS.index("rightHand")]]
     x, y, z = np.moveaxis((hands - ((left + right) / 2)[:, None]) / arm, -1, 0)
-    cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
     return np.stack([cos * x - sin * z, y, sin * x + cos * z], -1)
 
 
@@ -139,7 +139,7 @@ def novelty(hands: Float[np.ndarray, "t 2 3"], fps: float) -> float:
 def shoulder_turn_deg(points: Points) -> float:
     """Deviation of the angle about the vertical between the lines through the shoulders and through the hip joints."""
     shoulders, hips = (_at(points, "left" + bone) - _at(points, "right" + bone) for bone in ("UpperArm", "UpperLeg"))
-    return float(np.degrees(np.unwrap(_yaw(shoulders) - _yaw(hips)).std()))
+    return float(np.degrees(np.unwrap(yaw(shoulders) - yaw(hips)).std()))
 
 
 def trunk_lean_deg(points: Points) -> float:
@@ -167,5 +167,6 @@ def _at(points: Points, name: str) -> Float[np.ndarray, "t 3"]:
     return points[:, POINTS.index(name)]
 
 
-def _yaw(across: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
+def yaw(across: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, " t"]:
+    """Angle about the vertical, radians, of a line from the right to the left; 0 where it lies along X."""
     return np.asarray(np.arctan2(-across[:, 2], across[:, 0]))
