@@ -181,9 +181,9 @@ def check_reference(policy: Generator, reference: Generator, *, name: str, what:
         CheckpointError: its vocabulary, sequence order or code patience differs.
     """
     own, other = policy.config, reference.config
-    for field in ("layout", "sequence", "patience"):
-        if getattr(own, field) != getattr(other, field):
+    for key in ("layout", "sequence", "patience"):
+        if getattr(own, key) != getattr(other, key):
             raise CheckpointError(
-                f"{what} {name} has another {'vocabulary' if field == 'layout' else field}:"
-                f" {getattr(other, field)}, the policy's is {getattr(own, field)}; use the generator it was trained from"
+                f"{what} {name} has another {'vocabulary' if key == 'layout' else key}:"
+                f" {getattr(other, key)}, the policy's is {getattr(own, key)}; use the generator it was trained from"
             )
