@@ -30,9 +30,9 @@ from ..kinematics.quaternions import inner_product, normalized, read_quaternion,
 from .pose import Array, Pose
 
 FASTEST = math.radians(1000)  # per second
-LATE = 10  # exponent of the weight of later frames
-STIFFNESS = 6.0  # at 0 the path is the decoded one
-BEND = 0.01  # factor of the stiffness where a latent begins
+LATE = 7  # exponent of the weight of later frames
+STIFFNESS = 0.2  # at 0 the path is the decoded one
+BEND = 0.2  # factor of the stiffness where a latent begins
 SHOWN = 3  # frames that a third difference reaches back
 
 
