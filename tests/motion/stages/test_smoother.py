@@ -77,7 +77,7 @@ def least_squares(chunk: np.ndarray, past: np.ndarray) -> np.ndarray:
 
 
 def test_steps_between_latents_show_no_more_at_chunk_borders_than_within() -> None:
-    """Noise coarser than decoders make, a step wherever a latent of four frames begins; for the root's travel as well."""
+    """Coarse noise, a step wherever a latent of four frames begins; for the travel of the root as well."""
     torch.manual_seed(2)
     sway = 0.2 * torch.sin(torch.arange(1600) / 9)
     steps = sway + (0.04 * torch.randn(400)).repeat_interleave(4)
