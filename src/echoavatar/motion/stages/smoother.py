@@ -9,8 +9,8 @@ smoother with a fixed start). y minimises
 
 over the four numbers of the unit quaternions, and over the root's travel. The solution is one small matrix. s_k is
 `BEND` where a latent begins and 1 elsewhere: there acceleration may change at less cost. A step is thereby
-spread over a whole latent, and a chunk is nearly as smooth at its border as within. No joint turns faster than `FASTEST`.
-`docs/results/post.md` says how the three numbers were chosen. The paper has no smoother.
+spread over a whole latent, and a chunk is nearly as smooth at its border as within. No joint turns faster than
+`FASTEST`. `docs/results/post.md` says how the three numbers were chosen. The paper has no smoother.
 """
 
 import math
