@@ -17,7 +17,7 @@ from .keyframes import glide
 
 FORWARD, BACK, ASIDE = 0.62, -0.14, 0.16  # radians in the loudest music
 QUIET = 0.55  # share of them in the quietest
-SIZE, SPREAD, LARGEST = 1.05, 0.8, 2.6  # of a dance's bends: median, log-normal deviation and most
+SIZE, SPREAD, LARGEST = 0.3, 1.4, 2.6  # of a dance's bends: median, log-normal deviation and most
 MOST_BOW = 1.15  # radians, however large the dance
 PELVIS = 0.45  # share of a bow in the hips; the spine has the rest
 LOOK = 0.6  # share of a bow that the head makes up for
