@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from echoavatar.corpora.rehearsal.bends import with_bends
+from echoavatar.corpora.rehearsal.bends import BY_RULE, CAPTURED, with_bends
 from echoavatar.corpora.rehearsal.controls import neutral
 from echoavatar.corpora.rehearsal.grooves import GROOVES, Counts
 
@@ -39,3 +39,15 @@ def test_bends_begin_and_end_with_the_music_and_rest_on_counts():
 
 def test_a_body_that_bends_already_bends_no_further():
     assert np.abs(bow(1.0, pitch=1.0)[0]).max() < 1e-3
+
+
+def test_most_captured_dancers_are_bent_less_and_some_as_far():
+    body = neutral(600)
+
+    def deepest(size):
+        made = [with_bends(body, counts(0.8), np.random.default_rng(seed), size).spine[:, 1] for seed in range(40)]
+        return np.abs(np.array(made) - body.spine[:, 1]).max(1)
+
+    by_rule, captured = deepest(BY_RULE), deepest(CAPTURED)
+    assert np.median(captured) < 0.5 * np.median(by_rule)
+    assert captured.max() > 0.8 * by_rule.max()

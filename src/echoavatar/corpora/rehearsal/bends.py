@@ -1,7 +1,7 @@
 """Bends of the trunk and levels of the hips, laid over a dance: deeper in louder music, reached on its counts.
 
-Some dances hardly bend and some go deep, as among people. The hips go back and down while the trunk bows, so the body
-stays over its feet. A dance that bends already gets less.
+Some dances hardly bend and some go deep, as among people; over captured dancers most bends are small. The hips go back
+and down while the trunk bows, so the body stays over its feet. A dance that bends already gets less.
 """
 
 from dataclasses import replace
@@ -17,7 +17,9 @@ from .keyframes import glide
 
 FORWARD, BACK, ASIDE = 0.62, -0.14, 0.16  # radians in the loudest music
 QUIET = 0.55  # share of them in the quietest
-SIZE, SPREAD, LARGEST = 0.3, 1.4, 2.6  # of a dance's bends: median, log-normal deviation and most
+BY_RULE = 1.05, 0.8  # of a dance's bends: median and log-normal deviation
+CAPTURED = 0.3, 1.4  # over captured dancers, who bend of their own: a third as deep, and some dances deep nevertheless
+LARGEST = 2.6
 MOST_BOW = 1.15  # radians, however large the dance
 PELVIS = 0.45  # share of a bow in the hips; the spine has the rest
 LOOK = 0.6  # share of a bow that the head makes up for
@@ -29,12 +31,17 @@ IN_S, OUT_S = 2.0, 0.8
 LONG_S = 0.8  # between two bends at least
 
 
-def with_bends(dance: Controls, counts: Counts, rng: np.random.Generator) -> Controls:
-    """The same dance with bends in one music span; the feet stay where they are."""
+def with_bends(
+    dance: Controls, counts: Counts, rng: np.random.Generator, size: tuple[float, float] = BY_RULE
+) -> Controls:
+    """The same dance with bends in one music span; the feet stay where they are.
+
+    `size` is the median of a dance's bends and their log-normal deviation from dance to dance.
+    """
     first, last = (int(np.clip(round(t * FRAME_RATE_HZ), 0, len(dance))) for t in (counts.start, counts.end + OUT_S))
     if last - first < FRAME_RATE_HZ:
         return dance
-    times, values = _keys(counts, rng)
+    times, values = _keys(counts, rng, size)
     clock = np.arange(first, last) / FRAME_RATE_HZ
     bow, aside = glide(clock, times, values, TRAVEL * np.diff(times, prepend=times[0] - LONG_S)).T
     presence = minimum_jerk((clock - counts.start) / IN_S) * minimum_jerk((counts.end + OUT_S - clock) / OUT_S)
@@ -43,12 +50,15 @@ def with_bends(dance: Controls, counts: Counts, rng: np.random.Generator) -> Con
     return _bent(dance, first, bow * presence * room, aside * presence * room)
 
 
-def _keys(counts: Counts, rng: np.random.Generator) -> tuple[Float[Array, " k"], Float[Array, "k 2"]]:
+def _keys(
+    counts: Counts, rng: np.random.Generator, sizes: tuple[float, float]
+) -> tuple[Float[Array, " k"], Float[Array, "k 2"]]:
     """Times, and a bow and a bend to the side in each: down and up in turns, the same in every second phrase."""
     apart = counts.metre if counts.metre == 3 else 2
     apart *= max(1, int(np.ceil(LONG_S / (apart * counts.length(0)))))
     times, values, motif = [counts.start], [np.zeros(2)], np.zeros((4, 2))
-    size = min(SIZE * float(np.exp(SPREAD * rng.standard_normal())), LARGEST)
+    median, spread = sizes
+    size = min(median * float(np.exp(spread * rng.standard_normal())), LARGEST)
     for number in range((len(counts.times) - 1) // apart + 1):
         if number % 8 == 0:
             down, up = rng.uniform(0.55, 1.0, 2) * FORWARD, rng.uniform(0.2, 1.0, 2) * BACK

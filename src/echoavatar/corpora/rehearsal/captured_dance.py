@@ -9,7 +9,7 @@ from echoavatar.corpora.capture.dances import Piece, can_dance, captured_dance
 from echoavatar.corpora.capture.library import CapturedLibrary
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .bends import with_bends
+from . import bends
 from .controls import Controls, concatenated
 from .dance import dance, danced
 from .grooves import Counts, find_counts
@@ -40,10 +40,12 @@ def dance_to(track: SoundTrack, seed: int, library: CapturedLibrary | None = Non
     made, spans = dance(track, seed), danced(track)
     for number, span in enumerate(spans):
         counts = find_counts(track, span)
+        by_rule = made
         if library is not None:
             until = spans[number + 1].start if number + 1 < len(spans) else track.seconds
             made = with_captured(made, library, counts, until, np.random.default_rng([seed, 8, number]))
-        made = with_bends(made, counts, np.random.default_rng([seed, 9, number]))
+        size = bends.BY_RULE if made is by_rule else bends.CAPTURED
+        made = bends.with_bends(made, counts, np.random.default_rng([seed, 9, number]), size)
     return made
 
 
