@@ -115,6 +115,19 @@ def test_captured_people_are_told_from_one_another_by_folder() -> None:
     assert alive.people_apart(person("ann", 1, 0) + person("bob", 3, 9)) == 1
     assert alive.people_apart(person("ann", 3, 0) + person("bob", 3, 0)) < 0.7
     assert math.isnan(alive.people_apart(person("ann", 3, 0)))
+    apart = alive.each_apart(person("ann", 3, 0) + person("bob", 3, 0) + person("cid", 3, 9))
+    assert apart["cid"] == 1
+    assert set(apart) == {"ann", "bob", "cid"}
+
+
+def test_each_captured_person_has_a_row() -> None:
+    people = [
+        alive.Take(f"{name}/1", "music", name, swaying(450, size=size)) for name, size in (("ann", 0.2), ("bob", 0.3))
+    ]
+    found = alive.report([alive.Take("ours", "music", "", swaying(450, size=0.1))], people, 12)
+    assert {label for label in found.rows if ": " in label} == {"music, captured: ann", "music, captured: bob"}
+    assert found.rows["music, captured: bob"]["hand_speed"] > found.rows["music, captured: ann"]["hand_speed"]
+    assert "music, captured: ann" in found.told_apart
 
 
 def test_motion_like_the_captured_one_is_no_distance_away() -> None:

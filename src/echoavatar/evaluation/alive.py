@@ -181,6 +181,11 @@ def report(
             found.rows[f"{kind}, captured"] = mean_statistics(theirs)
             found.frechet[kind], found.told_apart[kind] = compare(ours, theirs)
             found.told_apart[f"{kind}, captured"] = people_apart(theirs)
+            if kind == captured_kind(kind):  # once: listening has the same people as silence
+                for person, accuracy in each_apart(theirs).items():
+                    own = [one for one in theirs if one.take.group == person]
+                    found.rows[f"{kind}, captured: {person}"] = mean_statistics(own)
+                    found.told_apart[f"{kind}, captured: {person}"] = accuracy
     return found
 
 
@@ -201,18 +206,27 @@ def compare(ours: Sequence[Measured], theirs: Sequence[Measured]) -> tuple[float
 
 
 def people_apart(captured: Sequence[Measured]) -> float:
-    """How well the classifier tells captured people from one another: the mean over folders, each against the others.
+    """How well the classifier tells captured people from one another: the mean of `each_apart`.
 
-    Hold the accuracy of `compare` against it. NaN with fewer than two folders. The only clip of a side is cut in
-    quarters.
+    Hold the accuracy of `compare` against it. NaN with fewer than two folders.
     """
-    accuracies = []
+    accuracies = list(each_apart(captured).values())
+    return float(np.mean(accuracies)) if accuracies else float("nan")
+
+
+def each_apart(captured: Sequence[Measured]) -> dict[str, float]:
+    """How well the classifier tells each folder of captured people from all the others.
+
+    A folder should hold one person: several people in one are told from the rest less surely than each of them. The
+    only clip of a side is cut in quarters.
+    """
+    accuracies = {}
     for group in dict.fromkeys(one.take.group for one in captured):
         sides = [[one for one in captured if (one.take.group == group) is is_in] for is_in in (True, False)]
         (some, clips), (others, other_clips) = (_table(side) for side in sides)
         if len(some) and len(others):
-            accuracies.append(held_out_accuracy(some, others, _parts(clips), _parts(other_clips)))
-    return float(np.mean(accuracies)) if accuracies else float("nan")
+            accuracies[group] = held_out_accuracy(some, others, _parts(clips), _parts(other_clips))
+    return accuracies
 
 
 def _parts(clips: Sequence[str]) -> Sequence[str]:
