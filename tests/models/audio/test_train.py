@@ -59,6 +59,15 @@ def test_a_resumed_run_is_the_same_run(pool, tmp_path):
     assert card.items() >= LICENCE.items()
 
 
+@pytest.fixture
+def double():
+    """Double precision: in single precision rounding, which differs from processor to processor, may turn a code."""
+    torch.set_default_dtype(torch.float64)
+    yield
+    torch.set_default_dtype(torch.float32)
+
+
+@pytest.mark.usefixtures("double")
 def test_pieces_share_one_trajectory(pool):
     """Six rows at once or two by two, of which two are decoded, before and after the codebooks begin to learn."""
 
