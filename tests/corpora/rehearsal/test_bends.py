@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from echoavatar.corpora.rehearsal.bends import BY_RULE, CAPTURED, with_bends
+from echoavatar.corpora.rehearsal.bends import SIZE_BY_RULE, SIZE_CAPTURED, with_bends
 from echoavatar.corpora.rehearsal.controls import neutral
 from echoavatar.corpora.rehearsal.grooves import GROOVES, Counts
 
@@ -15,7 +15,7 @@ def counts(energy: float) -> Counts:
 def bow(energy: float, pitch: float = 0.0):
     body = neutral(600)
     body = replace(body, spine=body.spine + np.array([0, pitch, 0], np.float32))
-    bent = with_bends(body, counts(energy), np.random.default_rng(1))
+    bent = with_bends(body, counts(energy), np.random.default_rng(1), SIZE_BY_RULE)
     np.testing.assert_array_equal(bent.foot_position, body.foot_position)
     return bent.spine[:, 1] - body.spine[:, 1], bent
 
@@ -48,6 +48,6 @@ def test_most_captured_dancers_are_bent_less_and_some_as_far():
         made = [with_bends(body, counts(0.8), np.random.default_rng(seed), size).spine[:, 1] for seed in range(40)]
         return np.abs(np.array(made) - body.spine[:, 1]).max(1)
 
-    by_rule, captured = deepest(BY_RULE), deepest(CAPTURED)
+    by_rule, captured = deepest(SIZE_BY_RULE), deepest(SIZE_CAPTURED)
     assert np.median(captured) < 0.5 * np.median(by_rule)
     assert captured.max() > 0.8 * by_rule.max()

@@ -17,8 +17,8 @@ from .keyframes import glide
 
 FORWARD, BACK, ASIDE = 0.62, -0.14, 0.16  # radians in the loudest music
 QUIET = 0.55  # share of them in the quietest
-BY_RULE = 1.05, 0.8  # of a dance's bends: median and log-normal deviation
-CAPTURED = 0.3, 1.4  # over captured dancers, who bend of their own: a third as deep, and some dances deep nevertheless
+SIZE_BY_RULE = 1.05, 0.8  # of a dance's bends: median, and log-normal deviation from dance to dance
+SIZE_CAPTURED = 0.3, 1.4  # over captured dancers, who bend of their own; some dances are deep nevertheless
 LARGEST = 2.6
 MOST_BOW = 1.15  # radians, however large the dance
 PELVIS = 0.45  # share of a bow in the hips; the spine has the rest
@@ -31,12 +31,10 @@ IN_S, OUT_S = 2.0, 0.8
 LONG_S = 0.8  # between two bends at least
 
 
-def with_bends(
-    dance: Controls, counts: Counts, rng: np.random.Generator, size: tuple[float, float] = BY_RULE
-) -> Controls:
+def with_bends(dance: Controls, counts: Counts, rng: np.random.Generator, size: tuple[float, float]) -> Controls:
     """The same dance with bends in one music span; the feet stay where they are.
 
-    `size` is the median of a dance's bends and their log-normal deviation from dance to dance.
+    `size` is `SIZE_BY_RULE` or `SIZE_CAPTURED`.
     """
     first, last = (int(np.clip(round(t * FRAME_RATE_HZ), 0, len(dance))) for t in (counts.start, counts.end + OUT_S))
     if last - first < FRAME_RATE_HZ:

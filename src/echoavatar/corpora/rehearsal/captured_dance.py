@@ -44,7 +44,7 @@ def dance_to(track: SoundTrack, seed: int, library: CapturedLibrary | None = Non
         if library is not None:
             until = spans[number + 1].start if number + 1 < len(spans) else track.seconds
             made = with_captured(made, library, counts, until, np.random.default_rng([seed, 8, number]))
-        size = bends.BY_RULE if made is by_rule else bends.CAPTURED
+        size = bends.SIZE_BY_RULE if made is by_rule else bends.SIZE_CAPTURED
         made = bends.with_bends(made, counts, np.random.default_rng([seed, 9, number]), size)
     return made
 
