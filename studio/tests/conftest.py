@@ -15,6 +15,7 @@ import pytest
 from studio.tests import canned
 from tests.conftest import certified, tiny_bundle, voice  # noqa: F401
 
+from echoavatar_studio import secrecy
 from echoavatar_studio.making import Maker
 from echoavatar_studio.store import Store, sqlite_url
 
@@ -22,6 +23,13 @@ PROGRAMS = [Path(path).parent for path in (shutil.which("initdb"),) if path] + s
     Path("/usr/lib/postgresql").glob("*/bin"), reverse=True
 )
 STORES = ("sqlite", "postgresql")
+
+
+@pytest.fixture(autouse=True)
+def _cheap_hashes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Passwords are hashed at little cost, except where the hash itself is tested: each takes a tenth of a second."""
+    if request.path.stem != "test_secrecy":
+        monkeypatch.setattr(secrecy, "_COST", {"n": 2, "r": 1, "p": 1})
 
 
 @pytest.fixture(scope="session")

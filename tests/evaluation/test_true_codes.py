@@ -56,8 +56,8 @@ def test_a_chunk_is_drawn_after_the_true_past_alone(sequence):
 
 def test_the_command_ends_with_json(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]):
     folder = str(tiny_bundle)
-    assert main(["evaluate", folder, "--codes", "--clips", "2"]) == 0
+    assert main(["evaluate", folder, "--codes", "--clips", "1"]) == 0
     rows = {"tokenizer", "truth", "decoded", "shown", "drawn"}
     assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == rows
-    assert main(["evaluate", folder, "--codes", "--clips", "2", "--tokenizer", f"{folder}/tokenizer"]) == 0
+    assert main(["evaluate", folder, "--codes", "--clips", "1", "--tokenizer", f"{folder}/tokenizer"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == rows - {"drawn"}

