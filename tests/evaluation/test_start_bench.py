@@ -7,6 +7,7 @@ from echoavatar.cli import main
 from echoavatar.evaluation.start_bench import bench_start
 
 
+@pytest.mark.slow
 def test_a_start_is_timed_stage_by_stage_in_fresh_processes(
     tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
