@@ -27,7 +27,7 @@ STORES = ("sqlite", "postgresql")
 
 @pytest.fixture(autouse=True)
 def _cheap_hashes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Passwords are hashed at little cost, except where the hash itself is tested: each takes a tenth of a second."""
+    """Passwords are hashed at little cost, except where the hash itself is tested: each takes 0.3 s."""
     if request.path.stem != "test_secrecy":
         monkeypatch.setattr(secrecy, "_COST", {"n": 2, "r": 1, "p": 1})
 

@@ -34,7 +34,7 @@ LONG_S = 0.8  # between two bends at least
 def with_bends(dance: Controls, counts: Counts, rng: np.random.Generator, size: tuple[float, float]) -> Controls:
     """The same dance with bends in one music span; the feet stay where they are.
 
-    `size` is `SIZE_BY_RULE` or `SIZE_CAPTURED`.
+    `size`, the median and deviation of how deep a dance bends, is `SIZE_BY_RULE` or `SIZE_CAPTURED`.
     """
     first, last = (int(np.clip(round(t * FRAME_RATE_HZ), 0, len(dance))) for t in (counts.start, counts.end + OUT_S))
     if last - first < FRAME_RATE_HZ:
@@ -49,19 +49,19 @@ def with_bends(dance: Controls, counts: Counts, rng: np.random.Generator, size: 
 
 
 def _keys(
-    counts: Counts, rng: np.random.Generator, sizes: tuple[float, float]
+    counts: Counts, rng: np.random.Generator, size: tuple[float, float]
 ) -> tuple[Float[Array, " k"], Float[Array, "k 2"]]:
     """Times, and a bow and a bend to the side in each: down and up in turns, the same in every second phrase."""
     apart = counts.metre if counts.metre == 3 else 2
     apart *= max(1, int(np.ceil(LONG_S / (apart * counts.length(0)))))
     times, values, motif = [counts.start], [np.zeros(2)], np.zeros((4, 2))
-    median, spread = sizes
-    size = min(median * float(np.exp(spread * rng.standard_normal())), LARGEST)
+    median, spread = size
+    depth = min(median * float(np.exp(spread * rng.standard_normal())), LARGEST)
     for number in range((len(counts.times) - 1) // apart + 1):
         if number % 8 == 0:
             down, up = rng.uniform(0.55, 1.0, 2) * FORWARD, rng.uniform(0.2, 1.0, 2) * BACK
-            bows = np.minimum(size * np.stack([down, up], 1).ravel(), MOST_BOW)
-            motif = np.stack([bows, min(size, 1.0) * ASIDE * rng.uniform(-1, 1, 4)], 1)
+            bows = np.minimum(depth * np.stack([down, up], 1).ravel(), MOST_BOW)
+            motif = np.stack([bows, min(depth, 1.0) * ASIDE * rng.uniform(-1, 1, 4)], 1)
         time = counts.at(number * apart) + ANSWER_S
         if time > times[-1] + 0.5 * LONG_S:
             times.append(time)
