@@ -164,3 +164,30 @@ def test_a_wrist_at_the_tip_of_the_lower_arm_is_found():
     np.testing.assert_allclose(
         moved.pose().positions[:, wrists].numpy(), motion.pose().positions[:, wrists].numpy(), atol=5e-3
     )
+
+
+@pytest.mark.parametrize("has_tips", [True, False], ids=["with-tips", "without-tips"])
+@pytest.mark.parametrize("heading_deg", [0, 90, -150])
+def test_feet_without_toes_point_ahead_wherever_the_body_faces(has_tips, heading_deg):
+    """Feet of rigs without toes, as Daz's: their tips tell where they point, or else the hips do."""
+    motion = walking(3.0)
+    heading = matrix_from_euler(torch.tensor([np.radians(heading_deg), 0.0, 0.0]), "yxz").double()
+    matrices = motion.matrices().double()
+    matrices[:, 0] = heading @ matrices[:, 0]
+    root = (heading @ torch.from_numpy(motion.root).double()[..., None]).squeeze(-1)
+    kept = [joint for joint, name in enumerate(HUMANOID.names) if not name.endswith("Toes")]
+    toes = {f"{side}Foot": HUMANOID.config.offsets[HUMANOID.index(f"{side}Toes")] for side in ("left", "right")}
+    config = SkeletonConfig(
+        names=tuple(HUMANOID.names[j] for j in kept),
+        parents=tuple(kept.index(HUMANOID.parents[j]) if j else -1 for j in kept),
+        offsets=tuple(HUMANOID.config.offsets[j] for j in kept),
+        tips=toes if has_tips else {},
+    )
+    turned = Motion(
+        Skeleton(config), quaternion_from_matrix(matrices[:, kept]).float().numpy(), root.float().numpy(), 30.0
+    )
+    moved = retarget(turned, has_footing=False).matrices(), retarget(motion, has_footing=False).matrices()
+    feet = HUMANOID.indices(("leftFoot", "rightFoot"))
+    between = (moved[0] @ moved[1].mT)[:, feet]
+    angles = torch.rad2deg(((between.diagonal(dim1=-2, dim2=-1).sum(-1) - 1) / 2).clamp(-1, 1).acos())
+    assert float(angles.median()) < (1 if has_tips else 15)

@@ -31,7 +31,7 @@ from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
 from .footing import stepping
 
-VERSION = 2  # of the cached libraries: raise it with every change of what a file becomes
+VERSION = 3  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
 STILL_M_S = 0.06  # mean speed of the body's joints below which a dance has not begun
 LEAD_IN_S = 0.3

@@ -5,7 +5,7 @@ Each mapped bone gets a constant rotation A with: target world rotation = source
 * Torso and shoulders of a rig that stands upright at rest: A corrects the facing alone.
 * Limbs and fingers: A is the parent's A followed by the smallest rotation from the target's bone direction to the
   source's. So a T-pose and an A-pose match.
-* Feet and toes: A is measured on the motion, so that standing feet are flat on the floor.
+* Feet and toes: A is measured on the motion, so that standing feet are flat on the floor and point as the source's do.
 
 Some rigs have no meaningful rest pose: their bones all point along a local axis (Bandai-Namco). There A gives each bone
 no twist against its parent on average over the clip. Elbows and knees take the twist from their bending axis.
@@ -27,6 +27,7 @@ _HINGES = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")
 _TRUNK = ("spine", "chest", "upperChest")
 _UP = (0.0, 1.0, 0.0)
 _IN_LINE = 0.94  # cosine of 20 degrees
+_AHEAD = 0.5  # least level share of a tip that tells where a foot points
 _UPRIGHT = 0.5  # cosine of the greatest angle at which a rest pose counts as one
 
 
@@ -45,7 +46,7 @@ def align(
         ours, theirs = _direction(target, target_map, bone), _direction(source, source_map, bone)
         rotations = pose.rotations[:, source_map[bone]]
         if bone.endswith(("Foot", "Toes")):
-            found[bone] = _flat(pose, source_map, bone) @ _level_rest(target, target_map, bone).T
+            found[bone] = _flat(source, pose, source_map, bone) @ _level_rest(target, target_map, bone).T
         elif has_rest:
             is_limb = any(part in bone for part in _LIMBS)
             base = found[above] if above is not None else facing
@@ -160,16 +161,27 @@ def _facing(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: Mapping
     return least_rotation(flat[0], flat[1])
 
 
-def _flat(pose: Pose, bones: Mapping[str, int], bone: str) -> Tensor:
+def _flat(source: Skeleton, pose: Pose, bones: Mapping[str, int], bone: str) -> Tensor:
     """The mean rotation, in the bone's frame, to a level frame that points along the standing foot."""
     side = "left" if bone.startswith("left") else "right"
     ankle = pose.positions[:, bones[f"{side}Foot"]]
     stands = ankle[:, 1] <= torch.quantile(ankle[:, 1], 0.15) + 0.01
     rotations = pose.rotations[stands, bones[bone]]
-    if f"{side}Toes" not in bones:
-        return project_rotation(rotations.transpose(-1, -2).mean(0))
-    ahead = (pose.positions[:, bones[f"{side}Toes"]] - ankle)[stands]
+    ahead = _along_foot(source, pose, bones, side)[stands]
     return project_rotation((rotations.transpose(-1, -2) @ _level(ahead)).mean(0))
+
+
+def _along_foot(source: Skeleton, pose: Pose, bones: Mapping[str, int], side: str) -> Float[Tensor, "t 3"]:
+    """From the ankle to the toes or, without them, to the foot's tip; the heading of the hips if there is neither."""
+    foot = bones[f"{side}Foot"]
+    if f"{side}Toes" in bones:
+        return pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
+    tip = pose.positions.new_tensor(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
+    along = pose.rotations[:, foot] @ tip
+    if float(along[:, [0, 2]].norm(dim=-1).mean()) > _AHEAD * float(tip.norm()) > 0:
+        return along
+    across = pose.positions[:, bones["leftUpperLeg"]] - pose.positions[:, bones["rightUpperLeg"]]
+    return torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
 
 
 def _level_rest(target: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
