@@ -34,12 +34,12 @@ NEAREST = 3  # of the best followers one is drawn
 LINGER = 0.28  # share by which a dancer's time runs faster and slower about a beat, slowing down on it
 AFTER_S = 1.0  # for which the dance goes on after the music, for feet that wait for their last step
 FADE_S, STEP_S = 0.6, 0.33
-TURNED = (1.8, 1.0, 1.0)  # the trunk against the hips as captured: the salsa turns less than other dances
+TURNED = 1.45  # the trunk against the hips as captured: the salsa turns less than other dances
 FACING, AWAY = 1.2, 1.1  # cost of a stretch that faces backwards, and of each metre off the middle
 NEAR_M = 0.6  # from the middle: this near costs nothing
-SIZE, SPREAD = 1.2, 0.3  # of a dance's movement: median and log-normal deviation
+SIZE, SPREAD, LARGEST = 1.15, 0.35, 2.0  # of a dance's movement: median, log-normal deviation, most
 MOST_TURN = 1.0  # radians
-HOME_TURN, HOME_M = 0.5, 0.22  # most that a join turns and shifts the dancer
+HOME_TURN, HOME_M = 0.5, 0.15  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
 ROUNDS, SOFT_FRAMES = 3, 3.0
 FOLDED_M = 0.16  # from a shoulder to its wrist: a folded arm, which is not made smaller
@@ -94,7 +94,7 @@ def captured_dance(
     phrases = choose(graph, groups, piece, rng)
     body: Controls | None = None
     first = int(np.ceil(piece.beat(phrases[0].begin) * FRAME_RATE_HZ))
-    size = SIZE * float(np.exp(SPREAD * rng.standard_normal()))
+    size = min(SIZE * float(np.exp(SPREAD * rng.standard_normal())), LARGEST)
     for phrase in phrases:
         made = _played(phrase, piece, size, rng)
         body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])
@@ -187,15 +187,19 @@ def _played(phrase: Phrase, piece: Piece, size: float, rng: np.random.Generator)
 
 
 def _sized(controls: Controls, size: float) -> Controls:
-    """The same phrase with larger or smaller movement of arms, trunk and height; the feet as they are."""
+    """The same phrase with larger or smaller movement of arms, trunk and height; the feet as they are.
+
+    The trunk bends and tilts as captured at most, so that it stays over the feet.
+    """
     wrist, spine = controls.wrist, controls.spine
     free = np.clip((np.linalg.norm(wrist, axis=-1, keepdims=True) - FOLDED_M) / FOLDED_M, 0, 1)
+    trunk = np.array([TURNED * size, min(size, 1.0), min(size, 1.0)])
     height = controls.pelvis_position.copy()
     height[:, 1] += (min(size, 1.0) - 1) * (height[:, 1] - height[:, 1].mean())
     return replace(
         controls,
         pelvis_position=height,
-        spine=(spine + (np.array(TURNED) * size - 1) * (spine - spine.mean(0))).astype(np.float32),
+        spine=(spine + (trunk - 1) * (spine - spine.mean(0))).astype(np.float32),
         wrist=(wrist + (size - 1) * free * (wrist - wrist.mean(0))).astype(np.float32),
     )
 

@@ -261,7 +261,10 @@ def _level_shift(controls: Controls) -> dict[str, Float[np.ndarray, " 3"]]:
     pelvis, spine, head = (
         np.median(curve[upright], axis=0) for curve in (controls.pelvis_rotation, controls.spine, controls.head)
     )
-    tilt, gaze, side = float(pelvis[1]), float(pelvis[1] + spine[1] + head[1]), float(pelvis[2] + spine[2] + head[2])
+    tilt, gaze, side = (
+        float(np.angle(np.exp(1j * angle)))  # after a somersault an upright body is a full turn on
+        for angle in (pelvis[1], pelvis[1] + spine[1] + head[1], pelvis[2] + spine[2] + head[2])
+    )
     turned = np.clip(tilt, -PELVIS_TILT, PELVIS_TILT) - tilt
     raised = np.clip(gaze, *GAZE) - gaze
     upright_head = np.clip(side, -HEAD_ROLL, HEAD_ROLL) - side

@@ -18,7 +18,7 @@ from .keyframes import glide
 FORWARD, BACK, ASIDE = 0.62, -0.14, 0.16  # radians in the loudest music
 QUIET = 0.55  # share of them in the quietest
 SIZE_BY_RULE = 1.05, 0.8  # of a dance's bends: median, and log-normal deviation from dance to dance
-SIZE_CAPTURED = 0.3, 1.4  # over captured dancers, who bend of their own; some dances are deep nevertheless
+SIZE_CAPTURED = 0.25, 1.7  # over captured dancers, who bend of their own; a few dances are deep nevertheless
 LARGEST = 2.6
 MOST_BOW = 1.15  # radians, however large the dance
 PELVIS = 0.45  # share of a bow in the hips; the spine has the rest

@@ -15,7 +15,7 @@ from .dance import dance, danced
 from .grooves import Counts, find_counts
 from .sound import SoundTrack
 
-BY_RULE = 0.1  # of the pieces that captured people could dance
+BY_RULE = 0.05  # of the pieces that captured people could dance
 SALSA, STREET, MODERN = ("salsa_lead", "salsa_follow"), ("street", "keyed"), ("modern", "whirl")
 DANCERS: dict[str, tuple[tuple[str, ...], ...]] = {
     "salsa": (SALSA,),

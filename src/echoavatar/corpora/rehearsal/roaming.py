@@ -15,7 +15,7 @@ from .controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
 from .grooves import Counts
 from .keyframes import glide
 
-ASIDE_M, FRONT_M, EDGE_M = (0.5, 1.0), 0.2, 1.0  # from the middle: to the side, to the front or back, and at most
+ASIDE_M, FRONT_M, EDGE_M = (0.25, 0.7), 0.2, 1.0  # from the middle: to the side, to the front or back, and at most
 VARIED = 0.15  # share by which ways to the side differ within a dance
 QUIET = 0.75  # share of it in the quietest music
 LEG_S = 2.2  # from side to side at least
