@@ -34,6 +34,7 @@ ROWS = (
     "joint_speed_max_deg_s",
     "body_jerk_mean_m_s3",
     "skate_cm_s",
+    "turned_feet_ratio",
 )
 
 

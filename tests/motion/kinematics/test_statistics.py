@@ -48,3 +48,11 @@ def test_every_number_is_finite_and_named_with_its_unit():
 def test_too_few_frames_are_refused():
     with pytest.raises(ValueError, match="four frames"):
         describe(standing(3))
+
+
+def test_feet_that_point_aside_are_counted():
+    motion = standing(30)
+    turns = motion.rotations.copy()
+    turns[15:, HUMANOID.index("rightFoot")] = (np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0)
+    assert describe(motion)["turned_feet_ratio"] == 0
+    assert describe(Motion(HUMANOID, turns, motion.root, 30))["turned_feet_ratio"] == pytest.approx(0.25)

@@ -14,6 +14,7 @@ from .rotations import angle_between
 
 PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
 STROKE_SPEED = 0.35  # metres per second; a peak above it is a stroke
+TURNED_DEG = 60.0  # a foot that points further away from where the hips face is turned
 _FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 _LEGS = ("hips", "leftLowerLeg", "leftFoot", "leftToes", "rightLowerLeg", "rightFoot", "rightToes")
 _DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
@@ -27,6 +28,8 @@ def describe(motion: Motion) -> dict[str, float]:
     peaks of hand speed over 0.35 m/s per second and hand; `pause_ratio` is the share of frames in which both hands
     move at less than 6 cm/s; `reach_ratio` is the distance from shoulder to wrist in arm lengths; jerk is the mean
     length of the third derivative of position; skate as in `contact.skate`, over ankles and toes.
+    `turned_feet_ratio` is the share of feet that point over 60 degrees away from where the hips face, NaN for a rig
+    without toes.
     """
     if motion.frames < 4:
         raise ValueError(f"statistics need four frames, got {motion.frames}")
@@ -49,6 +52,7 @@ def describe(motion: Motion) -> dict[str, float]:
         "planted_ratio": float(is_planted.mean()),
         "steps_per_s": float((np.diff(is_planted.astype(int), axis=0) == 1).sum() / 2 / motion.seconds),
         "toe_height_min_m": float(feet[..., 1].min()),
+        "turned_feet_ratio": _turned_feet(bones, pose),
     }
     return numbers
 
@@ -100,6 +104,15 @@ def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, floa
         "joint_speed_p99_deg_s": float(np.percentile(speed, 99)),
         "joint_speed_max_deg_s": float(speed.max()),
     }
+
+
+def _turned_feet(bones: dict[str, int], pose: Pose) -> float:
+    if not {"leftToes", "rightToes"} <= bones.keys():
+        return float("nan")
+    own = _own_frame(bones, pose)
+    along = own[:, [bones["leftToes"], bones["rightToes"]]] - own[:, [bones["leftFoot"], bones["rightFoot"]]]
+    turn = np.abs(np.degrees(np.arctan2(along[..., 0], along[..., 2])))
+    return float((turn > TURNED_DEG).mean())
 
 
 def _own_frame(bones: dict[str, int], pose: Pose) -> _Array:
