@@ -12,17 +12,17 @@ def graph_of(dance: Controls):
 
 def test_stretches_are_whole_counts_that_fit_the_tempo():
     graph = graph_of(stepping_in_place(20.0, 0.4))
-    fitting, slow = graph.stretches(("street",), 4, 0.45), graph.stretches(("street",), 4, 6.0)
+    fitting, slow = graph.stretches(("street",), 4, 0.32), graph.stretches(("street",), 4, 6.0)
     assert len(fitting) > 20
     assert not len(slow)
-    np.testing.assert_allclose(fitting.rate, 0.4 / 0.45, atol=0.1)
+    np.testing.assert_allclose(fitting.rate, 0.4 / 0.32, atol=0.1)
     assert set(fitting.dance) == {0, 1}  # the clip and its mirror image
 
 
 def test_floor_work_is_left_out():
     dance = stepping_in_place(20.0, 0.4)
     dance.pelvis_position[300:, 1] = 0.4
-    stretches = graph_of(dance).stretches(("street",), 4, 0.45)
+    stretches = graph_of(dance).stretches(("street",), 4, 0.32)
     assert len(stretches)
     assert max(stretches.first) * 0.4 * 30 < 300
 

@@ -77,7 +77,7 @@ def test_a_captured_dance_starts_and_stops_without_a_jolt(people: CapturedLibrar
     """Silence, music, silence: the body goes into the dance from where it stands, and stands where the dance ends."""
     both = CapturedLibrary((*people.clips, *library.clips))
     spans = (Span(0.0, 4.0, "silence"), Span(4.0, 16.0, "music"), Span(16.0, 20.0, "silence"))
-    track = SoundTrack(np.zeros(20 * 24_000, np.float32), spans=spans, beats=np.arange(4.2, 16.0, 0.45))
+    track = SoundTrack(np.zeros(20 * 24_000, np.float32), spans=spans, beats=np.arange(4.2, 16.0, 0.34))
     danced = [choreograph(track, seed, both) for seed in range(3)]
     for controls in danced:
         rotations, root = solve(controls)

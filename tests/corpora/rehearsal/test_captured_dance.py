@@ -1,12 +1,15 @@
 import numpy as np
+import pytest
 from tests.corpora.capture.test_dances import stepping_in_place
 
 from echoavatar.corpora.capture.library import CapturedClip, CapturedLibrary
+from echoavatar.corpora.rehearsal import captured_dance
 from echoavatar.corpora.rehearsal.captured_dance import dance_to
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
 
 
-def test_captured_people_dance_some_pieces_and_each_piece_by_itself():
+def test_captured_people_dance_some_pieces_and_each_piece_by_itself(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(captured_dance, "BY_RULE", 0.4)
     clip = CapturedClip("a", "dance", "salsa_lead", "set/a.bvh", "CC0", stepping_in_place(24.0, 0.36))
     spans = (Span(0.0, 9.0, "music"), Span(9.0, 9.4, "silence"), Span(9.4, 18.0, "music"))
     beats = np.concatenate([np.arange(0.2, 9.0, 0.45), np.arange(9.6, 18.0, 0.45)])
