@@ -18,7 +18,8 @@ def test_captured_people_dance_some_pieces_and_each_piece_by_itself(monkeypatch:
     for seed in range(4):
         by_rule, made = dance_to(track, seed), dance_to(track, seed, CapturedLibrary((clip,)))
         ways.append([bool(np.ptp(by_rule[s].wrist - made[s].wrist) > 0.05) for s in (slice(30, 240), slice(330, 500))])
-        if not ways[-1][1]:  # the second piece is by rule as soon as the last bend of the first one is over
-            np.testing.assert_array_equal(by_rule[294:].packed(), made[294:].packed())
+        if not ways[-1][1]:  # the second piece is by rule; bends before it are smoothed into its first second
+            np.testing.assert_allclose(by_rule[282:].packed(), made[282:].packed(), atol=2e-3)
+            np.testing.assert_array_equal(by_rule[330:].packed(), made[330:].packed())
     assert np.any(ways)
     assert not np.all(ways)
