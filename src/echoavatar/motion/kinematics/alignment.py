@@ -177,11 +177,12 @@ def _along_foot(source: Skeleton, pose: Pose, bones: Mapping[str, int], side: st
     if f"{side}Toes" in bones:
         return pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
     tip = pose.positions.new_tensor(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
-    along = pose.rotations[:, foot] @ tip
+    along: Tensor = pose.rotations[:, foot] @ tip
     if float(along[:, [0, 2]].norm(dim=-1).mean()) > _AHEAD * float(tip.norm()) > 0:
         return along
     across = pose.positions[:, bones["leftUpperLeg"]] - pose.positions[:, bones["rightUpperLeg"]]
-    return torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
+    ahead: Tensor = torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
+    return ahead
 
 
 def _level_rest(target: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
