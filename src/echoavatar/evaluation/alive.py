@@ -22,6 +22,7 @@ from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.kinematics import Motion, read_bvh
+from echoavatar.motion.kinematics.statistics import turned_feet
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
@@ -33,7 +34,7 @@ from .motion_folder import AUDIO_SUFFIXES
 
 QUIET_TAKES = 3  # of silence, and of listening
 COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
-SHOWN = (*STATISTICS, "jerk")  # of each window of a take
+SHOWN = (*STATISTICS, "jerk", "turned_feet")  # of each window of a take
 QUARTERS = 4  # parts of a lone clip, of which the classifier holds out one after the other
 _CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
 
@@ -150,7 +151,12 @@ def measure(take: Take, seconds: float) -> Measured:
     fps = take.motion.fps
     short, hop = int(COMPARED_S * fps), int(COMPARED_S * fps / 2)
     compared = [liveliness(points[at : at + short], fps) for at in range(0, len(points) - short + 1, hop)]
-    whole = [liveliness(part, fps) | {"jerk": jerk(part, fps)} for part in windows(points, fps, seconds)]
+    whole = [
+        liveliness(part, fps) | {"jerk": jerk(part, fps), "turned_feet": float(turned.mean())}
+        for part, turned in zip(
+            windows(points, fps, seconds), windows(turned_feet(take.motion), fps, seconds), strict=True
+        )
+    ]
     return Measured(take, whole, compared)
 
 

@@ -66,7 +66,7 @@ def body_points(motion: Motion) -> Points:
     return points * (HEAD_OVER_ANKLE_M / height)
 
 
-def windows(points: Points, fps: float, seconds: float) -> Iterator[Points]:
+def windows(points: Float[np.ndarray, "t ..."], fps: float, seconds: float) -> Iterator[Float[np.ndarray, "n ..."]]:
     """Whole windows one after another; a shorter clip is one window."""
     length = int(seconds * fps)
     for start in range(0, max(len(points) - length, 0) + 1, length):

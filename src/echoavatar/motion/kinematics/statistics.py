@@ -5,11 +5,12 @@ Hand speeds are measured in the frame of the hips (position and heading), so tha
 
 import numpy as np
 import torch
+from jaxtyping import Float
 
 from .contact import planted, skate
 from .forward import Pose
 from .motion import Motion
-from .rigs import bone_map
+from .rigs import bone_map, known_bones
 from .rotations import angle_between
 
 PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
@@ -52,7 +53,7 @@ def describe(motion: Motion) -> dict[str, float]:
         "planted_ratio": float(is_planted.mean()),
         "steps_per_s": float((np.diff(is_planted.astype(int), axis=0) == 1).sum() / 2 / motion.seconds),
         "toe_height_min_m": float(feet[..., 1].min()),
-        "turned_feet_ratio": _turned_feet(bones, pose),
+        "turned_feet_ratio": float(turned_feet(motion).mean()),
     }
     return numbers
 
@@ -61,6 +62,17 @@ def wrist_speeds(motion: Motion) -> _Array:
     """(t - 1, 2) speed of left and right wrist in the frame of the hips, metres per second."""
     bones, pose = bone_map(motion.skeleton), motion.pose()
     return _speed(_own_frame(bones, pose)[:, [bones["leftHand"], bones["rightHand"]]], motion.fps)
+
+
+def turned_feet(motion: Motion) -> Float[np.ndarray, "t 2"]:
+    """1 where a foot (left, right) points over 60 degrees away from where the hips face; NaN for a rig without toes."""
+    bones = known_bones(motion.skeleton)
+    if not {"leftToes", "rightToes"} <= bones.keys():
+        return np.full((motion.frames, 2), np.nan)
+    own = _own_frame(bones, motion.pose())
+    along = own[:, [bones["leftToes"], bones["rightToes"]]] - own[:, [bones["leftFoot"], bones["rightFoot"]]]
+    turn = np.abs(np.degrees(np.arctan2(along[..., 0], along[..., 2])))
+    return np.asarray(turn > TURNED_DEG, np.float64)
 
 
 def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) -> dict[str, float]:
@@ -104,15 +116,6 @@ def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, floa
         "joint_speed_p99_deg_s": float(np.percentile(speed, 99)),
         "joint_speed_max_deg_s": float(speed.max()),
     }
-
-
-def _turned_feet(bones: dict[str, int], pose: Pose) -> float:
-    if not {"leftToes", "rightToes"} <= bones.keys():
-        return float("nan")
-    own = _own_frame(bones, pose)
-    along = own[:, [bones["leftToes"], bones["rightToes"]]] - own[:, [bones["leftFoot"], bones["rightFoot"]]]
-    turn = np.abs(np.degrees(np.arctan2(along[..., 0], along[..., 2])))
-    return float((turn > TURNED_DEG).mean())
 
 
 def _own_frame(bones: dict[str, int], pose: Pose) -> _Array:
