@@ -4,7 +4,7 @@ import numpy as np
 
 from echoavatar.corpora.rehearsal.controls import ANKLE_HEIGHT, Controls, neutral
 from echoavatar.corpora.rehearsal.grooves import GROOVES, Counts
-from echoavatar.corpora.rehearsal.roaming import with_travel
+from echoavatar.corpora.rehearsal.roaming import ASIDE_BY_RULE_M, ASIDE_CAPTURED_M, with_travel
 
 FRAMES, PERIOD = 900, 15
 
@@ -25,17 +25,24 @@ def marching() -> Controls:
     return replace(body, foot_position=foot)
 
 
-def travelling(dance: Controls, home: Controls | None = None) -> Controls:
-    return with_travel(dance, counts(), home or neutral(FRAMES), np.random.default_rng(2))
+def travelling(dance: Controls, home: Controls | None = None, aside=ASIDE_BY_RULE_M) -> Controls:
+    return with_travel(dance, counts(), home or neutral(FRAMES), np.random.default_rng(2), aside)
 
 
 def test_a_dance_with_steps_goes_from_side_to_side_and_stays_near_the_middle():
     made = travelling(marching())
     place = made.pelvis_position[:, [0, 2]]
-    assert place[:, 0].std() > 0.15
-    assert place[:, 0].min() < -0.2
-    assert place[:, 0].max() > 0.2
+    assert place[:, 0].std() > 0.3
+    assert place[:, 0].min() < -0.4
+    assert place[:, 0].max() > 0.4
     assert np.hypot(*place.T).max() < 0.9
+
+
+def test_a_captured_dancer_is_sent_less_far_aside():
+    far, near = (
+        travelling(marching(), aside=aside).pelvis_position[:, 0] for aside in (ASIDE_BY_RULE_M, ASIDE_CAPTURED_M)
+    )
+    assert np.abs(near).max() < 0.8 * np.abs(far).max()
 
 
 def test_feet_that_stand_stay_where_they_are_and_those_that_travel_are_lifted():

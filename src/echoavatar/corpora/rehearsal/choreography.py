@@ -18,7 +18,7 @@ from .clearance import keep_hands_clear
 from .controls import ANKLE_HEIGHT, DRIFT_FRAMES, Array, Controls, fading, minimum_jerk, moved, unwound, wrists_over
 from .gesture import gesture
 from .grooves import find_counts
-from .roaming import with_travel
+from .roaming import ASIDE_BY_RULE_M, ASIDE_CAPTURED_M, with_travel
 from .sound import SoundTrack
 from .stance import air
 
@@ -37,12 +37,13 @@ def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = 
     spans = [s for s in track.spans if s.kind == "music" and s.end - s.start >= SHORTEST_DANCE_S]
     if spans:
         standing, dancing = motion, dance_to(track, seed, library)
+        aside = ASIDE_BY_RULE_M if library is None else ASIDE_CAPTURED_M
         for number, span in enumerate(spans):
             begin = round((span.start + REACTION_S) * FRAME_RATE_HZ)
             end = min(round(span.end * FRAME_RATE_HZ), len(motion)) - 1
             dancing = _brought(dancing, motion, begin)  # the dancer may still be on the way home
             rng = np.random.default_rng([seed, 10, number])
-            dancing = with_travel(dancing, find_counts(track, span), standing, rng)
+            dancing = with_travel(dancing, find_counts(track, span), standing, rng, aside)
             motion = switched(motion, dancing, at=begin, seconds=JOIN_S)
             motion = switched(motion, walking_home(standing, motion, end), at=end, seconds=SETTLE_S)
     return keep_hands_clear(motion)

@@ -15,7 +15,9 @@ from .controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
 from .grooves import Counts
 from .keyframes import glide
 
-ASIDE_M, FRONT_M, EDGE_M = (0.25, 0.7), 0.2, 1.0  # from the middle: to the side, to the front or back, and at most
+ASIDE_BY_RULE_M = 0.5, 1.0  # from the middle to the side
+ASIDE_CAPTURED_M = 0.25, 0.7  # captured dancers travel of their own
+FRONT_M, EDGE_M = 0.2, 1.0  # to the front or back, and at most
 VARIED = 0.15  # share by which ways to the side differ within a dance
 QUIET = 0.75  # share of it in the quietest music
 LEG_S = 2.2  # from side to side at least
@@ -32,16 +34,19 @@ LIFT_M = 0.06  # of a foot that is carried 20 cm or more
 HIPS_S = 0.12  # by which the hips' way is smoother than the feet's
 
 
-def with_travel(dance: Controls, counts: Counts, home: Controls, rng: np.random.Generator) -> Controls:
+def with_travel(
+    dance: Controls, counts: Counts, home: Controls, rng: np.random.Generator, aside_m: tuple[float, float]
+) -> Controls:
     """The same dance with travel in one music span, about where `home` stands when it begins.
 
-    What the dance travels itself is part of the way.
+    What the dance travels itself is part of the way. `aside_m`, the least and most to the side, is `ASIDE_BY_RULE_M` or
+    `ASIDE_CAPTURED_M`.
     """
     first, last = (int(np.clip(round(t * FRAME_RATE_HZ), 0, len(dance))) for t in (counts.start, counts.end + OUT_S))
     if last - first < 2 * FRAME_RATE_HZ:
         return dance
     own = dance[slice(first, last)]
-    feet, lift = _stepped(own, _wanted(own, first, counts, home, rng))
+    feet, lift = _stepped(own, _wanted(own, first, counts, home, rng, aside_m))
     hips = smoothed(feet.mean(1), HIPS_S)
     place, foot = dance.pelvis_position.copy(), dance.foot_position.copy()
     place[first:last, ::2] += hips
@@ -52,13 +57,15 @@ def with_travel(dance: Controls, counts: Counts, home: Controls, rng: np.random.
     return replace(dance, pelvis_position=place, foot_position=foot)
 
 
-def _wanted(own: Controls, first: int, counts: Counts, home: Controls, rng: np.random.Generator) -> Float[Array, "t 2"]:
+def _wanted(
+    own: Controls, first: int, counts: Counts, home: Controls, rng: np.random.Generator, aside_m: tuple[float, float]
+) -> Float[Array, "t 2"]:
     """Shift in x and z, frame by frame, by which the dance would be at one side and the other in turns."""
     clock = (first + np.arange(len(own))) / FRAME_RATE_HZ
     path = smoothed(own.pelvis_position[:, ::2] - home.pelvis_position[first, ::2], OWN_S)
     apart = 3 if counts.metre == 3 else 4
     apart *= max(1, int(np.ceil(LEG_S / (apart * counts.length(0)))))
-    heading, sign, wide = float(home.pelvis_rotation[first, 0]), rng.choice((-1, 1)), rng.uniform(*ASIDE_M)
+    heading, sign, wide = float(home.pelvis_rotation[first, 0]), rng.choice((-1, 1)), rng.uniform(*aside_m)
     times, shifts = [float(clock[0])], [np.zeros(2)]
     for count in range(apart, len(counts.times), apart):
         energy = next((energy for begin, end, energy in counts.sections if begin <= count < end), 0.5)
