@@ -21,7 +21,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 from .dance_counts import braking, find_counts
 from .library import CapturedLibrary
 
-RATES, USUAL_RATE = (0.65, 1.9), 1.4  # of playback between two counts
+RATES, USUAL_RATE = (0.65, 1.9), 1.4  # of playback between two counts; a count lasts 1/4 to 2 beats accordingly
 FASTEST_DEG_S = 1000.0  # of a joint as it is played
 LOWEST_M, MOST_BENT = 0.58, 1.1  # of the hips: floor work is left out
 STEEPEST, MOST_TILT = 1.1, 0.85  # radians: pitch and roll of a foot
