@@ -1,6 +1,7 @@
 """GRPO reaches a known optimum."""
 
 import pytest
+import torch
 from tests.align.tuning import grpo
 
 from echoavatar.training import Loop
@@ -23,3 +24,14 @@ def test_several_steps_on_the_same_continuations_learn_more_from_them():
         curves.append([loop.advance()["reward"] for _ in range(8 * epochs)][::epochs])
     assert curves[0][0] == curves[1][0]
     assert sum(curves[1]) > sum(curves[0]) + 0.3
+
+
+def test_rewards_reach_only_the_layers_that_they_are_credited_to():
+    advantages = torch.tensor([[1.0, -2.0]])
+    task = grpo(layers=1)
+    layers, parts = task.policy.layout.motion_layers, task.policy.layout.parts
+    credited = task.credited(advantages).view(1, 2, parts, layers)
+    torch.testing.assert_close(credited[..., 0], advantages[..., None].expand(1, 2, parts))
+    assert layers > 1
+    assert (credited[..., 1:] == 0).all()
+    assert (grpo().credited(advantages) == advantages[..., None]).all()

@@ -48,6 +48,11 @@ class AlignTraining(TrainingConfig):
         description="sequence: one advantage for a whole continuation (paper); to_go: one for each motion token",
     )
     discount: float = Field(default=0.8, gt=0, le=1, description="to_go, ppo: discount a motion token (133 ms)")
+    layers: int = Field(
+        default=0,
+        ge=0,
+        description="RVQ layers, coarsest first, that rewards are credited to; 0: all (paper). KL counts in all",
+    )
     kl_weight: float = Field(
         default=0.01, ge=0, description="weight of the KL divergence from the reference (paper: 0.01)"
     )

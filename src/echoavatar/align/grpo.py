@@ -28,7 +28,7 @@ class GrpoTask(RolloutTask):
         found = grpo_loss(
             policy=scores.log_probs,
             old=scores.log_probs.detach() if batch.old is None else batch.old,
-            advantages=batch.advantages[:, :, None],
+            advantages=self.credited(batch.advantages),
             kl=kl,
             clip=self.config.ratio_clip,
             kl_weight=self.config.kl_weight,

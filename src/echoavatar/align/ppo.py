@@ -75,7 +75,7 @@ class PpoTask(RolloutTask):
         found = ppo_loss(
             policy=scores.log_probs,
             old=batch.old,
-            advantages=batch.advantages[:, :, None],
+            advantages=self.credited(batch.advantages),
             values=self.predicted_values(scores),
             old_values=batch.values,
             returns=batch.returns,

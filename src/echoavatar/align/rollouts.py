@@ -64,6 +64,15 @@ class RolloutTask(PolicyTask[RolloutBatch]):
     def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor | None]:
         """Advantages of a whole batch, and returns if there is a critic."""
 
+    def credited(self, advantages: Float[Tensor, "r n"]) -> Float[Tensor, "r n k"]:
+        """An advantage for each code; 0 for the RVQ layers that rewards are not credited to (not in the paper).
+
+        Coarse codes decide when a limb moves. What rewards of timing tell the many fine codes is mostly noise.
+        """
+        layout = self.policy.layout
+        layers = torch.arange(layout.segments, device=advantages.device) % layout.motion_layers
+        return advantages[:, :, None] * (layers < (self.config.layers or layout.motion_layers))
+
     def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"] | None:
         """The critic's predictions, if there is one."""
         return None
