@@ -4,6 +4,7 @@ import pytest
 import torch
 from tests.align.tuning import grpo
 
+from echoavatar.errors import CheckpointError
 from echoavatar.training import Loop
 
 
@@ -35,3 +36,8 @@ def test_rewards_reach_only_the_layers_that_they_are_credited_to():
     assert layers > 1
     assert (credited[..., 1:] == 0).all()
     assert (grpo().credited(advantages) == advantages[..., None]).all()
+
+
+def test_more_layers_than_the_generator_has_are_refused():
+    with pytest.raises(CheckpointError, match="layers is 9, the generator has"):
+        grpo(layers=9)

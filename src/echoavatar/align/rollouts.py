@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from echoavatar.errors import CheckpointError
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 from .policy import Scores
@@ -47,6 +48,9 @@ class RolloutTask(PolicyTask[RolloutBatch]):
 
     def __init__(self, *args: Any, book: PromptSampler, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
+        has = self.policy.layout.motion_layers
+        if self.config.layers > has:
+            raise CheckpointError(f"layers is {self.config.layers}, the generator has {has}; 0 credits all of them")
         self._book = book
         self._rollout = self.policy.rollout if self.context.rollouts is None else self.context.rollouts(self.policy)
         self._kept: tuple[int, RolloutBatch] | None = None

@@ -47,7 +47,7 @@ SETTINGS = {
     "epochs": (int, "steps on the same continuations"),
     "kl-weight": (float, "weight of the divergence from the reference"),
     "kl-stop": (float, "mean KL (nats a code) at which the run stops"),
-    "layers": (int, "RVQ layers, coarsest first, that rewards are credited to"),
+    "layers": (int, "RVQ layers, coarsest first, that rewards are credited to; 0: all (grpo, ppo)"),
     "discount": (float, "discount of the reward per motion token, for credit by time"),
     "probe": (int, "held-out prompts that progress is measured on"),
     "evaluate-every": (int, "steps between measurements; 0: none"),
