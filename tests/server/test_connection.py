@@ -279,7 +279,7 @@ def test_a_resume_key_cannot_be_guessed(server: RunningServer) -> None:
         bits = [np.unpackbits(np.frombuffer(base64.urlsafe_b64decode(of.ready.resume), np.uint8)) for of in (one, two)]
         assert [len(row) for row in bits] == [192, 192]
         assert 60 < (bits[0] != bits[1]).sum() < 132  # the same hello, and half of the bits differ (five sigmas)
-        other = "B" if key[-1] != "B" else "C"
+        other = next(letter for letter in "ABC" if letter not in (key[0], key[-1]))
         guesses = [key[:-1] + other, other + key[1:], key[:-1], key + "A", key.swapcase(), one.ready.session, " " + key]
         for guess in guesses:
             with server.call() as thief:
