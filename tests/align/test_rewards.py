@@ -58,6 +58,19 @@ def test_trunk_and_feet_pay_up_to_a_limit():
     assert say("whole_body", scene(np.full(FRAMES + LEAD, 0.2), domain=1)) > say("whole_body", scene(STEADY * 0.4))
 
 
+def test_trunk_pays_for_turns_and_lean_alone():
+    assert say("trunk", scene(STEADY, domain=0)) == 0
+    stepping = scene(np.zeros(FRAMES + LEAD))
+    ankle = stepping.skeleton.index("leftFoot")
+    stepping.positions[:, ankle, 2] += 0.1 * np.sin(np.arange(FRAMES + LEAD))
+    assert say("whole_body", stepping) > 0.2
+    assert say("trunk", stepping) == pytest.approx(0, abs=1e-6)
+    leaning = scene(np.zeros(FRAMES + LEAD))
+    shoulders = leaning.skeleton.indices(("leftUpperArm", "rightUpperArm"))
+    leaning.positions[:, shoulders, 2] += 0.1 * np.sin(np.arange(FRAMES + LEAD) / 5)[:, None]
+    assert say("trunk", leaning) > 0.5
+
+
 def test_trembling_costs_and_calm_is_free():
     assert say("smoothness", scene(STEADY), jerk=1e3) == 0
     assert say("smoothness", scene(STEADY, jitter=0.003), jerk=100.0) < -1

@@ -60,10 +60,12 @@ def whole_body(motion: DecodedMotion, reference_statistics: ReferenceStatistics)
 
     Without it, a policy that is paid for timing moves the arms on the beat and lets the rest of the body rest.
     """
-    domain = motion.domain[motion.lead :]
-    levels = np.maximum(np.array(reference_statistics.movement), 1e-3)  # one row a domain
-    shares = np.minimum(body_movement(motion) / levels[domain], MOST_MOVEMENT)
-    return np.asarray(np.where(domain > 0, shares.mean(1), 0.0) / motion.frames)
+    return np.asarray(_movement(motion, reference_statistics).mean(1))
+
+
+def trunk(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
+    """How far the shoulders turn and the trunk leans alone, over the truth's as above."""
+    return np.asarray(_movement(motion, reference_statistics)[:, :2].mean(1))
 
 
 def smoothness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
@@ -102,6 +104,13 @@ def stillness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) 
     return np.asarray(np.where(silent, -np.minimum(speed, 3.0), 0.0) / motion.frames)
 
 
+def _movement(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, "t 4"]:
+    domain = motion.domain[motion.lead :]
+    levels = np.maximum(np.array(reference_statistics.movement), 1e-3)  # one row a domain
+    shares = np.minimum(body_movement(motion) / levels[domain], MOST_MOVEMENT)
+    return np.asarray(np.where(domain[:, None] > 0, shares, 0.0) / motion.frames)
+
+
 def _excess(
     motion: DecodedMotion, found: Sequence[np.ndarray], events: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " t"]:
@@ -124,6 +133,7 @@ BUILT_IN: dict[str, Reward] = {
     "beat_alignment": beat_alignment,
     "stress_alignment": stress_alignment,
     "whole_body": whole_body,
+    "trunk": trunk,
     "smoothness": smoothness,
     "planted_feet": planted_feet,
     "liveliness": liveliness,

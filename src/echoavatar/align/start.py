@@ -30,6 +30,7 @@ from .preferences import rank_pairs, read_pairs, write_pairs
 from .probe import Probe
 from .prompts import PromptSampler, read_token_clips
 from .quality import QualityReward
+from .realism import Realism
 from .reference_statistics import ReferenceStatistics, measure_reference_statistics
 from .rewards import Reward, RewardMix, imported, parse_weights
 from .samples import SampleVideos
@@ -68,6 +69,7 @@ def load_setup(
     sampling: Mapping[str, float | None] | None = None,
     quality: Path | None = None,
     alignment: Path | None = None,
+    realism: Path | None = None,
     is_compared: bool = False,
 ) -> AlignmentSetup:
     """Load everything. Reference statistics that are not given are measured on the train clips and kept in `folder`.
@@ -101,6 +103,8 @@ def load_setup(
         own["quality"] = QualityReward.load(quality).judge
     if alignment:
         own["alignment"] = AudioMotion.load(alignment).judge
+    if realism:
+        own["realism"] = Realism.load(realism).judge
     rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, reference_statistics, folder)
     mix = RewardMix(weights, rule, own)
     begun = read_card(generator) if generator else parts.card

@@ -25,6 +25,7 @@ EXAMPLES = """examples:
   echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels from your own FID
   echoavatar align reward-quality TOKENS -o runs/quality           how good motion looks
   echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion fits the audio
+  echoavatar align reward-realism TOKENS --captured CAPTURED -o realism.json     how surely a body is a person's
 
 TOKENS is a folder of codes that the bundle's own codec and tokenizer made (`echoavatar train tokens`).
 Methods, rewards of your own, recipes: docs/alignment.md.
@@ -130,6 +131,7 @@ def _add_common(child: argparse.ArgumentParser) -> None:
     )
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
+    child.add_argument("--realism", type=Path, metavar="JSON", help="fitted realism reward, for --reward realism=0.04")
     words = {"temperature": "sampling temperature", "cooling": "cooling by RVQ layer", "top-p": "nucleus"}
     for name, text in words.items():
         child.add_argument(f"--{name}", type=float, help=f"{text} to tune for; saved (default: the generator's)")
@@ -176,6 +178,7 @@ def _setup(args: argparse.Namespace) -> "AlignmentSetup":
         reference_statistics=args.reference_statistics,
         quality=args.quality,
         alignment=args.alignment,
+        realism=args.realism,
         sampling={key: getattr(args, key) for key in ("temperature", "cooling", "top_p")},
         is_compared=args.kind == "dpo",
     )

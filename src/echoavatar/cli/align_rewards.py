@@ -1,4 +1,4 @@
-"""`echoavatar align calibrate`, `reward-quality`, `reward-alignment`: the learned rewards; each ends with JSON."""
+"""`echoavatar align calibrate`, `reward-quality`, `reward-alignment`, `reward-realism`: learned rewards, then JSON."""
 
 import argparse
 import json
@@ -43,7 +43,7 @@ PAPER_WORDS = (
     "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32,"
     " motion features, BEATs if --encoder-weights are given"
 )
-KINDS = ("calibrate", "reward-quality", "reward-alignment")
+KINDS = ("calibrate", "reward-quality", "reward-alignment", "reward-realism")
 
 
 def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -51,9 +51,10 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     calibrate = kinds.add_parser("calibrate", help="FID of every corruption level, and scores from it")
     quality = kinds.add_parser("reward-quality", help="train the motion quality reward")
     alignment = kinds.add_parser("reward-alignment", help="train the audio-motion alignment reward")
-    for child in (calibrate, quality, alignment):
+    realism = kinds.add_parser("reward-realism", help="fit the realism reward to a generator and captured people")
+    for child in (calibrate, quality, alignment, realism):
         child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
-        child.add_argument("-o", "--output", type=Path, required=True, help="folder (calibrate: file) to write")
+        child.add_argument("-o", "--output", type=Path, required=True, help="folder (calibrate, reward-realism: file)")
         child.add_argument("--model", default="default", help="bundle with codec and tokenizer (default: %(default)s)")
         child.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
@@ -105,6 +106,14 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         child.add_argument(
             "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
         )
+    realism.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate --alive`")
+    realism.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
+    realism.add_argument("--past", type=int, default=22, help="as in `align grpo` (default: %(default)s)")
+    realism.add_argument("--own-past", type=int, default=15, help="likewise (default: %(default)s)")
+    realism.add_argument("--length", type=int, default=20, help="likewise: the window judged (default: %(default)s)")
+    realism.add_argument("--prompts", type=int, default=96, help="prompts to continue (default: %(default)s)")
+    realism.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
+    realism.add_argument("--events", choices=("any", "beat", "stress"), default="any", help="(default: %(default)s)")
     for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
         child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
         child.add_argument("--width", type=int, default=width, help="channels (default: %(default)s; paper: 512)")
@@ -119,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     if getattr(args, "paper", False):
         take_paper(args)
     bundle = load_bundle(args.model)
-    clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=True)
+    clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
     if not train or not test:
@@ -130,7 +139,12 @@ def run(args: argparse.Namespace) -> int:
             bar.total = total
             bar.update(done - bar.n)
 
-        kinds = {"calibrate": _calibrate, "reward-quality": _quality, "reward-alignment": _alignment}
+        kinds = {
+            "calibrate": _calibrate,
+            "reward-quality": _quality,
+            "reward-alignment": _alignment,
+            "reward-realism": _realism,
+        }
         found = kinds[args.kind](args, bundle, train, test, progress)
     print(json.dumps(found))
     return 0
@@ -235,6 +249,39 @@ def _alignment(
     found = retrieval_tables(model, pairs(asked))
     (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return found
+
+
+def _realism(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    from echoavatar.align.policy import GeneratorPolicy
+    from echoavatar.align.prompts import PromptSampler
+    from echoavatar.align.realism import fit_realism
+    from echoavatar.evaluation.alive import read_captured
+    from echoavatar.models.generator import Generator
+
+    generator = Generator.load(args.generator) if args.generator else bundle.generator
+    book = PromptSampler(
+        train,
+        past=args.past - args.own_past,
+        length=args.own_past + args.length,
+        seed=args.seed,
+        fewest_events=0 if args.events == "any" else 2,
+        events=args.events,
+    )
+    reward, found = fit_realism(
+        GeneratorPolicy(generator),
+        bundle.tokenizer,
+        book,
+        read_captured(args.captured),
+        length=args.length,
+        prompts=args.prompts,
+        group=args.group,
+        seed=args.seed,
+        progress=progress,
+    )
+    reward.save(args.output)
+    return dict(found)
 
 
 def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":

@@ -5,6 +5,7 @@ two cannot be told apart; 1: they always can.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -29,7 +30,7 @@ def held_out_accuracy(
     for number in range(FOLDS):
         held = fold == number
         if held.any():
-            right[held] = (_fitted(features[~held], label[~held], features[held]) > 0) == (label[held] == 1)
+            right[held] = (fit(features[~held], label[~held]).log_odds(features[held]) > 0) == (label[held] == 1)
     return float((right[label == 1].mean() + right[label == 0].mean()) / 2)
 
 
@@ -39,12 +40,23 @@ def _folds(clips: Sequence[str]) -> np.ndarray:
     return np.array([order[clip] for clip in clips])
 
 
-def _fitted(features: np.ndarray, label: np.ndarray, asked: np.ndarray) -> np.ndarray:
-    """Log odds that `asked` was generated, after a fit by Newton's method to features and their squares."""
+class Classifier(NamedTuple):
+    """Logistic regression on `d` statistics and their squares."""
+
+    mean: Float[np.ndarray, " d"]
+    spread: Float[np.ndarray, " d"]
+    weights: Float[np.ndarray, " w"]  # 1 + 2 d: constant, statistics, squares
+
+    def log_odds(self, features: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
+        """Log odds that windows were generated; above 0: rather generated."""
+        return np.asarray(_expanded((features - self.mean) / self.spread) @ self.weights)
+
+
+def fit(features: Float[np.ndarray, "n d"], label: Float[np.ndarray, " n"]) -> Classifier:
+    """Fit by Newton's method; `label` is 1 where a window was generated, and both sides weigh the same."""
     mean, spread = features.mean(0), features.std(0) + 1e-9
-    rows, wanted = (_expanded((x - mean) / spread) for x in (features, asked))
-    share = np.where(label == 1, label.mean(), 1 - label.mean())
-    weight = 0.5 / share
+    rows = _expanded((features - mean) / spread)
+    weight = 0.5 / np.where(label == 1, label.mean(), 1 - label.mean())
     decay = RIDGE * np.diag([0.0] + [1.0] * (rows.shape[1] - 1))
     theta = np.zeros(rows.shape[1])
     for _ in range(_STEPS):
@@ -53,7 +65,7 @@ def _fitted(features: np.ndarray, label: np.ndarray, asked: np.ndarray) -> np.nd
         curve = (rows * (weight * chance * (1 - chance))[:, None]).T @ rows + decay + 1e-6 * np.eye(len(theta))
         step = np.linalg.solve(curve, slope)
         theta -= step * min(1.0, 2.0 / (np.linalg.norm(step) + 1e-12))
-    return np.asarray(wanted @ theta)
+    return Classifier(mean, spread, theta)
 
 
 def _expanded(z: np.ndarray) -> np.ndarray:

@@ -58,7 +58,15 @@ def body_points(motion: Motion) -> Points:
             found.append(pose.positions[:, arm] + pose.rotations[:, arm] @ tip)
         else:
             raise MotionError(f"no joint of the rig is {point}; give its skeleton a VRM map")
-    points = np.stack([place.double().numpy() for place in found], 1)
+    return of_common_height(np.stack([place.double().numpy() for place in found], 1))
+
+
+def of_common_height(points: Float[np.ndarray, "t 12 3"]) -> Points:
+    """World positions of `POINTS`, scaled so that the head joint is 1.5 m above the ankle.
+
+    Raises:
+        MotionError: the head is not above the ankles.
+    """
     ankles = points[:, [POINTS.index("leftFoot"), POINTS.index("rightFoot")], 1].min(1)
     height = float(np.median(points[:, POINTS.index("head"), 1] - ankles))
     if height <= 0:
@@ -73,8 +81,8 @@ def windows(points: Float[np.ndarray, "t ..."], fps: float, seconds: float) -> I
         yield points[start : start + length]
 
 
-def liveliness(points: Points, fps: float) -> dict[str, float]:
-    """The statistics of one window, by the names of `STATISTICS`."""
+def liveliness(points: Points, fps: float, *, apart_s: float = APART_S) -> dict[str, float]:
+    """The statistics of one window, by the names of `STATISTICS`; `apart_s` is for windows too short for `novelty`."""
     hands = hand_paths(points)
     speeds = np.stack([path_speed(hands[:, hand], fps) for hand in range(2)])
     return {
@@ -82,7 +90,7 @@ def liveliness(points: Points, fps: float) -> dict[str, float]:
         "hands_still": float((speeds < STILL).all(0).mean()),
         "hands_at_work": float((speeds > AT_WORK).all(0).mean()),
         "room": room(hands, fps),
-        "novelty": novelty(hands, fps),
+        "novelty": novelty(hands, fps, apart_s),
         "shoulder_turn": shoulder_turn_deg(points),
         "trunk_lean": trunk_lean_deg(points),
         "hip_sway": hip_sway_cm(points, fps),
@@ -121,15 +129,15 @@ def room(hands: Float[np.ndarray, "t 2 3"], fps: float) -> float:
     return float(np.mean(visited))
 
 
-def novelty(hands: Float[np.ndarray, "t 2 3"], fps: float) -> float:
-    """Mean distance (root mean square) of each second of the hands' path from the most similar second over 3 s away.
+def novelty(hands: Float[np.ndarray, "t 2 3"], fps: float, apart_s: float = APART_S) -> float:
+    """Mean distance (root mean square) of each second of the hands' path from the most similar second that far away.
 
-    NaN if some second has no other that far away.
+    NaN if some second has no other over `apart_s` away.
     """
     path = gaussian_filter1d(hands.reshape(len(hands), -1), 2, axis=0)[:: max(1, int(fps / _PATH_HZ))]
     seconds = np.stack([path[at : at + _PATH_HZ].ravel() for at in range(max(len(path) - _PATH_HZ, 1))])
     number = np.arange(len(seconds))
-    is_far = np.abs(number[:, None] - number) > APART_S * _PATH_HZ
+    is_far = np.abs(number[:, None] - number) > apart_s * _PATH_HZ
     if not is_far.any(1).all():
         return float("nan")
     apart = cdist(seconds, seconds) / np.sqrt(seconds.shape[1])
