@@ -62,7 +62,9 @@ def test_it_is_kept_in_a_file(prefers_fast: Realism, tmp_path: Path) -> None:
     prefers_fast.save(tmp_path / "new/realism.json")
     assert Realism.load(tmp_path / "new/realism.json") == prefers_fast
     (tmp_path / "cut.json").write_text('{"seconds": 5')
-    for name in ("cut.json", "missing.json"):
+    kind = {"mean": [0.0], "spread": [1.0], "weights": [0.0] * 3}
+    (tmp_path / "short.json").write_text(json.dumps({"seconds": 5, "kinds": {"music": kind}}))
+    for name in ("cut.json", "short.json", "missing.json"):
         with pytest.raises(CheckpointError, match=rf"{name} holds no realism reward"):
             Realism.load(tmp_path / name)
 
@@ -90,3 +92,5 @@ def test_the_commands_fit_it_and_tune_with_it(
     assert any("rewards.realism" in line for line in lines)
     assert main([*asked, "-o", file, "--prompts", "4", "--group", "2"]) == 1
     assert "at least 20 of each are needed: raise --prompts" in capsys.readouterr().err
+    assert main([*asked, "-o", file, "--own-past", "3"]) == 1
+    assert "--own-past (3) chunks are the last of --past (2): lower it" in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 A classifier is fitted to windows of the generator's own continuations and to windows of captured people of the same
 length. It is the classifier of `evaluate --alive` and reads the same statistics. Rewards of timing alone make bodies
-that turn, lean and travel less than people do; this one names what is missing.
+that are told from people more surely; this one pays the opposite.
 
 The classifier stays as it is during a run, so a resumed run repeats itself. It knows the generator that it was fitted
 to: after some tens of steps fit it again, to the tuned one.
@@ -45,6 +45,7 @@ MOST = 4.0  # log odds beyond which nothing more is paid
 HOP = 0.3  # of a window: from one captured window to the next
 FEWEST = 20  # windows of a side; a kind with fewer is left out
 TOGETHER = 8  # prompts sampled at once
+COUNT = len(STATISTICS)
 
 Rows = list[Float[np.ndarray, " d"]]
 
@@ -52,9 +53,11 @@ Rows = list[Float[np.ndarray, " d"]]
 class KindConfig(Config):
     """A fitted classifier of one kind of sound (`metrics.discriminator.Classifier`)."""
 
-    mean: tuple[float, ...] = Field(description="means of the statistics")
-    spread: tuple[float, ...] = Field(description="deviations of the statistics")
-    weights: tuple[float, ...] = Field(description="of a constant, the statistics and their squares")
+    mean: tuple[float, ...] = Field(min_length=COUNT, max_length=COUNT, description="means of the statistics")
+    spread: tuple[float, ...] = Field(min_length=COUNT, max_length=COUNT, description="deviations of the statistics")
+    weights: tuple[float, ...] = Field(
+        min_length=1 + 2 * COUNT, max_length=1 + 2 * COUNT, description="of a constant, the statistics, their squares"
+    )
 
 
 class Realism(Config):
@@ -207,5 +210,5 @@ def _points(motion: DecodedMotion, frames: int) -> Points | None:
 def _statistics(points: Points | None, fps: float, seconds: float) -> Float[np.ndarray, " d"]:
     """The statistics of a window. Seconds that `novelty` compares are as far apart as fits, at most 3 s."""
     if points is None:
-        return np.full(len(STATISTICS), np.nan)
+        return np.full(COUNT, np.nan)
     return np.array(list(liveliness(points, fps, apart_s=min(APART_S, (seconds - 1.3) / 2)).values()))

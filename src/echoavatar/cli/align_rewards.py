@@ -260,6 +260,8 @@ def _realism(
     from echoavatar.evaluation.alive import read_captured
     from echoavatar.models.generator import Generator
 
+    if args.own_past > args.past:
+        raise EchoAvatarError(f"--own-past ({args.own_past}) chunks are the last of --past ({args.past}): lower it")
     generator = Generator.load(args.generator) if args.generator else bundle.generator
     book = PromptSampler(
         train,
