@@ -120,6 +120,29 @@ def test_captured_people_are_told_from_one_another_by_folder() -> None:
     assert set(apart) == {"ann", "bob", "cid"}
 
 
+def test_which_statistic_tells_ours_from_captured() -> None:
+    random = np.random.default_rng(0)
+
+    def side(name: str, lean: float) -> list[alive.Measured]:
+        rows = random.normal(0, 1, (3, 20, len(STATISTICS)))
+        rows[..., list(STATISTICS).index("trunk_lean")] += lean
+        return [
+            alive.Measured(
+                alive.Take(f"{name}/{clip}", "music", name, None),  # type: ignore[arg-type]
+                [],
+                [dict(zip(STATISTICS, row, strict=True)) for row in windows],
+            )
+            for clip, windows in enumerate(rows)
+        ]
+
+    rows = alive.by_statistic(side("ours", 9), side("ann", 0))
+    assert rows["told apart by one"]["trunk_lean"] == 1
+    assert max(value for name, value in rows["told apart by one"].items() if name != "trunk_lean") < 0.75
+    assert rows["median"]["trunk_lean"] == pytest.approx(9, abs=0.7)
+    assert rows["captured, median"]["trunk_lean"] == pytest.approx(0, abs=0.7)
+    assert alive.by_statistic(side("ours", 9), []) == {}
+
+
 def test_each_captured_person_has_a_row() -> None:
     people = [
         alive.Take(f"{name}/1", "music", name, swaying(450, size=size)) for name, size in (("ann", 0.2), ("bob", 0.3))

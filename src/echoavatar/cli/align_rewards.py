@@ -131,8 +131,10 @@ def run(args: argparse.Namespace) -> int:
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     test = {name: clip for name, clip in clips.items() if clip.split != "train"}
-    if not train or not test:
-        raise EchoAvatarError(f"{args.source} holds {len(train)} train and {len(test)} test clips; both are needed")
+    if not train:
+        raise EchoAvatarError(f"{args.source} holds no clip of split train, which {args.kind} reads")
+    if not test and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
+        raise EchoAvatarError(f"{args.source} holds no clip of split test, on which {args.kind} is measured")
     with tqdm(unit="step", smoothing=0.05) as bar:
 
         def progress(done: int, total: int) -> None:
