@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 from anyio import CapacityLimiter, to_thread
 from jaxtyping import Float
@@ -17,6 +18,7 @@ from echoavatar.engine.tools import HIDDEN, Toolbox
 from echoavatar.engine.tracks import Tracks
 from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar.wire import VERSIONS, Flush, Hello, Latency, ProtocolError, Ready, Rig
 from echoavatar.wire.messages import SoundFormat
@@ -155,7 +157,12 @@ class SessionManager:
             if lost:
                 self.end(min(lost, key=lambda session: session.left_at or 0.0))
         try:
-            core = self.engine.open_core(seed=hello.seed, queue_seconds=self.settings.inbox_seconds, is_paced=True)
+            core = self.engine.open_core(
+                seed=hello.seed,
+                options=MotionOptions(**msgspec.structs.asdict(hello.body)),
+                queue_seconds=self.settings.inbox_seconds,
+                is_paced=True,
+            )
         except AdmissionError as error:
             raise ProtocolError("overloaded", f"all {self.engine.seats} seats are taken", retry_after=5.0) from error
         session = ServerSession(

@@ -80,6 +80,16 @@ class AudioFormat(Struct, frozen=True, kw_only=True):
     format: SampleFormat = "s16le"
 
 
+class BodyOptions(Struct, frozen=True, kw_only=True):
+    """How far the body may travel. Who dances walks some metres in half a minute; a fixed camera loses them."""
+
+    leash_m: Annotated[
+        float, Meta(ge=0, le=100, description="metres the hips may be from where they started; 0: no leash")
+    ] = 0.0
+    in_place: Annotated[bool, Meta(description="hips stay over the start")] = False
+    upper_body: Annotated[bool, Meta(description="hips and legs stand idle, everything above moves")] = False
+
+
 class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
     """The first message, sent once. A source sends sound; a viewer joins a running session and watches."""
 
@@ -100,6 +110,7 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
         int | None, Meta(description="resuming: the newest one received; a `flush` missed since is sent again")
     ] = None
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="equal seed and sound give equal motion")] = 0
+    body: Annotated[BodyOptions, Meta(description="of a new session, also when it is resumed")] = BodyOptions()
 
 
 class Audio(_Message, frozen=True, kw_only=True, tag="audio"):

@@ -13,7 +13,8 @@ from tests.server.fakes import RunningServer, serving
 from echoavatar.agents.client import ConnectionLostError, Recorder, connect
 from echoavatar.agents.client.connection import Avatar, stream_url
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ActionStatus, Flush, ProtocolError, Sound
+from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.wire import ActionStatus, BodyOptions, Flush, ProtocolError, Sound
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +26,15 @@ def server() -> Iterator[RunningServer]:
 def test_it_needs_no_torch() -> None:
     code = "import sys, echoavatar.agents.client; sys.exit('torch' in sys.modules or 'pydantic' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+async def test_a_session_asks_for_a_leash(server: RunningServer) -> None:
+    async with connect(server.address, body=BodyOptions(leash_m=0.5)) as avatar:
+        core = server.manager.find(avatar.ready.session).core
+        assert core.options == MotionOptions(leash_m=0.5)
+    with pytest.raises(ProtocolError, match=r"leash_m|body"):
+        async with connect(server.address, body=BodyOptions(leash_m=-1)):
+            pass
 
 
 async def test_speech_returns_with_its_motion(server: RunningServer) -> None:

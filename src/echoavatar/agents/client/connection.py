@@ -17,6 +17,7 @@ from echoavatar.wire import (
     MAX_MESSAGE_BYTES,
     Action,
     AudioFormat,
+    BodyOptions,
     ClientMessage,
     Error,
     Flush,
@@ -246,14 +247,18 @@ class Avatar:
 
 
 @asynccontextmanager
-async def connect(url: str, *, token: str = "", rate: int = 24_000, seed: int = 0) -> AsyncIterator[Avatar]:
+async def connect(
+    url: str, *, token: str = "", rate: int = 24_000, seed: int = 0, body: BodyOptions | None = None
+) -> AsyncIterator[Avatar]:
     """Open a session at a server such as `http://127.0.0.1:8765`.
+
+    `body` keeps the avatar near its place, such as `BodyOptions(leash_m=0.5)` before a camera that does not follow.
 
     Raises:
         ConnectionLostError: no server answers there.
         ProtocolError: the server refused the session: wrong token, or no free seat.
     """
-    hello = Hello(token=token, audio=AudioFormat(rate=rate), seed=seed)
+    hello = Hello(token=token, audio=AudioFormat(rate=rate), seed=seed, body=body or BodyOptions())
     avatar = Avatar(stream_url(url), hello)
     await avatar.open()
     alive = asyncio.create_task(avatar.keep_alive())

@@ -4,7 +4,7 @@ import { decodeMessage, encodeMessage } from "./codec.js";
 import { Emitter } from "./emitter.js";
 import { canDecodeOpus } from "./opus.js";
 import {
-  type ClientMessage, type ErrorMessage as ServerError, type HelloMessage, type ReadyMessage, type ServerMessage, SUBPROTOCOLS, VERSIONS,
+  type BodyOptions, type ClientMessage, type ErrorMessage as ServerError, type HelloMessage, type ReadyMessage, type ServerMessage, SUBPROTOCOLS, VERSIONS,
 } from "./protocol.generated.js";
 
 export type LineState = "connecting" | "open" | "waiting" | "closed";
@@ -24,6 +24,8 @@ export interface ConnectionOptions {
   /** Public name of the session to watch (role `viewer`). */
   readonly session?: string;
   readonly seed?: number;
+  /** Keeps a new session's avatar near its place, such as `{ leash_m: 0.5 }` before a camera that does not follow. */
+  readonly body?: BodyOptions;
 }
 
 const FIRST_WAIT = 0.5;
@@ -92,9 +94,9 @@ export class Connection extends Emitter<ConnectionEvents> {
   }
 
   private hello(sound: string[]): HelloMessage {
-    const { token = "", role = "source", session = "", seed = 0 } = this.options;
+    const { token = "", role = "source", session = "", seed = 0, body = {} } = this.options;
     return {
-      type: "hello", versions: [...VERSIONS], role, token, session, seed, sound,
+      type: "hello", versions: [...VERSIONS], role, token, session, seed, body, sound,
       audio: { rate: 24000, channels: 1, format: "s16le" },
       resume: this.ready?.resume ?? "",
       ...(this.ready ? this.received() : { played: 0, epoch: null }),

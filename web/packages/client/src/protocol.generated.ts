@@ -70,6 +70,16 @@ export interface AudioFormat {
   format?: "f32le" | "s16le";
 }
 
+/** How far the body may travel. Who dances walks some metres in half a minute; a fixed camera loses them. */
+export interface BodyOptions {
+  /** metres the hips may be from where they started; 0: no leash */
+  leash_m?: number;
+  /** hips stay over the start */
+  in_place?: boolean;
+  /** hips and legs stand idle, everything above moves */
+  upper_body?: boolean;
+}
+
 /** The utterance is complete; silence follows until the next one. */
 export interface EndMessage {
   type: "end";
@@ -122,6 +132,8 @@ export interface HelloMessage {
   epoch?: number | null;
   /** equal seed and sound give equal motion */
   seed?: number;
+  /** of a new session, also when it is resumed */
+  body?: BodyOptions;
 }
 
 /** Stop at once: discard all sound from `heard` on, and utterances up to `seg`, as if they had never been sent. */

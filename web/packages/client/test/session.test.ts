@@ -83,6 +83,14 @@ it("says hello in the agreed words", () => {
   expect(latest().sent[0]).toMatchObject({ type: "hello", versions: [1], role: "source", resume: "", played: 0 });
 });
 
+it("asks for an avatar that stays near its place", () => {
+  const near = new EchoSession({ url: "ws://x/v1/stream", playbackWorklet: "", body: { leash_m: 0.5 } });
+  near.connect();
+  latest().onopen();
+  expect(latest().sent[0]).toMatchObject({ type: "hello", body: { leash_m: 0.5 } });
+  near.close();
+});
+
 it("lives on the wall clock before any sound is allowed, and tells how far it is", () => {
   feed(48000);
   vi.advanceTimersByTime(1100);
