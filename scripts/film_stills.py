@@ -23,7 +23,6 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.evaluation.alive import Sound, read_sounds
 from echoavatar.evaluation.captured_people import MUSIC, SPEECH
 from echoavatar.files.avatar.sheet import contact_sheet
-from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 SECONDS, MIXED_LEVEL = 20.0, 0.35  # music under speech
@@ -40,11 +39,6 @@ def mixtures(sounds: Sequence[Sound], count: int) -> list[Sound]:
         audio = 0.7 * voice.audio[:length] + MIXED_LEVEL * track.audio[:length]
         mixed.append(Sound(f"{voice.name} over {track.name}", "mixture", "", audio.astype(np.float32)))
     return mixed
-
-
-def on_the_spot(motion: Motion) -> Motion:
-    """The motion with the hips above the origin, so that a dancer who travels stays in the picture."""
-    return Motion(motion.skeleton, motion.rotations, motion.root * np.array([0, 1, 0], np.float32), motion.fps)
 
 
 def save(picture: UInt8[np.ndarray, "h w 3"], path: Path) -> None:
@@ -73,9 +67,8 @@ def main() -> None:
     rows = []
     for number, (sound, made) in enumerate(zip(tqdm(sounds, unit="sound"), done, strict=True), 1):
         name = re.sub(r"[^A-Za-z0-9]+", "-", sound.name).strip("-")
-        motion = on_the_spot(made.motion)
-        save(contact_sheet(motion, size=SIZE), args.output / f"{number:02d}_{sound.kind}_{name}.webp")
-        rows.append(contact_sheet(motion, columns=12, rows=1, size=SMALL))
+        save(contact_sheet(made.motion, size=SIZE), args.output / f"{number:02d}_{sound.kind}_{name}.webp")
+        rows.append(contact_sheet(made.motion, columns=12, rows=1, size=SMALL))
     if args.grid:
         save(np.concatenate(rows), args.grid)
 

@@ -27,7 +27,7 @@ def contact_sheet(
     count = columns * rows
     step = every or max(1, motion.frames // count)
     at = np.minimum(np.arange(count) * step, motion.frames - 1)
-    picked = Motion(motion.skeleton, motion.rotations[at], motion.root[at], motion.fps)
+    picked = Motion(motion.skeleton, motion.rotations[at], motion.root[at], motion.fps / step)  # the camera keeps up
     curves = None if face is None else face[at]
     pictures = np.stack(list(film(picked, face=curves, shot=Shot(size, "face" if is_close else "front"))))
     width, height = size
