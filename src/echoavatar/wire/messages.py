@@ -110,7 +110,7 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
         int | None, Meta(description="resuming: the newest one received; a `flush` missed since is sent again")
     ] = None
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="equal seed and sound give equal motion")] = 0
-    body: Annotated[BodyOptions, Meta(description="of a new session, also when it is resumed")] = BodyOptions()
+    body: Annotated[BodyOptions, Meta(description="for a new session; a resumed one keeps its own")] = BodyOptions()
 
 
 class Audio(_Message, frozen=True, kw_only=True, tag="audio"):

@@ -132,7 +132,7 @@ export interface HelloMessage {
   epoch?: number | null;
   /** equal seed and sound give equal motion */
   seed?: number;
-  /** of a new session, also when it is resumed */
+  /** for a new session; a resumed one keeps its own */
   body?: BodyOptions;
 }
 
