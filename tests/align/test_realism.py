@@ -92,8 +92,6 @@ def test_the_commands_fit_it_and_tune_with_it(
     assert any("rewards.realism" in line for line in lines)
     train_only = str(save_clips(tmp_path / "train", 3, 18))
     assert main([asked[0], asked[1], train_only, *asked[3:], "-o", file, "--prompts", "12", "--group", "2"]) == 0
-    assert main(["align", "reward-quality", train_only, *common[1:], "-o", str(tmp_path / "quality")]) == 1
-    assert "holds no clip of split test, on which reward-quality is measured" in capsys.readouterr().err
     assert main([*asked, "-o", file, "--prompts", "4", "--group", "2"]) == 1
     assert "at least 20 of each are needed: raise --prompts" in capsys.readouterr().err
     assert main([*asked, "-o", file, "--own-past", "3"]) == 1

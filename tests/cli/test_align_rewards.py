@@ -95,4 +95,4 @@ def test_tokens_without_held_out_clips_are_refused(tmp_path, tiny_bundle, capsys
     clips(1)["clip0"].save(tmp_path / "one.npz")
     command = ["align", "reward-quality", str(tmp_path), "--model", str(tiny_bundle), "-o", str(tmp_path / "q")]
     assert main(command) == 1
-    assert "holds 1 train and 0 test clips" in capsys.readouterr().err
+    assert "holds no clip of split test, on which reward-quality is measured" in capsys.readouterr().err

@@ -122,7 +122,7 @@ def open_page(new_page: Callable[..., PageDriver], site: str) -> Callable[[str],
 
 
 def messages() -> list[Ready | Motion]:
-    """The rig, and eight seconds in which the avatar turns round and round."""
+    """The rig, and eight seconds in which the avatar turns round and round, and walks a metre a second aside."""
     chunks = []
     for chunk in range(30):
         rotations = np.zeros((8, HUMANOID.joints, 4), np.int16)
@@ -130,6 +130,7 @@ def messages() -> list[Ready | Motion]:
         half = (chunk * 8 + np.arange(8)) / 30
         rotations[:, 0, 1], rotations[:, 0, 3] = 32767 * np.sin(half), 32767 * np.cos(half)
         root = np.tile(np.array(HUMANOID.config.offsets[0], np.float32), (8, 1))
+        root[:, 0] = half
         face = np.zeros((8, len(ARKIT_NAMES)), np.uint8)
         frames = {"rotations": rotations.tobytes(), "root": root.tobytes(), "face": face.tobytes()}
         chunks.append(Motion(at=chunk * 6400, frames=8, epoch=0, state="speaking", **frames))
@@ -156,6 +157,14 @@ def moves(driver: PageDriver, tmp_path: Path) -> None:
     assert not [problem for problem in driver.problems if "favicon" not in problem and "404" not in problem]
 
 
+def is_in_the_picture(driver: PageDriver, tmp_path: Path) -> bool:
+    """Whether the avatar, darker than the page, stands in the middle half."""
+    driver.shot(tmp_path / "where.png")
+    picture = np.asarray(Image.open(tmp_path / "where.png").convert("L"), float)
+    columns = np.flatnonzero((picture[: len(picture) // 2] < 160).sum(0) > 5)
+    return len(columns) > 0 and picture.shape[1] / 4 < columns.mean() < picture.shape[1] * 3 / 4
+
+
 def test_the_plain_page_speaks(open_page: Callable[[str], PageDriver], live_origin: str, tmp_path: Path) -> None:
     driver = open_page(f"page.html?server={live_origin}")
     driver.wait("!document.querySelector('#speak').disabled", 300)
@@ -176,6 +185,8 @@ def test_a_livekit_room_moves_the_avatar(open_page: Callable[[str], PageDriver],
     )
     driver.page.evaluate(PACED + take, packed)
     moves(driver, tmp_path)
+    driver.page.wait_for_timeout(1500)
+    assert is_in_the_picture(driver, tmp_path)
 
 
 def test_rtvi_messages_move_the_avatar(open_page: Callable[[str], PageDriver], tmp_path: Path) -> None:

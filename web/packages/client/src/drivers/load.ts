@@ -14,6 +14,7 @@ export async function loadAvatar(data: ArrayBuffer): Promise<GlbDriver | VrmDriv
   const gltf = await loader.parseAsync(data, "").catch((error: Error) => {
     throw new Error(`the file is damaged inside (${error.message}). Export it again.`);
   });
+  gltf.scene.traverse((node) => (node.frustumCulled = false)); // three takes a body to be where its rest pose is
   const vrm = gltf.userData["vrm"] as VRM | undefined;
   if (!vrm) return new GlbDriver(gltf.scene);
   VRMUtils.removeUnnecessaryVertices(gltf.scene);
