@@ -215,7 +215,7 @@ def compare(ours: Sequence[Measured], theirs: Sequence[Measured]) -> tuple[float
 def by_statistic(ours: Sequence[Measured], theirs: Sequence[Measured]) -> dict[str, Statistics]:
     """What tells ours from captured: medians of both sides' windows, and the classifier's accuracy with one statistic.
 
-    Medians, because one dancer who works on the floor moves a mean more than all others. Empty if a side has no window.
+    Medians, because one break dancer moves a mean more than all others. Empty if a side has no window.
     """
     (made, made_clips), (true, true_clips) = (_table(side) for side in (ours, theirs))
     if not len(made) or not len(true):

@@ -81,7 +81,7 @@ class AudioFormat(Struct, frozen=True, kw_only=True):
 
 
 class BodyOptions(Struct, frozen=True, kw_only=True):
-    """How far the body may travel. Who dances walks some metres in half a minute; a fixed camera loses them."""
+    """How far the body may walk. A camera that stands still loses a dancer who is free."""
 
     leash_m: Annotated[
         float, Meta(ge=0, le=100, description="metres the hips may be from where they started; 0: no leash")

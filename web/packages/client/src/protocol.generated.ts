@@ -70,7 +70,7 @@ export interface AudioFormat {
   format?: "f32le" | "s16le";
 }
 
-/** How far the body may travel. Who dances walks some metres in half a minute; a fixed camera loses them. */
+/** How far the body may walk. A camera that stands still loses a dancer who is free. */
 export interface BodyOptions {
   /** metres the hips may be from where they started; 0: no leash */
   leash_m?: number;

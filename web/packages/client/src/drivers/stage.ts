@@ -11,7 +11,7 @@ export interface Stage {
   readonly avatar: GlbDriver | VrmDriver;
   readonly scene: Scene;
   readonly camera: PerspectiveCamera;
-  /** Draws one picture. The camera goes along with the avatar, which walks some metres while it dances. */
+  /** Draws one picture. The camera goes along with the avatar, which walks while it dances. */
   draw(): void;
 }
 
