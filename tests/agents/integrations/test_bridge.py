@@ -14,12 +14,12 @@ from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, U
 from echoavatar.agents.integrations.backend import LocalBackend
 from echoavatar.agents.integrations.output import Event
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ActionStatus, Ready, State
+from echoavatar.wire import ActionStatus, BodyOptions, Ready, State
 
 
 class Scene:
     def __init__(self) -> None:
-        self.bridge = AvatarBridge(LocalBackend(engine()))
+        self.bridge = AvatarBridge(LocalBackend(engine()), body=BodyOptions(leash_m=0.5))
         self.events: list[tuple[float, Event]] = []
 
     def of(self, kind: type) -> list:  # type: ignore[type-arg]
@@ -125,8 +125,16 @@ async def test_music_needs_no_speech_and_ends() -> None:
 
 
 async def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
-    """The server loses the session: speech that was not released is sent again, and the clock never runs backwards."""
+    """The server loses the session: speech that was not released is sent again, and the clock never runs backwards.
+
+    The new session stays as near to its place as the lost one.
+    """
+
+    def leashes() -> list[float | None]:
+        return [session.core.options.leash_m for session in scene.bridge.backend._app.state.manager._sessions.values()]
+
     async with playing() as scene:
+        assert leashes() == [0.5]
         await scene.bridge.say(tone(2.5), 24_000)
         seg = await scene.bridge.end()
         await scene.until(lambda: len(scene.sound) > 12_000)
@@ -137,6 +145,7 @@ async def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:
         for session in list(manager._sessions.values()):
             manager.end(session)
         await scene.until(lambda: any(said.seg == seg for said in scene.of(UtteranceDone)))
+        assert leashes() == [0.5]
     assert len(scene.of(Ready)) == 2
     at = [chunk.at for chunk in scene.of(AvatarChunk)]
     assert at == sorted(at)

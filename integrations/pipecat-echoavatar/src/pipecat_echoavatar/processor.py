@@ -38,7 +38,7 @@ from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, AvatarTool
 from echoavatar.files.avatar.avatar_renderer import Shot
 from echoavatar.server.video import LiveStream, VideoSource
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import Ready
+from echoavatar.wire import BodyOptions, Ready
 
 from .frames import AvatarMusicFrame, AvatarSpeechFrame, asks_for_avatar, rtvi
 from .pending_frames import PendingFrames
@@ -57,6 +57,7 @@ class EchoAvatarProcessor(FrameProcessor):
         *,
         token: str = "",
         seed: int = 0,
+        body: BodyOptions | None = None,
         page_port: int | None = None,
         listens: bool = True,
         video: Shot | None = None,
@@ -66,11 +67,12 @@ class EchoAvatarProcessor(FrameProcessor):
         """`where`: a server's address (http://...), or a bundle's name or folder, or an engine, which then runs here.
 
         `page_port` serves the live page of an engine that runs here (0: any free port). With `listens` the avatar hears
-        the user and looks at them. `token` is the server's. With `video`, such as `Shot((512, 512))`, the avatar is
-        drawn here and pushed as images beside its sound; `character` says who.
+        the user and looks at them. `token` is the server's. `body`, such as `BodyOptions(leash_m=0.5)`, keeps the
+        avatar near its place. With `video`, such as `Shot((512, 512))`, the avatar is drawn here and pushed as images
+        beside its sound; `character` says who.
         """
         super().__init__(**kwargs)
-        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed, body=body)
         self._listens = listens
         self._pending = PendingFrames()
         self._tools: AvatarTools | None = None

@@ -18,7 +18,19 @@ from jaxtyping import Shaped
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import ActionStatus, Audio, Error, Flush, Hello, Motion, Ready, ServerMessage, Sound, State
+from echoavatar.wire import (
+    ActionStatus,
+    Audio,
+    BodyOptions,
+    Error,
+    Flush,
+    Hello,
+    Motion,
+    Ready,
+    ServerMessage,
+    Sound,
+    State,
+)
 
 from ..client import Avatar
 from .backend import AvatarBackend
@@ -35,10 +47,14 @@ _POLL_S = 0.01
 class AvatarBridge:
     """One avatar session in the form that a framework's adapter needs."""
 
-    def __init__(self, backend: AvatarBackend, *, seed: int = 0, lead_s: float = LEAD_S) -> None:
+    def __init__(
+        self, backend: AvatarBackend, *, seed: int = 0, body: BodyOptions | None = None, lead_s: float = LEAD_S
+    ) -> None:
+        """`body` says how far the avatar may walk, such as `BodyOptions(leash_m=0.5)`; by default anywhere."""
         self.backend = backend
         self.playback = Playback(0, 0.0)
-        self._seed, self._lead = seed, round(lead_s * SAMPLE_RATE_HZ)
+        self._hello = Hello(seed=seed, body=body or BodyOptions())
+        self._lead = round(lead_s * SAMPLE_RATE_HZ)
         self._avatar: Avatar | None = None
         self._events: deque[Event] = deque()
         self._filled = asyncio.Event()
@@ -66,7 +82,7 @@ class AvatarBridge:
             EchoAvatarError: there is no server, no bundle or no free seat.
         """
         if self._avatar is None:
-            avatar = await self.backend.open(Hello(seed=self._seed))
+            avatar = await self.backend.open(self._hello)
             self._avatar = avatar
             self._begin(avatar.ready)
             for task in (self._read(avatar), self._report(), avatar.keep_alive()):

@@ -19,6 +19,7 @@ import soxr
 from echoavatar.engine import Engine
 from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.wire import BodyOptions
 
 from .backend import find_backend
 from .bridge import AvatarBridge
@@ -48,20 +49,22 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         on_event: Callable[[Event], None] | None = None,
         token: str = "",
         seed: int = 0,
+        body: BodyOptions | None = None,
         page_port: int | None = None,
     ) -> None:
         """Create the interface; `sample_rate` is that of the agent's output format, such as 16000 for `pcm_16000`.
 
         `where` is a server's address, or a bundle's name or folder, or an engine, which then runs here; `page_port`
         serves its page. `device` is the microphone and loudspeaker: an audio interface of the SDK's kind, sync or
-        async, at 16 kHz. `on_event` receives everything the avatar does, in order, motion included.
+        async, at 16 kHz. `on_event` receives everything the avatar does, in order, motion included. `body`, such as
+        `BodyOptions(leash_m=0.5)`, keeps the avatar near its place.
 
         Raises:
             AudioError: ElevenLabs has no such rate.
         """
         if sample_rate not in RATES:
             raise AudioError(f"sample_rate {sample_rate} is not supported; give one of {', '.join(map(str, RATES))}")
-        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed, body=body)
         self._rate, self._device, self._on_event = sample_rate, device, on_event
         self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")
         self._bytes: asyncio.Queue[bytes] = asyncio.Queue()

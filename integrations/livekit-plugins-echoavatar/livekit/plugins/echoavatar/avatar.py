@@ -17,6 +17,7 @@ from echoavatar import Engine
 from echoavatar.agents.integrations import AvatarBridge, AvatarTools, find_backend
 from echoavatar.files.avatar.avatar_renderer import Shot
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.wire import BodyOptions
 
 from .film import Film, runner
 from .motion import MotionChannel
@@ -62,6 +63,7 @@ class AvatarSession(_Session):
         *,
         token: str = "",
         seed: int = 0,
+        body: BodyOptions | None = None,
         page_port: int | None = None,
         prefer_data_track: bool = True,
         video: Shot | None = None,
@@ -69,11 +71,12 @@ class AvatarSession(_Session):
     ) -> None:
         """`where`: a server's address, or a bundle's name or folder, or an engine, which then runs in this process.
 
-        `page_port` serves the live page of an engine that runs here; `token` is the server's. With `video`, such as
-        `Shot((512, 512))`, the avatar is drawn here and published as a video track; `character` says who.
+        `page_port` serves the live page of an engine that runs here; `token` is the server's. `body`, such as
+        `BodyOptions(leash_m=0.5)`, keeps the avatar near its place. With `video`, such as `Shot((512, 512))`, the
+        avatar is drawn here and published as a video track; `character` says who.
         """
         super().__init__()
-        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed, body=body)
         self._prefer_track = prefer_data_track
         self._shot, self._character = video, character
         self._runner: AvatarRunner | None = None

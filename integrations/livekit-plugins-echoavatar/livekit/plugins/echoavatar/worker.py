@@ -14,6 +14,7 @@ from livekit.agents.voice.avatar import AudioReceiver, AvatarRunner, DataStreamA
 from echoavatar import Engine
 from echoavatar.agents.integrations import AvatarBridge, AvatarTools, find_backend
 from echoavatar.files.avatar.avatar_renderer import Shot
+from echoavatar.wire import BodyOptions
 
 from .avatar import SAMPLES, publish_sound
 from .film import Film, runner
@@ -35,18 +36,19 @@ class AvatarWorker:
         *,
         token: str = "",
         seed: int = 0,
+        body: BodyOptions | None = None,
         agent_identity: str | None = None,
         prefer_data_track: bool = True,
         source: Source | None = None,
         video: Shot | None = None,
         character: str = "",
     ) -> None:
-        """`where` and `token` as in `AvatarSession`; `agent_identity` is the agent to hear (default: the first agent).
+        """Most arguments are those of `AvatarSession`; `agent_identity` is the agent to hear (default: the first one).
 
-        `source` plays the sound instead of an audio track of the room; `video` and `character` as in `AvatarSession`.
+        `source` plays the sound instead of an audio track of the room.
         """
         self.room = room
-        self.bridge = AvatarBridge(find_backend(where, token=token), seed=seed)
+        self.bridge = AvatarBridge(find_backend(where, token=token), seed=seed, body=body)
         self.receiver: AudioReceiver = DataStreamAudioReceiver(
             room, sender_identity=agent_identity, frame_size_ms=FRAME_MS
         )
