@@ -32,3 +32,5 @@ def test_pairs_then_dpo_and_grpo_from_the_command_line(tmp_path, tiny_bundle, ca
     assert card["command"].startswith("echoavatar align grpo")
     assert main(["align", "grpo", *common, "-o", str(tmp_path / "bad"), "--reward", "nonsense=1", *small]) == 1
     assert "no reward 'nonsense'" in capsys.readouterr().err
+    assert main(["align", "grpo", *common, "-o", str(tmp_path / "bad"), "--reward", "quality=1", *small]) == 1
+    assert "the reward quality is learned first: pass --quality" in capsys.readouterr().err

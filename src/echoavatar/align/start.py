@@ -9,7 +9,7 @@ from typing import Any
 
 from echoavatar.checkpoint import read_card
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, TokenClip
@@ -80,7 +80,7 @@ def load_setup(
     Raises:
         CheckpointError: a checkpoint is missing or damaged.
         MotionError: the token files are missing or of another vocabulary.
-        EchoAvatarError: a reward is unknown.
+        EchoAvatarError: a reward is unknown, or learned and not given.
     """
     parts = load_bundle(bundle)
     policy = Generator.load(generator) if generator else parts.generator
@@ -98,6 +98,9 @@ def load_setup(
     has_statistics = reference_statistics is not None or (folder / "reference_statistics.json").exists()
     is_unmeasured = is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
     weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
+    for name, file in {"quality": quality, "alignment": alignment, "realism": realism}.items():
+        if name in weights and not file:
+            raise EchoAvatarError(f"the reward {name} is learned first: pass --{name} (docs/alignment.md)")
     own: dict[str, Reward] = {}
     if quality:
         own["quality"] = QualityReward.load(quality).judge
