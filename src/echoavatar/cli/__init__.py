@@ -54,6 +54,7 @@ COMMANDS = {
     "refine-fingers": "add plausible fingers to motion that was captured without them",
 }
 SEPARATE = {
+    "align targets": "research",
     "baseline": "research",
     "bench train": "research",
     "data prepare": "research",

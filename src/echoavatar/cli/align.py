@@ -3,12 +3,15 @@
 import argparse
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from . import align_compare, align_rewards, align_soup
+from echoavatar.errors import DependencyError
+
+from . import align_compare, align_rewards, align_soup, command_module
 
 if TYPE_CHECKING:
     from echoavatar.align.config import AlignTraining
@@ -22,6 +25,7 @@ EXAMPLES = """examples:
   echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
   echoavatar align compare TOKENS -o it.json --beside runs/grpo    what tuning gained and what it cost
   echoavatar align soup runs/a=0.5 runs/b=0.5 -o runs/mix          a mix of two runs from the same generator
+  echoavatar align targets TOKENS -o runs/tuned --captured CAPTURED              as the default bundle was tuned
   echoavatar align calibrate TOKENS -o scores.json                 scores of corruption levels from your own FID
   echoavatar align reward-quality TOKENS -o runs/quality           how good motion looks
   echoavatar align reward-alignment TOKENS -o runs/alignment       how well motion fits the audio
@@ -78,6 +82,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_common(beside)
     align_compare.add_arguments(beside)
     align_soup.add_arguments(kinds.add_parser("soup", help="mix generators that were tuned from the same one"))
+    targets = kinds.add_parser(
+        "targets",
+        help="GRPO until a generator keeps time, moves enough and passes for a person (echoavatar-research)",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    with suppress(DependencyError):
+        command_module("align targets").add_arguments(targets)
     align_rewards.add_arguments(kinds)
     for child in (grpo, dpo, ppo):
         _add_common(child)
@@ -144,6 +155,9 @@ def run(args: argparse.Namespace) -> int:
         return align_rewards.run(args)
     if args.kind == "soup":
         return align_soup.run(args)
+    if args.kind == "targets":
+        code: int = command_module("align targets").run(args)
+        return code
     if args.kind == "compare":
         return align_compare.run(args, _setup(args))
     is_first = os.environ.get("RANK", "0") == "0"

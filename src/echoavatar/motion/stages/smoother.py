@@ -56,14 +56,14 @@ class Smoother:
 
     def step(self, pose: Pose, state: SmootherState, active: Bool[Array, " b"]) -> None:
         """Smooth the rotations and the travel of active rows, in place."""
-        shares = _shares(pose.frames, self._stiffness)
+        weights = shares(pose.frames, self._stiffness)
         cosine = math.cos(FASTEST / pose.fps / 2)
         shown, travel = state.rotations.numpy(), state.travel.numpy()
-        smooth(pose.rotations, pose.root, shown, travel, active, shares, cosine)
+        smooth(pose.rotations, pose.root, shown, travel, active, weights, cosine)
 
 
 @cache
-def _shares(frames: int, stiffness: float) -> Float[Array, "t n"]:
+def shares(frames: int, stiffness: float) -> Float[Array, "t n"]:
     """The solution of the minimum: the weight of each frame, shown or decoded (n = 3 + t), in each smoothed one."""
     third = np.diff(np.eye(SHOWN + frames), n=3, axis=0)
     past, own = third[:, :SHOWN], third[:, SHOWN:]

@@ -1,0 +1,129 @@
+"""The training task: GRPO of `echoavatar.align` with this room's judge, on prompts of both kinds of sound alike."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from echoavatar.align.config import AlignTraining
+from echoavatar.align.grpo import GrpoTask
+from echoavatar.align.policy import GeneratorPolicy
+from echoavatar.align.prompts import Prompt, PromptSampler, batch_of
+from echoavatar.align.rollouts import RolloutBatch
+from echoavatar.align.trainer import rollout_seeds
+from echoavatar.errors import MotionError
+from echoavatar.evaluation.alive import Take
+from echoavatar.evaluation.captured_people import MUSIC, SPEECH
+from echoavatar.evaluation.metrics.liveliness import body_points
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
+from echoavatar.training import Loss
+
+from .judge import TargetJudge, kind_of, means_of, measured
+from .movement import liveliness
+
+SHARES = {MUSIC: 0.5, SPEECH: 0.375}  # of the prompts of a batch; the others are of any sound
+HOP = 0.2  # of a window: from one captured window to the next
+BEFORE_TUNING = 10**6  # number of the first draw that no step uses
+TRUTH_DRAWS, TOGETHER = 10, 64  # draws of true speech, and prompts of each
+ROUNDS = 4  # draws that the other generator is measured with
+
+
+class PromptsByKind(PromptSampler):
+    """Half of a draw is filled with music and three eighths with speech, so that both opponents learn at once."""
+
+    def draw(self, number: int, size: int) -> list[Prompt]:
+        """`size` prompts of draw `number`: music first, then speech, then any sound."""
+        counts = {kind: round(share * size) for kind, share in SHARES.items()}
+        found, turn = [], 0
+        for kind, count in (counts | {"": size - sum(counts.values())}).items():
+            kept: list[Prompt] = []
+            while len(kept) < count:
+                if turn > 1000:
+                    raise MotionError(f"hardly a prompt is filled with {kind}: use token files of both kinds of sound")
+                drawn = super().draw(number * 1009 + turn, size)
+                kept += [prompt for prompt in drawn if not kind or kind_of(prompt) == kind]
+                turn += 1
+            found += kept[:count]
+        return found
+
+
+class TargetTask(GrpoTask):
+    """GRPO whose judge learns along; its state is saved with the run's."""
+
+    judge: TargetJudge
+
+    def loss(self, batch: RolloutBatch, step: int) -> Loss:
+        """See `TrainingTask.loss`; also logs the batch's means and the weights."""
+        found = super().loss(batch, step)
+        return Loss(found.total, dict(found.metrics) | self.judge.told)
+
+    def state(self) -> Mapping[str, Tensor]:
+        """What the opponents saw last, and the targets' weights and means."""
+        own = {f"seen.{kind}": torch.from_numpy(one.own) for kind, one in self.judge.opponents.items()}
+        weights = self.judge.weights
+        own |= {f"weight.{name}": torch.tensor(value) for name, value in weights.values.items()}
+        own |= {f"mean.{name}": torch.tensor(value) for name, value in weights.means.items()}
+        return own
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """See `TrainingTask.load_state`."""
+        for name, value in state.items():
+            what, _, rest = name.partition(".")
+            if what == "seen":
+                self.judge.opponents[rest].own = value.double().numpy()
+                self.judge.opponents[rest].fit()
+            elif what == "weight":
+                self.judge.weights.values[rest] = float(value)
+            elif what == "mean":
+                self.judge.weights.means[rest] = float(value)
+
+
+def people_in_music(captured: Sequence[Take], length: int) -> Float[np.ndarray, "n 9"]:
+    """Statistics of captured dancers in windows of `length` chunks.
+
+    Raises:
+        MotionError: a clip is not of 30 frames a second, or there is none of dance.
+    """
+    frames, rows = length * CHUNK_FRAMES, []
+    for take in captured:
+        if take.kind != MUSIC:
+            continue
+        if abs(take.motion.fps - FRAME_RATE_HZ) > 0.1:
+            raise MotionError(f"{take.name} has {take.motion.fps:g} frames a second; bring it to {FRAME_RATE_HZ}")
+        points = torch.from_numpy(body_points(take.motion)).float()
+        starts = range(0, len(points) - frames + 1, round(HOP * frames))
+        if starts:
+            rows.append(liveliness(torch.stack([points[at : at + frames] for at in starts])).numpy())
+    if not rows:
+        raise MotionError("the captured clips hold no dance that lasts as long as a continuation")
+    return _finite(np.concatenate(rows))
+
+
+def people_in_speech(tokenizer: BodyTokenizer, book: PromptsByKind, device: str) -> Float[np.ndarray, "n 9"]:
+    """Statistics of the clips' own continuations in speech."""
+    rows: list[Float[np.ndarray, "n 9"]] = []
+    for number in range(TRUTH_DRAWS):
+        drawn = [prompt for prompt in book.draw(BEFORE_TUNING + number, TOGETHER) if kind_of(prompt) == SPEECH]
+        truth = torch.from_numpy(np.stack([prompt.truth for prompt in drawn]).astype(np.int64)).to(device)
+        rows.append(_finite(measured(tokenizer, drawn, truth).statistics))
+    return np.concatenate(rows)
+
+
+def means_like(
+    policy: GeneratorPolicy, tokenizer: BodyTokenizer, book: PromptsByKind, training: AlignTraining, device: str
+) -> dict[str, float]:
+    """Means of a generator's own continuations (`judge.means_of`)."""
+    found: list[dict[str, float]] = []
+    for number in range(BEFORE_TUNING, BEFORE_TUNING + ROUNDS):
+        drawn = book.draw(number, training.batch)
+        seeds = rollout_seeds(training, number, len(drawn)).to(device)
+        codes = policy.rollout(batch_of(drawn, device), 1, seeds)
+        found.append(means_of(measured(tokenizer, drawn, codes), [kind_of(prompt) for prompt in drawn]))
+    return {name: float(np.mean([one[name] for one in found])) for name in found[0]}
+
+
+def _finite(rows: Float[np.ndarray, "n 9"]) -> Float[np.ndarray, "m 9"]:
+    return np.asarray(rows[np.isfinite(rows).all(1)])
