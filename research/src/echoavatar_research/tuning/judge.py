@@ -132,11 +132,13 @@ class TargetJudge:
         self.told = means | {f"weight.{name}": value for name, value in self.weights.values.items()}
 
     def _realism(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
+        """What the opponents take for a person's; a body that does not stand is surely none."""
         paid, kind_of_row = np.zeros(len(kinds)), np.array(kinds)
         for kind, opponent in self.opponents.items():
-            own = (kind_of_row == kind) & found.stands
-            paid[own] = opponent.odds(found.statistics[own]) * self.weights.values[f"{kind}.told_apart"]
-        paid[~found.stands] = -MOST
+            own = kind_of_row == kind
+            odds = np.full(len(kinds), -MOST)
+            odds[own & found.stands] = opponent.odds(found.statistics[own & found.stands])
+            paid[own] = odds[own] * self.weights.values[f"{kind}.told_apart"]
         return paid
 
     def _by_target(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
