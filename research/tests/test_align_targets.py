@@ -10,6 +10,7 @@ from tests.evaluation.test_alive import swaying
 
 from echoavatar.cli import main
 from echoavatar.motion.kinematics import write_bvh
+from echoavatar_research.tuning import opponent
 
 
 @pytest.fixture
@@ -37,7 +38,11 @@ def words(tmp_path: Path, tiny_bundle: Path) -> list[str]:
     ]
 
 
-def test_a_stopped_run_goes_on_as_if_it_had_not_stopped(tmp_path: Path, words: list[str]) -> None:
+def test_a_stopped_run_goes_on_as_if_it_had_not_stopped(
+    tmp_path: Path, words: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opponent, "FEWEST", 4)
+
     def lines(folder: str, steps: int) -> list[dict[str, float]]:
         assert main([*words, "-o", str(tmp_path / folder), "--steps", str(steps), "--save-every", "1"]) == 0
         return [json.loads(line) for line in (tmp_path / folder / "metrics.jsonl").read_text().splitlines()]
@@ -46,7 +51,7 @@ def test_a_stopped_run_goes_on_as_if_it_had_not_stopped(tmp_path: Path, words: l
     lines("stopped", 2)
     resumed = lines("stopped", 3)
     assert [line["step"] for line in resumed] == [1, 2, 3]
-    for name in ("reward", "kl", "weight.music.beats", "weight.speech.room", "rest"):
+    for name in ("reward", "kl", "weight.music.beats", "weight.speech.room", "rest", "music.told_apart"):
         assert resumed[2][name] == pytest.approx(whole[2][name], rel=1e-6), name
     assert {"music.shoulder_turn", "speech.jerk", "rewards.realism"} <= whole[0].keys()
     assert (tmp_path / "whole/model.safetensors").exists()

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.evaluation.alive import read_captured
     from echoavatar.evaluation.captured_people import MUSIC, SPEECH
     from echoavatar.models.generator import Generator
-    from echoavatar_research.tuning.goals import targets_like
+    from echoavatar_research.tuning.goals import Targets, targets_like
     from echoavatar_research.tuning.judge import TargetJudge
     from echoavatar_research.tuning.task import PromptsByKind, TargetTask, means_like, people_in_music, people_in_speech
 
@@ -89,7 +89,13 @@ def run(args: argparse.Namespace) -> int:
         MUSIC: people_in_music(read_captured(args.captured), training.length),
         SPEECH: people_in_speech(tokenizer, book, args.device),
     }
-    targets = targets_like(means_like(GeneratorPolicy(like), tokenizer, book, training, args.device))
+    kept = args.output / "targets.json"  # a resumed run keeps the targets that it began with
+    if kept.exists():
+        targets = Targets.model_validate_json(kept.read_bytes()).targets
+    else:
+        targets = targets_like(means_like(GeneratorPolicy(like), tokenizer, book, training, args.device))
+        args.output.mkdir(parents=True, exist_ok=True)
+        kept.write_text(Targets(targets=targets).model_dump_json(indent=1) + "\n", encoding="utf-8")
     begun = read_card(args.generator) if args.generator else bundle.card
     card = {"data": str(args.source), "licence": begun.get("licence", "Apache-2.0")}
     card |= {"begun_from": str(args.generator or args.model)}

@@ -19,3 +19,15 @@ def test_the_opponent_follows_the_policy() -> None:
     for _ in range(12):
         last = opponent.see(windows(0.0))
     assert last < 0.65  # the policy moves as people do now
+
+
+def test_it_goes_on_where_its_state_was_taken() -> None:
+    random = np.random.default_rng(0)
+    batches, people = random.standard_normal((5, 40, 9)), random.standard_normal((40, 9)) + 1
+    first, second = Opponent(people), Opponent(people)
+    for batch in batches[:4]:
+        first.see(batch)
+    second.load_state(first.state())
+    assert second.see(batches[4]) == first.see(batches[4])
+    np.testing.assert_array_equal(second.odds(people), first.odds(people))
+    assert first.odds(people).any()

@@ -7,6 +7,10 @@ Its own measurements are the only ones that are comparable: windows here are sho
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from pydantic import Field
+
+from echoavatar.config import Config
+
 from .targets import Target
 
 LEAST = 1e-6  # of an aim: a generator that has not learnt to keep time may hit less than chance
@@ -43,6 +47,12 @@ GOALS = {
     "speech.ankle_speed": Goal(0.8, 0.01, 0.001, 0.2),
     "rest": Goal(1.1, 0.03, 0.003, 0.5, is_least=False),
 }
+
+
+class Targets(Config):
+    """The targets of a run, as they are kept beside it."""
+
+    targets: dict[str, Target] = Field(description="targets by name")
 
 
 def targets_like(means: Mapping[str, float]) -> dict[str, Target]:

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from echoavatar.align.prompts import Prompt
+from echoavatar.align.realism import DOMAINS, MOST, PURE
 from echoavatar.align.rewards import Rewards
 from echoavatar.evaluation.captured_people import MUSIC, SPEECH
 from echoavatar.evaluation.metrics.liveliness import POINTS, STATISTICS
@@ -16,13 +17,11 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 
 from .movement import liveliness, of_common_height
-from .opponent import MOST, Opponent
+from .opponent import Opponent
 from .positions import LEAD, shown_positions
 from .targets import Target, Weights
 from .timing import smoothed, timing
 
-DOMAINS = {SPEECH: 1, MUSIC: 2}
-PURE = 0.85  # share of a continuation that one kind of sound must fill
 TOGETHER = 128  # continuations measured at a time
 MOST_PAID = 3.0  # multiples of a target's aim beyond which nothing more is paid
 MOST_JERK = 4.0  # the same for the jerk of a frame

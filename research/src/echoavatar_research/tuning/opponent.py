@@ -5,16 +5,18 @@ few batches, as the discriminator of an adversarial network is, so that no trick
 That needs hundreds of windows a batch: with a hundred it brought less than the fixed one.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.align.realism import MOST
 from echoavatar.evaluation.metrics.discriminator import Classifier, fit
 from echoavatar.evaluation.metrics.liveliness import STATISTICS
 
 KEPT = 1500  # of the policy's windows
 FEWEST = 60  # of the policy's windows before the first fit
 EVERY = 3  # batches between fits
-MOST = 4.0  # log odds beyond which nothing more is paid
 COUNT = len(STATISTICS)
 
 
@@ -38,12 +40,11 @@ class Opponent:
             accuracy = float(np.mean(is_told))
         self.own = np.concatenate([self.own, windows])[-KEPT:]
         if self._batches % EVERY == 0:
-            self.fit()
+            self._fit()
         self._batches += 1
         return accuracy
 
-    def fit(self) -> None:
-        """Fit to the windows seen last."""
+    def _fit(self) -> None:
         if len(self.own) >= FEWEST:
             sides = np.concatenate([self.own, self.people])
             self._classifier = fit(sides, np.repeat([1.0, 0.0], [len(self.own), len(self.people)]))
@@ -53,3 +54,14 @@ class Opponent:
         if self._classifier is None:
             return np.zeros(len(windows))
         return np.asarray(np.clip(-self._classifier.log_odds(windows), -MOST, MOST))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that `load_state` needs."""
+        fitted = {} if self._classifier is None else self._classifier._asdict()
+        return {"own": self.own, "batches": np.array(self._batches)} | fitted
+
+    def load_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on where `state` was taken."""
+        fitted = {name: value for name, value in state.items() if name not in ("own", "batches")}
+        self.own, self._batches = state["own"], int(state["batches"])
+        self._classifier = Classifier(**fitted) if fitted else None

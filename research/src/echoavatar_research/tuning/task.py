@@ -61,24 +61,24 @@ class TargetTask(GrpoTask):
         return Loss(found.total, dict(found.metrics) | self.judge.told)
 
     def state(self) -> Mapping[str, Tensor]:
-        """What the opponents saw last, and the targets' weights and means."""
-        own = {f"seen.{kind}": torch.from_numpy(one.own) for kind, one in self.judge.opponents.items()}
+        """What the opponents know, and the targets' weights and means."""
+        own = {
+            f"opponent.{kind}.{name}": torch.from_numpy(value)
+            for kind, one in self.judge.opponents.items()
+            for name, value in one.state().items()
+        }
         weights = self.judge.weights
-        own |= {f"weight.{name}": torch.tensor(value) for name, value in weights.values.items()}
-        own |= {f"mean.{name}": torch.tensor(value) for name, value in weights.means.items()}
+        own |= {f"weight.{name}": torch.tensor(value, dtype=torch.float64) for name, value in weights.values.items()}
+        own |= {f"mean.{name}": torch.tensor(value, dtype=torch.float64) for name, value in weights.means.items()}
         return own
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """See `TrainingTask.load_state`."""
-        for name, value in state.items():
-            what, _, rest = name.partition(".")
-            if what == "seen":
-                self.judge.opponents[rest].own = value.double().numpy()
-                self.judge.opponents[rest].fit()
-            elif what == "weight":
-                self.judge.weights.values[rest] = float(value)
-            elif what == "mean":
-                self.judge.weights.means[rest] = float(value)
+        for kind, opponent in self.judge.opponents.items():
+            start = f"opponent.{kind}."
+            opponent.load_state({n.removeprefix(start): v.numpy() for n, v in state.items() if n.startswith(start)})
+        for what, values in (("weight.", self.judge.weights.values), ("mean.", self.judge.weights.means)):
+            values |= {name.removeprefix(what): float(v) for name, v in state.items() if name.startswith(what)}
 
 
 def people_in_music(captured: Sequence[Take], length: int) -> Float[np.ndarray, "n 9"]:
