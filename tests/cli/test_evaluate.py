@@ -71,6 +71,10 @@ def test_liveliness_needs_recordings_and_ends_with_json(
     assert "none.json" in capsys.readouterr().err
     assert (tmp_path / "a.png").exists()
     assert (tmp_path / "a_plot.png").exists()
+    assert main(["evaluate", str(tiny_bundle), "--alive", *asked, "--repeats", "2"]) == 0
+    told = json.loads(card.read_text("utf-8"))["alive"]
+    assert told["command"].endswith("--repeats 2")
+    assert "hand_speed" in told["speech, scatter"]
 
 
 def test_a_corpus_without_test_clips_is_refused(

@@ -87,7 +87,7 @@ def test_a_whole_run(tiny_bundle: Path, tmp_path: Path) -> None:
     sounds = alive.read_sounds(corpus(tmp_path), 12, 2)
     takes = alive.perform(Pipeline(load_bundle(str(tiny_bundle))), sounds, 12)
     assert {take.kind for take in takes} == set(KINDS)
-    found = alive.report(takes, alive.read_captured(captured(tmp_path)), 12)
+    found = alive.report([takes], alive.read_captured(captured(tmp_path)), 12)
     assert {"speech: English, female", "music: jazz", "speech, people", "speech, captured"} <= set(found.rows)
     assert found.rows["speech, people"]["hand_speed"] == 0.94
     assert set(found.rows["silence"]) == {*alive.SHOWN, "stillest"}
@@ -135,22 +135,42 @@ def test_which_statistic_tells_ours_from_captured() -> None:
             for clip, windows in enumerate(rows)
         ]
 
-    rows = alive.by_statistic(side("ours", 9), side("ann", 0))
+    rows = alive.by_statistic([side("ours", 9)], side("ann", 0))
     assert rows["told apart by one"]["trunk_lean"] == 1
     assert max(value for name, value in rows["told apart by one"].items() if name != "trunk_lean") < 0.75
     assert rows["median"]["trunk_lean"] == pytest.approx(9, abs=0.7)
     assert rows["captured, median"]["trunk_lean"] == pytest.approx(0, abs=0.7)
-    assert alive.by_statistic(side("ours", 9), []) == {}
+    assert alive.by_statistic([side("ours", 9)], []) == {}
 
 
 def test_each_captured_person_has_a_row() -> None:
     people = [
         alive.Take(f"{name}/1", "music", name, swaying(450, size=size)) for name, size in (("ann", 0.2), ("bob", 0.3))
     ]
-    found = alive.report([alive.Take("ours", "music", "", swaying(450, size=0.1))], people, 12)
+    found = alive.report([[alive.Take("ours", "music", "", swaying(450, size=0.1))]], people, 12)
     assert {label for label in found.rows if ": " in label} == {"music, captured: ann", "music, captured: bob"}
     assert found.rows["music, captured: bob"]["hand_speed"] > found.rows["music, captured: ann"]["hand_speed"]
     assert "music, captured: ann" in found.told_apart
+
+
+def test_several_performances_give_means_and_their_scatter() -> None:
+    def take(name: str, size: float) -> alive.Take:
+        return alive.Take(name, "music", "jazz", swaying(750, size=size))
+
+    captured = [take("ann", 0.2), take("bob", 0.3)]
+    some, others = ([take(f"{size} {n}", size + 0.02 * n) for n in range(3)] for size in (0.1, 0.4))
+    first, second = (alive.report([takes], captured, 12) for takes in (some, others))
+    both = alive.report([some, others], captured, 12)
+    sways = [found.rows["music"]["hip_sway"] for found in (first, second)]
+    assert both.rows["music"]["hip_sway"] == pytest.approx(np.mean(sways))
+    assert both.rows["music, scatter"]["hip_sway"] == pytest.approx(np.std(sways, ddof=1))
+    distances = [found.frechet["music"] for found in (first, second)]
+    assert both.frechet["music"] == pytest.approx(np.mean(distances))
+    assert both.rows["music"]["stillest"] == max(found.rows["music"]["stillest"] for found in (first, second))
+    alone = [found.rows["music, told apart by one"]["hip_sway"] for found in (first, second)]
+    assert both.rows["music, told apart by one"]["hip_sway"] == pytest.approx(np.mean(alone))
+    assert {"music, scatter"} == set(both.rows) - set(first.rows)
+    assert "music, scatter" in both.told_apart
 
 
 def test_motion_like_the_captured_one_is_no_distance_away() -> None:

@@ -92,9 +92,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--repeats",
         type=_times,
-        default=3,
         metavar="N",
-        help="perform every held-out clip N times, with different seeds (default: %(default)s)",
+        help="perform every clip or sound N times, with different seeds (default: 3 for held-out clips; 1 for --alive,"
+        " which with more also shows how far means scatter)",
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of sampling (default: %(default)s)")
     parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
             bar.n = done
             bar.refresh()
 
-        scores = evaluate(bundle, clips, recordings, seed=args.seed, repeats=args.repeats, progress=say)
+        scores = evaluate(bundle, clips, recordings, seed=args.seed, repeats=args.repeats or 3, progress=say)
     _print_scores(scores)
     return 0
 
@@ -212,23 +212,27 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
 def _alive(args: argparse.Namespace, bundle: "Bundle") -> int:
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar.evaluation import alive
+    from echoavatar.evaluation.report import SEED_STRIDE
 
     if not args.recordings:
         raise EchoAvatarError("--alive performs recorded sound; give a folder with --recordings")
     captured = alive.read_captured(args.captured) if args.captured else []
     sounds = alive.read_sounds(args.recordings, args.seconds, args.clips)
+    seeds = [args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)]
+    pipeline = Pipeline(bundle)
     with tqdm(unit="take", disable=not sys.stderr.isatty()) as bar:
-        takes = alive.perform(Pipeline(bundle), sounds, args.seconds, seed=args.seed)
-        found = alive.report(takes, captured, args.seconds, progress=lambda done, _: bar.update(done - bar.n))
+        performances = [alive.perform(pipeline, sounds, args.seconds, seed=seed) for seed in seeds]
+        found = alive.report(performances, captured, args.seconds, progress=lambda done, _: bar.update(done - bar.n))
     if args.pictures:
         from echoavatar.evaluation.alive_picture import draw, sheet
         from echoavatar.files.avatar.sheet import save_picture
 
-        save_picture(args.pictures, sheet(takes))
+        save_picture(args.pictures, sheet(performances[0]))
         draw(found, args.pictures.with_stem(f"{args.pictures.stem}_plot"))
     numbers = alive.as_json(found)
     if args.card:
         asked = f"--alive --clips {args.clips} --seconds {args.seconds:g} --seed {args.seed}"
+        asked += f" --repeats {args.repeats}" if args.repeats else ""
         _write_scores(args.card, f"echoavatar evaluate {asked}", numbers)
     print(alive.as_text(found))
     print(json.dumps(numbers))

@@ -70,7 +70,10 @@ class Measured:
 
 @dataclass
 class AliveReport:
-    """All of a run: takes, rows of means by their label, and per kind the two comparisons with captured motion."""
+    """All of a run: takes, rows of means by their label, and per kind the two comparisons with captured motion.
+
+    Of several performances the means, and in the rows called "scatter" the deviation between them.
+    """
 
     made: list[Measured]
     captured: list[Measured]
@@ -161,33 +164,48 @@ def measure(take: Take, seconds: float) -> Measured:
 
 
 def report(
-    made: Sequence[Take],
+    performances: Sequence[Sequence[Take]],
     captured: Sequence[Take],
     seconds: float,
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> AliveReport:
-    """Measure all takes and compare them kind by kind."""
-    measured = []
-    for take in (*made, *captured):
-        measured.append(measure(take, seconds))
-        if progress:
-            progress(len(measured), len(made) + len(captured))
-    found = AliveReport(measured[: len(made)], measured[len(made) :])
+    """Measure all takes of one or more performances and compare each with captured motion, kind by kind."""
+    done = itertools.count(1)
+    total = sum(map(len, performances)) + len(captured)
+
+    def measured(takes: Sequence[Take]) -> list[Measured]:
+        found = []
+        for take in takes:
+            found.append(measure(take, seconds))
+            if progress:
+                progress(next(done), total)
+        return found
+
+    made = [measured(takes) for takes in performances]
+    found = AliveReport(list(itertools.chain(*made)), measured(captured))
     for kind in KINDS:
-        ours = [one for one in found.made if one.take.kind == kind]
+        each = [[one for one in takes if one.take.kind == kind] for takes in made]
+        ours = list(itertools.chain(*each))
         theirs = [one for one in found.captured if one.take.kind == captured_kind(kind)]
         if not ours:
             continue
         found.rows[kind] = mean_statistics(ours)
         groups = dict.fromkeys(one.take.group for one in ours if one.take.group)
         found.rows |= {f"{kind}: {g}": mean_statistics([o for o in ours if o.take.group == g]) for g in groups}
+        if len(each) > 1:
+            found.rows[f"{kind}, scatter"] = scatter(each)
         found.rows[f"{kind}, people"] = {name: mean for name, (mean, *_) in PEOPLE[kind].items()}
         if theirs:
             found.rows[f"{kind}, captured"] = mean_statistics(theirs)
-            found.frechet[kind], found.told_apart[kind] = compare(ours, theirs)
+            compared = np.array([compare(takes, theirs) for takes in each])
+            found.frechet[kind], found.told_apart[kind] = map(float, compared.mean(0))
             found.told_apart[f"{kind}, captured"] = people_apart(theirs)
-            found.rows |= {f"{kind}, {label}": row for label, row in by_statistic(ours, theirs).items()}
+            found.rows |= {f"{kind}, {label}": row for label, row in by_statistic(each, theirs).items()}
+            if len(each) > 1:
+                found.frechet[f"{kind}, scatter"], found.told_apart[f"{kind}, scatter"] = map(
+                    float, compared.std(0, ddof=1)
+                )
             if kind == captured_kind(kind):  # once: listening has the same people as silence
                 for person, accuracy in each_apart(theirs).items():
                     own = [one for one in theirs if one.take.group == person]
@@ -212,20 +230,24 @@ def compare(ours: Sequence[Measured], theirs: Sequence[Measured]) -> tuple[float
     return frechet_distance(*scaled_by_truth(made, true)), held_out_accuracy(made, true, made_clips, true_clips)
 
 
-def by_statistic(ours: Sequence[Measured], theirs: Sequence[Measured]) -> dict[str, Statistics]:
+def by_statistic(performances: Sequence[Sequence[Measured]], theirs: Sequence[Measured]) -> dict[str, Statistics]:
     """What tells ours from captured: medians of both sides' windows, and the classifier's accuracy with one statistic.
 
-    Medians, because one break dancer moves a mean more than all others. Empty if a side has no window.
+    Medians, because one break dancer moves a mean more than all others. The accuracy is the mean over performances.
+    Empty if a side has no window.
     """
-    (made, made_clips), (true, true_clips) = (_table(side) for side in (ours, theirs))
-    if not len(made) or not len(true):
+    (true, true_clips), tables = _table(theirs), [_table(takes) for takes in performances]
+    if not len(true) or not all(len(made) for made, _ in tables):
         return {}
-    columns = {name: (made[:, [at]], true[:, [at]]) for at, name in enumerate(STATISTICS)}
+    together = np.concatenate([made for made, _ in tables])
     return {
-        "median": {name: float(np.median(own)) for name, (own, _) in columns.items()},
-        "captured, median": {name: float(np.median(other)) for name, (_, other) in columns.items()},
+        "median": dict(zip(STATISTICS, map(float, np.median(together, 0)), strict=True)),
+        "captured, median": dict(zip(STATISTICS, map(float, np.median(true, 0)), strict=True)),
         "told apart by one": {
-            name: held_out_accuracy(*sides, made_clips, true_clips) for name, sides in columns.items()
+            name: float(
+                np.mean([held_out_accuracy(made[:, [at]], true[:, [at]], clips, true_clips) for made, clips in tables])
+            )
+            for at, name in enumerate(STATISTICS)
         },
     }
 
@@ -265,6 +287,12 @@ def mean_statistics(measured: Iterable[Measured]) -> Statistics:
     columns = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in SHOWN}
     means = {name: float(np.mean(column)) if column else float("nan") for name, column in columns.items()}
     return means | {"stillest": max(row["hands_still"] for row in rows)}
+
+
+def scatter(performances: Sequence[Sequence[Measured]]) -> Statistics:
+    """Standard deviation of each mean between performances."""
+    means = [mean_statistics(takes) for takes in performances]
+    return {name: float(np.std([row[name] for row in means], ddof=1)) for name in means[0]}
 
 
 def as_text(found: AliveReport) -> str:

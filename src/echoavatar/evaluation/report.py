@@ -30,7 +30,7 @@ from .reconstruction import codebook_use, reconstruction
 from .reliance import reliance, token_clips
 
 Progress = Callable[[str, int, int], None]
-SEED_STRIDE = 100  # difference between the seeds of two performances of a clip
+SEED_STRIDE = 100  # difference between the seeds of two performances
 
 
 @dataclass(frozen=True)
