@@ -4,6 +4,8 @@ import argparse
 import json
 import math
 import sys
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +17,7 @@ from echoavatar.errors import EchoAvatarError
 from .serve import RUNTIME_HELP
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from echoavatar.engine.pipeline import Bundle
     from echoavatar.evaluation.actions import ActionScore
@@ -132,14 +134,7 @@ def run(args: argparse.Namespace) -> int:
         print(reliance_table(generators, token_clips(bundle, clips)))
         return 0
     recordings = _recordings(args.recordings, args.seconds) if args.recordings else []
-    with tqdm(disable=not sys.stderr.isatty()) as bar:
-
-        def say(what: str, done: int, total: int) -> None:
-            bar.set_description(what, refresh=False)
-            bar.total = total
-            bar.n = done
-            bar.refresh()
-
+    with _progress() as say:
         scores = evaluate(bundle, clips, recordings, seed=args.seed, repeats=args.repeats or 3, progress=say)
     _print_scores(scores)
     return 0
@@ -209,6 +204,20 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
     return 0
 
 
+@contextmanager
+def _progress() -> "Iterator[Callable[[str, int, int], None]]":
+    """A bar, as a function that takes what is done now, how much of it, and of how much."""
+    with tqdm(disable=not sys.stderr.isatty()) as bar:
+
+        def say(what: str, done: int, total: int) -> None:
+            bar.set_description(what, refresh=False)
+            bar.total = total
+            bar.n = done
+            bar.refresh()
+
+        yield say
+
+
 def _alive(args: argparse.Namespace, bundle: "Bundle") -> int:
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar.evaluation import alive
@@ -220,9 +229,12 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> int:
     sounds = alive.read_sounds(args.recordings, args.seconds, args.clips)
     seeds = [args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)]
     pipeline = Pipeline(bundle)
-    with tqdm(unit="take", disable=not sys.stderr.isatty()) as bar:
-        performances = [alive.perform(pipeline, sounds, args.seconds, seed=seed) for seed in seeds]
-        found = alive.report(performances, captured, args.seconds, progress=lambda done, _: bar.update(done - bar.n))
+    with _progress() as say:
+        performances = [
+            alive.perform(pipeline, sounds, args.seconds, seed=seed, progress=partial(say, f"performing, seed {seed}"))
+            for seed in seeds
+        ]
+        found = alive.report(performances, captured, args.seconds, progress=partial(say, "measuring"))
     if args.pictures:
         from echoavatar.evaluation.alive_picture import draw, sheet
         from echoavatar.files.avatar.sheet import save_picture

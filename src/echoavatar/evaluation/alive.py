@@ -110,14 +110,25 @@ def read_sounds(
     return found
 
 
-def perform(pipeline: Pipeline, sounds: Sequence[Sound], seconds: float, *, seed: int = 0) -> list[Take]:
-    """The avatar's motion to the sounds, in silence, and while a user says the first sounds of speech."""
+def perform(
+    pipeline: Pipeline,
+    sounds: Sequence[Sound],
+    seconds: float,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Take]:
+    """The avatar's motion to the sounds, in silence, and while a user says the first sounds of speech.
+
+    `progress` receives the chunks done and the chunks in all, of all but the last.
+    """
     quiet = [
         Sound(f"silence {n + 1}", SILENCE, "", np.zeros(int(seconds * SAMPLE_RATE_HZ), np.float32))
         for n in range(QUIET_TAKES)
     ]
     played = [*sounds, *quiet]
-    shown = animate_many(pipeline, [sound.audio for sound in played], seeds=range(seed, seed + len(played)))
+    seeds = range(seed, seed + len(played))
+    shown = animate_many(pipeline, [sound.audio for sound in played], seeds=seeds, progress=progress)
     takes = [Take(*sound[:3], made.motion) for sound, made in zip(played, shown, strict=True)]
     users = [sound for sound in sounds if sound.kind == SPEECH][:QUIET_TAKES]
     heard = [_listening(pipeline, sound.audio, seed + number) for number, sound in enumerate(users)]
