@@ -206,7 +206,7 @@ def _actions(args: argparse.Namespace, bundle: "Bundle") -> int:
 
 @contextmanager
 def _progress() -> "Iterator[Callable[[str, int, int], None]]":
-    """A bar, as a function that takes what is done now, how much of it, and of how much."""
+    """A progress bar: call it with the name of the work, the steps done and the steps in all."""
     with tqdm(disable=not sys.stderr.isatty()) as bar:
 
         def say(what: str, done: int, total: int) -> None:

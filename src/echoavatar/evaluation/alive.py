@@ -72,7 +72,7 @@ class Measured:
 class AliveReport:
     """All of a run: takes, rows of means by their label, and per kind the two comparisons with captured motion.
 
-    Of several performances the means, and in the rows called "scatter" the deviation between them.
+    With several performances, rows are means over them, and the rows called "scatter" their standard deviation.
     """
 
     made: list[Measured]
@@ -120,7 +120,7 @@ def perform(
 ) -> list[Take]:
     """The avatar's motion to the sounds, in silence, and while a user says the first sounds of speech.
 
-    `progress` receives the chunks done and the chunks in all, of all but the last.
+    `progress` receives the chunks done and the chunks in all. It does not count those of listening.
     """
     quiet = [
         Sound(f"silence {n + 1}", SILENCE, "", np.zeros(int(seconds * SAMPLE_RATE_HZ), np.float32))
