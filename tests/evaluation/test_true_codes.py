@@ -9,9 +9,11 @@ from tests.models.generator.tiny import generator
 from echoavatar.cli import main
 from echoavatar.corpora.rehearsal.corpus import Plan, make_clip
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.evaluation.true_codes import drawn_after_truth, true_codes
+from echoavatar.evaluation.behaviour import MUSIC, SPEECH, Track
+from echoavatar.evaluation.true_codes import dance_turn_deg, drawn_after_truth, true_codes
 from echoavatar.models.generator import TokenClip
 from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import HUMANOID
 
 
 class Perfect(BodyTokenizer):
@@ -35,6 +37,19 @@ def test_a_perfect_tokenizer_keeps_all_of_the_timing(tiny_bundle: Path):
     assert found["truth"]["onset_excess"] > 0.08
     assert random["decoded"]["onset_excess"] < 0.5 * random["truth"]["onset_excess"]
     assert random["tokenizer"]["mpjpe_body_mm"] > 10 * found["tokenizer"]["mpjpe_body_mm"]
+
+
+def test_turn_counts_in_long_stretches_of_music_alone():
+    """Shoulders turn by 5 degrees each way in 15 s of music, by 40 in speech and in a second of music."""
+    domain = np.repeat([MUSIC, SPEECH, MUSIC], [450, 300, 30]).astype(np.uint8)
+    turn = np.radians(np.where(np.arange(780) < 450, 5, 40) * np.resize([-1, 1], 780))
+    places = np.zeros((780, HUMANOID.joints, 3))
+    for side, sign in (("left", 1), ("right", -1)):
+        places[:, HUMANOID.index(side + "UpperLeg"), 0] = 0.1 * sign
+        places[:, HUMANOID.index(side + "UpperArm")] = 0.2 * sign * np.stack([np.cos(turn), 0 * turn, np.sin(turn)], 1)
+    speeds = np.zeros((779, HUMANOID.joints))
+    assert dance_turn_deg(HUMANOID, [Track(places, speeds, domain)]) == pytest.approx(5, abs=1e-3)
+    assert np.isnan(dance_turn_deg(HUMANOID, [Track(places, speeds, np.full(780, SPEECH, np.uint8))]))
 
 
 @pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])

@@ -143,8 +143,12 @@ def run(args: argparse.Namespace) -> int:
 def _print_scores(scores: "Mapping[str, float]") -> None:
     for key, value in scores.items():
         print(f"{key:<44}{value:>12.4f}")
-    found = {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
-    print(json.dumps(found))  # null: there was nothing to measure
+    print(json.dumps(_rounded(scores)))
+
+
+def _rounded(scores: "Mapping[str, float]") -> dict[str, float | None]:
+    """For JSON; None where there was nothing to measure."""
+    return {key: round(value, 5) if math.isfinite(value) else None for key, value in scores.items()}
 
 
 def _codes(args: argparse.Namespace, bundle: "Bundle", clips: list) -> int:  # type: ignore[type-arg]
@@ -158,7 +162,7 @@ def _codes(args: argparse.Namespace, bundle: "Bundle", clips: list) -> int:  # t
         )
     for name, scores in found.items():
         print(f"{name:<12}" + "  ".join(f"{key} {value:+.3f}" for key, value in scores.items()))
-    print(json.dumps({name: {key: round(value, 5) for key, value in scores.items()} for name, scores in found.items()}))
+    print(json.dumps({name: _rounded(scores) for name, scores in found.items()}))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""`echoavatar evaluate --codes`: what is lost of the truth's timing between its motion and the motion that is shown.
+"""`echoavatar evaluate --codes`: what is lost of the truth's timing and size between its motion and what is shown.
 
 The true motion of held-out clips is encoded and decoded, and then sent through the stages behind the decoder. No
 generator can be better in time than this. Then the generator draws each chunk after the true past: what is lost here is
@@ -20,18 +20,21 @@ from echoavatar.engine.pipeline import Bundle
 from echoavatar.engine.pipeline.tokenize import clip_features
 from echoavatar.models.generator import Generator, TokenClip, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Motion, from_features
+from echoavatar.motion.kinematics import Motion, Skeleton, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.motion.stages.post import Post
 from echoavatar.timing import FRAME_RATE_HZ
 
 from . import behaviour
+from .behaviour import MUSIC, Track
+from .metrics.liveliness import POINTS, shoulder_turn_deg
 from .metrics.physical import jerk_m_s3
 from .reliance import token_clips
 from .report import beat_scores, reconstruction_scores
 
 Progress = Callable[[int, int], None]
 TRUTH, DECODED, SHOWN, DRAWN = "truth", "decoded", "shown", "drawn"
+SHORTEST_DANCE_S = 14
 
 
 def true_codes(
@@ -42,7 +45,7 @@ def true_codes(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> dict[str, dict[str, float]]:
-    """Excess of beat alignment over chance on stresses and beats, and jerk (m/s3), of several motions.
+    """Excess of beat alignment over chance on stresses and beats, jerk (m/s3) and turn in dance, of several motions.
 
     `truth` is the clips' own, `decoded` its codes decoded, `shown` that motion behind all later stages, and `drawn` the
     codes that the generator draws for each chunk after the true past, decoded. With another `tokenizer` than the
@@ -69,8 +72,22 @@ def true_codes(
         scores = beat_scores(tokenizer.skeleton, clips, {"": made})
         found[name] = {
             f"{event}_excess": scores[f"ba_{event}"] - scores[f"ba_{event}_chance"] for event in ("onset", "beat")
-        } | {"jerk_m_s3": float(np.mean([jerk_m_s3(each.positions) for each in made]))}
+        } | {
+            "jerk_m_s3": float(np.mean([jerk_m_s3(each.positions) for each in made])),
+            "dance_turn_deg": dance_turn_deg(tokenizer.skeleton, made),
+        }
     return found
+
+
+def dance_turn_deg(skeleton: Skeleton, tracks: Sequence[Track]) -> float:
+    """Mean deviation of the shoulders' turn against the hips over stretches of music of 14 s; NaN where none is."""
+    at, turns = skeleton.indices(POINTS), []
+    for track in tracks:
+        is_music = np.pad(track.domain == MUSIC, 1)
+        for start, end in np.flatnonzero(np.diff(is_music)).reshape(-1, 2):
+            if end - start >= SHORTEST_DANCE_S * FRAME_RATE_HZ:
+                turns.append(shoulder_turn_deg(track.positions[start:end, at]))
+    return float(np.mean(turns)) if turns else float("nan")
 
 
 @torch.no_grad()

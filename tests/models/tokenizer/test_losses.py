@@ -1,3 +1,6 @@
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 import torch
 from tests.models.tokenizer.fixtures import dance
@@ -18,12 +21,12 @@ def test_paper_weights_are_the_defaults():
     weights = LossWeights()
     assert (weights.commitment, weights.position, weights.velocity) == (0.5, 0.02, 0.2)
     assert (weights.acceleration, weights.foot_velocity, weights.foot_position) == (0.2, 0.3, 0.05)
-    assert (weights.travel, weights.planted, weights.root, weights.fingers) == (0, 0, 0, 0)
+    assert (weights.travel, weights.planted, weights.root, weights.fingers, weights.turn) == (0, 0, 0, 0, 0)
 
 
 def test_perfect_reconstruction_costs_nothing():
     x = features()
-    weights = LossWeights(travel=1, planted=1, root=1, fingers=1)
+    weights = LossWeights(travel=1, planted=1, root=1, fingers=1, turn=1)
     assert total(MotionLoss(HUMANOID, weights)(x, x, **PLAIN)).item() == pytest.approx(0, abs=1e-6)
 
 
@@ -55,6 +58,23 @@ def test_drift_costs_its_integral():
     drifting[..., 54] += 0.01
     terms = MotionLoss(HUMANOID, LossWeights(**{**ZERO, "travel": 1.0}))(drifting, x, **PLAIN)
     assert terms["travel"].item() == pytest.approx(16.5 / 2, rel=1e-3)
+
+
+def test_shoulders_that_turn_less_cost_what_they_lack():
+    """The spine turns by 10 degrees each way or by 4; turned the other way or with the body, it lacks nothing."""
+
+    def body(turn: float, heading: float = 0.0):
+        angles = np.radians(np.resize([-1.0, 1.0], 32) * turn)
+        rotations = np.tile(np.array([1.0, 0, 0, 0], np.float32), (32, HUMANOID.joints, 1))
+        rotations[:, HUMANOID.index("spine")] = np.stack([np.cos(angles / 2), *3 * [0 * angles]], 1)
+        rotations[:, HUMANOID.index("spine"), 2] = np.sin(angles / 2)
+        rotations[:, 0, 0], rotations[:, 0, 2] = np.cos(heading / 2), np.sin(heading / 2)
+        root = np.tile(HUMANOID.rest_positions[0].numpy(), (32, 1))
+        return clip_features(HUMANOID, SimpleNamespace(rotations=rotations, root=root))[None]
+
+    loss = MotionLoss(HUMANOID, LossWeights(**{**ZERO, "turn": 1.0}))
+    terms = [loss(decoded, body(10), **PLAIN)["turn"].item() for decoded in (body(4), body(-10), body(10, heading=2.5))]
+    assert terms == pytest.approx([6 * (32 / 31) ** 0.5, 0, 0], abs=0.05)
 
 
 def test_only_standing_feet_count_as_planted():

@@ -6,7 +6,8 @@ the whole decoded body. The paper's weights are for centimetres; so are ours.
 Our additions, zero in the paper recipe: `travel`, the drift of the integrated root path over the window; `planted`, the
 world velocity of feet that stand still in the data (planted feet must not skate); `fingers`, finger joints seen
 relative to the wrist, so that errors of the arm do not hide theirs; `root`, an extra weight on the
-three travel features, which are 3 of 57 channels but move the whole body.
+three travel features, which are 3 of 57 channels but move the whole body; `turn`, how far the shoulders turn against
+the hips. The other terms ask for the likeliest motion, which is smaller than people's where codes leave it open.
 """
 
 import torch
@@ -17,7 +18,7 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.motion.kinematics import Skeleton
 
-from .planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
+from .planes import PlaneKinematics, finger_joints, shoulder_turn_deg, travel_columns, turning_joints, wrist_of
 
 CENTIMETRES = 100.0
 PLANTED_BELOW = 0.2  # cm per frame (6 cm/s): a foot slower than this in the data stands still
@@ -36,6 +37,7 @@ class LossWeights(Config):
     planted: float = Field(default=0.0, ge=0, description="ours: world velocity of standing feet")
     fingers: float = Field(default=0.0, ge=0, description="ours: finger joints as seen from their wrist")
     root: float = Field(default=0.0, ge=0, description="ours: extra weight of the travel features")
+    turn: float = Field(default=0.0, ge=0, description="ours: deviation of the shoulders' turn in a window, degrees")
 
 
 class MotionLoss(nn.Module):
@@ -50,6 +52,7 @@ class MotionLoss(nn.Module):
         self.feet = list(skeleton.config.feet)
         self.fingers = finger_joints(skeleton)
         self.wrists = [wrist_of(skeleton, joint) for joint in self.fingers]
+        self.turning = turning_joints(skeleton) if weights.turn else []
         self.travel = travel_columns(skeleton)
 
     def forward(
@@ -68,8 +71,12 @@ class MotionLoss(nn.Module):
         ours, theirs = decoded * std + mean, truth * std + mean
         with torch.no_grad():
             wanted = self.kinematics(theirs) * CENTIMETRES
-        error = self.kinematics(ours) * CENTIMETRES - wanted
+        places = self.kinematics(ours) * CENTIMETRES
+        error = places - wanted
         terms.update(self._kinematic(error))
+        if w.turn:
+            size, wanted_size = (shoulder_turn_deg(where[:, self.turning]).std(-1) for where in (places, wanted))
+            terms["turn"] = w.turn * (size - wanted_size).abs().mean()
         if w.travel or w.planted:
             terms.update(self._ground(error, wanted, ours, theirs))
         return terms

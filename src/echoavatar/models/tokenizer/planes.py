@@ -84,6 +84,18 @@ def travel_columns(skeleton: Skeleton) -> slice:
     return slice(end - TRAVEL_SIZE, end)
 
 
+def turning_joints(skeleton: Skeleton) -> list[int]:
+    """Left and right shoulder joint, left and right hip joint, by the VRM map."""
+    return [skeleton.config.vrm[side + bone] for bone in ("UpperArm", "UpperLeg") for side in ("left", "right")]
+
+
+def shoulder_turn_deg(joints: Float[Tensor, "3 4 b t"]) -> Float[Tensor, "b t"]:
+    """The angle about the vertical from the line through the hip joints to that through the shoulders."""
+    shoulders, hips = joints[:, 0] - joints[:, 1], joints[:, 2] - joints[:, 3]
+    across = hips[2] * shoulders[0] - hips[0] * shoulders[2]
+    return torch.rad2deg(torch.atan2(across, hips[0] * shoulders[0] + hips[2] * shoulders[2]))
+
+
 def finger_joints(skeleton: Skeleton) -> list[int]:
     """The part `hands`; where the body is one part, every joint below a hand of the VRM map."""
     if "hands" in skeleton.config.parts:
