@@ -68,8 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--codes",
         action="store_true",
-        help="measure what is lost of the truth's timing and turn instead: in its codes, decoded and shown, and in codes"
-        " that the generator draws after the true past",
+        help="measure what is lost of the truth's timing and turn instead: in its codes, decoded and shown, and in"
+        " codes that the generator draws after the true past",
     )
     parser.add_argument(
         "--tokenizer", type=Path, metavar="FOLDER", help="with --codes: another tokenizer than the bundle's"
