@@ -7,7 +7,7 @@ from tests.models.tokenizer.fixtures import dance
 
 from echoavatar.models.tokenizer import LossWeights, MotionLoss, clip_features
 from echoavatar.models.tokenizer.losses import total
-from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, Skeleton
 
 PLAIN = {"mean": torch.zeros(315), "std": torch.ones(315)}
 ZERO = dict.fromkeys(LossWeights.model_fields, 0.0)
@@ -75,6 +75,14 @@ def test_shoulders_that_turn_less_cost_what_they_lack():
     loss = MotionLoss(HUMANOID, LossWeights(**{**ZERO, "turn": 1.0}))
     terms = [loss(decoded, body(10), **PLAIN)["turn"].item() for decoded in (body(4), body(-10), body(10, heading=2.5))]
     assert terms == pytest.approx([6 * (32 / 31) ** 0.5, 0, 0], abs=0.05)
+
+
+def test_turn_needs_shoulders_and_hips():
+    vrm = {bone: joint for bone, joint in HUMANOID.config.vrm.items() if bone != "leftUpperArm"}
+    armless = Skeleton(HUMANOID.config.model_copy(update={"vrm": vrm}))
+    MotionLoss(armless, LossWeights())
+    with pytest.raises(ValueError, match="lacks leftUpperArm, which the loss `turn` needs"):
+        MotionLoss(armless, LossWeights(turn=1))
 
 
 def test_only_standing_feet_count_as_planted():

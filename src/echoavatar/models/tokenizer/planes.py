@@ -85,8 +85,15 @@ def travel_columns(skeleton: Skeleton) -> slice:
 
 
 def turning_joints(skeleton: Skeleton) -> list[int]:
-    """Left and right shoulder joint, left and right hip joint, by the VRM map."""
-    return [skeleton.config.vrm[side + bone] for bone in ("UpperArm", "UpperLeg") for side in ("left", "right")]
+    """Left and right shoulder joint, left and right hip joint.
+
+    Raises:
+        ValueError: the VRM map lacks one.
+    """
+    bones = [side + bone for bone in ("UpperArm", "UpperLeg") for side in ("left", "right")]
+    if missing := [bone for bone in bones if bone not in skeleton.config.vrm]:
+        raise ValueError(f"the skeleton's VRM map lacks {', '.join(missing)}, which the loss `turn` needs")
+    return [skeleton.config.vrm[bone] for bone in bones]
 
 
 def shoulder_turn_deg(joints: Float[Tensor, "3 4 b t"]) -> Float[Tensor, "b t"]:
