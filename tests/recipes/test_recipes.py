@@ -95,6 +95,7 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
     }
     two_runs = {  # or three; the recipe is that of the first
         "tokenizer": {"steps", "learning_rate", "warmup", "decay_at", "quantize_from", "is_principal_start"},
+        "decoder": {"steps", "learning_rate", "warmup"},
         "generator_depth": {
             "steps",
             "minutes",
