@@ -84,7 +84,7 @@ async def test_a_slow_machine_shows_fewer_pictures_and_none_twice() -> None:
     shown = [(await stream.picture()).seconds for _ in range(8)]
     gaps = np.diff(shown)
     assert (gaps > 0.03).all()
-    assert gaps[-3:].mean() >= 0.1
+    assert gaps[-3:].sum() >= 3 * session.draw_s - 0.04  # times are those of whole pictures, 25 a second
     assert stream.skipped > 5
     await stream.close()
 
