@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import torch
+from jaxtyping import Float, Int8
 from pydantic import ValidationError
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
@@ -27,6 +28,7 @@ ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
 LARGEST_WEIGHTS_BYTES = 1 << 36
 _SCALE = ".int8_scale"
+_EXACT = 1e-3  # of a step: as far as this from an integer, a weight is that integer
 _DRAWS = {Tensor.normal_, Tensor.uniform_, nn.init.normal_, nn.init.uniform_, nn.init.kaiming_uniform_}
 
 
@@ -174,6 +176,19 @@ def load_into(module: nn.Module, weights: Mapping[str, Tensor], *, origin: str) 
     module.load_state_dict(dict(weights))
 
 
+def round_to_int8(weight: Float[Tensor, "o i"]) -> tuple[Int8[Tensor, "o i"], Float[Tensor, "o 1"]]:
+    """Integers and one scale a row, so that integers times scale are the weights, on average without error.
+
+    A weight a tenth of a step above an integer is rounded up in one of ten places, always the same ones. The nearest
+    integer would undo all training of less than half a step, such as a few steps of `align` on a generator that was
+    stored so. Weights that were stored so stay as they are.
+    """
+    scale = (weight.abs().amax(1, keepdim=True) / 127).clamp(min=1e-12)
+    threshold = torch.rand(weight.shape, generator=torch.Generator().manual_seed(0)) * (1 - 2 * _EXACT) + _EXACT
+    rounded = (weight.cpu() / scale.cpu() + threshold).floor().clamp(-127, 127)
+    return rounded.to(weight.device, torch.int8), scale.float()
+
+
 def save(
     folder: Path,
     *,
@@ -191,9 +206,7 @@ def save(
     for key, value in weights.items():
         kept = value.detach().cpu()
         if dtype == torch.int8 and kept.is_floating_point() and kept.ndim == 2:
-            scale = (kept.abs().amax(1, keepdim=True) / 127).clamp(min=1e-12)
-            stored[key + _SCALE] = scale.float()
-            kept = (kept / scale).round().to(torch.int8)
+            kept, stored[key + _SCALE] = round_to_int8(kept)
         elif dtype is not None and kept.is_floating_point():
             kept = kept.to(torch.float16 if dtype == torch.int8 else dtype)
         stored[key] = kept.contiguous()

@@ -13,6 +13,8 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int8
 from torch import Tensor
 
+from echoavatar.checkpoint import round_to_int8
+
 Precision = Literal["float32", "bfloat16", "int8"]
 
 
@@ -70,10 +72,9 @@ class Int8Linear(FloatLinear):
     """Weights rounded to int8 with one scale per output row; rows are mapped by the same weights in float32."""
 
     def __init__(self, weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"] | None) -> None:
-        weight = weight.detach().float()
-        self._scale = (weight.abs().amax(dim=1) / 127).clamp(min=1e-12)
-        self._rounded = (weight / self._scale[:, None]).round().clamp(-127, 127).to(torch.int8)
-        super().__init__(self._rounded.float() * self._scale[:, None], bias)
+        self._rounded, scale = round_to_int8(weight.detach().float())
+        self._scale = scale[:, 0]
+        super().__init__(self._rounded.float() * scale, bias)
 
     def stored(self) -> StoredWeight:
         """Integers and their scales."""
