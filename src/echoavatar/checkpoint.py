@@ -28,7 +28,7 @@ ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
 LARGEST_WEIGHTS_BYTES = 1 << 36
 _SCALE = ".int8_scale"
-_EXACT = 1e-3  # of a step: as far as this from an integer, a weight is that integer
+_EXACT = 1e-3  # a weight this close to an integer, in steps, is always rounded to it; covers float32 errors
 _DRAWS = {Tensor.normal_, Tensor.uniform_, nn.init.normal_, nn.init.uniform_, nn.init.kaiming_uniform_}
 
 
@@ -177,11 +177,12 @@ def load_into(module: nn.Module, weights: Mapping[str, Tensor], *, origin: str) 
 
 
 def round_to_int8(weight: Float[Tensor, "o i"]) -> tuple[Int8[Tensor, "o i"], Float[Tensor, "o 1"]]:
-    """Integers and one scale a row, so that integers times scale are the weights, on average without error.
+    """Stochastic rounding to int8: the integers, and one scale for each row; the weights are about integers x scale.
 
-    A weight a tenth of a step above an integer is rounded up in one of ten places, always the same ones. The nearest
-    integer would undo all training of less than half a step, such as a few steps of `align` on a generator that was
-    stored so. Weights that were stored so stay as they are.
+    A weight a tenth of a step above an integer is rounded up with a probability of a tenth, so the mean error is zero.
+    The seed is fixed, so the same weights always give the same integers. Rounding to the nearest integer would undo
+    every change of less than half a step: a few steps of `align` on a generator that is stored in int8 change less.
+    Weights that are integers x scale already keep their integers.
     """
     scale = (weight.abs().amax(1, keepdim=True) / 127).clamp(min=1e-12)
     threshold = torch.rand(weight.shape, generator=torch.Generator().manual_seed(0)) * (1 - 2 * _EXACT) + _EXACT
