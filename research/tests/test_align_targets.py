@@ -57,6 +57,13 @@ def test_a_stopped_run_goes_on_as_if_it_had_not_stopped(
     assert (tmp_path / "whole/model.safetensors").exists()
 
 
+def test_the_sampling_that_it_is_tuned_for_is_saved(tmp_path: Path, words: list[str]) -> None:
+    sampling = ["--temperature", "0.9", "--cooling", "0.8"]
+    assert main([*words, "-o", str(tmp_path / "run"), "--steps", "1", "--save-every", "1", *sampling]) == 0
+    saved = json.loads((tmp_path / "run/config.json").read_text())
+    assert (saved["temperature"], saved["cooling"]) == (0.9, 0.8)
+
+
 def test_token_files_of_one_kind_of_sound_are_refused(
     tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:

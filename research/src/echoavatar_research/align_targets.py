@@ -23,8 +23,8 @@ SETTINGS = {
     "steps": (int, 180, "optimiser steps"),
     "batch": (int, 64, "prompts a step"),
     "group": (int, 8, "continuations of each prompt"),
-    "past": (int, 22, "chunks of true motion before a continuation; at least 5"),
-    "own-past": (int, 15, "chunks of that past which the policy makes itself"),
+    "past": (int, 64, "chunks of motion before a continuation; at least 5"),
+    "own-past": (int, 56, "chunks of that past which the policy makes itself"),
     "length": (int, 38, "chunks of a continuation, one window for the classifier; at least 28"),
     "learning-rate": (float, 1.5e-4, "learning rate of AdamW"),
     "kl-weight": (float, 0.04, "weight of the divergence from the reference"),
@@ -33,6 +33,7 @@ SETTINGS = {
     "save-every": (int, 20, "steps between checkpoints"),
     "seed": (int, 0, "seed of prompts and sampled codes"),
 }
+SAMPLING = {"temperature": "sampling temperature", "cooling": "cooling by RVQ layer", "top-p": "nucleus"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--like", type=Path, help="generator that sets the targets (default: the bundle's)")
     parser.add_argument("--device", default="cpu", help="(default: %(default)s)")
     parser.add_argument("--minutes", type=float, help="stop this call after so many minutes; call again to resume")
+    for name, text in SAMPLING.items():
+        parser.add_argument(f"--{name}", type=float, help=f"{text} to tune for; saved (default: the generator's)")
     for name, (kind, value, text) in SETTINGS.items():
         parser.add_argument(f"--{name}", type=kind, default=value, help=f"{text} (default: %(default)s)")
 
@@ -56,7 +59,6 @@ def run(args: argparse.Namespace) -> int:
         if getattr(args, name) < least:
             raise EchoAvatarError(f"--{name} {getattr(args, name)} is too short: at least {least} chunks, {why}")
     from echoavatar.align.config import AlignTraining
-    from echoavatar.align.policy import GeneratorPolicy
     from echoavatar.align.prompts import read_token_clips
     from echoavatar.align.start import tune
     from echoavatar.align.trainer import RunContext
@@ -72,6 +74,8 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model)
     tokenizer = bundle.tokenizer.to(args.device)
     policy = Generator.load(args.generator) if args.generator else bundle.generator
+    given = {name.replace("-", "_"): getattr(args, name.replace("-", "_")) for name in SAMPLING}
+    policy.config = policy.config.model_copy(update={name: v for name, v in given.items() if v is not None})
     reference = Generator(policy.config)
     reference.load_state_dict(policy.state_dict())
     like = (Generator.load(args.like) if args.like else load_bundle(args.model).generator).to(args.device)
@@ -93,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
     if kept.exists():
         targets = Targets.model_validate_json(kept.read_bytes()).targets
     else:
-        targets = targets_like(means_like(GeneratorPolicy(like), tokenizer, book, training, args.device))
+        targets = targets_like(means_like(like, tokenizer, book, training))
         args.output.mkdir(parents=True, exist_ok=True)
         kept.write_text(Targets(targets=targets).model_dump_json(indent=1) + "\n", encoding="utf-8")
     begun = read_card(args.generator) if args.generator else bundle.card

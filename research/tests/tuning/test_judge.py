@@ -64,6 +64,22 @@ def test_a_statistic_pays_by_its_weight_and_only_in_its_kind_of_sound(
     assert not more[6:].any()
 
 
+def test_still_hands_in_music_cost_in_their_frames(
+    judge: TargetJudge, prompts: list[Prompt], codes: torch.Tensor
+) -> None:
+    found = measured(judge.tokenizer, prompts, codes)
+    still = torch.zeros_like(found.still)
+    still[:, 40:50] = True
+    kinds = [kind for prompt in prompts for kind in [kind_of(prompt)] * GROUP]
+    less = judge._by_frame(found._replace(still=still), kinds) - judge._by_frame(
+        found._replace(still=torch.zeros_like(still)), kinds
+    )
+    assert (less[:GROUP, 40:50] < 0).all()
+    assert not less[GROUP:].any()
+    assert not less[:, :40].any()
+    assert not less[:, 50:].any()
+
+
 def test_means_are_those_of_rows_of_one_kind(judge: TargetJudge, prompts: list[Prompt], codes: torch.Tensor) -> None:
     found = measured(judge.tokenizer, prompts, codes)
     means = means_of(found, ["music"] * GROUP + ["speech"] * GROUP + [""] * GROUP)

@@ -1,14 +1,19 @@
 """Prompts are of both kinds of sound alike, and people's windows come from both."""
 
+import copy
+
 import numpy as np
 import pytest
 from tests.align.tuning import clips
 from tests.evaluation.test_alive import swaying
+from tests.models.generator.tiny import generator
 
+from echoavatar.align.config import AlignTraining
 from echoavatar.errors import MotionError
 from echoavatar.evaluation.alive import Take
-from echoavatar_research.tuning.judge import kind_of
-from echoavatar_research.tuning.task import PromptsByKind, people_in_music
+from echoavatar_research.tuning import task
+from echoavatar_research.tuning.judge import TargetJudge, kind_of
+from echoavatar_research.tuning.task import PromptsByKind, TargetTask, people_in_music
 
 
 def book(kinds: tuple[int, ...]) -> PromptsByKind:
@@ -37,3 +42,21 @@ def test_people_in_music_are_the_captured_dancers() -> None:
     assert rows.shape == (1 + (400 - 224) // 45, 9)
     with pytest.raises(MotionError, match="no dance that lasts"):
         people_in_music(takes[1:], length=28)
+
+
+def test_of_a_long_past_of_its_own_the_end_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(task, "KEPT", 2)
+    training = AlignTraining(past=5, own_past=3, length=2, batch=8, group=2, layers=1)
+    model = generator(sequence="interleaved")
+    made = clips(4, 12)
+    for number, clip in enumerate(made.values()):
+        object.__setattr__(clip, "domain", np.full_like(clip.domain, 1 + number % 2))
+    prompts = PromptsByKind(made, past=5, length=2)
+    tuning = TargetTask(model, copy.deepcopy(model), training, TargetJudge(None, {}, {}), book=prompts)
+    drawn = prompts.draw(0, 8)
+    for before, after in zip(drawn, tuning._with_own_past(drawn, 0), strict=True):
+        assert after.start == before.start + 3
+        assert len(after.past) == 2 * 2
+        np.testing.assert_array_equal(after.audio, before.audio[3 * 20 :])
+        again = prompts.cut(after.clip, before.start)
+        assert not np.array_equal(after.past, again.past[3 * 2 :])

@@ -16,7 +16,7 @@ from echoavatar.evaluation.metrics.liveliness import POINTS, STATISTICS
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 
-from .movement import liveliness, of_common_height
+from .movement import hands_still, liveliness, of_common_height
 from .opponent import Opponent
 from .positions import LEAD, shown_positions
 from .targets import Target, Weights
@@ -27,6 +27,7 @@ MOST_PAID = 3.0  # multiples of a target's aim beyond which nothing more is paid
 MOST_JERK = 4.0  # the same for the jerk of a frame
 FRAME_SCALE = 10.0  # jerk and rest are paid by frame, where they count for a second and not for the whole
 REST_M_S = 0.4  # of hands in speech, roughly; hands in silence are paid over it
+STILL = "music.hands_still"  # paid in the frames where it happens
 TIMING = {MUSIC: "beats", SPEECH: "stresses"}
 
 
@@ -37,6 +38,7 @@ class Measured(NamedTuple):
     stresses: Float[Tensor, "r n"]
     jerk: Float[Tensor, "r n"]  # m/s3, mean over joints about the hips
     hands: Float[Tensor, "r n"]  # their speed about the hips, m/s
+    still: Bool[Tensor, "r n"]  # both hands
     silent: Bool[Tensor, "r n"]
     statistics: Float[np.ndarray, "r 9"]
     stands: Bool[np.ndarray, " r"]  # upright, and every statistic finite
@@ -67,11 +69,14 @@ def measured(tokenizer: BodyTokenizer, prompts: Sequence[Prompt], codes: Int[Ten
         hands = smoothed(about, 1.0, "nearest")[:, :, list(skeleton.indices(("leftHand", "rightHand")))]
         speed = torch.diff(hands, dim=1).norm(dim=-1).mean(2)[:, LEAD - 1 :] * FRAME_RATE_HZ
         hit = timing(skeleton, positions[at], LEAD, beats[at], stresses[at])
-        parts.append((*hit, jerk, speed, liveliness(body), stands))
-    on_beats, on_stresses, jerk, hands, statistics, stands = (torch.cat(part) for part in zip(*parts, strict=True))
+        parts.append((*hit, jerk, speed, hands_still(body), liveliness(body), stands))
+    on_beats, on_stresses, jerk, hands, still, statistics, stands = (
+        torch.cat(part) for part in zip(*parts, strict=True)
+    )
     silent = (rows("domain") == 0).repeat_interleave(FRAMES_PER_MOTION_TOKEN, 1)
     table = statistics.cpu().numpy()
-    return Measured(on_beats, on_stresses, jerk, hands, silent, table, stands.cpu().numpy() & np.isfinite(table).all(1))
+    is_sound = stands.cpu().numpy() & np.isfinite(table).all(1)
+    return Measured(on_beats, on_stresses, jerk, hands, still, silent, table, is_sound)
 
 
 def kind_of(prompt: Prompt) -> str:
@@ -145,19 +150,21 @@ class TargetJudge:
         paid, columns = np.zeros(len(kinds)), dict(zip(STATISTICS, np.nan_to_num(found.statistics).T, strict=True))
         for name, target in self.weights.targets.items():
             kind, _, what = name.partition(".")
-            if what in columns:
+            if what in columns and name != STILL:
                 share = np.minimum(columns[what] / target.aim, MOST_PAID)
                 paid += (np.array(kinds) == kind) * target.sign * self.weights.values[name] * share
         return paid
 
     def _by_frame(self, found: Measured, kinds: Sequence[str]) -> Float[Tensor, "r n"]:
-        """What hits, jerk and hands in silence earn, in the frames where they happen."""
+        """What hits, jerk, still hands in music and hands in silence earn, in the frames where they happen."""
         weights, frames = self.weights.values, found.beats.shape[1]
         paid = weights["music.beats"] * found.beats + weights["speech.stresses"] * found.stresses
         for kind in DOMAINS:
             own = torch.tensor([one == kind for one in kinds], device=paid.device)[:, None]
             jerk = (found.jerk / self.weights.targets[f"{kind}.jerk"].aim).clamp(max=MOST_JERK)
             paid = paid - own * weights[f"{kind}.jerk"] * FRAME_SCALE * jerk / frames
+        in_music = torch.tensor([one == MUSIC for one in kinds], device=paid.device)[:, None]
+        paid = paid - in_music * weights[STILL] * FRAME_SCALE * found.still / self.weights.targets[STILL].aim / frames
         return paid - weights["rest"] * FRAME_SCALE * found.silent * found.hands / REST_M_S / frames
 
 

@@ -57,6 +57,12 @@ def liveliness(points: Float[Tensor, "r t 12 3"]) -> Float[Tensor, "r 9"]:
     return torch.stack(columns, 1)
 
 
+def hands_still(points: Float[Tensor, "r t 12 3"]) -> Bool[Tensor, "r t"]:
+    """In which frames both hands are still; the first frame is as the second."""
+    still = (_speed(_hands(points)) < STILL).all(2)
+    return torch.cat([still[:, :1], still], 1)
+
+
 def _hands(points: Float[Tensor, "r t 12 3"]) -> Float[Tensor, "r t 2 3"]:
     """Both wrists in the shoulders' frame, arm lengths."""
     left, right = _at(points, "leftUpperArm"), _at(points, "rightUpperArm")

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from echoavatar.config import Config
 
-GAIN = 0.25  # of the log weight, for a mean that is short by all of its target
+GAIN = 0.1  # of the log weight, for a mean that is short by all of its target
 MOST_SHORT = 0.4  # of the target; what is further off is not paid faster
 MEMORY = 0.7  # share of the earlier mean in a new one
 

@@ -1,6 +1,7 @@
 """The training task: GRPO of `echoavatar.align` with this room's judge, on prompts of both kinds of sound alike."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -9,7 +10,6 @@ from torch import Tensor
 
 from echoavatar.align.config import AlignTraining
 from echoavatar.align.grpo import GrpoTask
-from echoavatar.align.policy import GeneratorPolicy
 from echoavatar.align.prompts import Prompt, PromptSampler, batch_of
 from echoavatar.align.rollouts import RolloutBatch
 from echoavatar.align.trainer import rollout_seeds
@@ -17,8 +17,9 @@ from echoavatar.errors import MotionError
 from echoavatar.evaluation.alive import Take
 from echoavatar.evaluation.captured_people import MUSIC, SPEECH
 from echoavatar.evaluation.metrics.liveliness import body_points
+from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
 from echoavatar.training import Loss
 
 from .judge import TargetJudge, kind_of, means_of, measured
@@ -28,6 +29,7 @@ SHARES = {MUSIC: 0.5, SPEECH: 0.375}  # of the prompts of a batch; the others ar
 HOP = 0.2  # of a window: from one captured window to the next
 BEFORE_TUNING = 10**6  # number of the first draw that no step uses
 TRUTH_DRAWS, TOGETHER = 10, 64  # draws of true speech, and prompts of each
+KEPT = 22  # chunks of the past that a continuation is scored behind; the shipped generator sees 15
 ROUNDS = 4  # draws that the other generator is measured with
 
 
@@ -54,6 +56,20 @@ class TargetTask(GrpoTask):
     """GRPO whose judge learns along; its state is saved with the run's."""
 
     judge: TargetJudge
+
+    def _with_own_past(self, drawn: Sequence[Prompt], number: int) -> list[Prompt]:
+        """A long past of the policy's own, as in a session, of which the end is kept."""
+        made = super()._with_own_past(drawn, number)
+        cut = max(0, self.config.past - KEPT)
+        return [
+            replace(
+                one,
+                audio=one.audio[cut * AUDIO_FRAMES_PER_CHUNK :],
+                past=one.past[cut * MOTION_TOKENS_PER_CHUNK :],
+                start=one.start + cut,
+            )
+            for one in made
+        ]
 
     def loss(self, batch: RolloutBatch, step: int) -> Loss:
         """See `TrainingTask.loss`; also logs the batch's means and the weights."""
@@ -113,14 +129,14 @@ def people_in_speech(tokenizer: BodyTokenizer, book: PromptsByKind, device: str)
 
 
 def means_like(
-    policy: GeneratorPolicy, tokenizer: BodyTokenizer, book: PromptsByKind, training: AlignTraining, device: str
+    generator: Generator, tokenizer: BodyTokenizer, book: PromptsByKind, training: AlignTraining
 ) -> dict[str, float]:
-    """Means of a generator's own continuations (`judge.means_of`)."""
-    found: list[dict[str, float]] = []
+    """Means of a generator's own continuations (`judge.means_of`), behind as much of its own past as in the run."""
+    task, found = TargetTask(generator, generator, training, TargetJudge(tokenizer, {}, {}), book=book), []
     for number in range(BEFORE_TUNING, BEFORE_TUNING + ROUNDS):
-        drawn = book.draw(number, training.batch)
-        seeds = rollout_seeds(training, number, len(drawn)).to(device)
-        codes = policy.rollout(batch_of(drawn, device), 1, seeds)
+        drawn = task._with_own_past(book.draw(number, training.batch), number)
+        seeds = rollout_seeds(training, number, len(drawn)).to(task.device)
+        codes = task.policy.rollout(batch_of(drawn, str(task.device)), 1, seeds)
         found.append(means_of(measured(tokenizer, drawn, codes), [kind_of(prompt) for prompt in drawn]))
     return {name: float(np.mean([one[name] for one in found])) for name in found[0]}
 
