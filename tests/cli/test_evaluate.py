@@ -35,17 +35,17 @@ def test_actions_of_the_head_are_told_by_how_far_it_turns(
     monkeypatch.setattr(
         actions,
         "evaluate_actions",
-        lambda pipeline, audio, *, seeds: every(pipeline, audio, ["bow", "disagree"], seeds=seeds[:1]),
+        lambda pipeline, audio, *, seeds: every(pipeline, audio, ["bow", "look_around"], seeds=seeds[:1]),
     )
     assert main(["evaluate", "default", "--actions"]) == 0
     said = capsys.readouterr().out.strip().splitlines()
     told = json.loads(said[-1])
-    assert set(told["off_on_cm"]) == {"bow", "disagree"}
+    assert set(told["off_on_cm"]) == {"bow", "look_around"}
     (turns,) = told["head_off_on_clip_deg"].values()
     off, on, own = turns["yaw"]
     assert on > off + 10
-    assert own == pytest.approx(48, abs=5)
-    assert said[-2].split() == ["disagree", *(f"{turn:.0f}" for way in turns.values() for turn in way)]
+    assert own == pytest.approx(126, abs=5)
+    assert said[-2].split() == ["look_around", *(f"{turn:.0f}" for way in turns.values() for turn in way)]
 
 
 def test_liveliness_needs_recordings_and_ends_with_json(
