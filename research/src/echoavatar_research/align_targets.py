@@ -23,7 +23,7 @@ SETTINGS = {
     "steps": (int, 180, "optimiser steps"),
     "batch": (int, 64, "prompts a step"),
     "group": (int, 8, "continuations of each prompt"),
-    "past": (int, 64, "chunks of motion before a continuation; at least 5"),
+    "past": (int, 64, "chunks of motion before a continuation, at least 5; the last 22 are kept"),
     "own-past": (int, 56, "chunks of that past which the policy makes itself"),
     "length": (int, 38, "chunks of a continuation, one window for the classifier; at least 28"),
     "learning-rate": (float, 1.5e-4, "learning rate of AdamW"),
