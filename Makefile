@@ -11,7 +11,7 @@ CPU_TORCH = $(shell [ "$$(uname -s)" = Linux ] && $(PYTHON) -c 'import urllib.re
 # The functions in test_kernels.py have no annotations to check.
 SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/quantize tests/models/tokens --ignore tests/nn/test_kernels.py
 # Packages of their own beside the main one.
-DISTRIBUTIONS = studio research tools/character
+DISTRIBUTIONS = lab studio tools/character
 
 .PHONY: demo test audit release-check pictures docs integration-test web web-test browser-test lint clean
 
@@ -62,7 +62,7 @@ integration-test: .venv-integrations/ready
 
 .venv-test/ready: pyproject.toml constraints.txt $(DISTRIBUTIONS:%=%/pyproject.toml)
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,evaluate,rehearse,train,usd,dev]' \
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,usd,dev]' './lab[train,pretrained]' \
 	    $(DISTRIBUTIONS:%=-e ./%)
 	touch $@
 

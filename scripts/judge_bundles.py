@@ -22,17 +22,17 @@ from jaxtyping import Float
 from scipy.stats import binomtest
 from torch import Tensor
 
-from echoavatar.align.audio_reward import WINDOW_TOKENS, AudioMotion
-from echoavatar.align.quality import QualityReward
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.engine.pipeline.tokenize import audio_codes
-from echoavatar.evaluation.alive import Sound, read_sounds
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.align.audio_reward import WINDOW_TOKENS, AudioMotion
+from echoavatar_lab.align.quality import QualityReward
+from echoavatar_lab.evaluation.alive import Sound, read_sounds
+from echoavatar_lab.models.tokenize import audio_codes
 
 AUDIO_PER_TOKEN = AUDIO_FRAMES_PER_CHUNK // MOTION_TOKENS_PER_CHUNK
 WINDOW_FRAMES = WINDOW_TOKENS * FRAMES_PER_MOTION_TOKEN

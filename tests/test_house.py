@@ -14,7 +14,7 @@ SOURCE = ROOT / "src" / "echoavatar"
 TESTS = {
     SOURCE: ROOT / "tests",
     ROOT / "studio/src/echoavatar_studio": ROOT / "studio/tests",
-    ROOT / "research/src/echoavatar_research": ROOT / "research/tests",
+    ROOT / "lab/src/echoavatar_lab": ROOT / "lab/tests",
     ROOT / "tools/character/src/echoavatar_character": ROOT / "tools/character/tests",
 }  # of each package
 

@@ -5,10 +5,10 @@ import re
 from pathlib import Path
 
 import numpy as np
-from tests.recipes.paper_numbers import number, rows
+from lab.tests.recipes.paper_numbers import number, rows
 
 from echoavatar.engine.pipeline.runtime import ADDITIONS
-from echoavatar.evaluation.metrics.retrieval import chance
+from echoavatar_lab.evaluation.metrics.retrieval import chance
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/paper_index.md").read_text(encoding="utf-8")
@@ -44,14 +44,14 @@ def test_every_recipe_and_page_exists() -> None:
 
 def test_every_field_of_a_config_exists() -> None:
     """`SomeConfig.field`, and `.field` after it."""
-    from echoavatar.align.audio_reward import AudioMotionConfig
-    from echoavatar.align.config import AlignTraining
-    from echoavatar.align.quality import QualityConfig
     from echoavatar.models.face import FaceConfig
     from echoavatar.models.generator import GeneratorConfig
-    from echoavatar.models.generator.recipe import GeneratorTraining
     from echoavatar.models.tokenizer import MotionTokenizerConfig
-    from echoavatar.models.tokenizer.recipe import TokenizerTraining
+    from echoavatar_lab.align.audio_reward import AudioMotionConfig
+    from echoavatar_lab.align.config import AlignTraining
+    from echoavatar_lab.align.quality import QualityConfig
+    from echoavatar_lab.models.generator.recipe import GeneratorTraining
+    from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
 
     configs = {
         config.__name__: config.model_fields

@@ -8,21 +8,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from research.tests.datasets.samples import (
-    gesture,
-    motorica_names,
-    renamed,
-    speech,
-    write_beat2,
-    write_lda,
-    write_motion,
-)
-from tests.evaluation.clips import clicks
+from lab.tests.datasets.samples import gesture, motorica_names, renamed, speech, write_beat2, write_lda, write_motion
+from lab.tests.evaluation.clips import clicks
 
 from echoavatar.cli import COMMANDS, command_module, main
-from echoavatar.data import Corpus
 from echoavatar.models.audio import write_wav
-from echoavatar_research.datasets.motorica import TEST
+from echoavatar_lab.data import Corpus
+from echoavatar_lab.datasets.motorica import TEST
 from echoavatar_studio.settings import read_study
 
 ROOT = Path(__file__).parents[2]

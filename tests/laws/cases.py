@@ -45,7 +45,7 @@ from echoavatar.motion.stages.speed_limit import SpeedLimit
 from echoavatar.nn import CausalAttention, CausalBlock
 from echoavatar.nn.convolution import CausalConvBlock, CausalConvolution
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
-from echoavatar_research.reference.release_rig import rig_config, skeleton_config
+from echoavatar_lab.reference.release_rig import rig_config, skeleton_config
 
 Cuts = Sequence[Sequence[int]]
 TOKENIZER = MotionTokenizerConfig(features=10, width=16, heads=2, layers=3, codes=24)

@@ -20,7 +20,7 @@ from echoavatar.motion.kinematics import Skeleton, read_bvh, to_features
 from echoavatar.motion.kinematics.features import REFERENCE
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import CHUNK_SAMPLES
-from echoavatar_research.reference.release_rig import AXES, rig_config, skeleton_config
+from echoavatar_lab.reference.release_rig import AXES, rig_config, skeleton_config
 
 CHUNKS = 3  # 24 frames
 C = torch.tensor(AXES)

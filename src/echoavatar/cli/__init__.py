@@ -54,14 +54,24 @@ COMMANDS = {
     "refine-fingers": "add plausible fingers to motion that was captured without them",
 }
 SEPARATE = {
-    "align targets": "research",
-    "baseline": "research",
-    "bench train": "research",
-    "data prepare": "research",
-    "data rl-corpus": "research",
-    "import": "research",
-    "reproduce": "research",
+    "actions build": "lab",
+    "align": "lab",
+    "baseline": "lab",
+    "bench graphs": "lab",
+    "bench post": "lab",
+    "bench soak": "lab",
+    "bench train": "lab",
+    "bundle": "lab",
+    "data": "lab",
+    "evaluate": "lab",
+    "import": "lab",
+    "plot": "lab",
+    "pull": "lab",
+    "reproduce": "lab",
+    "score": "lab",
+    "serve unity": "lab",
     "studio": "studio",
+    "train": "lab",
 }  # command -> distribution echoavatar-NAME, folder ./NAME
 
 

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 
+from . import command_module
+
 TOKEN = "ECHOAVATAR_TOKEN"
 SINK_HELP = (
     "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
@@ -126,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     if legacy := [text for text in args.sink if text.startswith("unity:")]:
         if len(args.sink) > 1:
             raise EchoAvatarError(f"--sink {legacy[0]} excludes other sinks; leave them out")
-        return _unity(args, legacy[0])
+        return int(command_module("serve unity").run(args))
     try:
         from echoavatar.server import ServerSettings, create_app, serve
         from echoavatar.server.log_format import log_json
@@ -201,46 +203,6 @@ def _tracer(address: str | None) -> object | None:
         return tracer
     except ModuleNotFoundError as error:
         raise DependencyError(f"traces need {error.name}: pip install 'echoavatar[traces]'") from error
-
-
-def _unity(args: argparse.Namespace, sink: str) -> int:
-    """Serve one session whose motion goes to a Unity project in its own format."""
-    import asyncio
-    import contextlib
-
-    import torch
-
-    from echoavatar.engine import Engine
-    from echoavatar.engine.pipeline import Pipeline, load_bundle
-    from echoavatar.server.sinks import parse_address
-    from echoavatar.server.unity import UnitySettings, serve_unity
-
-    address = parse_address(sink)
-    if args.threads:
-        torch.set_num_threads(args.threads)
-    settings = UnitySettings(
-        host=args.host,
-        audio_port=args.audio_port,
-        action_port=args.action_port,
-        unity_host=address.host,
-        unity_port=address.port,
-    )
-    bundle = load_bundle(args.model).running(args.runtime).without(args.without)
-    if bundle.runtime.rig is None:
-        raise EchoAvatarError(
-            f"{args.model} is not made for that Unity project's rig; see `echoavatar import reference`"
-        )
-    pipeline = Pipeline(bundle, stages=(), output="native", device=args.device)
-    pipeline.warm_up()
-
-    def ready(audio: int, action: int) -> None:
-        print(f"audio on {args.host}:{audio}, actions on {args.host}:{action}, motion to {address}", flush=True)
-
-    served = serve_unity(Engine(pipeline, rewind=0), bundle.runtime.rig, settings, on_ready=ready)
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(served)
-    print("echoavatar: stopped", file=sys.stderr)
-    return 0
 
 
 def _check(args: argparse.Namespace) -> None:

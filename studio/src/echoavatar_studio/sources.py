@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.data import Clip
 from echoavatar.engine import animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
@@ -17,6 +16,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
 from echoavatar.motion.kinematics.tables import NpzArrays, read_npz
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_lab.data import Clip
 
 from .clips import Performance, fit
 from .settings import SoundChoice, SystemChoice

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from echoavatar.cli.serve import WITHOUT_HELP
-from echoavatar.corpora.rehearsal.action_making import action_from_motion, own_actions
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
+from echoavatar.engine.pipeline.action_making import action_from_motion
 from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.generator import Generator
@@ -19,6 +19,7 @@ from echoavatar.models.tokenizer import BodyTokenizer, as_one_part, body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import to_features
 from echoavatar.motion.stages.post import SWITCHES
+from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
 
 
 def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:

@@ -9,7 +9,7 @@ from tests.models.audio.small_codec import ours, reference
 
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.audio.stream import advance, init_network_state, shortest_start
-from echoavatar.models.audio.train import balance
+from echoavatar_lab.models.audio.train import balance
 
 ALL = torch.ones(3, dtype=torch.bool)
 

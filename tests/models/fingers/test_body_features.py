@@ -4,8 +4,8 @@ from tests.models.fingers.moving import waving
 from echoavatar.models.fingers.body_features import BODY_SIZE, body_features, mirror_body
 from echoavatar.models.fingers.hand_poses import FINGERS
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.mirror import mirror_positions, mirror_rotations
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar_lab.data.mirror import mirror_positions, mirror_rotations
 
 
 def body(frames: int = 20) -> tuple[torch.Tensor, torch.Tensor]:

@@ -5,15 +5,17 @@ import json
 import pytest
 import torch
 import torch.nn.functional as F
-from tests.models.generator.test_train import clips, settings
+from lab.tests.models.generator.test_train import clips, settings
 from tests.models.generator.tiny import LAYOUT, config, generator
 
-from echoavatar.models.generator import Generator, WindowSampler, nll_by_domain
-from echoavatar.models.generator.cues import CueReader
+from echoavatar.models.generator import Generator
 from echoavatar.models.generator.exemplar import draw_exemplar
-from echoavatar.models.generator.loss import code_nll
-from echoavatar.models.generator.streams import freeze_body, stream_nll
-from echoavatar.models.generator.train import train_generator
+from echoavatar_lab.models.generator.cues import CueReader
+from echoavatar_lab.models.generator.loss import code_nll
+from echoavatar_lab.models.generator.reliance import nll_by_domain
+from echoavatar_lab.models.generator.streams import freeze_body, stream_nll
+from echoavatar_lab.models.generator.train import train_generator
+from echoavatar_lab.models.generator.windows import WindowSampler
 
 WINDOW = WindowSampler(clips(), chunks=3).batch(0, 2)
 NONE = torch.zeros(2, dtype=torch.int64)

@@ -5,8 +5,9 @@ from tests.models.tokenizer.fixtures import dance, small_body, small_config
 
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, clip_features
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar_lab.models.tokenizer.windows import clip_features
 
 
 def codes(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:

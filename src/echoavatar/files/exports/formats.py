@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
 
-from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.errors import DependencyError, EchoAvatarError, MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 from .blender import find_blender, write_fbx
@@ -114,9 +115,12 @@ def _face_csv(path: Path, take: Take, _: Rig | None) -> None:
 
 
 def _face47_csv(path: Path, take: Take, _: Rig | None) -> None:
-    from ..unity_frames import write_face47
-
-    write_face47(path, _face(path, take), take.motion.fps)
+    for entry in entry_points(group="echoavatar.exports", name=FACE47_CSV):
+        entry.load()(path, _face(path, take), take.motion.fps)
+        return
+    raise DependencyError(
+        f"{path.name!r} is written by echoavatar-lab; in a clone of the repository: pip install ./lab"
+    )
 
 
 def _face(path: Path, take: Take) -> np.ndarray:

@@ -16,7 +16,7 @@ from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
 from echoavatar.motion.kinematics.tables import write_whole
 
-from ..smplx_reader import skeleton
+from .smplx_rig import skeleton
 from .take import Take
 
 JAW_RADIANS = 0.35  # a wide open jaw

@@ -55,7 +55,7 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
             from transformers import EncodecModel
         except ModuleNotFoundError as error:
             raise DependencyError(
-                "reading a published EnCodec needs transformers: pip install 'echoavatar[pretrained]'"
+                "reading a published EnCodec needs transformers: pip install 'echoavatar-lab[pretrained]'"
             ) from error
         try:
             network = EncodecModel.from_pretrained(str(path_or_name), local_files_only=True)

@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from echoavatar.nn import Mlp, StateT, StreamingModule, StreamState, write_rows
+from echoavatar.nn.mel import mel_matrix
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLES_PER_FRAME, exact_div
 
-from ..audio.mel import mel_matrix
 from .config import MelConfig
 
 _FLOOR = 1e-4  # of mel magnitudes

@@ -132,7 +132,7 @@ def _transformers() -> Any:
     try:
         import transformers
     except ModuleNotFoundError as error:
-        raise DependencyError("HuBERT needs transformers: pip install 'echoavatar[pretrained]'") from error
+        raise DependencyError("HuBERT needs transformers: pip install 'echoavatar-lab[pretrained]'") from error
     return transformers
 
 

@@ -1,6 +1,5 @@
-"""Codes and vocabulary ids, the grammar of sequences, token corruption. May import `tokenizer` and below."""
+"""Codes and vocabulary ids, the grammar of sequences. May import `tokenizer` and below."""
 
-from .corruption import corrupt_hierarchically, corrupt_uniformly
 from .layout import PARTS, REFERENCE_LAYOUT, TokenLayout
 from .sequence import Depth, Interleaved, Prefix, SequenceOrder, Sequences, sequence_order
 
@@ -13,7 +12,5 @@ __all__ = [
     "SequenceOrder",
     "Sequences",
     "TokenLayout",
-    "corrupt_hierarchically",
-    "corrupt_uniformly",
     "sequence_order",
 ]

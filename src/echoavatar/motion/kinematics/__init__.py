@@ -24,7 +24,6 @@ from .features import (
     to_features,
 )
 from .forward import Pose, forward_kinematics
-from .mirror import mirror_features, mirror_rotations
 from .motion import Motion
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig
 
@@ -39,8 +38,6 @@ __all__ = [
     "forward_kinematics",
     "from_features",
     "measure_features",
-    "mirror_features",
-    "mirror_rotations",
     "part_sizes",
     "read_bvh",
     "split_parts",

@@ -1,0 +1,173 @@
+"""The sound corpus for tuning a generator by reward (paper, RL Alignment Corpus).
+
+About an hour of spoken conversation and 100 pieces of music. Each recording follows from the seed and its own name. It
+is written before the manifest lists it and kept by the next call, so an interrupted run can continue.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+from zlib import crc32
+
+import numpy as np
+
+from echoavatar.errors import AudioError, EchoAvatarError
+from echoavatar.models.audio.io import write_wav
+from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar_lab.data.shards import checksum
+from echoavatar_lab.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
+
+from .conversations import OWN, RULE, Script, conversations
+from .music_sources import Job, Take, composed_music, recorded_music
+from .text_to_speech import TextToSpeech
+
+Kind = Literal["speech", "music"]
+Progress = Callable[[Kind, float, float], None]
+FAILURES_IN_A_ROW = 5  # after which the scripts are not to blame, so the run stops
+
+
+@dataclass(frozen=True)
+class SoundPlan:
+    """What to make, and where."""
+
+    folder: Path
+    voice: TextToSpeech
+    hours: float = 1.0
+    pieces: int = 100
+    seed: int = 0
+    scripts: Path | None = None
+    scripts_licence: str = "not stated"
+    music: Path | None = None
+    music_licence: str = "not stated"
+
+    def info(self) -> dict[str, Any]:
+        """What must stay the same over all runs on a folder."""
+        return {
+            "kind": "sound to tune a generator on by reward",
+            "seed": self.seed,
+            "voice": self.voice.title,
+            "scripts": self.scripts.name if self.scripts else "own",
+            "music": self.music.name if self.music else "composed by rule",
+        }
+
+
+@dataclass
+class RlCorpusResult:
+    """What a run made, kept from earlier runs, and could not make."""
+
+    made: dict[str, Sound] = field(default_factory=dict)
+    kept: dict[str, Sound] = field(default_factory=dict)
+    failures: list[tuple[str, str]] = field(default_factory=list)
+
+    def sounds(self, kind: Kind) -> list[Sound]:
+        """Sounds of one kind, made or kept."""
+        return [sound for sound in (self.made | self.kept).values() if sound.kind == kind]
+
+    def seconds(self, kind: Kind) -> float:
+        """Total length of the sounds of one kind."""
+        return sum(sound.seconds for sound in self.sounds(kind))
+
+
+def make_rl_corpus(plan: SoundPlan, progress: Progress | None = None) -> RlCorpusResult:
+    """Make or complete the corpus; progress is in minutes of speech and in pieces of music.
+
+    Raises:
+        EchoAvatarError: the plan is empty, a folder cannot be used, or several scripts in a row fail.
+        DependencyError: the voice cannot be reached or refuses the key.
+    """
+    if plan.hours < 0 or plan.pieces < 0 or plan.hours + plan.pieces == 0:
+        raise EchoAvatarError(f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive")
+    music = list(islice(_music(plan), plan.pieces))  # an empty folder must fail before the speech is made
+    folder, found = _CorpusFolder(plan), RlCorpusResult()
+    in_a_row, jobs = 0, _speech(plan)
+    while found.seconds("speech") < plan.hours * 3600:
+        in_a_row = 0 if folder.make_or_keep(next(jobs), "speech", found) else in_a_row + 1
+        if in_a_row == FAILURES_IN_A_ROW:
+            name, why = found.failures[-1]
+            raise EchoAvatarError(f"{in_a_row} scripts in a row failed, the last of them {name}: {why}")
+        if progress:
+            progress("speech", found.seconds("speech") / 60, plan.hours * 60)
+    for number, job in enumerate(music, start=1):
+        folder.make_or_keep(job, "music", found)
+        if progress:
+            progress("music", number, len(music))
+    return found
+
+
+def _music(plan: SoundPlan) -> Iterator[Job]:
+    return recorded_music(plan.music, plan.music_licence) if plan.music else composed_music(plan.seed)
+
+
+def _speech(plan: SoundPlan) -> Iterator[Job]:
+    for script in conversations(plan.seed, plan.scripts):
+        yield Job(f"speech-{script.name}", script.split, partial(_spoken, plan, script))
+
+
+def _spoken(plan: SoundPlan, script: Script) -> Take:
+    said = plan.voice.read(script, np.random.default_rng([plan.seed, crc32(script.name.encode())]))
+    text = "Apache-2.0" if script.source in (OWN, RULE) else plan.scripts_licence
+    return Take(
+        said.audio,
+        said.domain,
+        {kind: times for kind, times in said.events.items() if times},
+        f"text: {script.source}; spoken by {plan.voice.title} ({', '.join(said.voices)})",
+        f"text: {text}; {plan.voice.licence}",
+        {"text": "\n".join(turn.text for turn in script.turns)},
+    )
+
+
+class _CorpusFolder:
+    """The corpus on disk; recordings of earlier runs stay listed."""
+
+    def __init__(self, plan: SoundPlan) -> None:
+        self._folder, self._info = plan.folder, plan.info()
+        self._listed: dict[str, Sound] = {}
+        try:
+            for kind in ("speech", "music"):
+                (plan.folder / kind).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise EchoAvatarError(f"cannot write to {plan.folder} ({error.strerror}); choose another -o") from error
+        if not (plan.folder / MANIFEST).exists():
+            return
+        before = SoundSet(plan.folder)
+        for key, now in self._info.items():
+            if before.info.get(key) != now:
+                raise EchoAvatarError(
+                    f"{plan.folder} was made with {key} {before.info.get(key)!r}, this call says {now!r}; use the same"
+                    " options or choose another -o"
+                )
+        self._listed = {sound.name: sound for sound in before.sounds if before.is_intact(sound)}
+
+    def make_or_keep(self, job: Job, kind: Kind, found: RlCorpusResult) -> bool:
+        """Make a recording unless it exists; note a failure and return False."""
+        if job.name in self._listed:
+            found.kept[job.name] = self._listed[job.name]
+            return True
+        try:
+            sound = self._write(job, kind, job.make())
+        except AudioError as error:
+            found.failures.append((job.name, str(error)))
+            return False
+        found.made[job.name] = self._listed[job.name] = sound
+        save_sounds(self._folder, self._listed.values(), self._info)
+        return True
+
+    def _write(self, job: Job, kind: Kind, take: Take) -> Sound:
+        file = f"{kind}/{job.name}.wav"
+        write_wav(self._folder / file, take.audio)
+        return Sound(
+            name=job.name,
+            file=file,
+            kind=kind,
+            split=job.split,
+            frames=len(take.audio) // SAMPLES_PER_FRAME,
+            sha256=checksum(self._folder / file),
+            source=take.source,
+            licence=take.licence,
+            heard=runs(take.domain),
+            events=take.events,
+            notes=take.notes,
+        )

@@ -1,0 +1,378 @@
+"""`echoavatar evaluate --alive`: how much the body moves and varies, beside people.
+
+The bundle performs recorded speech and music, stands in silence and listens. Every window of that motion is measured
+(`metrics.liveliness`), and so is captured motion, where the user has some. Shorter windows, half overlapping, are
+compared as sets: by a Fréchet distance and by how often a classifier tells ours from captured.
+"""
+
+import csv
+import itertools
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.engine import Engine, animate_many
+from echoavatar.engine.pipeline import Pipeline
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.models.audio import read_audio
+from echoavatar.motion.kinematics import Motion, read_bvh
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_lab.data.statistics import turned_feet
+
+from .captured_people import KINDS, LISTENING, MUSIC, PEOPLE, SILENCE, SPEECH
+from .metrics.discriminator import held_out_accuracy
+from .metrics.frechet import frechet_distance, scaled_by_truth
+from .metrics.liveliness import ROOM_S, STATISTICS, body_points, jerk, liveliness, windows
+from .motion_folder import AUDIO_SUFFIXES
+
+QUIET_TAKES = 3  # of silence, and of listening
+COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
+SHOWN = (*STATISTICS, "jerk", "turned_feet")  # of each window of a take
+QUARTERS = 4  # parts of a lone clip, of which the classifier holds out one after the other
+_CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
+
+Statistics = dict[str, float]
+
+
+class Sound(NamedTuple):
+    """What the avatar performs, or what the user says while it listens."""
+
+    name: str
+    kind: str
+    group: str  # class of voice or music
+    audio: Float[np.ndarray, " s"]
+
+
+class Take(NamedTuple):
+    """Motion of a person or of the avatar."""
+
+    name: str
+    kind: str
+    group: str
+    motion: Motion
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A take's statistics: in each of its windows, and in the shorter ones that are compared as sets."""
+
+    take: Take
+    windows: list[Statistics]
+    compared: list[Statistics]
+
+
+@dataclass
+class AliveReport:
+    """All of a run: takes, rows of means by their label, and per kind the two comparisons with captured motion.
+
+    With several performances, rows are means over them, and the rows called "scatter" their standard deviation.
+    """
+
+    made: list[Measured]
+    captured: list[Measured]
+    rows: dict[str, Statistics] = field(default_factory=dict)
+    frechet: dict[str, float] = field(default_factory=dict)
+    told_apart: dict[str, float] = field(default_factory=dict)  # accuracy on held-out windows, and people's among them
+
+
+def read_sounds(
+    folder: Path, seconds: float, most: int, *, class_of: Callable[[dict[str, str]], str] | None = None
+) -> list[Sound]:
+    """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
+
+    A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
+    its test split is used; `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
+    music, and folders are classes. Voices of one class are joined until they last `seconds`; music is not. What stays
+    shorter than 20 s is left out.
+
+    Raises:
+        EchoAvatarError: nothing is left.
+    """
+    listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
+    for path, kind, group in _listed(folder, class_of or _class):
+        listed[kind, group].append(path)
+    shortest, found = min(float(ROOM_S), seconds), []
+    for kind in (SPEECH, MUSIC):
+        classes = [
+            _joined(paths, kind, group, seconds, shortest) for (of, group), paths in listed.items() if of == kind
+        ]
+        turns = itertools.zip_longest(*classes)  # one of each class, then the next of each
+        found += list(itertools.islice((sound for turn in turns for sound in turn if sound), most))
+    if not found:
+        raise EchoAvatarError(f"{folder} holds no speech or music of {shortest:g} s; give another --recordings")
+    return found
+
+
+def perform(
+    pipeline: Pipeline,
+    sounds: Sequence[Sound],
+    seconds: float,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Take]:
+    """The avatar's motion to the sounds, in silence, and while a user says the first sounds of speech.
+
+    `progress` receives the chunks done and the chunks in all. It does not count those of listening.
+    """
+    quiet = [
+        Sound(f"silence {n + 1}", SILENCE, "", np.zeros(int(seconds * SAMPLE_RATE_HZ), np.float32))
+        for n in range(QUIET_TAKES)
+    ]
+    played = [*sounds, *quiet]
+    seeds = range(seed, seed + len(played))
+    shown = animate_many(pipeline, [sound.audio for sound in played], seeds=seeds, progress=progress)
+    takes = [Take(*sound[:3], made.motion) for sound, made in zip(played, shown, strict=True)]
+    users = [sound for sound in sounds if sound.kind == SPEECH][:QUIET_TAKES]
+    heard = [_listening(pipeline, sound.audio, seed + number) for number, sound in enumerate(users)]
+    return takes + [Take(f"listening to {s.name}", LISTENING, "", m) for s, m in zip(users, heard, strict=True)]
+
+
+def read_captured(folder: Path) -> list[Take]:
+    """Captured clips of at least 10 s whose path says "speech" or "conversation", "dance" or "idle"; by folder.
+
+    Raises:
+        EchoAvatarError: there is none, or one cannot be read.
+    """
+    takes, above = [], folder.resolve().parent
+    for path in sorted(folder.resolve().rglob("*.bvh")):
+        said = path.relative_to(above).as_posix().lower()
+        kind = next((kind for kind, words in _CAPTURED_WORDS.items() if any(word in said for word in words)), None)
+        if kind and (motion := read_bvh(path)).seconds >= COMPARED_S:
+            takes.append(Take(said, kind, path.parent.name, motion))
+    if not takes:
+        raise EchoAvatarError(f"{folder} holds no captured speech, dance or idle motion (.bvh); see docs/metrics.md")
+    return takes
+
+
+def measure(take: Take, seconds: float) -> Measured:
+    """Measure windows of `seconds`, and windows of 10 s every 5 s.
+
+    Raises:
+        MotionError: the rig is not known; names the take.
+    """
+    try:
+        points = body_points(take.motion)
+    except MotionError as error:
+        raise MotionError(f"{take.name}: {error}") from error
+    fps = take.motion.fps
+    short, hop = int(COMPARED_S * fps), int(COMPARED_S * fps / 2)
+    compared = [liveliness(points[at : at + short], fps) for at in range(0, len(points) - short + 1, hop)]
+    whole = [
+        liveliness(part, fps) | {"jerk": jerk(part, fps), "turned_feet": float(turned.mean())}
+        for part, turned in zip(
+            windows(points, fps, seconds), windows(turned_feet(take.motion), fps, seconds), strict=True
+        )
+    ]
+    return Measured(take, whole, compared)
+
+
+def report(
+    performances: Sequence[Sequence[Take]],
+    captured: Sequence[Take],
+    seconds: float,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> AliveReport:
+    """Measure all takes of one or more performances and compare each with captured motion, kind by kind."""
+    done = itertools.count(1)
+    total = sum(map(len, performances)) + len(captured)
+
+    def measured(takes: Sequence[Take]) -> list[Measured]:
+        found = []
+        for take in takes:
+            found.append(measure(take, seconds))
+            if progress:
+                progress(next(done), total)
+        return found
+
+    made = [measured(takes) for takes in performances]
+    found = AliveReport(list(itertools.chain(*made)), measured(captured))
+    for kind in KINDS:
+        each = [[one for one in takes if one.take.kind == kind] for takes in made]
+        ours = list(itertools.chain(*each))
+        theirs = [one for one in found.captured if one.take.kind == captured_kind(kind)]
+        if not ours:
+            continue
+        found.rows[kind] = mean_statistics(ours)
+        groups = dict.fromkeys(one.take.group for one in ours if one.take.group)
+        found.rows |= {f"{kind}: {g}": mean_statistics([o for o in ours if o.take.group == g]) for g in groups}
+        if len(each) > 1:
+            found.rows[f"{kind}, scatter"] = scatter(each)
+        found.rows[f"{kind}, people"] = {name: mean for name, (mean, *_) in PEOPLE[kind].items()}
+        if theirs:
+            found.rows[f"{kind}, captured"] = mean_statistics(theirs)
+            compared = np.array([compare(takes, theirs) for takes in each])
+            found.frechet[kind], found.told_apart[kind] = map(float, compared.mean(0))
+            found.told_apart[f"{kind}, captured"] = people_apart(theirs)
+            found.rows |= {f"{kind}, {label}": row for label, row in by_statistic(each, theirs).items()}
+            if len(each) > 1:
+                found.frechet[f"{kind}, scatter"], found.told_apart[f"{kind}, scatter"] = map(
+                    float, compared.std(0, ddof=1)
+                )
+            if kind == captured_kind(kind):  # once: listening has the same people as silence
+                for person, accuracy in each_apart(theirs).items():
+                    own = [one for one in theirs if one.take.group == person]
+                    found.rows[f"{kind}, captured: {person}"] = mean_statistics(own)
+                    found.told_apart[f"{kind}, captured: {person}"] = accuracy
+    return found
+
+
+def captured_kind(kind: str) -> str:
+    """The kind of captured motion to compare with: people who stand idle, for listening too."""
+    return SILENCE if kind == LISTENING else kind
+
+
+def compare(ours: Sequence[Measured], theirs: Sequence[Measured]) -> tuple[float, float]:
+    """Fréchet distance of the windows' statistics, scaled by the captured ones, and the classifier's accuracy.
+
+    The distance is NaN if a side has fewer than two windows.
+    """
+    (made, made_clips), (true, true_clips) = (_table(side) for side in (ours, theirs))
+    if min(len(made), len(true)) < 2:
+        return float("nan"), float("nan")
+    return frechet_distance(*scaled_by_truth(made, true)), held_out_accuracy(made, true, made_clips, true_clips)
+
+
+def by_statistic(performances: Sequence[Sequence[Measured]], theirs: Sequence[Measured]) -> dict[str, Statistics]:
+    """What tells ours from captured: medians of both sides' windows, and the classifier's accuracy with one statistic.
+
+    Medians, because one break dancer moves a mean more than all others. The accuracy is the mean over performances.
+    Empty if a side has no window.
+    """
+    (true, true_clips), tables = _table(theirs), [_table(takes) for takes in performances]
+    if not len(true) or not all(len(made) for made, _ in tables):
+        return {}
+    together = np.concatenate([made for made, _ in tables])
+    return {
+        "median": dict(zip(STATISTICS, map(float, np.median(together, 0)), strict=True)),
+        "captured, median": dict(zip(STATISTICS, map(float, np.median(true, 0)), strict=True)),
+        "told apart by one": {
+            name: float(
+                np.mean([held_out_accuracy(made[:, [at]], true[:, [at]], clips, true_clips) for made, clips in tables])
+            )
+            for at, name in enumerate(STATISTICS)
+        },
+    }
+
+
+def people_apart(captured: Sequence[Measured]) -> float:
+    """How well the classifier tells captured people from one another: the mean of `each_apart`.
+
+    Hold the accuracy of `compare` against it. NaN with fewer than two folders.
+    """
+    accuracies = list(each_apart(captured).values())
+    return float(np.mean(accuracies)) if accuracies else float("nan")
+
+
+def each_apart(captured: Sequence[Measured]) -> dict[str, float]:
+    """How well the classifier tells each folder of captured people from all the others.
+
+    A folder should hold one person: several people in one are told from the rest less surely than each of them. The
+    only clip of a side is cut in quarters.
+    """
+    accuracies = {}
+    for group in dict.fromkeys(one.take.group for one in captured):
+        sides = [[one for one in captured if (one.take.group == group) is is_in] for is_in in (True, False)]
+        (some, clips), (others, other_clips) = (_table(side) for side in sides)
+        if len(some) and len(others):
+            accuracies[group] = held_out_accuracy(some, others, _parts(clips), _parts(other_clips))
+    return accuracies
+
+
+def _parts(clips: Sequence[str]) -> Sequence[str]:
+    """The clip of each window; its quarter where there is one clip."""
+    return [f"{number * QUARTERS // len(clips)}" for number in range(len(clips))] if len(set(clips)) == 1 else clips
+
+
+def mean_statistics(measured: Iterable[Measured]) -> Statistics:
+    """Means over all windows; NaN where no window has a value. `stillest` is the largest share of `hands_still`."""
+    rows = [row for one in measured for row in one.windows]
+    columns = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in SHOWN}
+    means = {name: float(np.mean(column)) if column else float("nan") for name, column in columns.items()}
+    return means | {"stillest": max(row["hands_still"] for row in rows)}
+
+
+def scatter(performances: Sequence[Sequence[Measured]]) -> Statistics:
+    """Standard deviation of each mean between performances."""
+    means = [mean_statistics(takes) for takes in performances]
+    return {name: float(np.std([row[name] for row in means], ddof=1)) for name in means[0]}
+
+
+def as_text(found: AliveReport) -> str:
+    """A table with a row for each kind, class and reference."""
+    columns = [*SHOWN, "stillest", "frechet", "told_apart"]
+    width = max(map(len, found.rows))
+    lines = [" " * width + "".join(f"{name:>15}" for name in columns)]
+    for label, row in found.rows.items():
+        cells = row | {"frechet": found.frechet.get(label), "told_apart": found.told_apart.get(label)}
+        values = [cells.get(name) for name in columns]
+        lines.append(
+            label.ljust(width) + "".join(f"{'-' if v is None or np.isnan(v) else f'{v:.2f}':>15}" for v in values)
+        )
+    return "\n".join(lines)
+
+
+def as_json(found: AliveReport) -> dict[str, dict[str, float | None]]:
+    """Rows, Fréchet distances and accuracies by name; null for missing values."""
+    parts = found.rows | {"frechet": found.frechet, "told_apart": found.told_apart}
+    return {
+        label: {name: round(value, 4) if np.isfinite(value) else None for name, value in row.items()}
+        for label, row in parts.items()
+    }
+
+
+def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tuple[Path, str, str]]:
+    """Path, kind and class of every sound."""
+    if (manifest := folder / "manifest.csv").is_file():
+        with manifest.open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if row.get("split", "test") == "test"]
+        return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
+    places = [path.relative_to(folder) for path in paths]
+    kinds = [MUSIC if "music" in place.as_posix().lower() else SPEECH for place in places]
+    return [(path, kind, place.parent.name) for path, kind, place in zip(paths, kinds, places, strict=True)]
+
+
+def _class(row: dict[str, str]) -> str:
+    """A genre, or a language and, where "(M, ...", "(F, ..." or German "(m31)", "(w08)" tells it, a sex."""
+    told = re.split(r"[,\[]", row["language_or_genre"])[0].strip()
+    sex = re.search(r"\(([MFmw])[,\d]", row["speaker_or_artist"]) if row["kind"] == SPEECH else None
+    return f"{told}, {'male' if sex[1] in 'Mm' else 'female'}" if sex else told
+
+
+def _joined(paths: Sequence[Path], kind: str, group: str, seconds: float, shortest: float) -> Iterable[Sound]:
+    """Sounds of a class, read when they are asked for."""
+    wanted, waiting = int(seconds * SAMPLE_RATE_HZ), np.zeros(0, np.float32)
+    for number, path in enumerate(paths, 1):
+        waiting = np.concatenate([waiting, read_audio(path)])[:wanted]
+        is_last = kind == MUSIC or number == len(paths)
+        if len(waiting) == wanted or (is_last and len(waiting) >= shortest * SAMPLE_RATE_HZ):
+            yield Sound(path.stem, kind, group, waiting)
+        if len(waiting) == wanted or is_last:
+            waiting = np.zeros(0, np.float32)
+
+
+def _listening(pipeline: Pipeline, user: Float[np.ndarray, " s"], seed: int) -> Motion:
+    """Motion in silence while the user speaks."""
+    size, made = pipeline.chunk.samples, list[MotionChunk]()
+    with Engine(pipeline, rewind=0, workers=0).open(seed=seed) as session:
+        for at in range(0, len(user) - size + 1, size):
+            session.listen(user[at : at + size])
+            session.push(np.zeros(size, np.float32))
+            made.extend(session)
+    whole = join(made)
+    return Motion(pipeline.skeleton, whole.rotations, whole.root, float(FRAME_RATE_HZ))
+
+
+def _table(side: Sequence[Measured]) -> tuple[Float[np.ndarray, "n d"], list[str]]:
+    rows = [(list(row.values()), one.take.name) for one in side for row in one.compared]
+    kept = [(values, name) for values, name in rows if np.isfinite(values).all()]
+    return np.array([values for values, _ in kept]).reshape(-1, len(STATISTICS)), [name for _, name in kept]

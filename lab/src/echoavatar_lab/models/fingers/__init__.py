@@ -1,0 +1,1 @@
+"""Training of the finger model. May import `training` and `echoavatar`."""

@@ -1,0 +1,88 @@
+"""Scores of one line of a table over the test clips, with intervals over clips.
+
+Generated motion is scored by `evaluation.score`. Reconstructed motion gets the paper's three scores: FID; MPJPE over
+all joints, relative to the body; and the error of the root's steps. The last two are in 1e-4 m.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics, from_features
+from echoavatar.motion.kinematics.features import travel_slice
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.timing import FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_FRAME
+from echoavatar_lab.data import Clip
+from echoavatar_lab.evaluation.metrics.frechet import Moments, moments
+from echoavatar_lab.evaluation.metrics.motion_features import motion_features
+from echoavatar_lab.evaluation.metrics.position_error import PAPER_UNIT_M, mean_joint_error, trans_loss, without_heading
+from echoavatar_lab.evaluation.motion_folder import Pair
+from echoavatar_lab.evaluation.score import Extractor, fid_row, score
+from echoavatar_lab.evaluation.score_row import Row, row_of_means
+from echoavatar_lab.models.tokenizer.windows import clip_features
+
+from .experiment import motion_of
+from .table import Cell, Wanted, cells
+
+GENERATION = {
+    "fid": Wanted("fid"),
+    "diversity": Wanted("l1_diversity"),
+    "ba_g": Wanted("ba_g_paper", 10.0),
+    "ba_g_over": Wanted("ba_g_paper", 10.0, "excess"),
+    "ba_d": Wanted("ba_d_paper", 10.0),
+    "ba_d_over": Wanted("ba_d_paper", 10.0, "excess"),
+}
+"""Columns for generated motion. Beat alignment is in tenths, as in the paper; `_over` is its excess over chance, which
+is what the same motion scores with the sound of other clips."""
+
+
+def reconstruction_scores(
+    tokenizer: BodyTokenizer, clips: Sequence[Clip], extractor: Extractor, *, seed: int = 0
+) -> dict[str, Cell]:
+    """`fid`, `mpjpe` and `trans` of clips that were encoded and decoded as streams."""
+    made: list[Moments] = []
+    true: list[Moments] = []
+    errors, steps, weights = [], [], []
+    for clip in clips:
+        whole = clip.frames - clip.frames % FRAMES_PER_MOTION_TOKEN
+        truth = clip_features(tokenizer.skeleton, clip)[:whole]
+        again = tokenizer.decode(tokenizer.encode(truth[None]))[0]
+        sides = [from_features(tokenizer.skeleton, features) for features in (again, truth)]
+        places = [
+            forward_kinematics(HUMANOID, without_heading(side.rotations), torch.zeros(whole, 3)).positions
+            for side in sides
+        ]
+        errors.append(mean_joint_error(*places) / PAPER_UNIT_M)
+        start = travel_slice(tokenizer.skeleton).start
+        moved, wanted = (features[:, start : start + 2] for features in (again, truth))
+        steps.append(trans_loss(moved, wanted) / PAPER_UNIT_M)
+        weights.append(float(whole))
+        for side, found in zip(sides, (made, true), strict=True):
+            found.append(_moments(extractor, side.rotations, side.root))
+    share = np.array(weights)
+    rows = [
+        fid_row(made, true, seed=seed),
+        row_of_means("mpjpe", "1e-4 m", np.array(errors), weights=share, seed=seed),
+        row_of_means("trans", "1e-4 m", np.array(steps), weights=share, seed=seed),
+    ]
+    return cells(rows, {row.name: Wanted(row.name) for row in rows})
+
+
+def generation_scores(
+    motions: Sequence[Motion], clips: Sequence[Clip], extractor: Extractor, *, seed: int = 0
+) -> list[Row]:
+    """All scores of generated motion against the clips whose sound it was generated from, over what both have."""
+    pairs = [_pair(motion, clip) for motion, clip in zip(motions, clips, strict=True)]
+    return score(pairs, extractor, seed=seed)
+
+
+def _pair(motion: Motion, clip: Clip) -> Pair:
+    frames = min(motion.frames, clip.frames)
+    audio, domain = clip.audio[: frames * SAMPLES_PER_FRAME], clip.domain[:frames]
+    return Pair(clip.name, motion.cut(0, frames), motion_of(clip).cut(0, frames), audio, domain)
+
+
+def _moments(extractor: Extractor, rotations: torch.Tensor, root: torch.Tensor) -> Moments:
+    return moments(extractor.features(motion_features(quaternion_from_matrix(rotations), root)).numpy())

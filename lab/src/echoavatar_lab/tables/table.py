@@ -1,0 +1,135 @@
+"""The content of a table: the paper's numbers and ours, independent of the format it is written in."""
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
+
+from echoavatar_lab.evaluation.metrics.bootstrap import UNKNOWN
+from echoavatar_lab.evaluation.score_row import Row
+
+NAN = float("nan")
+
+
+class Cell(NamedTuple):
+    """A number we measured, with its 95 % interval over clips, or its deviation over seeds, if there is one."""
+
+    value: float
+    low: float = NAN
+    high: float = NAN
+    spread: float = NAN
+
+
+@dataclass(frozen=True)
+class Column:
+    """A quantity.
+
+    Attributes:
+        key: the name by which lines refer to it.
+        title: its title in the paper.
+        unit: the unit of the printed number; empty for a pure number.
+        better: the better direction; "" if there is none.
+    """
+
+    key: str
+    title: str
+    unit: str = ""
+    better: Literal["lower", "higher", ""] = "lower"
+
+    @property
+    def heading(self) -> str:
+        """Title, unit and an arrow to the better side."""
+        arrow = {"lower": " ↓", "higher": " ↑", "": ""}[self.better]
+        return f"{self.title}{f' ({self.unit})' if self.unit else ''}{arrow}"
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row: the paper's numbers and ours, by column. A missing number was not published or not measured."""
+
+    name: str
+    paper: Mapping[str, float] = field(default_factory=dict)
+    ours: Mapping[str, Cell] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Table:
+    """All lines, with notes."""
+
+    name: str
+    title: str
+    columns: Sequence[Column]
+    lines: Sequence[Line]
+    notes: Sequence[str] = ()
+
+    def has_paper(self, column: Column) -> bool:
+        """Whether the paper gives this quantity for at least one line."""
+        return any(column.key in line.paper for line in self.lines)
+
+    def has_ours(self, column: Column) -> bool:
+        """Whether we measured this quantity for at least one line."""
+        return any(column.key in line.ours for line in self.lines)
+
+
+def over_seeds(tables: Sequence[Table]) -> Table:
+    """One table of several that differ in the seed: means with standard deviations over seeds, without intervals.
+
+    Numbers that do not depend on the seed keep their interval.
+    """
+    lines = [_over_seeds(versions) for versions in zip(*(table.lines for table in tables), strict=True)]
+    return replace(tables[0], lines=lines)
+
+
+def _over_seeds(versions: Sequence[Line]) -> Line:
+    first = versions[0]
+    found = {}
+    for key, cell in first.ours.items():
+        values = [line.ours[key].value for line in versions if key in line.ours]
+        spread = statistics.stdev(values) if len(values) > 1 else NAN
+        found[key] = Cell(statistics.fmean(values), spread=spread) if spread > 0 else cell
+    return replace(first, ours=found)
+
+
+class Wanted(NamedTuple):
+    """The score that a column shows, the factor it is multiplied by, and which of its numbers is taken."""
+
+    score: str
+    factor: float = 1.0
+    part: Literal["value", "excess", "truth"] = "value"
+
+
+def cells(rows: Sequence[Row], wanted: Mapping[str, Wanted]) -> dict[str, Cell]:
+    """Cells from scores, by column key. Scores that are missing or not finite are left out."""
+    found = {row.name: row for row in rows}
+    made = {}
+    for key, (name, factor, part) in wanted.items():
+        if name not in found:
+            continue
+        row = found[name]
+        ends = {"value": row.interval, "excess": row.excess_interval, "truth": UNKNOWN}[part]
+        value = {"value": row.value, "excess": row.excess, "truth": row.truth}[part]
+        if math.isfinite(value):
+            made[key] = Cell(value * factor, ends.low * factor, ends.high * factor)
+    return made
+
+
+def orderings(table: Table) -> list[str]:
+    """For each column: how many pairs of lines have the same order in our numbers as in the paper's.
+
+    Lines where the paper's number is 0 (the true motion against itself) do not count.
+    """
+    told = []
+    for column in table.columns:
+        both = [line for line in table.lines if column.key in line.paper and column.key in line.ours]
+        both = [line for line in both if line.paper[column.key] != 0]
+        pairs = [(a, b) for n, a in enumerate(both) for b in both[n + 1 :]]
+        if not pairs:
+            continue
+
+        def rises(a: Line, b: Line, key: str = column.key) -> tuple[bool, bool]:
+            return a.paper[key] < b.paper[key], a.ours[key].value < b.ours[key].value
+
+        same = sum(paper == ours for paper, ours in (rises(a, b) for a, b in pairs))
+        told.append(f"{column.title}: {same} of {len(pairs)} pairs of lines are in the paper's order.")
+    return told

@@ -1,0 +1,86 @@
+"""The rig of SMPL-X without the body model, whose licence does not allow shipping it.
+
+The skeleton has SMPL-X's joint order and, bone for bone, the rest offsets of our humanoid: rotations are exact,
+positions are those of a body of 1.70 m.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
+from echoavatar.motion.kinematics.rigs import finger_bones
+
+_BODY = (  # name, parent, VRM bone
+    ("pelvis", -1, "hips"),
+    ("left_hip", 0, "leftUpperLeg"),
+    ("right_hip", 0, "rightUpperLeg"),
+    ("spine1", 0, "spine"),
+    ("left_knee", 1, "leftLowerLeg"),
+    ("right_knee", 2, "rightLowerLeg"),
+    ("spine2", 3, "chest"),
+    ("left_ankle", 4, "leftFoot"),
+    ("right_ankle", 5, "rightFoot"),
+    ("spine3", 6, "upperChest"),
+    ("left_foot", 7, "leftToes"),
+    ("right_foot", 8, "rightToes"),
+    ("neck", 9, "neck"),
+    ("left_collar", 9, "leftShoulder"),
+    ("right_collar", 9, "rightShoulder"),
+    ("head", 12, "head"),
+    ("left_shoulder", 13, "leftUpperArm"),
+    ("right_shoulder", 14, "rightUpperArm"),
+    ("left_elbow", 16, "leftLowerArm"),
+    ("right_elbow", 17, "rightLowerArm"),
+    ("left_wrist", 18, "leftHand"),
+    ("right_wrist", 19, "rightHand"),
+    ("jaw", 15, ""),
+    ("left_eye_smplhf", 15, ""),
+    ("right_eye_smplhf", 15, ""),
+)
+_FACE = {  # from the head joint, metres
+    "jaw": (0.0, 0.0, 0.02),
+    "left_eye_smplhf": (0.03, 0.07, 0.07),
+    "right_eye_smplhf": (-0.03, 0.07, 0.07),
+}
+_DIGITS = {"index": "Index", "middle": "Middle", "pinky": "Little", "ring": "Ring", "thumb": "Thumb"}
+
+
+def _table() -> list[tuple[str, int, str]]:
+    rows = list(_BODY)
+    for side, wrist in (("left", 20), ("right", 21)):
+        bones = finger_bones(side)
+        for digit, ours in _DIGITS.items():
+            for k, bone in enumerate(bones[ours], start=1):
+                rows.append((f"{side}_{digit}{k}", wrist if k == 1 else len(rows) - 1, bone))
+    return rows
+
+
+def skeleton(rest: Float[np.ndarray, "55 3"] | None = None) -> Skeleton:
+    """The 55 joints at `rest` (metres, from a body model) or at the positions of our humanoid."""
+    rows = _table()
+    places = _our_rest(rows) if rest is None else rest - rest[0] + HUMANOID.rest_positions[0].numpy()
+    offsets = [places[j] - (places[parent] if parent >= 0 else 0) for j, (_, parent, _) in enumerate(rows)]
+    if rest is not None:
+        feet = [places[j, 1] for j in (10, 11)]
+        ours = HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1]
+        offsets[0] = offsets[0] - np.array([0.0, min(feet) - float(ours), 0.0])  # puts the feet on the floor
+    return Skeleton(
+        SkeletonConfig(
+            names=tuple(name for name, _, _ in rows),
+            parents=tuple(parent for _, parent, _ in rows),
+            offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
+            tips=_tips(rows),
+            vrm={bone: j for j, (_, _, bone) in enumerate(rows) if bone},
+        )
+    )
+
+
+def _our_rest(rows: list[tuple[str, int, str]]) -> Float[np.ndarray, "55 3"]:
+    rest = HUMANOID.rest_positions.numpy()
+    head = rest[HUMANOID.index("head")]
+    return np.stack([rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows])
+
+
+def _tips(rows: list[tuple[str, int, str]]) -> dict[str, tuple[float, float, float]]:
+    ours = HUMANOID.config.tips
+    return {name: ours[bone] for name, _, bone in rows if bone in ours}
