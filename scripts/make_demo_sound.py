@@ -13,10 +13,10 @@ import numpy as np
 import soundfile
 
 from echoavatar.models.audio import read_audio
+from echoavatar_lab.corpora.music.instruments import render
+from echoavatar_lab.corpora.music.music import compose_piece
 from echoavatar_lab.corpora.rehearsal.augment import set_loudness
-from echoavatar_lab.corpora.rehearsal.instruments import render
-from echoavatar_lab.corpora.rehearsal.music import compose_piece
-from echoavatar_lab.corpora.rehearsal.sound import whole_frames
+from echoavatar_lab.corpora.sound import whole_frames
 
 ASSETS = Path(__file__).parents[1] / "src" / "echoavatar" / "assets"
 RATE = 24_000

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
+from echoavatar_lab.corpora.music.instruments import render
+from echoavatar_lab.corpora.music.music import compose_piece
 from echoavatar_lab.corpora.rehearsal.augment import set_loudness
-from echoavatar_lab.corpora.rehearsal.instruments import render
-from echoavatar_lab.corpora.rehearsal.music import compose_piece
-from echoavatar_lab.corpora.rehearsal.sound import whole_frames
+from echoavatar_lab.corpora.sound import whole_frames
 
 FOLDER = Path(__file__).parents[1] / "src" / "echoavatar" / "assets" / "music"
 SECONDS = 42.0

@@ -5,7 +5,7 @@ import pytest
 
 from echoavatar.cli import main
 from echoavatar.engine.pipeline import Action, ActionLibrary
-from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
 
 

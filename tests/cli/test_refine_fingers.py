@@ -6,7 +6,7 @@ from tests.models.fingers.moving import TINY, waving, without
 
 from echoavatar.cli import main
 from echoavatar.models.fingers import FingerModel
-from echoavatar.motion.kinematics import read_bvh, write_bvh
+from echoavatar.motion.formats import read_bvh, write_bvh
 
 
 @pytest.fixture(scope="module")

@@ -23,11 +23,11 @@ from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError
 from echoavatar.files.exports import read_rig
 from echoavatar.models.audio.io import read_audio, write_wav
-from echoavatar.motion.ik.gltf_rig import read_gltf_rig
+from echoavatar.motion.formats.bvh import read_bvh, write_bvh
+from echoavatar.motion.formats.gltf_rig import read_gltf_rig
+from echoavatar.motion.formats.tables import read_npz, write_npz
 from echoavatar.motion.ik.skinned import read_skinned
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.bvh import read_bvh, write_bvh
-from echoavatar.motion.kinematics.tables import read_npz, write_npz
 from echoavatar.wire import Audio, ProtocolError, decode_client, decode_server, encode
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
 from echoavatar_lab.foreign.foreign_files import read_pickled_array, read_tensors

@@ -16,7 +16,8 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
 from echoavatar.models.tokenizer.body import body_config
-from echoavatar.motion.kinematics import Skeleton, read_bvh, to_features
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import Skeleton, to_features
 from echoavatar.motion.kinematics.features import REFERENCE
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import CHUNK_SAMPLES

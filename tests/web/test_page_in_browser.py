@@ -11,7 +11,8 @@ import soundfile
 from tests.web.make_vrm import make_vrm
 
 from echoavatar.files.avatar.stage import STAGES
-from echoavatar.motion.kinematics import HUMANOID, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.voice import find_voice
 
 pytestmark = pytest.mark.browser

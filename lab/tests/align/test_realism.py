@@ -11,7 +11,7 @@ from lab.tests.evaluation.test_alive import swaying
 
 from echoavatar.cli import main
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.align import realism
 from echoavatar_lab.align.realism import KindConfig, Realism
 from echoavatar_lab.evaluation.metrics.discriminator import fit

@@ -9,7 +9,7 @@ from lab.tests.align.tuning_fakes import clips
 from lab.tests.evaluation.test_alive import swaying
 
 from echoavatar.cli import main
-from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.align.tuning import opponent
 
 

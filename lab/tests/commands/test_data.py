@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.motion.kinematics import Motion
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, rehearse
 from echoavatar_lab.data import Corpus
 
@@ -41,7 +40,7 @@ def test_a_corpus_is_told_apart_from_captured_people(tmp_path: Path, capsys: pyt
     for name in corpus.names(has_mirrored=False):
         clip = corpus.load(name)
         still = np.repeat(clip.rotations[:1], 900, axis=0), np.repeat(clip.root[:1], 900, axis=0)
-        Motion(corpus.skeleton, *still, 30.0).save(tmp_path / "people" / "dance" / f"{name}.bvh")
+        write_bvh(tmp_path / "people" / "dance" / f"{name}.bvh", corpus.skeleton, *still, 30.0)
     assert main(["data", "describe", str(tmp_path / "corpus"), "--captured", str(tmp_path / "people")]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert rows[-4] == ["told", "apart", "corpus", "people"]

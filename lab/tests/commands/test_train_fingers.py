@@ -5,7 +5,7 @@ from tests.models.fingers.moving import waving
 
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
-from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.data import Clip, write_manifest
 from echoavatar_lab.data.corpus import clip_path
 

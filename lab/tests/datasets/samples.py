@@ -8,7 +8,8 @@ import numpy as np
 import torch
 
 from echoavatar.models.audio import write_wav
-from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, write_bvh
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.rigs import bone_map, finger_bones
 from echoavatar.motion.kinematics.rotations import (
     axis_angle_from_quaternion,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from lab.tests.datasets.samples import SHARED, gesture
 
-from echoavatar.motion.kinematics import HUMANOID, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar_lab.datasets.fidelity import fidelity

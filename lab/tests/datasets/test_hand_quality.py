@@ -5,7 +5,8 @@ import pytest
 import torch
 from lab.tests.datasets.samples import SHARED, gesture
 
-from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 from echoavatar_lab.datasets.hand_quality import hand_scores, hand_states, mend_hands
 

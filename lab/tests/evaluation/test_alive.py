@@ -10,7 +10,7 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import EchoAvatarError
-from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.evaluation import alive
 from echoavatar_lab.evaluation.captured_people import KINDS
 from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS

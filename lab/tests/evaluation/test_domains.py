@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.motion.kinematics import HUMANOID, Motion, write_bvh
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.evaluation import domains
 from echoavatar_lab.evaluation.alive import Sound, Take
 from echoavatar_lab.evaluation.domains import (

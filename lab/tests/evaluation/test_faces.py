@@ -5,8 +5,8 @@ from echoavatar.engine.pipeline import Bundle
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar_lab.corpora.rehearsal.lips import lip_curves
 from echoavatar_lab.corpora.rehearsal.track import compose_track
+from echoavatar_lab.corpora.speech.lips import lip_curves
 from echoavatar_lab.evaluation import faces
 from echoavatar_lab.evaluation.faces import evaluate_face
 

@@ -7,8 +7,9 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import write_wav
-from echoavatar.motion.kinematics import HUMANOID, write_bvh
-from echoavatar.motion.kinematics.tables import write_npz
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.tables import write_npz
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.evaluation.motion_folder import ReadOptions, motion_files, read_motion_file, read_pairs
 
 

@@ -5,7 +5,7 @@ from lab.tests.evaluation.clips import clip, folder
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics.tables import read_npz
+from echoavatar.motion.formats.tables import read_npz
 from echoavatar_lab.evaluation.motion_folder import ReadOptions, read_pairs
 from echoavatar_lab.evaluation.score_model import made_how, make_motion
 

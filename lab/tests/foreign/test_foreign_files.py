@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.motion.kinematics import tables
+from echoavatar.motion.formats import tables
 from echoavatar_lab.foreign.foreign_files import (
     read_array,
     read_arrays,

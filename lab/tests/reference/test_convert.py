@@ -11,7 +11,7 @@ from echoavatar.cli import main
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import CheckpointError
-from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
 from echoavatar_lab.foreign.foreign_files import read_tensors
 from echoavatar_lab.reference import Release, convert, inspect_release

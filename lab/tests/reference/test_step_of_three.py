@@ -18,7 +18,7 @@ from echoavatar.bench.stream import bench_stream
 from echoavatar.cli import main
 from echoavatar.engine import Engine, animate, animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.motion.kinematics import read_bvh
+from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.wire import Flush, Hello, Interrupt, Motion, Sound, unpack_pose
 from echoavatar_lab.unity import UnitySettings, serve_unity

@@ -9,7 +9,8 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
 from echoavatar.files.exports.smplx_rig import skeleton
-from echoavatar.motion.kinematics import HUMANOID, write_bvh
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.foreign.smplx_reader import read_smplx
 from echoavatar_lab.tables.foreign import foreign_motion
 

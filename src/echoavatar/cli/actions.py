@@ -78,7 +78,7 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
     from echoavatar.engine.pipeline.action_making import action_from_motion, set_from_motion
     from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar.models.tokenizer import BodyTokenizer
-    from echoavatar.motion.kinematics import read_bvh
+    from echoavatar.motion.formats import read_bvh
 
     library, chunk = _library(folder)
     tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig

@@ -13,9 +13,9 @@ import torch
 from echoavatar.engine import Animation, animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio import read_audio
+from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rotations import slerp
-from echoavatar.motion.kinematics.tables import write_npz
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .clips import Progress, save_sound

@@ -13,8 +13,9 @@ from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
-from echoavatar.motion.kinematics.tables import NpzArrays, read_npz
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.tables import NpzArrays, read_npz
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data import Clip
 

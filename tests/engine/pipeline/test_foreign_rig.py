@@ -6,6 +6,7 @@ from scripts.synthetic_release import skeleton
 from tests.golden import golden
 
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
+from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import (
     HUMANOID,
     Motion,
@@ -13,7 +14,6 @@ from echoavatar.motion.kinematics import (
     forward_kinematics,
     from_features,
     part_sizes,
-    read_bvh,
     to_features,
 )
 from echoavatar.motion.kinematics.features import REFERENCE, travel_slice

@@ -15,7 +15,8 @@ import numpy as np
 import torch
 
 from echoavatar.files.avatar.gltf_buffer import Buffer
-from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, forward_kinematics, write_bvh
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, forward_kinematics
 from echoavatar.motion.kinematics.rigs import _mixamo
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 

@@ -5,7 +5,7 @@ import pytest
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.files.exports import FORMATS, Take, read_rig, writer
-from echoavatar.motion.kinematics import read_bvh
+from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics.rigs import bone_map
 
 

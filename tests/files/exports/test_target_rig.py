@@ -8,8 +8,9 @@ from tests.files.exports.moving import TOUCHES, claps, felt, touching
 
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Rig, Take, read_rig
+from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.ik import body_of_rig, penetration_depth_m
-from echoavatar.motion.kinematics import HUMANOID, Motion, write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
 from echoavatar.motion.kinematics.hand_contact import palms
 from echoavatar.motion.kinematics.retarget import retarget

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.motion.ik.test_gltf_rig import spoilt
+from tests.motion.formats.test_gltf_rig import spoilt
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import load_character

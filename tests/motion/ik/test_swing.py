@@ -6,8 +6,9 @@ import torch
 from tests import golden as fixtures
 from tests.motion.ik.poses import left_wrist_at
 
+from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.ik.swing import SwingConfig, radius_at, remapped_distance, swing_between, swing_clear
-from echoavatar.motion.kinematics import HUMANOID, forward_kinematics, read_bvh
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import angle_between
 
 REFERENCE = SwingConfig(  # centimetres, Z up: the reference character's

@@ -8,7 +8,8 @@ from tests.motion.kinematics.test_foot_planting import FEET, REST, standing
 from tests.motion.stages.test_modes import walking
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.contact import planted, skate
 from echoavatar.motion.kinematics.retarget import leg_length, retarget
 from echoavatar.motion.kinematics.rigs import bone_map

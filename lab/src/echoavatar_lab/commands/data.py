@@ -166,7 +166,7 @@ def _preview(args: argparse.Namespace) -> int:
 
 
 def _describe(args: argparse.Namespace) -> int:
-    from echoavatar.motion.kinematics import read_bvh
+    from echoavatar.motion.formats import read_bvh
     from echoavatar.motion.kinematics.retarget import retarget
     from echoavatar_lab.data import DOMAINS, Corpus
 

@@ -75,7 +75,7 @@ def _alive(clips: "list[CapturedClip]") -> dict[str, float]:
 
     from echoavatar.motion.kinematics import HUMANOID, Motion
     from echoavatar.timing import FRAME_RATE_HZ
-    from echoavatar_lab.corpora.rehearsal.solver import solve
+    from echoavatar_lab.corpora.solver import solve
     from echoavatar_lab.evaluation.metrics.liveliness import body_points, liveliness, windows
 
     found, weights = [], []

@@ -79,7 +79,7 @@ def _clips(source: Path, split: str, frames: int) -> "Iterator[FingerClip]":
 def _recordings(folder: Path, frames: int) -> "Iterator[FingerClip]":
     """Every BVH below a folder whose rig is known; the log names the others."""
     from echoavatar.models.fingers.clips import finger_clip
-    from echoavatar.motion.kinematics import read_bvh
+    from echoavatar.motion.formats import read_bvh
 
     paths = sorted(folder.rglob("*.bvh"))
     if not paths:

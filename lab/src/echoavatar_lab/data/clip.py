@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics.tables import NpzArrays
+from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 DOMAINS = ("silence", "speech", "music")

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar_lab.corpora.rehearsal.script import Sentence, parse_words, write_monologue
+from echoavatar_lab.corpora.speech.script import Sentence, parse_words, write_monologue
 
 OWN = "own conversations"
 RULE = "made up by rule"

@@ -8,7 +8,7 @@ import av
 
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio.io import open_sound
-from echoavatar.motion.kinematics.tables import NpzArrays
+from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 from .options import Options

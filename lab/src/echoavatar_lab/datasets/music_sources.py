@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import stream_audio
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar_lab.corpora.music.instruments import render
+from echoavatar_lab.corpora.music.music import compose_piece
+from echoavatar_lab.corpora.music.styles import STYLES
 from echoavatar_lab.corpora.rehearsal.augment import set_loudness
-from echoavatar_lab.corpora.rehearsal.instruments import render
-from echoavatar_lab.corpora.rehearsal.music import compose_piece
-from echoavatar_lab.corpora.rehearsal.sound import FloatArray, whole_frames
-from echoavatar_lab.corpora.rehearsal.styles import STYLES
+from echoavatar_lab.corpora.sound import FloatArray, whole_frames
 from echoavatar_lab.data.shards import checksum
 from echoavatar_lab.models.audio.recorded_files import AUDIO_SUFFIXES
 

@@ -15,7 +15,8 @@ from pydantic import Field, ValidationError
 from echoavatar.config import Config
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import read_audio
-from echoavatar.motion.kinematics import Motion, SkeletonConfig, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import Motion, SkeletonConfig
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME

@@ -26,8 +26,8 @@ from echoavatar.models.audio.io import read_audio
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar_lab.corpora.rehearsal.augment import set_loudness
 from echoavatar_lab.corpora.rehearsal.corpus import domains
-from echoavatar_lab.corpora.rehearsal.sound import FloatArray, SoundTrack, concatenate, whole_frames
-from echoavatar_lab.corpora.rehearsal.speech import draw_speaker, resolve_engine, silence, speak
+from echoavatar_lab.corpora.sound import FloatArray, SoundTrack, concatenate, whole_frames
+from echoavatar_lab.corpora.speech.speech import draw_speaker, resolve_engine, silence, speak
 
 from .conversations import Script, Turn
 from .labels import STRESSED, sound_labels

@@ -21,7 +21,8 @@ from echoavatar.engine import Engine, animate_many
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
-from echoavatar.motion.kinematics import Motion, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data.statistics import turned_feet

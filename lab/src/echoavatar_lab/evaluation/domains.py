@@ -20,7 +20,8 @@ from scipy.ndimage import uniform_filter1d
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.motion.kinematics import Motion, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import Motion
 
 from . import alive
 from .alive import Sound, Take

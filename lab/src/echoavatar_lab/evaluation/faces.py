@@ -25,9 +25,9 @@ from echoavatar.models.face import FaceStream
 from echoavatar.models.face.idle import frame_loudness
 from echoavatar.motion.arkit import ARKIT_NAMES, index_of
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar_lab.corpora.rehearsal.lips import lip_curves
-from echoavatar_lab.corpora.rehearsal.sound import SoundTrack
 from echoavatar_lab.corpora.rehearsal.track import compose_track
+from echoavatar_lab.corpora.sound import SoundTrack
+from echoavatar_lab.corpora.speech.lips import lip_curves
 
 CLOSED = 0.05  # share of the jaw's full opening at which lips touch
 CLOSING_PHONES = ("p", "b", "m", "em")

@@ -17,9 +17,10 @@ from jaxtyping import Float, Integer
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers.clips import on_our_rig
-from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.tables import NpzArrays, read_npz
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.resample import resample
-from echoavatar.motion.kinematics.tables import NpzArrays, read_npz
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.foreign.smpl_pickle import read_smpl_pickle

@@ -11,7 +11,7 @@ from pathlib import Path
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics.tables import write_npz
+from echoavatar.motion.formats.tables import write_npz
 
 from .motion_folder import ReadOptions, sound_of, takes
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.motion.kinematics.tables import NpzArrays
+from echoavatar.motion.formats.tables import NpzArrays
 
 from .metrics.bootstrap import Interval, interval, mean_interval
 from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity

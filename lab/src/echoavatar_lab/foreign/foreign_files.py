@@ -18,7 +18,7 @@ from torch import Tensor
 
 from echoavatar.errors import CheckpointError
 from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file
-from echoavatar.motion.kinematics.tables import array_of, arrays_of
+from echoavatar.motion.formats.tables import array_of, arrays_of
 
 from .pickled_arrays import PickledArray, RefusedError, unpickle_arrays
 from .pickled_frame import NOTED, frame_columns

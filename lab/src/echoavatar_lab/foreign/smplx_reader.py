@@ -20,9 +20,9 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
-from echoavatar.motion.kinematics.tables import NpzArrays
 
 UPRIGHT_SHARE = 0.6  # least component of the mean spine direction along the up axis
 _FOREIGN = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)

@@ -25,11 +25,11 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.audio.config import CODE_LAYERS
 from echoavatar.nn.mel import log_mel
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
+from echoavatar_lab.corpora.music.beat_tracker import onset_strength
 from echoavatar_lab.corpora.rehearsal.augment import set_loudness
-from echoavatar_lab.corpora.rehearsal.beat_tracker import onset_strength
 from echoavatar_lab.corpora.rehearsal.recorded_sound import RecordedSound
-from echoavatar_lab.corpora.rehearsal.sound import SoundTrack
 from echoavatar_lab.corpora.rehearsal.track import compose_track
+from echoavatar_lab.corpora.sound import SoundTrack
 from echoavatar_lab.models.tokenize import audio_codes
 
 from .experiment import Experiment

@@ -12,7 +12,7 @@ import numpy as np
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.beat_tracker import track_beats
+from echoavatar_lab.corpora.music.beat_tracker import track_beats
 from echoavatar_lab.corpora.rehearsal.recording_labels import track_from_recording
 from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.models.audio.recorded_files import decoded, recorded_files

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from echoavatar.motion.formats.bvh import write_bvh
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.bvh import write_bvh
 from echoavatar_lab.corpora.capture.library import CapturedLibrary, read_folder
-from echoavatar_lab.corpora.rehearsal.idle import idle
-from echoavatar_lab.corpora.rehearsal.solver import solve
-from echoavatar_lab.corpora.rehearsal.sound import SoundTrack, Span
+from echoavatar_lab.corpora.gesture.idle import idle
+from echoavatar_lab.corpora.solver import solve
+from echoavatar_lab.corpora.sound import SoundTrack, Span
 
 SECONDS = 14
 

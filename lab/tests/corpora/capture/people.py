@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, Controls, minimum_jerk, neutral
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Controls, minimum_jerk, neutral
 
 
 def swaying(frames: int, size: float, seed: int = 0) -> Controls:

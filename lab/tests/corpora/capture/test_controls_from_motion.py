@@ -8,8 +8,8 @@ import torch
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.corpora.capture.controls_from_motion import controls_from_motion
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, Controls, neutral, wander
-from echoavatar_lab.corpora.rehearsal.solver import solve
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Controls, neutral, wander
+from echoavatar_lab.corpora.solver import solve
 
 LOOSE = {"wrist": 0.05, "spine": 0.15, "head": 0.2, "palm": 0.2, "elbow_swing": 0.3, "shoulder": 0.1, "fingers": 0.08}
 

@@ -3,7 +3,7 @@ from lab.tests.corpora.capture.test_dances import stepping_in_place
 
 from echoavatar_lab.corpora.capture.dance_graph import dance_graph, joint_speed
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
-from echoavatar_lab.corpora.rehearsal.controls import Controls
+from echoavatar_lab.corpora.controls import Controls
 
 
 def graph_of(dance: Controls):

@@ -7,10 +7,10 @@ from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.corpora.capture.dance_graph import dance_graph
 from echoavatar_lab.corpora.capture.dances import Piece, can_dance, captured_dance, choose
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
+from echoavatar_lab.corpora.controls import Controls, neutral
 from echoavatar_lab.corpora.rehearsal.choreography import choreograph
-from echoavatar_lab.corpora.rehearsal.controls import Controls, neutral
-from echoavatar_lab.corpora.rehearsal.solver import solve
-from echoavatar_lab.corpora.rehearsal.sound import SoundTrack, Span
+from echoavatar_lab.corpora.solver import solve
+from echoavatar_lab.corpora.sound import SoundTrack, Span
 from echoavatar_lab.evaluation import behaviour
 from echoavatar_lab.evaluation.metrics.dance_alignment import dance_alignment, dance_beats
 

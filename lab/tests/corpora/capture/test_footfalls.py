@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from echoavatar_lab.corpora.capture.footfalls import with_footfalls
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, neutral
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, neutral
 
 
 def test_a_dragged_foot_is_lifted_and_a_creeping_one_stands():

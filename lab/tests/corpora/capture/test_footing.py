@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from echoavatar_lab.corpora.capture.footing import stepping
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, Controls, minimum_jerk, neutral
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Controls, minimum_jerk, neutral
 
 
 def shuffling(lift: float) -> Controls:

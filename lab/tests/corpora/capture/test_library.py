@@ -8,11 +8,12 @@ import pytest
 from lab.tests.corpora.capture.people import library, stepping
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Motion, write_bvh
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.corpora.capture.catalogue import Entry
 from echoavatar_lab.corpora.capture.library import clean, open_library, read_folder
-from echoavatar_lab.corpora.rehearsal.controls import moved
-from echoavatar_lab.corpora.rehearsal.solver import solve
+from echoavatar_lab.corpora.controls import moved
+from echoavatar_lab.corpora.solver import solve
 
 STANDING = Entry("*", "standing", "waits")
 

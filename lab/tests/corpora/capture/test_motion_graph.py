@@ -5,7 +5,7 @@ import pytest
 from lab.tests.corpora.capture.people import stepping, swaying
 
 from echoavatar_lab.corpora.capture.motion_graph import MotionGraph, joined, overhang, varied, walk
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, Controls, moved, neutral
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Controls, moved, neutral
 
 
 def sliding(controls: Controls) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.sound import SoundTrack, Span, Syllable
+from echoavatar_lab.corpora.sound import SoundTrack, Span, Syllable
 
 
 def _sentence(begin: float, words: list[tuple[str, float, str]]) -> list[Syllable]:

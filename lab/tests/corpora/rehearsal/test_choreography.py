@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Controls, neutral
 from echoavatar_lab.corpora.rehearsal.choreography import choreograph, switched
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, Controls, neutral
-from echoavatar_lab.corpora.rehearsal.sound import SoundTrack
+from echoavatar_lab.corpora.sound import SoundTrack
 
 
 @pytest.fixture(scope="module")

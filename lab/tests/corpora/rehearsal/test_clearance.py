@@ -1,7 +1,7 @@
 import numpy as np
 
+from echoavatar_lab.corpora.controls import Controls, neutral
 from echoavatar_lab.corpora.rehearsal.clearance import _points, keep_hands_clear
-from echoavatar_lab.corpora.rehearsal.controls import Controls, neutral
 
 
 def sent(*wrist: float) -> Controls:

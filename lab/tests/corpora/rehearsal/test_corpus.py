@@ -8,8 +8,8 @@ import soundfile
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.corpora.rehearsal.corpus import TEST_EVERY, Plan, domains, make_clip, rehearse
-from echoavatar_lab.corpora.rehearsal.sound import SoundTrack, Span
 from echoavatar_lab.corpora.rehearsal.track import compose_track
+from echoavatar_lab.corpora.sound import SoundTrack, Span
 from echoavatar_lab.data import Corpus
 
 SHORT = 10.0

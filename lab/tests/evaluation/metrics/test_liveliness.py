@@ -9,7 +9,8 @@ import torch
 from tests.motion.kinematics.samples import DATA, recorded, swaying
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from echoavatar_lab.evaluation.metrics import liveliness as lively
 from echoavatar_lab.evaluation.metrics.liveliness import POINTS, STATISTICS, body_points, liveliness, windows
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from echoavatar.errors import CheckpointError
-from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of
+from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 
 from .halfway import BONES, PARENTS, REST, SOURCES
 from .morphs import Morphs, added

@@ -15,9 +15,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from echoavatar.errors import MotionError
+from echoavatar.motion.formats.tables import write_whole
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.resample import align_signs
-from echoavatar.motion.kinematics.tables import write_whole
 
 from .character import Character
 from .gltf_buffer import Buffer, Tracks

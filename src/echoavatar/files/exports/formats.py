@@ -45,14 +45,14 @@ def writer(output: Path, *, has_rig: bool) -> Writer:
 
 
 def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.kinematics import write_bvh
+    from echoavatar.motion.formats import write_bvh
 
     motion, scale = take.motion, 100.0 if rig is None else rig.units_per_metre
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=scale)
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.kinematics.tables import write_whole
+    from echoavatar.motion.formats.tables import write_whole
 
     write_whole(path, _packed(path, take, rig))
 
@@ -60,7 +60,7 @@ def _glb(path: Path, take: Take, rig: Rig | None) -> None:
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
-        from .gltf_rig import pack_on_rig
+        from .glb_on_rig import pack_on_rig
 
         if rig.gltf is None:
             raise MotionError(f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig")
@@ -92,7 +92,7 @@ def _fbx(path: Path, take: Take, rig: Rig | None) -> None:
 
 
 def _npz(path: Path, take: Take, _: Rig | None) -> None:
-    from echoavatar.motion.kinematics.tables import write_npz
+    from echoavatar.motion.formats.tables import write_npz
 
     if take.face is None:
         write_npz(path, take.motion)
@@ -101,7 +101,7 @@ def _npz(path: Path, take: Take, _: Rig | None) -> None:
 
 
 def _csv(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.kinematics.tables import write_csv
+    from echoavatar.motion.formats.tables import write_csv
 
     write_csv(path, take.motion)
     if take.face is not None:

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 
 from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.formats.tables import write_whole
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
-from echoavatar.motion.kinematics.tables import write_whole
 
 from .smplx_rig import skeleton
 from .take import Take

@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from echoavatar.errors import MotionError
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.body_contact import keep_hands_on_body
-from echoavatar.motion.ik.gltf_rig import GltfRig, read_gltf_rig
 from echoavatar.motion.ik.skinned import skinned
-from echoavatar.motion.kinematics import Motion, Skeleton, read_bvh
+from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.kinematics.hand_contact import keep_hands_together
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map

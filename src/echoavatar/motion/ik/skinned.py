@@ -12,8 +12,8 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.limits import VERTICES, WEIGHTS
 
+from ..formats.gltf_rig import GltfRig, read_gltf_rig, refusing_damage
 from ..kinematics import Skeleton
-from .gltf_rig import GltfRig, read_gltf_rig, refusing_damage
 
 Array = np.ndarray
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}

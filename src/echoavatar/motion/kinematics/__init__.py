@@ -1,4 +1,4 @@
-"""Skeletons and motion as geometry: rotations, forward kinematics, BVH, features, mirroring, retargeting.
+"""Skeletons and motion as geometry: rotations, forward kinematics, features, retargeting.
 
 May import `nn` and below. Metres, radians, Y up, character facing +Z with its left at +X, quaternions `wxyz`,
 rotations relative to the parent; anything else says so in its name.
@@ -13,7 +13,6 @@ Each kind of array has one arithmetic:
 | retargeting | `retarget`, measured on the clip | `live_retarget`, in torch too, measured on the two rest poses |
 """
 
-from .bvh import read_bvh, write_bvh
 from .features import (
     FeatureStatistics,
     MotionFrames,
@@ -39,8 +38,6 @@ __all__ = [
     "from_features",
     "measure_features",
     "part_sizes",
-    "read_bvh",
     "split_parts",
     "to_features",
-    "write_bvh",
 ]

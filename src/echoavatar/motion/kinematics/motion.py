@@ -1,7 +1,6 @@
 """Motion: a skeleton and its movement, as an immutable value."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -78,21 +77,3 @@ class Motion:
             "joints": np.array(self.skeleton.names),
             "parents": np.array(self.skeleton.parents),
         }
-
-    def save(self, path: str | Path) -> None:
-        """Write .bvh, .npz or .csv. Other formats also need a mesh or a face: see `echoavatar.Animation.save`.
-
-        Raises:
-            MotionError: the suffix is another, or the file cannot be written.
-        """
-        from . import bvh, tables
-
-        path = Path(path)
-        if path.suffix == ".bvh":
-            bvh.write_bvh(path, self.skeleton, self.rotations, self.root, self.fps)
-        elif path.suffix == ".npz":
-            tables.write_npz(path, self)
-        elif path.suffix == ".csv":
-            tables.write_csv(path, self)
-        else:
-            raise MotionError(f"a motion is saved as .bvh, .npz or .csv, not {path.suffix!r}; see Animation.save")

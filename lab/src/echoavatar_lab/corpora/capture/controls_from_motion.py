@@ -17,8 +17,8 @@ from echoavatar.motion.kinematics.rotations import (
     matrix_from_euler,
     quaternion_from_matrix,
 )
-from echoavatar_lab.corpora.rehearsal import solver
-from echoavatar_lab.corpora.rehearsal.controls import RELAXED_FINGERS, Array, Controls
+from echoavatar_lab.corpora import solver
+from echoavatar_lab.corpora.controls import RELAXED_FINGERS, Array, Controls
 
 ROUNDS = 4
 CERTAIN_BEND = 0.012  # metres: with less bend the elbow's direction is read from the twist of the upper arm

@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.controls import Array, Controls, mirrored, smoothed
-from echoavatar_lab.corpora.rehearsal.solver import solve
+from echoavatar_lab.corpora.controls import Array, Controls, mirrored, smoothed
+from echoavatar_lab.corpora.solver import solve
 
 from .dance_counts import braking, find_counts
 from .library import CapturedLibrary

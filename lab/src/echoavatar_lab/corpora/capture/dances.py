@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.controls import (
+from echoavatar_lab.corpora.controls import (
     DRIFT_FRAMES,
     Array,
     Controls,
@@ -23,7 +23,7 @@ from echoavatar_lab.corpora.rehearsal.controls import (
     unwound,
     wrists_over,
 )
-from echoavatar_lab.corpora.rehearsal.solver import solve
+from echoavatar_lab.corpora.solver import solve
 
 from .dance_graph import Dance, DanceGraph, Stretches, joint_speed
 from .footfalls import with_footfalls

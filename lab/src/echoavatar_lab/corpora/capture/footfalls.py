@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, gaussian_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, Array, Controls
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Array, Controls
 
 BALL_M = 0.13  # from the ankle to the ball of the foot
 STILL_M_S = 0.40  # a low foot whose ball is slower than this stands

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
 
 UP_M, FAST_M_S, FAST_RAD_S = 0.015, 0.08, 0.6  # a foot higher or faster than this is on its way
 SHORTEST_STANCE, SHORTEST_STEP = 4, 10  # frames

@@ -18,14 +18,15 @@ from scipy.signal import butter, sosfiltfilt
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import ARRAYS_BYTES, check_file
-from echoavatar.motion.kinematics import Motion, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of, write_whole
+from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.resample import align_signs, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import known_bones
-from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of, write_whole
 from echoavatar.nn.kernels import user_cache
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.controls import Array, Controls, concatenated, moved, wander
+from echoavatar_lab.corpora.controls import Array, Controls, concatenated, moved, wander
 
 from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion

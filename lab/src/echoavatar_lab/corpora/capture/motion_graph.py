@@ -14,10 +14,11 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.spatial.distance import cdist
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.rehearsal.controls import (
+from echoavatar_lab.corpora.controls import (
     ANKLE_HEIGHT,
     Array,
     Controls,
+    air,
     concatenated,
     fading,
     minimum_jerk,
@@ -25,7 +26,6 @@ from echoavatar_lab.corpora.rehearsal.controls import (
     moved,
     smoothed,
 )
-from echoavatar_lab.corpora.rehearsal.stance import air
 
 EVERY = 5  # frames between places where a join may happen
 AHEAD_S = 5.0  # what a place leads to is judged over this time

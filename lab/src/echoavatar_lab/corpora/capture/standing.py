@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar_lab.corpora.rehearsal.controls import Controls
+from echoavatar_lab.corpora.controls import Controls
 
 from .library import CapturedLibrary
 from .motion_graph import MotionGraph, walk

@@ -12,9 +12,9 @@ import numpy as np
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .controls import Controls, mirrored, neutral, through_keys
-from .poses import ARMS, HANDS, ArmPose
-from .solver import solve
+from ..controls import Controls, mirrored, neutral, through_keys
+from ..dance.poses import ARMS, HANDS, ArmPose
+from ..solver import solve
 
 Array = np.ndarray
 Triple = tuple[float, float, float]

@@ -9,7 +9,7 @@ from scipy.signal import butter, fftconvolve, lfilter, sosfilt
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-from .sound import FloatArray
+from ..sound import FloatArray
 
 _PEAK = 0.89  # -1 dBFS
 

@@ -13,14 +13,24 @@ from jaxtyping import Float
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.capture.library import CapturedLibrary
 
-from .captured_dance import dance_to
+from ..controls import (
+    ANKLE_HEIGHT,
+    DRIFT_FRAMES,
+    Array,
+    Controls,
+    air,
+    fading,
+    minimum_jerk,
+    moved,
+    unwound,
+    wrists_over,
+)
+from ..dance.captured_dance import dance_to
+from ..dance.grooves import find_counts
+from ..dance.roaming import ASIDE_BY_RULE_M, ASIDE_CAPTURED_M, with_travel
+from ..gesture.gesture import gesture
+from ..sound import SoundTrack
 from .clearance import keep_hands_clear
-from .controls import ANKLE_HEIGHT, DRIFT_FRAMES, Array, Controls, fading, minimum_jerk, moved, unwound, wrists_over
-from .gesture import gesture
-from .grooves import find_counts
-from .roaming import ASIDE_BY_RULE_M, ASIDE_CAPTURED_M, with_travel
-from .sound import SoundTrack
-from .stance import air
 
 REACTION_S = 0.25  # from the start of music to the start of the dance
 JOIN_S, SETTLE_S = 1.0, 0.85

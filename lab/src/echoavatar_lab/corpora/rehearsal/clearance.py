@@ -9,8 +9,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from .controls import Array, Controls, smoothed
-from .solver import arm_frames
+from ..controls import Array, Controls, smoothed
+from ..solver import arm_frames
 
 TORSO_HALF_WIDTH, TORSO_HALF_DEPTH, TORSO_FRONT = 0.185, 0.150, 0.010  # metres, hand's thickness included
 TORSO_TOP, TORSO_FADE = 0.20, 0.10

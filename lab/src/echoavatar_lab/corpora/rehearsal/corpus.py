@@ -21,9 +21,9 @@ from echoavatar_lab.corpora.capture.library import CapturedLibrary, open_library
 from echoavatar_lab.data.clip import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
 
+from ..solver import solve
+from ..sound import SoundTrack
 from .choreography import choreograph
-from .solver import solve
-from .sound import SoundTrack
 from .track import compose_track
 
 CLIP_SECONDS = 64.0

@@ -14,7 +14,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar_lab.models.face.clip import FaceClip
 
-from .lips import lip_curves
+from ..speech.lips import lip_curves
 from .track import compose_track
 
 CLIP_SECONDS = 64.0

@@ -13,8 +13,8 @@ from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rigs import finger_bones
 from echoavatar.timing import CHUNK_FRAMES
 
+from ..controls import minimum_jerk
 from .action_clips import SCRIPTS, clip
-from .controls import minimum_jerk
 
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 HANDS_EDGE = 14  # frames in which the clip's hands come and go

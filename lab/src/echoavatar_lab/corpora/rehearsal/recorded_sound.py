@@ -15,9 +15,9 @@ import soxr
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.models.audio.recorded_files import RecordedFile, decoded, recorded_files
 
+from ..sound import FloatArray, SoundTrack, Source, concatenate, cut, shift, whole_frames
+from ..speech.speech import draw_pause, silence
 from .recording_labels import is_low_voice, track_from_recording
-from .sound import FloatArray, SoundTrack, Source, concatenate, cut, shift, whole_frames
-from .speech import draw_pause, silence
 
 _LONGEST_UTTERANCE_S = 14.0
 _SHORTEST_LOOP_S = 24.0  # shorter pieces are loops; they are played several times

@@ -11,9 +11,9 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 from echoavatar.errors import AudioError
 from echoavatar.timing import SAMPLE_RATE_HZ
 
+from ..music.beat_tracker import track_beats
+from ..sound import FloatArray, Section, SoundTrack, Span, Syllable, merge_spans, whole_frames
 from .augment import set_loudness
-from .beat_tracker import track_beats
-from .sound import FloatArray, Section, SoundTrack, Span, Syllable, merge_spans, whole_frames
 
 _HOP = 240  # 10 ms
 _FRAME_S = _HOP / SAMPLE_RATE_HZ

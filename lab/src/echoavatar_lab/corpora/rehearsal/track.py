@@ -10,14 +10,10 @@ import numpy as np
 
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
-from .augment import add_background, background, fill_band, set_loudness, treat
-from .instruments import render
-from .music import compose_piece
-from .prosody import Delivery
-from .recorded_sound import RecordedSound, recorded_sound
-from .script import write_monologue
-from .singing import sing
-from .sound import (
+from ..music.instruments import render
+from ..music.music import compose_piece
+from ..music.soundfont import render_soundfont
+from ..sound import (
     FloatArray,
     Section,
     SoundTrack,
@@ -30,8 +26,12 @@ from .sound import (
     shift,
     whole_frames,
 )
-from .soundfont import render_soundfont
-from .speech import draw_speaker, resolve_engine, speak
+from ..speech.prosody import Delivery
+from ..speech.script import write_monologue
+from ..speech.singing import sing
+from ..speech.speech import draw_speaker, resolve_engine, speak
+from .augment import add_background, background, fill_band, set_loudness, treat
+from .recorded_sound import RecordedSound, recorded_sound
 
 _MIXES = ("mixed", "speech", "music", "silence")
 _SHARES = (0.0, 0.0, 0.5, 1.0, 1.0)  # of recorded parts in a track

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
-from echoavatar.motion.kinematics.tables import NpzArrays
+from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import SAMPLES_PER_FRAME
 
 _PCM = 32767.0

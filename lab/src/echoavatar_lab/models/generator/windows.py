@@ -19,7 +19,7 @@ from jaxtyping import Int, UInt8
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics.tables import NpzArrays
+from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 DOMAINS = ("silence", "speech", "music")

@@ -1,0 +1,1 @@
+"""Music to motion: dances by rule and by captured people. May import `capture`, `controls`, `keyframes` and `sound`."""
