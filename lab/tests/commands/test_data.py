@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from echoavatar.cli import main
+from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, rehearse
 from echoavatar_lab.data import Corpus
 

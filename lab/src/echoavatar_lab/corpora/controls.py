@@ -215,15 +215,6 @@ def air(phase: Float[np.ndarray, " t"]) -> Float[Array, " t"]:
     return np.asarray(64 * (p * (1 - p)) ** 3, np.float32)
 
 
-@dataclass(frozen=True)
-class Shift:
-    """A move of the weight to one leg: `weight` is -1 right, 0 middle, +1 left, reached at `end`."""
-
-    begin: float
-    end: float
-    weight: float
-
-
 def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:
     """Minimum-jerk progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
     p = np.clip(phase, 0.0, 1.0)

@@ -57,6 +57,15 @@ def walked(frames: int, steps: Sequence[Step]) -> Feet:
     return Feet(position, yaw, pitch)
 
 
+@dataclass(frozen=True)
+class Shift:
+    """A move of the weight to one leg: `weight` is -1 right, 0 middle, +1 left, reached at `end`."""
+
+    begin: float
+    end: float
+    weight: float
+
+
 def weight_curve(frames: int, shifts: Sequence[Shift], start: float) -> Float[Array, " t"]:
     """The weight over time; each shift is a minimum-jerk move."""
     times, values, last = [0.0], [start], start
