@@ -39,6 +39,24 @@ except SystemExit:
     assert done.stdout.strip().endswith("False")
 
 
+def test_a_live_session_loads_nothing_of_the_lab() -> None:
+    """Opens a session, moves it, and lists the modules: none of the lab, the studio or what only they need."""
+    code = """
+import sys
+import numpy as np
+import echoavatar.engine
+engine = echoavatar.engine.load("default")
+with engine.open(seed=1) as session:
+    session.push(np.zeros(24_000, np.float32), rate=24_000)
+    session.finish()
+    assert sum(1 for _ in session) > 2
+rooms = {name.partition(".")[0] for name in sys.modules}
+print(sorted(rooms & {"echoavatar_lab", "echoavatar_studio", "librosa", "matplotlib", "pretty_midi", "transformers"}))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
+
+
 def mirrors() -> dict[str, Path]:
     """Every module and the test file that it must have."""
     return {
