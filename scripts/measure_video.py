@@ -1,4 +1,4 @@
-"""Measure live video: what a viewer costs the server, and the pictures that arrive (docs/results/video.md).
+"""Measure live video: what a viewer costs the server, and the pictures that arrive (docs/video.md).
 
     python scripts/measure_video.py                 # starts a server of its own; about a minute and a half
     python scripts/measure_video.py --view bust
