@@ -10,6 +10,7 @@ import json
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -31,7 +32,7 @@ def main() -> int:
     tried("animate", "animate", sound, "-o", "speech.glb")
     tried("animate .npz", "animate", sound, "-o", "speech.npz")
     tried("export", "export", "speech.npz", "-o", "speech.vrma")
-    tried("rig", "rig", "speech.glb")
+    tried("rig", "rig", "speech.glb", "-o", "body.json")
     with served("serve", "--port", "0") as server:
         tried("say", "say", sound, "--server", server, "-o", "said.npz")
         with served("proxy", "--upstream", "ws://127.0.0.1:9", "--avatar", server, "--port", "0") as proxy:
@@ -71,10 +72,10 @@ def served(*words: str) -> Iterator[str]:
             address = next((word for word in line.split() if "://" in word), "")
             if not address:
                 raise SystemExit(f"{words[0]} says {line!r} instead of an address")
-            address = address.rstrip("/,.").replace("ws://", "http://").removesuffix("/v1")
-            reach(address)
+            host = address.split("/")[2]
+            reach(f"http://{host}/health")
             print(f"ok  {words[0]}", flush=True)
-            yield address
+            yield f"http://{host}"
         finally:
             process.terminate()
             with suppress(subprocess.TimeoutExpired):
@@ -83,11 +84,16 @@ def served(*words: str) -> Iterator[str]:
 
 
 def reach(address: str) -> None:
-    """Wait until a server answers."""
+    """Wait until a server answers, be it that it has no such page."""
     until = time.monotonic() + WAIT_S
     while True:
-        with suppress(OSError), urllib.request.urlopen(f"{address}/health", timeout=5):
+        try:
+            urllib.request.urlopen(address, timeout=5).close()
             return
+        except urllib.error.HTTPError:
+            return
+        except OSError:
+            pass
         if time.monotonic() > until:
             raise SystemExit(f"{address} does not answer")
         time.sleep(0.5)
