@@ -21,9 +21,9 @@ from tqdm import tqdm
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar_lab.evaluation.alive import Sound, read_sounds
-from echoavatar_lab.evaluation.captured_people import MUSIC, SPEECH
-from echoavatar_lab.evaluation.sheet import contact_sheet
+from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH
+from echoavatar_lab.evaluation.pictures import contact_sheet
+from echoavatar_lab.evaluation.takes import Sound, read_sounds
 
 SECONDS, MIXED_LEVEL = 20.0, 0.35  # music under speech
 SIZE, SMALL = (150, 210), (90, 126)

@@ -31,7 +31,7 @@ from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.align.audio_reward import WINDOW_TOKENS, AudioMotion
 from echoavatar_lab.align.quality import QualityReward
-from echoavatar_lab.evaluation.alive import Sound, read_sounds
+from echoavatar_lab.evaluation.takes import Sound, read_sounds
 from echoavatar_lab.models.tokenize import audio_codes
 
 AUDIO_PER_TOKEN = AUDIO_FRAMES_PER_CHUNK // MOTION_TOKENS_PER_CHUNK

@@ -5,8 +5,7 @@ from dataclasses import replace
 import torch
 from lab.tests.evaluation.clips import MUSIC, SPEECH, clip
 
-from echoavatar_lab.evaluation.metrics.bootstrap import Interval
-from echoavatar_lab.evaluation.score_row import Row
+from echoavatar_lab.evaluation.table import Interval, Row
 from echoavatar_lab.tables.experiment import motion_of
 from echoavatar_lab.tables.scale import TINY
 

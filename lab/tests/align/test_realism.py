@@ -14,7 +14,7 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.align import realism
 from echoavatar_lab.align.realism import KindConfig, Realism
-from echoavatar_lab.evaluation.metrics.discriminator import fit
+from echoavatar_lab.evaluation.metrics.distributions import fit
 
 FRAMES = 160
 OWN = reference_statistics()

@@ -29,7 +29,6 @@ def test_clips_for_a_corpus_and_for_sound_files(kind: str, corpus: Path, tmp_pat
 
 
 def test_baselines_can_be_scored(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("librosa", reason="the evaluate extra is not installed")
     made = str(tmp_path / "made")
     assert main(["baseline", "random", "--train", str(corpus), str(corpus), "-o", made]) == 0
     assert main(["score", made, str(corpus), "--common"]) == 0
@@ -47,7 +46,6 @@ def test_bad_audio_files_are_refused(corpus: Path, tmp_path: Path, capsys: pytes
 
 
 def test_prepared_and_merged_sets_serve_like_a_rehearsal_corpus(corpus: Path, tmp_path: Path, capsys) -> None:
-    pytest.importorskip("librosa", reason="the evaluate extra is not installed")
     both, made = str(tmp_path / "both"), str(tmp_path / "made")
     assert main(["data", "merge", str(corpus), "-o", both]) == 0
     assert main(["baseline", "nearest", "--train", both, both, "-o", made]) == 0

@@ -15,7 +15,6 @@ def run(folder: Path) -> Path:
 
 
 def test_two_runs_become_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("matplotlib")
     folders = [str(run(tmp_path / name / "generator")) for name in ("old", "new")]
     assert main(["plot", *folders, "-o", str(tmp_path / "c.png")]) == 0
     said = capsys.readouterr().out

@@ -18,8 +18,6 @@ def folders(tmp_path: Path) -> list[str]:
 
 
 def test_a_table_then_one_line_of_json(folders: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("librosa", reason="the evaluate extra is not installed")
-    pytest.importorskip("matplotlib", reason="the evaluate extra is not installed")
     assert main(["score", *folders, "--picture", str(tmp_path / "a.png")]) == 0
     said = capsys.readouterr().out.strip().splitlines()
     told = json.loads(said[-1])

@@ -6,7 +6,7 @@ import pytest
 from echoavatar.errors import AudioError
 from echoavatar.models.audio.io import write_wav
 from echoavatar_lab.data import Sound, SoundSet
-from echoavatar_lab.data.shards import checksum
+from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import runs, save_sounds
 
 

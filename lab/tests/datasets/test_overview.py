@@ -21,7 +21,6 @@ def drawn(folder, rig: str, sheets: int) -> list:
 
 
 def test_histograms_of_a_set_are_drawn(tmp_path):
-    pytest.importorskip("matplotlib")
     image = pytest.importorskip("PIL.Image")
     written = drawn(tmp_path, "unified", 0)
     assert [path.name for path in written] == ["duration.png", "speed.png", "pose.png"]
@@ -33,7 +32,6 @@ def test_histograms_of_a_set_are_drawn(tmp_path):
 
 @pytest.mark.slow
 def test_contact_sheets_of_native_rigs_are_drawn(tmp_path):
-    pytest.importorskip("matplotlib")
     image = pytest.importorskip("PIL.Image")
     pixels = np.asarray(image.open(drawn(tmp_path, "native", 1)[-1]))
     assert pixels.shape == (440, 1500, 3)

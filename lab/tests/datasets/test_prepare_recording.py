@@ -15,7 +15,7 @@ from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.data import Clip
-from echoavatar_lab.data.mirror import is_symmetric
+from echoavatar_lab.data.clip import is_symmetric
 from echoavatar_lab.datasets.options import Options
 from echoavatar_lab.datasets.prepare_recording import finished_part, part_path, prepare_recording, stamp
 from echoavatar_lab.datasets.source import Recording, survey_of, with_splits

@@ -1,93 +1,26 @@
-import csv
 import json
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-import soundfile
+from lab.tests.evaluation.test_takes import captured, corpus
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import EchoAvatarError
-from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.evaluation import alive
-from echoavatar_lab.evaluation.captured_people import KINDS
-from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS
-
-
-def write_sound(path: Path, seconds: float, seed: int = 0) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    soundfile.write(path, np.random.default_rng(seed).normal(0, 0.1, int(seconds * 24_000)), 24_000)
-
-
-def corpus(folder: Path) -> Path:
-    """Six voices of three classes and two tracks, with a manifest."""
-    listed = [
-        ("a.wav", 6, "speech", "Reader 1 (F, Ann)", "English, read", "test"),
-        ("b.wav", 6, "speech", "Reader 2 (M, Bob)", "English, read", "test"),
-        ("c.wav", 6, "speech", "Reader 3 (F, Cat)", "English, read", "test"),
-        ("d.wav", 12, "speech", "EmoDB 03 (m31)", "German, acted", "test"),
-        ("e.wav", 12, "speech", "Reader 5 (F, Eve)", "English, read", "train"),
-        ("f.wav", 6, "speech", "Reader 6 (M, Fox)", "English, read", "test"),
-        ("g.wav", 14, "music", "A band", "jazz [excerpt]", "test"),
-        ("h.wav", 3, "music", "A band", "jazz [excerpt]", "test"),
-    ]
-    for seed, (name, seconds, *_) in enumerate(listed):
-        write_sound(folder / name, seconds, seed)
-    with (folder / "manifest.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["path", "kind", "speaker_or_artist", "language_or_genre", "split"])
-        writer.writerows([(name, *rest) for name, _, *rest in listed])
-    return folder
-
-
-def test_voices_of_a_class_are_joined_and_classes_take_turns(tmp_path: Path) -> None:
-    """Training sounds, and what stays too short, are left out."""
-    sounds = alive.read_sounds(corpus(tmp_path), 10, 3)
-    assert [(s.name, s.kind, s.group, len(s.audio) / 24_000) for s in sounds] == [
-        ("c", "speech", "English, female", 10),
-        ("f", "speech", "English, male", 10),
-        ("d", "speech", "German, male", 10),
-        ("g", "music", "jazz", 10),
-    ]
-    assert [s.name for s in alive.read_sounds(tmp_path, 10, 1)] == ["c", "g"]
-
-
-def test_without_a_manifest_folders_are_classes(tmp_path: Path) -> None:
-    write_sound(tmp_path / "music/funk/x.wav", 4)
-    write_sound(tmp_path / "ann/y.wav", 4)
-    sounds = alive.read_sounds(tmp_path, 3, 5)
-    assert [(s.kind, s.group) for s in sounds] == [("speech", "ann"), ("music", "funk")]
-    with pytest.raises(EchoAvatarError, match="no speech or music of 20 s"):
-        alive.read_sounds(tmp_path, 30, 5)
-
-
-def captured(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    for name, frames in (("speech_a", 400), ("speech_b", 400), ("dance_a", 400), ("walk", 400), ("dance_short", 30)):
-        motion = swaying(frames, size=0.2)
-        write_bvh(folder / f"{name}.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
-    return folder
-
-
-def test_captured_clips_tell_their_kind_by_their_path(tmp_path: Path) -> None:
-    assert [(take.name, take.kind) for take in alive.read_captured(captured(tmp_path / "set"))] == [
-        ("set/dance_a.bvh", "music"),
-        ("set/speech_a.bvh", "speech"),
-        ("set/speech_b.bvh", "speech"),
-    ]
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(EchoAvatarError, match="holds no captured"):
-        alive.read_captured(tmp_path / "empty")
+from echoavatar_lab.evaluation.alive import draw, sheet
+from echoavatar_lab.evaluation.metrics.liveliness import KINDS, STATISTICS
+from echoavatar_lab.evaluation.takes import Take, read_captured, read_sounds
 
 
 def test_a_whole_run(tiny_bundle: Path, tmp_path: Path) -> None:
     """Every kind is performed, measured by class, and set beside people and captured motion."""
-    sounds = alive.read_sounds(corpus(tmp_path), 12, 2)
+    sounds = read_sounds(corpus(tmp_path), 12, 2)
     takes = alive.perform(Pipeline(load_bundle(str(tiny_bundle))), sounds, 12)
     assert {take.kind for take in takes} == set(KINDS)
-    found = alive.report([takes], alive.read_captured(captured(tmp_path)), 12)
+    found = alive.report([takes], read_captured(captured(tmp_path)), 12)
     assert {"speech: English, female", "music: jazz", "speech, people", "speech, captured"} <= set(found.rows)
     assert found.rows["speech, people"]["hand_speed"] == 0.94
     assert set(found.rows["silence"]) == {*alive.SHOWN, "stillest"}
@@ -105,7 +38,7 @@ def test_captured_people_are_told_from_one_another_by_folder() -> None:
     def person(folder: str, clips: int, level: float) -> list[alive.Measured]:
         return [
             alive.Measured(
-                alive.Take(f"{folder}/{clip}", "speech", folder, None),  # type: ignore[arg-type]
+                Take(f"{folder}/{clip}", "speech", folder, None),  # type: ignore[arg-type]
                 [],
                 [dict(zip(STATISTICS, random.normal(level, 1, len(STATISTICS)), strict=True)) for _ in range(20)],
             )
@@ -128,7 +61,7 @@ def test_which_statistic_tells_ours_from_captured() -> None:
         rows[..., list(STATISTICS).index("trunk_lean")] += lean
         return [
             alive.Measured(
-                alive.Take(f"{name}/{clip}", "music", name, None),  # type: ignore[arg-type]
+                Take(f"{name}/{clip}", "music", name, None),  # type: ignore[arg-type]
                 [],
                 [dict(zip(STATISTICS, row, strict=True)) for row in windows],
             )
@@ -144,18 +77,16 @@ def test_which_statistic_tells_ours_from_captured() -> None:
 
 
 def test_each_captured_person_has_a_row() -> None:
-    people = [
-        alive.Take(f"{name}/1", "music", name, swaying(450, size=size)) for name, size in (("ann", 0.2), ("bob", 0.3))
-    ]
-    found = alive.report([[alive.Take("ours", "music", "", swaying(450, size=0.1))]], people, 12)
+    people = [Take(f"{name}/1", "music", name, swaying(450, size=size)) for name, size in (("ann", 0.2), ("bob", 0.3))]
+    found = alive.report([[Take("ours", "music", "", swaying(450, size=0.1))]], people, 12)
     assert {label for label in found.rows if ": " in label} == {"music, captured: ann", "music, captured: bob"}
     assert found.rows["music, captured: bob"]["hand_speed"] > found.rows["music, captured: ann"]["hand_speed"]
     assert "music, captured: ann" in found.told_apart
 
 
 def test_several_performances_give_means_and_their_scatter() -> None:
-    def take(name: str, size: float) -> alive.Take:
-        return alive.Take(name, "music", "jazz", swaying(750, size=size))
+    def take(name: str, size: float) -> Take:
+        return Take(name, "music", "jazz", swaying(750, size=size))
 
     captured = [take("ann", 0.2), take("bob", 0.3)]
     some, others = ([take(f"{size} {n}", size + 0.02 * n) for n in range(3)] for size in (0.1, 0.4))
@@ -174,7 +105,16 @@ def test_several_performances_give_means_and_their_scatter() -> None:
 
 
 def test_motion_like_the_captured_one_is_no_distance_away() -> None:
-    takes = [alive.measure(alive.Take(f"{n}", "speech", "", swaying(600, size=0.1 + 0.05 * n)), 20) for n in range(6)]
+    takes = [alive.measure(Take(f"{n}", "speech", "", swaying(600, size=0.1 + 0.05 * n)), 20) for n in range(6)]
     near, accuracy = alive.compare(takes, takes)
     assert near == pytest.approx(0, abs=1e-6)
     assert accuracy <= 0.5
+
+
+def test_a_plot_and_a_row_of_stills_for_each_take(tmp_path: Path) -> None:
+    takes = [Take(f"{n}", "speech", "", swaying(330)) for n in range(2)]
+    draw(alive.report([takes], takes, 11), tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").stat().st_size > 10_000
+    with pytest.raises(EchoAvatarError, match="cannot write"):
+        draw(alive.report([takes], [], 11), tmp_path / "none/plot.png")
+    assert sheet(takes[:1]).shape == (130, 12 * 90, 3)

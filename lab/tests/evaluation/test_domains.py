@@ -9,7 +9,6 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.evaluation import domains
-from echoavatar_lab.evaluation.alive import Sound, Take
 from echoavatar_lab.evaluation.domains import (
     ANKLES,
     DANCING,
@@ -25,6 +24,7 @@ from echoavatar_lab.evaluation.domains import (
     pace,
     shares,
 )
+from echoavatar_lab.evaluation.takes import Sound, Take
 
 CAPTURED = Path(__file__).parents[3] / "../shared/data/motion_permissive"
 
@@ -140,7 +140,7 @@ def test_speech_over_music_is_as_loud_as_the_speech(monkeypatch: pytest.MonkeyPa
     noise = np.random.default_rng(0)
     sounds = [Sound("a", "speech", "male, read", noise.normal(0, 0.1, 500).astype(np.float32))]
     sounds.append(Sound("b", "music", "jazz", noise.normal(0, 0.7, 400).astype(np.float32)))
-    monkeypatch.setattr(domains.alive, "read_sounds", lambda *_, **__: list(sounds))
+    monkeypatch.setattr(domains.takes, "read_sounds", lambda *_, **__: list(sounds))
     *kept, loud, quiet = domains.read_sounds(Path(), 1, 1)
     assert kept == sounds
     for mixed, below, music in ((loud, 0, 0.5), (quiet, 12, 0.06)):  # the music's share of the power

@@ -8,7 +8,7 @@ from echoavatar.engine.pipeline import load_bundle
 from echoavatar.models.audio.io import write_wav
 from echoavatar.models.generator import open_stream
 from echoavatar_lab.data import Sound, SoundSet
-from echoavatar_lab.data.shards import checksum
+from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import save_sounds
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize_sound import own_motion, tokenize_sounds

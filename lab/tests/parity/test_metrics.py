@@ -7,18 +7,21 @@ import json
 from functools import lru_cache
 from pathlib import Path
 
+import librosa
 import numpy as np
 import pytest
 from tests.golden import golden, metric_inputs
 
-from echoavatar_lab.evaluation.metrics import beat_alignment, dance_alignment, diversity, frechet, physical, retrieval
-from echoavatar_lab.evaluation.metrics.audio_events import EMAGE_RATE_HZ, music_beats, speech_onsets
-from echoavatar_lab.evaluation.metrics.gesture_alignment import (
+from echoavatar_lab.evaluation.metrics import beat_alignment, distributions, positions, retrieval
+from echoavatar_lab.evaluation.metrics.beat_alignment import (
+    EMAGE_RATE_HZ,
     GESTURE_RULES,
     SMPLX_UPPER_BODY,
     TRIMMED_FRAMES,
     gesture_alignment,
     gesture_beat_frames,
+    music_beats,
+    speech_onsets,
 )
 
 EXACT = 1e-9  # relative
@@ -61,7 +64,6 @@ WHOLE = (0, 600)
 
 @pytest.mark.parametrize("entry", ["full_s", "echo_cut_60f_s"])
 def test_onsets(entry: str) -> None:
-    librosa = pytest.importorskip("librosa")
     if librosa.__version__ != expected()["onsets"]["librosa"]:
         pytest.skip("another librosa")
     audio = sound("audio_i16")
@@ -71,7 +73,6 @@ def test_onsets(entry: str) -> None:
 
 @pytest.mark.parametrize("clip", ["a", "b"])
 def test_onsets_of_the_evaluation_tools(clip: str) -> None:
-    pytest.importorskip("librosa")
     frames = len(metric_inputs()[f"motion_{clip}"])
     found = speech_onsets(trimmed(sound("audio_i16"), frames), EMAGE_RATE_HZ)
     np.testing.assert_allclose(found, expected()["bc_emage_evaltools"][f"onsets_{clip}"], rtol=EXACT)
@@ -136,7 +137,7 @@ def test_ba_g_rules_are_those_of_the_fixtures() -> None:
 
 @pytest.mark.parametrize(("entry", "clips"), [("a", "a"), ("echo_meco_a_b", "ab"), ("evaltools_a_b", "ab")])
 def test_l1_diversity(entry: str, clips: str) -> None:
-    near(diversity.l1_diversity([metric_inputs()[f"motion_{k}"] for k in clips]), expected()["l1div"][entry])
+    near(positions.l1_diversity([metric_inputs()[f"motion_{k}"] for k in clips]), expected()["l1div"][entry])
 
 
 FID_INPUTS = {"full_rank": ("feat_g", "feat_r"), "rank_deficient": ("feat_g_small", "feat_r_small")}
@@ -145,7 +146,7 @@ FID_INPUTS = {"full_rank": ("feat_g", "feat_r"), "rank_deficient": ("feat_g_smal
 @pytest.mark.parametrize("rank", FID_INPUTS)
 def test_fid_in_eigen_form(rank: str) -> None:
     made, true = (metric_inputs()[name] for name in FID_INPUTS[rank])
-    ours = frechet.frechet_distance(made, true)
+    ours = distributions.frechet_distance(made, true)
     near(ours, expected()["fid"][rank]["independent_eigh"], EXACT if rank == "full_rank" else 1e-8)
     for theirs in expected()["fid"][rank].values():
         assert ours == pytest.approx(theirs, rel=BETWEEN_VARIANTS)
@@ -156,7 +157,7 @@ def test_fid_in_eigen_form(rank: str) -> None:
 def test_fid_of_meco_and_bailando(rank: str, who: str) -> None:
     theirs = next(value for key, value in expected()["fid"][rank].items() if key.startswith(who))
     made, true = (metric_inputs()[name] for name in FID_INPUTS[rank])
-    near(frechet.frechet_distance(made, true), theirs, EXACT if rank == "full_rank" else 2e-8)
+    near(distributions.frechet_distance(made, true), theirs, EXACT if rank == "full_rank" else 2e-8)
 
 
 @pytest.mark.parametrize("rank", FID_INPUTS)
@@ -164,17 +165,17 @@ def test_fid_of_the_evaluation_tools(rank: str) -> None:
     """1e-6 on both diagonals, inside the root."""
     theirs = next(v for k, v in expected()["fid"][rank].items() if k.startswith("emage_evaltools"))
     made, true = (metric_inputs()[name] for name in FID_INPUTS[rank])
-    ours = frechet.frechet_distance(made, true, ridge=1e-6)
+    ours = distributions.frechet_distance(made, true, ridge=1e-6)
     near(ours, theirs, 1e-8)
 
 
 def test_fid_of_features_scaled_by_the_truth() -> None:
-    made, true = frechet.scaled_by_truth(*(metric_inputs()[k].astype(np.float64) for k in ("feat_g", "feat_r")))
-    near(frechet.frechet_distance(made, true), expected()["fid"]["bailando_z_normalised_by_gt(full_rank)"])
+    made, true = distributions.scaled_by_truth(*(metric_inputs()[k].astype(np.float64) for k in ("feat_g", "feat_r")))
+    near(distributions.frechet_distance(made, true), expected()["fid"]["bailando_z_normalised_by_gt(full_rank)"])
 
 
 def test_foot_contact_score_of_edge() -> None:
-    ours = physical.foot_contact_score(metric_inputs()["motion_a"][:, :24], up=2)
+    ours = positions.foot_contact_score(metric_inputs()["motion_a"][:, :24], up=2)
     near(ours, expected()["edge_pfc_motion_a_first24"], SINGLE)
 
 
@@ -186,7 +187,6 @@ def dance(fps: int) -> dict:
 
 
 def test_music_beats() -> None:
-    librosa = pytest.importorskip("librosa")
     if librosa.__version__ != expected()["onsets"]["librosa"]:
         pytest.skip("another librosa")
     found = music_beats(sound("music_i16"), EMAGE_RATE_HZ, hop=512)
@@ -206,7 +206,7 @@ def test_music_beats() -> None:
     ],
 )
 def test_motion_beats_of_dance(form: str, entry: str, fps: int) -> None:
-    assert dance_alignment.dance_beat_frames(DANCES[fps](), form).tolist() == dance(fps)[entry]
+    assert beat_alignment.dance_beat_frames(DANCES[fps](), form).tolist() == dance(fps)[entry]
 
 
 @pytest.mark.parametrize("fps", DANCES)
@@ -214,8 +214,8 @@ def test_motion_beats_of_dance(form: str, entry: str, fps: int) -> None:
     ("form", "entry", "tolerance"), [("bailando", "bailando_BA", EXACT), ("aist", "mint_BA", SINGLE)]
 )
 def test_ba_d_of_bailando_and_aist(form: str, entry: str, tolerance: float, fps: int) -> None:
-    motion = dance_alignment.dance_beats(DANCES[fps](), form, fps=fps)
-    ours = dance_alignment.dance_alignment(motion, np.array(dance(fps)["music_beats"]) / fps, form, fps=fps)
+    motion = beat_alignment.dance_beats(DANCES[fps](), form, fps=fps)
+    ours = beat_alignment.dance_alignment(motion, np.array(dance(fps)["music_beats"]) / fps, form, fps=fps)
     near(ours, dance(fps)[entry], tolerance)
 
 
@@ -223,14 +223,14 @@ def test_ba_d_of_bailando_and_aist(form: str, entry: str, tolerance: float, fps:
     ("fps", "sigma"), [(60, "1"), (60, "3"), (60, "3.0"), (60, "6.0"), (30, "1"), (30, "1.5"), (30, "3"), (30, "3.0")]
 )
 def test_ba_d_by_the_papers_formula(fps: int, sigma: str) -> None:
-    motion = dance_alignment.dance_beat_frames(DANCES[fps](), "paper")
+    motion = beat_alignment.dance_beat_frames(DANCES[fps](), "paper")
     ours = beat_alignment.hit_rate(np.array(dance(fps)["music_beats"]), motion, float(sigma))
     near(ours, dance(fps)["paper_formula_BA_D"][f"sigma_{sigma}"])
 
 
 def test_the_papers_form_is_its_formula_at_three_frames_of_sixty() -> None:
-    motion = dance_alignment.dance_beats(DANCES[60](), "paper", fps=60)
-    ours = dance_alignment.dance_alignment(motion, np.array(dance(60)["music_beats"]) / 60, "paper", fps=60)
+    motion = beat_alignment.dance_beats(DANCES[60](), "paper", fps=60)
+    ours = beat_alignment.dance_alignment(motion, np.array(dance(60)["music_beats"]) / 60, "paper", fps=60)
     near(ours, dance(60)["paper_formula_BA_D"]["sigma_3"])
 
 

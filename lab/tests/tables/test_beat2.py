@@ -11,8 +11,6 @@ from echoavatar_lab.data import Clip
 from echoavatar_lab.tables import beat2
 from echoavatar_lab.tables.experiment import Sources, motion_of
 
-pytest.importorskip("librosa", reason="the evaluate extra is not installed")
-
 
 def thrice(clip: Clip) -> Clip:
     """Long enough for EMAGE's cuts at both ends."""

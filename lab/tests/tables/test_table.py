@@ -2,8 +2,7 @@ import math
 
 import pytest
 
-from echoavatar_lab.evaluation.metrics.bootstrap import Interval
-from echoavatar_lab.evaluation.score_row import Row
+from echoavatar_lab.evaluation.table import Interval, Row
 from echoavatar_lab.tables.table import Cell, Column, Line, Table, Wanted, cells, orderings, over_seeds
 
 

@@ -41,7 +41,6 @@ def test_scales_are_logarithmic_where_values_span_more_than_a_decade() -> None:
 
 
 def test_runs_are_drawn_side_by_side(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     runs = {"a": read_curves(told(tmp_path / "a")), "b": read_curves(told(tmp_path / "b", 20))}
     draw(runs, tmp_path / "all.png")
     draw(runs, tmp_path / "one.svg", metrics=["loss"])
@@ -51,7 +50,6 @@ def test_runs_are_drawn_side_by_side(tmp_path: Path) -> None:
 
 
 def test_drawing_errors_name_the_cause(tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     runs = {"a": read_curves(told(tmp_path / "a"))}
     with pytest.raises(EchoAvatarError, match="no run has the metric los; there are loss"):
         draw(runs, tmp_path / "x.png", metrics=["los"])

@@ -5,7 +5,7 @@ from echoavatar.models.fingers.body_features import BODY_SIZE, body_features, mi
 from echoavatar.models.fingers.hand_poses import FINGERS
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
-from echoavatar_lab.data.mirror import mirror_positions, mirror_rotations
+from echoavatar_lab.data.clip import mirror_positions, mirror_rotations
 
 
 def body(frames: int = 20) -> tuple[torch.Tensor, torch.Tensor]:

@@ -4,7 +4,7 @@ from tests.models.fingers.moving import waving
 from echoavatar.models.fingers.hand_poses import FINGERS, finger_rotations, fit_basis, hand_poses
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
-from echoavatar_lab.data.mirror import mirror_rotations
+from echoavatar_lab.data.clip import mirror_rotations
 
 
 def test_finger_rotations_inverts_hand_poses() -> None:

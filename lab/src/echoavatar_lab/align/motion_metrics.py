@@ -13,10 +13,9 @@ from torch import Tensor
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar_lab.evaluation.metrics.diversity import l1_deviation
-from echoavatar_lab.evaluation.metrics.frechet import Moments, frechet_between, moments, pooled
-from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
-from echoavatar_lab.evaluation.metrics.motion_features import motion_features
+from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, moments, pooled
+from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, motion_features
+from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 
 from .decoded_motion import DecodedMotion, decode_truth
 from .prompts import Prompt

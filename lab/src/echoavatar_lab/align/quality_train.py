@@ -19,7 +19,7 @@ from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar_lab.evaluation.metrics.frechet import Moments, frechet_between, pooled
+from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train

@@ -21,18 +21,19 @@ from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import CHUNK_SECONDS, FRAME_RATE_HZ
-from echoavatar_lab.evaluation.alive import Take
-from echoavatar_lab.evaluation.captured_people import MUSIC, SPEECH
-from echoavatar_lab.evaluation.metrics.discriminator import Classifier, fit, held_out_accuracy
+from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit, held_out_accuracy
 from echoavatar_lab.evaluation.metrics.liveliness import (
     APART_S,
+    MUSIC,
     POINTS,
+    SPEECH,
     STATISTICS,
     Points,
     body_points,
     liveliness,
     of_common_height,
 )
+from echoavatar_lab.evaluation.takes import Take
 
 from .decoded_motion import DecodedMotion, decode_continuations
 from .policy import GeneratorPolicy

@@ -22,9 +22,9 @@ from pydantic import Field, ValidationError
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.evaluation.metrics.gesture_alignment import ARM_JOINTS
+from echoavatar_lab.evaluation.metrics.beat_alignment import ARM_JOINTS
 from echoavatar_lab.evaluation.metrics.liveliness import yaw
-from echoavatar_lab.evaluation.metrics.physical import jerk_m_s3
+from echoavatar_lab.evaluation.metrics.positions import jerk_m_s3
 
 from .decoded_motion import DecodedMotion
 

@@ -20,9 +20,14 @@ from jaxtyping import Float
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.kinematics.contact import skate
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
-from echoavatar_lab.evaluation.metrics.beat_alignment import SHARP_SIGMA_S, hits
-from echoavatar_lab.evaluation.metrics.dance_alignment import dance_beats
-from echoavatar_lab.evaluation.metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
+from echoavatar_lab.evaluation.metrics.beat_alignment import (
+    ARM_JOINTS,
+    SHARP_SIGMA_S,
+    STROKE_DELAY_S,
+    dance_beats,
+    gesture_beats,
+    hits,
+)
 
 from .decoded_motion import DecodedMotion
 from .reference_statistics import ReferenceStatistics, body_movement, response

@@ -260,7 +260,7 @@ def _realism(
     from echoavatar_lab.align.policy import GeneratorPolicy
     from echoavatar_lab.align.prompts import PromptSampler
     from echoavatar_lab.align.realism import fit_realism
-    from echoavatar_lab.evaluation.alive import read_captured
+    from echoavatar_lab.evaluation.takes import read_captured
 
     if args.own_past > args.past:
         raise EchoAvatarError(f"--own-past ({args.own_past}) chunks are the last of --past ({args.past}): lower it")

@@ -74,8 +74,8 @@ def run(args: argparse.Namespace) -> int:
         people_in_music,
         people_in_speech,
     )
-    from echoavatar_lab.evaluation.alive import read_captured
-    from echoavatar_lab.evaluation.captured_people import MUSIC, SPEECH
+    from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH
+    from echoavatar_lab.evaluation.takes import read_captured
 
     bundle = load_bundle(args.model)
     tokenizer = bundle.tokenizer.to(args.device)

@@ -85,8 +85,7 @@ def _heard(path: Path) -> "Clip":
     from echoavatar.models.audio import read_audio
     from echoavatar.motion.kinematics import HUMANOID
     from echoavatar.timing import SAMPLES_PER_FRAME
-    from echoavatar_lab.data import Clip
-    from echoavatar_lab.evaluation.behaviour import MUSIC, SPEECH
+    from echoavatar_lab.data import MUSIC, SPEECH, Clip
 
     if path.suffix.lower() == ".npz":
         return Clip.load(path)

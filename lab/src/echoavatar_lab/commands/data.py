@@ -147,7 +147,7 @@ def _preview(args: argparse.Namespace) -> int:
     from echoavatar.motion.kinematics.retarget import retarget
     from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
     from echoavatar_lab.data import Corpus
-    from echoavatar_lab.evaluation.sheet import contact_sheet, save_picture
+    from echoavatar_lab.evaluation.pictures import contact_sheet, save_picture
 
     try:
         args.output.mkdir(parents=True, exist_ok=True)
@@ -189,8 +189,7 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
     import numpy as np
 
     from echoavatar_lab.data import DOMAINS
-    from echoavatar_lab.evaluation.captured_people import PEOPLE
-    from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS, body_points, liveliness, windows
+    from echoavatar_lab.evaluation.metrics.liveliness import PEOPLE, STATISTICS, body_points, liveliness, windows
 
     found = {
         DOMAINS[domain]: [

@@ -2,20 +2,21 @@
 
 import argparse
 import json
-import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from tqdm import tqdm
 
 from echoavatar.cli.serve import DEVICE_HELP, RUNTIME_HELP
 from echoavatar.errors import EchoAvatarError
 
+from .progress import progress_bar
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from echoavatar_lab.evaluation.measures import Extractor
     from echoavatar_lab.evaluation.motion_folder import ReadOptions
-    from echoavatar_lab.evaluation.score import Extractor
+    from echoavatar_lab.evaluation.table import Row
 
 EXAMPLES = """examples:
   echoavatar score made true                              folders of motion with the same file names
@@ -75,81 +76,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Score, print a table, then one line of JSON."""
-    from echoavatar_lab.evaluation.score_row import as_json, as_text
+    from echoavatar_lab.evaluation.motion_folder import made_how
+    from echoavatar_lab.evaluation.report import read_embeddings, retrieval_rows
+    from echoavatar_lab.evaluation.table import as_json, as_text, draw
 
     if (args.made is None) != (args.true is None) or (args.made is None and not args.embeddings):
         raise EchoAvatarError("give two folders, MADE and TRUE; `echoavatar score --help` has examples")
-    if args.picture:
-        from echoavatar_lab.evaluation.score_picture import want_matplotlib
-
-        want_matplotlib()  # before any work
     if args.runtime and not args.model:
         raise EchoAvatarError("--runtime needs --model: motion that is there already is scored as it is")
     rows = _motion_rows(args) if args.made else []
-    how = _made_how(args)
     if args.embeddings:
-        from echoavatar_lab.evaluation.score_retrieval import read_embeddings, retrieval_rows
-
         rows += retrieval_rows(*read_embeddings(args.embeddings), seed=args.seed)
     if args.picture:
-        from echoavatar_lab.evaluation.score_picture import draw
-
         draw(rows, args.picture, title=f"{args.made or args.embeddings} against {args.true or 'chance'}")
     if not args.json:
-        if how:
+        if args.made:
+            how = made_how(args.made) or {"runtime": "unknown, made elsewhere"}
             print("; ".join(f"{key}: {value}" for key, value in how.items()))
         print(as_text(rows))
     print(json.dumps(as_json(rows)))
     return 0
 
 
-def _made_how(args: argparse.Namespace) -> dict[str, object]:
-    """What is known of how the motion was made: model, runtime, seed."""
-    from echoavatar_lab.evaluation.score_model import made_how
-
-    if args.made is None:
-        return {}
-    return made_how(args.made) or {"runtime": "unknown, made elsewhere"}
-
-
-def _make(args: argparse.Namespace, how: "ReadOptions", progress: "Callable[[int, int], None]") -> None:
-    from echoavatar.engine.pipeline import Pipeline, load_bundle
-    from echoavatar_lab.evaluation.score_model import make_motion
-
-    bundle = load_bundle(args.model).running(args.runtime or "default")
-    note = {"runtime": bundle.runtime.label, "model": bundle.name, "seed": args.seed}
-    pipeline = Pipeline(bundle, device=args.device)
-    make_motion(pipeline, note, args.true, args.made, how, seed=args.seed, progress=progress)
-
-
-def _motion_rows(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
-    from echoavatar_lab.evaluation.behaviour import MUSIC, SPEECH
+def _motion_rows(args: argparse.Namespace) -> "list[Row]":
+    from echoavatar_lab.data import DOMAINS
     from echoavatar_lab.evaluation.motion_folder import ReadOptions, read_pairs
-    from echoavatar_lab.evaluation.score import score
+    from echoavatar_lab.evaluation.report import score
 
     extractor = _extractor(args.extractor)
     how = ReadOptions(
         audio=args.audio,
         needs_audio=not args.no_audio,
-        kind={"speech": SPEECH, "music": MUSIC, None: None}[args.kind],
+        kind=DOMAINS.index(args.kind) if args.kind else None,
         is_common=args.common,
         is_resampling=args.resample,
         split=None if args.split == "all" else args.split,
     )
-    with tqdm(unit="clip", disable=not sys.stderr.isatty()) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.n = done
-            bar.refresh()
-
+    with progress_bar() as say:
         if args.model:
-            bar.set_description("making")
-            _make(args, how, progress)
-        bar.set_description("reading")
-        pairs = read_pairs(args.made, args.true, how, progress=progress)
-        bar.set_description("scoring")
-        return score(pairs, extractor, seed=args.seed, progress=progress)
+            _make(args, how, partial(say, "making"))
+        pairs = read_pairs(args.made, args.true, how, progress=partial(say, "reading"))
+        return score(pairs, extractor, seed=args.seed, progress=partial(say, "scoring"))
+
+
+def _make(args: argparse.Namespace, how: "ReadOptions", progress: "Callable[[int, int], None]") -> None:
+    from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar_lab.evaluation.motion_folder import make_motion
+
+    bundle = load_bundle(args.model).running(args.runtime or "default")
+    note = {"runtime": bundle.runtime.label, "model": bundle.name, "seed": args.seed}
+    pipeline = Pipeline(bundle, device=args.device)
+    make_motion(pipeline, note, args.true, args.made, how, seed=args.seed, progress=progress)
 
 
 def _extractor(name: str) -> "Extractor | None":

@@ -58,7 +58,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
 def _features(corpus: "Corpus", split: str) -> "list[Tensor]":
     import torch
 
-    from echoavatar_lab.evaluation.metrics.motion_features import motion_features
+    from echoavatar_lab.evaluation.metrics.motion_encoder import motion_features
 
     motions = (corpus.motion(name) for name in tqdm(corpus.names(split), desc="reading", unit="clip", leave=False))
     return [motion_features(torch.from_numpy(m.rotations), torch.from_numpy(m.root)) for m in motions]

@@ -1,6 +1,9 @@
 """A clip: a stretch of sound and the motion that goes with it, on our clock (24 kHz, 30 frames per second).
 
 Stored as one `.npz` without pickles: sound as 16-bit PCM (samples beyond +-1 are clipped), motion as float32.
+
+Clips are mirrored across the plane x = 0 to augment training data. With M = diag(-1, 1, 1), the mirrored rotation of a
+joint is M R M of the joint on the other side. The rest offsets of the rig must be symmetric too (`is_symmetric`).
 """
 
 import zipfile
@@ -12,13 +15,19 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import torch
+from jaxtyping import Float
 from numpy.typing import NDArray
+from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 DOMAINS = ("silence", "speech", "music")
+SILENCE, SPEECH, MUSIC = range(3)
 SPLITS = ("train", "val", "test")
 PCM = 32767.0
 _EVENT = "event."
@@ -86,6 +95,10 @@ class Clip:
         """Length in seconds."""
         return self.frames / FRAME_RATE_HZ
 
+    def motion(self, skeleton: Skeleton = HUMANOID) -> Motion:
+        """Its motion, on the rig of its corpus."""
+        return Motion(skeleton, self.rotations, self.root, float(FRAME_RATE_HZ))
+
     def save(self, path: Path | str) -> None:
         """Write to `.npz`, completely or not at all."""
         path = Path(path)
@@ -150,3 +163,44 @@ class open_clip:  # noqa: N801  used like `open`
             raise MotionError(f"clip {self.path} lacks {error.args[0]!r}; make the corpus again") from error
         if isinstance(error, _DAMAGE):
             raise MotionError(f"clip {self.path} is damaged ({error}); make the corpus again") from error
+
+
+def mirror_rotations(skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"]) -> Float[Tensor, "*n j 3 3"]:
+    """Parent-relative matrices of the mirrored pose."""
+    flip = rotations.new_tensor([-1.0, 1.0, 1.0])
+    return rotations[..., _pairs(skeleton), :, :] * flip[:, None] * flip
+
+
+def mirror_quaternions(skeleton: Skeleton, quaternions: Float[Tensor, "*n j 4"]) -> Float[Tensor, "*n j 4"]:
+    """Parent-relative quaternions `wxyz` of the mirrored pose."""
+    return quaternions[..., _pairs(skeleton), :] * quaternions.new_tensor([1.0, 1.0, -1.0, -1.0])
+
+
+def mirror_positions(positions: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3"]:
+    """Mirrored world positions, for example of the root."""
+    return positions * positions.new_tensor([-1.0, 1.0, 1.0])
+
+
+def mirror_features(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
+    """Motion features (Y up) of the mirrored clip. Only signs and places change, so this is exact."""
+    joints, pairs = list(skeleton.feature_joints), _pairs(skeleton)
+    if any(pairs[joint] not in joints for joint in joints):
+        raise ValueError("a joint and its mirror image must both belong to a body part")
+    travel = travel_slice(skeleton)
+    six = torch.cat([features[..., : travel.start], features[..., travel.stop :]], -1)
+    source = [joints.index(pairs[joint]) for joint in joints]
+    six = six.reshape(*six.shape[:-1], len(joints), 6)[..., source, :] * six.new_tensor([1, -1, -1, -1, 1, 1])
+    moved = features[..., travel] * features.new_tensor([-1.0, 1.0, 1.0])
+    six = six.flatten(-2)
+    return torch.cat([six[..., : travel.start], moved, six[..., travel.start :]], -1)
+
+
+def is_symmetric(skeleton: Skeleton, tolerance: float = 1e-4) -> bool:
+    """Whether the rest offsets of every mirror pair are reflections of each other (metres)."""
+    return bool((skeleton.offsets[_pairs(skeleton)] - mirror_positions(skeleton.offsets)).abs().max() <= tolerance)
+
+
+def _pairs(skeleton: Skeleton) -> list[int]:
+    if len(skeleton.config.mirror) != skeleton.joints:
+        raise ValueError("the skeleton has no mirror pairs, so left and right cannot be swapped")
+    return list(skeleton.config.mirror)

@@ -18,8 +18,7 @@ from echoavatar.motion.kinematics import HUMANOID, SkeletonConfig
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .clip import open_clip
-from .corpus import MIRROR, ClipEntry, Corpus, Manifest, can_mirror, save_manifest
-from .shards import ShardEntry, shard_path, write_shard
+from .corpus import MIRROR, ClipEntry, Corpus, Manifest, ShardEntry, can_mirror, save_manifest, shard_path, write_shard
 
 SHARD_FRAMES = 20 * 60 * FRAME_RATE_HZ
 Progress = Callable[[int, int], None]

@@ -18,7 +18,7 @@ from echoavatar.config import Config
 from echoavatar.errors import AudioError
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
-from .shards import checksum
+from .corpus import checksum
 
 MANIFEST = "sounds.json"
 

@@ -13,7 +13,7 @@ from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.data.statistics import wrist_speeds
-from echoavatar_lab.evaluation.sheet import contact_sheet, save_picture
+from echoavatar_lab.evaluation.pictures import contact_sheet, save_picture
 
 MOST_CLIPS = 200  # in the histograms, spread over the set
 LONGEST_S = 60.0  # used of each clip

@@ -21,8 +21,7 @@ from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
-from echoavatar_lab.data.corpus import count_domains
-from echoavatar_lab.data.shards import checksum
+from echoavatar_lab.data.corpus import checksum, count_domains
 from echoavatar_lab.data.statistics import describe
 from echoavatar_lab.foreign.smplx_reader import read_smplx
 

@@ -17,7 +17,7 @@ import numpy as np
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import write_wav
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar_lab.data.shards import checksum
+from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
 
 from .conversations import OWN, RULE, Script, conversations

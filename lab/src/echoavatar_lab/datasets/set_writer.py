@@ -19,8 +19,7 @@ from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.data import Corpus, Manifest, save_manifest
 from echoavatar_lab.data.clip import open_clip
-from echoavatar_lab.data.corpus import MIRROR, ClipEntry, can_mirror
-from echoavatar_lab.data.shards import write_shard
+from echoavatar_lab.data.corpus import MIRROR, ClipEntry, can_mirror, write_shard
 
 from .options import Options
 from .prepare_recording import Receipt, part_path

@@ -12,15 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline
-from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
+
+from .pictures import contact_sheet
+from .takes import joined
 
 BEGIN_CHUNKS = 8  # chunks of speech before the action
 NOSE_M = 0.25  # distance of the nose point from the head joint
@@ -84,7 +87,7 @@ def _run(pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str
         engine.tick()
         for chunks, session in zip(made, sessions, strict=True):
             chunks.extend(session)
-    off, *on = (_motion(pipeline.skeleton, chunks) for chunks in made)
+    off, *on = (joined(pipeline.skeleton, chunks) for chunks in made)
     begin = BEGIN_CHUNKS * pipeline.chunk.frames
     return [_score_action(name, off, motion, begin) for name, motion in zip(names, on, strict=True)]
 
@@ -146,6 +149,12 @@ def body_points(motion: Motion) -> Points:
     return np.asarray(points @ hips)
 
 
-def _motion(skeleton: Skeleton, chunks: Sequence[MotionChunk]) -> Motion:
-    whole = join(chunks)
-    return Motion(skeleton, whole.rotations, whole.root, float(FRAME_RATE_HZ))
+def sheet(acted: Sequence[ActionScore]) -> UInt8[np.ndarray, "h w 3"]:
+    """The body in the middle of each action's hold, side by side."""
+    rotations, root = (
+        np.stack([getattr(one.motion, part)[one.peak] for one in acted]) for part in ("rotations", "root")
+    )
+    root[:, [0, 2]] = 0
+    motion = Motion(acted[0].motion.skeleton, rotations, root, float(FRAME_RATE_HZ))
+    columns = min(5, len(acted))
+    return contact_sheet(motion, columns=columns, rows=-(-len(acted) // columns), every=1)

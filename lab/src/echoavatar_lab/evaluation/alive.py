@@ -1,63 +1,53 @@
-"""`echoavatar evaluate --alive`: how much the body moves and varies, beside people.
+"""`echoavatar evaluate BUNDLE alive`: how much the body moves and varies, beside people.
 
 The bundle performs recorded speech and music, stands in silence and listens. Every window of that motion is measured
 (`metrics.liveliness`), and so is captured motion, where the user has some. Shorter windows, half overlapping, are
 compared as sets: by a Fréchet distance and by how often a classifier tells ours from captured.
 """
 
-import csv
 import itertools
-import re
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
+from matplotlib.figure import Figure
 
-from echoavatar.engine import Engine, animate_many
+from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline
-from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.audio import read_audio
-from echoavatar.motion.formats import read_bvh
+from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.motion_chunk import MotionChunk, join
-from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.data.statistics import turned_feet
 
-from .captured_people import KINDS, LISTENING, MUSIC, PEOPLE, SILENCE, SPEECH
-from .metrics.discriminator import held_out_accuracy
-from .metrics.frechet import frechet_distance, scaled_by_truth
-from .metrics.liveliness import ROOM_S, STATISTICS, body_points, jerk, liveliness, windows
-from .motion_folder import AUDIO_SUFFIXES
+from . import takes as performed
+from .metrics.distributions import frechet_distance, held_out_accuracy, scaled_by_truth
+from .metrics.liveliness import (
+    KINDS,
+    LISTENING,
+    PEOPLE,
+    SILENCE,
+    SPEECH,
+    STATISTICS,
+    body_points,
+    jerk,
+    liveliness,
+    windows,
+)
+from .pictures import contact_sheet, save_figure
+from .takes import Sound, Take, joined
 
 QUIET_TAKES = 3  # of silence, and of listening
 COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
 SHOWN = (*STATISTICS, "jerk", "turned_feet")  # of each window of a take
+_MADE, _CAPTURED = "#1f5fa8", "#8a8a8a"
+_STILLS, _STILL_SIZE = 12, (90, 130)
 QUARTERS = 4  # parts of a lone clip, of which the classifier holds out one after the other
-_CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
 
 Statistics = dict[str, float]
-
-
-class Sound(NamedTuple):
-    """What the avatar performs, or what the user says while it listens."""
-
-    name: str
-    kind: str
-    group: str  # class of voice or music
-    audio: Float[np.ndarray, " s"]
-
-
-class Take(NamedTuple):
-    """Motion of a person or of the avatar."""
-
-    name: str
-    kind: str
-    group: str
-    motion: Motion
 
 
 @dataclass(frozen=True)
@@ -83,34 +73,6 @@ class AliveReport:
     told_apart: dict[str, float] = field(default_factory=dict)  # accuracy on held-out windows, and people's among them
 
 
-def read_sounds(
-    folder: Path, seconds: float, most: int, *, class_of: Callable[[dict[str, str]], str] | None = None
-) -> list[Sound]:
-    """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
-
-    A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
-    its test split is used; `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
-    music, and folders are classes. Voices of one class are joined until they last `seconds`; music is not. What stays
-    shorter than 20 s is left out.
-
-    Raises:
-        EchoAvatarError: nothing is left.
-    """
-    listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
-    for path, kind, group in _listed(folder, class_of or _class):
-        listed[kind, group].append(path)
-    shortest, found = min(float(ROOM_S), seconds), []
-    for kind in (SPEECH, MUSIC):
-        classes = [
-            _joined(paths, kind, group, seconds, shortest) for (of, group), paths in listed.items() if of == kind
-        ]
-        turns = itertools.zip_longest(*classes)  # one of each class, then the next of each
-        found += list(itertools.islice((sound for turn in turns for sound in turn if sound), most))
-    if not found:
-        raise EchoAvatarError(f"{folder} holds no speech or music of {shortest:g} s; give another --recordings")
-    return found
-
-
 def perform(
     pipeline: Pipeline,
     sounds: Sequence[Sound],
@@ -127,30 +89,10 @@ def perform(
         Sound(f"silence {n + 1}", SILENCE, "", np.zeros(int(seconds * SAMPLE_RATE_HZ), np.float32))
         for n in range(QUIET_TAKES)
     ]
-    played = [*sounds, *quiet]
-    seeds = range(seed, seed + len(played))
-    shown = animate_many(pipeline, [sound.audio for sound in played], seeds=seeds, progress=progress)
-    takes = [Take(*sound[:3], made.motion) for sound, made in zip(played, shown, strict=True)]
+    takes = performed.perform(pipeline, [*sounds, *quiet], seed=seed, progress=progress)
     users = [sound for sound in sounds if sound.kind == SPEECH][:QUIET_TAKES]
     heard = [_listening(pipeline, sound.audio, seed + number) for number, sound in enumerate(users)]
     return takes + [Take(f"listening to {s.name}", LISTENING, "", m) for s, m in zip(users, heard, strict=True)]
-
-
-def read_captured(folder: Path) -> list[Take]:
-    """Captured clips of at least 10 s whose path says "speech" or "conversation", "dance" or "idle"; by folder.
-
-    Raises:
-        EchoAvatarError: there is none, or one cannot be read.
-    """
-    takes, above = [], folder.resolve().parent
-    for path in sorted(folder.resolve().rglob("*.bvh")):
-        said = path.relative_to(above).as_posix().lower()
-        kind = next((kind for kind, words in _CAPTURED_WORDS.items() if any(word in said for word in words)), None)
-        if kind and (motion := read_bvh(path)).seconds >= COMPARED_S:
-            takes.append(Take(said, kind, path.parent.name, motion))
-    if not takes:
-        raise EchoAvatarError(f"{folder} holds no captured speech, dance or idle motion (.bvh); see docs/metrics.md")
-    return takes
 
 
 def measure(take: Take, seconds: float) -> Measured:
@@ -330,37 +272,6 @@ def as_json(found: AliveReport) -> dict[str, dict[str, float | None]]:
     }
 
 
-def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tuple[Path, str, str]]:
-    """Path, kind and class of every sound."""
-    if (manifest := folder / "manifest.csv").is_file():
-        with manifest.open(newline="", encoding="utf-8") as file:
-            rows = [row for row in csv.DictReader(file) if row.get("split", "test") == "test"]
-        return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
-    places = [path.relative_to(folder) for path in paths]
-    kinds = [MUSIC if "music" in place.as_posix().lower() else SPEECH for place in places]
-    return [(path, kind, place.parent.name) for path, kind, place in zip(paths, kinds, places, strict=True)]
-
-
-def _class(row: dict[str, str]) -> str:
-    """A genre, or a language and, where "(M, ...", "(F, ..." or German "(m31)", "(w08)" tells it, a sex."""
-    told = re.split(r"[,\[]", row["language_or_genre"])[0].strip()
-    sex = re.search(r"\(([MFmw])[,\d]", row["speaker_or_artist"]) if row["kind"] == SPEECH else None
-    return f"{told}, {'male' if sex[1] in 'Mm' else 'female'}" if sex else told
-
-
-def _joined(paths: Sequence[Path], kind: str, group: str, seconds: float, shortest: float) -> Iterable[Sound]:
-    """Sounds of a class, read when they are asked for."""
-    wanted, waiting = int(seconds * SAMPLE_RATE_HZ), np.zeros(0, np.float32)
-    for number, path in enumerate(paths, 1):
-        waiting = np.concatenate([waiting, read_audio(path)])[:wanted]
-        is_last = kind == MUSIC or number == len(paths)
-        if len(waiting) == wanted or (is_last and len(waiting) >= shortest * SAMPLE_RATE_HZ):
-            yield Sound(path.stem, kind, group, waiting)
-        if len(waiting) == wanted or is_last:
-            waiting = np.zeros(0, np.float32)
-
-
 def _listening(pipeline: Pipeline, user: Float[np.ndarray, " s"], seed: int) -> Motion:
     """Motion in silence while the user speaks."""
     size, made = pipeline.chunk.samples, list[MotionChunk]()
@@ -369,11 +280,44 @@ def _listening(pipeline: Pipeline, user: Float[np.ndarray, " s"], seed: int) -> 
             session.listen(user[at : at + size])
             session.push(np.zeros(size, np.float32))
             made.extend(session)
-    whole = join(made)
-    return Motion(pipeline.skeleton, whole.rotations, whole.root, float(FRAME_RATE_HZ))
+    return joined(pipeline.skeleton, made)
 
 
 def _table(side: Sequence[Measured]) -> tuple[Float[np.ndarray, "n d"], list[str]]:
     rows = [(list(row.values()), one.take.name) for one in side for row in one.compared]
     kept = [(values, name) for values, name in rows if np.isfinite(values).all()]
     return np.array([values for values, _ in kept]).reshape(-1, len(STATISTICS)), [name for _, name in kept]
+
+
+def sheet(takes: Sequence[Take]) -> UInt8[np.ndarray, "h w 3"]:
+    """A row of twelve stills for each take, in the order of the takes."""
+    rows = [contact_sheet(take.motion, columns=_STILLS, rows=1, size=_STILL_SIZE) for take in takes]
+    return np.concatenate(rows)
+
+
+def draw(found: AliveReport, path: Path) -> None:
+    """Write a panel for each statistic: a dot for each window, grey for captured ones, a bar for people's range.
+
+    Raises:
+        EchoAvatarError: the picture cannot be written.
+    """
+    figure = Figure(figsize=(10.0, 7.5), layout="constrained")
+    for axis, (name, unit) in zip(figure.subplots(3, 3).flat, STATISTICS.items(), strict=True):
+        for place, kind in enumerate(KINDS):
+            mean, low, high = PEOPLE[kind][name]
+            axis.vlines(place, low, high, color="#d9d9d9", lw=16)
+            axis.hlines(mean, place - 0.22, place + 0.22, color="#5c5c5c", lw=1.5)
+            _dots(axis, place + 0.13, found.captured, captured_kind(kind), name, _CAPTURED)
+            _dots(axis, place - 0.13, found.made, kind, name, _MADE)
+        axis.set_xticks(range(len(KINDS)), KINDS, fontsize=8)
+        axis.set_title(f"{name}{f' ({unit})' if unit else ''}", fontsize=9)
+        axis.tick_params(axis="y", labelsize=8)
+    figure.suptitle(
+        "blue: windows of the bundle; grey dots: captured; bar and line: range and mean of people", fontsize=9
+    )
+    save_figure(figure, path)
+
+
+def _dots(axis: Any, place: float, measured: Sequence[Measured], kind: str, name: str, colour: str) -> None:
+    values = [row[name] for one in measured if one.take.kind == kind for row in one.windows]
+    axis.plot([place] * len(values), values, "o", color=colour, ms=3.5, alpha=0.6, mew=0)

@@ -1,4 +1,4 @@
-"""`echoavatar evaluate --domains`: how often the body dances to speech, and gestures to music.
+"""`echoavatar evaluate BUNDLE domains`: how often the body dances to speech, and gestures to music.
 
 Paper, Discussions: male speech is taken for song, and the avatar dances. Measured here: a frame is danced if the ankles
 travel faster than `ANKLES` in the mean over the two seconds around it. It is gestured if it is not danced and the
@@ -17,16 +17,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import uniform_filter1d
 
-from echoavatar.engine import animate_many
-from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion
 
-from . import alive
-from .alive import Sound, Take
-from .captured_people import MUSIC, SPEECH
-from .metrics.liveliness import body_points, foot_paths, hand_paths, path_speed
+from . import takes
+from .metrics.liveliness import MUSIC, SPEECH, body_points, foot_paths, hand_paths, path_speed
+from .takes import Sound, Take, told_by_path
 
 AROUND_S = 2.0
 ANKLES = 0.60  # metres a second, of a body whose head joint is 1.5 m above its ankles
@@ -97,14 +94,14 @@ def danced_gestured(found: Pace, chosen: Limits = DEFAULT) -> tuple[np.ndarray, 
 
 
 def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
-    """The sounds of `alive.read_sounds` by classes of voice, and up to three mixtures of speech and music, twice.
+    """The sounds of `takes.read_sounds` by classes of voice, and up to three mixtures of speech and music, twice.
 
     Music is as loud as the voice, and 12 dB quieter.
 
     Raises:
         EchoAvatarError: no sound is left.
     """
-    sounds = alive.read_sounds(folder, seconds, most, class_of=voice)
+    sounds = takes.read_sounds(folder, seconds, most, class_of=voice)
     spoken, played = ([sound for sound in sounds if sound.kind == kind] for kind in (SPEECH, MUSIC))
     mixed = []
     for below, (one, other) in product(BELOW_DB, zip(spoken[:MIXED], played[:MIXED], strict=False)):
@@ -132,12 +129,6 @@ def voice(row: dict[str, str]) -> str:
     return f"{'male' if sex[1] in ('M', 'm') else 'female'}, {manner}" if sex else f"sex not told, {manner}"
 
 
-def perform(pipeline: Pipeline, sounds: Sequence[Sound], *, seed: int = 0) -> list[Take]:
-    """The avatar's motion to the sounds, each with a seed of its own."""
-    made = animate_many(pipeline, [sound.audio for sound in sounds], seeds=range(seed, seed + len(sounds)))
-    return [Take(*sound[:3], one.motion) for sound, one in zip(sounds, made, strict=True)]
-
-
 def read_people(folder: Path, *, progress: Callable[[int, int], None] | None = None) -> list[Person]:
     """Captured takes of at least 2 s whose path says what they are: "dance", "idle", "talk", "speech", "gesture".
 
@@ -146,10 +137,8 @@ def read_people(folder: Path, *, progress: Callable[[int, int], None] | None = N
     Raises:
         EchoAvatarError: there are no dancers, nobody who talks, or nobody who waits; or a file cannot be read.
     """
-    found, above, paths = [], folder.resolve().parent, sorted(folder.resolve().rglob("*.bvh"))
-    for done, path in enumerate(paths, 1):
-        said = path.relative_to(above).as_posix().lower()
-        kind = next((kind for kind, words in _WORDS.items() if any(word in said for word in words)), None)
+    found, paths = [], told_by_path(folder, _WORDS)
+    for done, (path, _, kind) in enumerate(paths, 1):
         if kind and (motion := read_bvh(path)).seconds >= AROUND_S:
             performer = f"{path.parent.name}/{path.stem.partition('_')[0]}"
             try:
@@ -196,9 +185,9 @@ def held_out(people: Sequence[Person]) -> list[Shares]:
     ]
 
 
-def shares(takes: Iterable[Take]) -> list[Shares]:
+def shares(performed: Iterable[Take]) -> list[Shares]:
     """The shares of every class, and of each kind as a whole (class "all"), in order of kind and class."""
-    kept = [(take, danced_gestured(pace(take.motion))) for take in takes]
+    kept = [(take, danced_gestured(pace(take.motion))) for take in performed]
     groups = dict.fromkeys((take.kind, group) for take, _ in kept for group in ("all", take.group) if group)
     rows = []
     for kind, group in sorted(groups, key=lambda key: (key[0], key[1] != "all", key[1])):

@@ -20,7 +20,7 @@ from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import angle_between
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .metrics.frechet import frechet_distance
+from .metrics.distributions import frechet_distance
 
 _TIPS = {HUMANOID.index(name): tip for name, tip in HUMANOID.config.tips.items() if HUMANOID.index(name) in FINGERS}
 _HANDS = HUMANOID.indices(("leftHand", "rightHand"))

@@ -1,11 +1,15 @@
-"""Reads motion, true or made, with its audio, matched by file name: sets and folders of files alike.
+"""Reads motion, true or made, with its audio, matched by file name: sets and folders of files alike; and makes it.
 
 A set is a corpus of either format (`data rehearse`, `data prepare`, `data merge`), of which one split is taken. A
 file is `.bvh` of any known rig, `.npz` (a clip, output of `animate`, or SMPL-X parameters as EMAGE writes them) or
 `.pkl` (SMPL parameters as EDGE writes them). All of it is converted to our rig. Audio comes from a folder of its own,
 from the clip itself, or from a file of the same name next to the motion.
+
+A bundle makes a clip for the sound of every true clip, with a note of how (`made.json`: model, runtime and seed). A
+folder is never mixed: with other values it is refused. `score` prints the note of the folder that it scores.
 """
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,22 +18,24 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Integer
 
+from echoavatar.engine import animate_many
+from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.tables import NpzArrays, read_npz
+from echoavatar.motion.formats.tables import NpzArrays, read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar_lab.data import Clip, Corpus
+from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.foreign.smpl_pickle import read_smpl_pickle
 from echoavatar_lab.foreign.smplx_reader import read_smplx
-
-from .behaviour import MUSIC, SPEECH
+from echoavatar_lab.models.audio.recorded_files import AUDIO_SUFFIXES
 
 MOTION_SUFFIXES = (".npz", ".bvh", ".pkl")
-AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".m4a", ".opus")
+NOTE = "made.json"
+BATCH = 16
 MADE, TRUE = "res_", "gt_"  # EMAGE writes both into one folder, before the clip's name
 EDGES = "test_"  # EDGE writes this before the song's name
 _LONGEST_GAP_S = 0.5  # allowed difference in length between audio and motion
@@ -281,3 +287,59 @@ def _want_same(here: Path, own: Mapping[str, Take], there: Path, others: Mapping
             f"{here} lacks {len(missing)} of the {len(others)} clips in {there}, for example {missing[0]};"
             " make the rest, or pass --common to score what both have"
         )
+
+
+def make_motion(
+    pipeline: Pipeline,
+    note: Mapping[str, object],
+    true: Path,
+    folder: Path,
+    how: ReadOptions,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write `NAME.npz` (our rig or the bundle's, 30 fps) for each true clip's sound; return how many were new.
+
+    Clip k, in order of names, has the seed `seed` + k. Run it again to continue.
+
+    Raises:
+        MotionError: the folder holds motion that was made otherwise.
+        AudioError: a clip has no sound.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted, known = json.loads(json.dumps(dict(note))), made_how(folder)
+    if known is None and any(folder.glob("*.npz")):
+        raise MotionError(f"{folder} holds motion without {NOTE}, made elsewhere; name a new folder, or drop --model")
+    if known is not None and known != wanted:
+        raise MotionError(f"{folder} was made with {known}, now asked for {wanted}; name another folder")
+    (folder / NOTE).write_text(json.dumps(wanted) + "\n", encoding="utf-8")
+    there = takes(true, how.split)
+    left = [(number, name) for number, name in enumerate(there) if not (folder / f"{name}.npz").exists()]
+    for first in range(0, len(left), BATCH):
+        part = left[first : first + BATCH]
+        sounds = [sound_of(name, there[name], how) for _, name in part]
+        made = animate_many(pipeline, sounds, seeds=[seed + number for number, _ in part])
+        for (_, name), one in zip(part, made, strict=True):
+            write_npz(folder / f"{name}.npz", one.motion)
+        if progress:
+            progress(first + len(part), len(left))
+    return len(left)
+
+
+def made_how(folder: Path) -> dict[str, object] | None:
+    """The note of a folder; None where it has none, as of other systems.
+
+    Raises:
+        MotionError: the note is damaged.
+    """
+    path = folder / NOTE
+    if not path.is_file():
+        return None
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise MotionError(f"{path} is damaged ({error}); remove it") from error
+    if not isinstance(found, dict):
+        raise MotionError(f"{path} is not a note of `score --model`; remove it")
+    return found

@@ -1,36 +1,58 @@
-"""`echoavatar evaluate`: all scores of a bundle on held-out audio and motion.
+"""The rows of the table: of generated beside true motion (`score`), of a bundle (`evaluate`), and of retrieval.
 
-Held-out rehearsal clips have true motion to compare with; recordings (without) show whether the behaviour carries over.
+A bundle performs held-out clips, which have true motion to compare with, and recordings, which have none and show
+whether the behaviour carries over.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import zipfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import torch
+from jaxtyping import Float, Int
 
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Bundle, Pipeline
-from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Skeleton
-from echoavatar.motion.kinematics.contact import planted, skate
-from echoavatar.motion.kinematics.features import from_features, travel_slice
-from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar_lab.data import Clip
-from echoavatar_lab.models.tokenize import clip_features
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.models.fingers.clips import on_our_rig
+from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
+from echoavatar_lab.data import MUSIC, SILENCE, SPEECH, Clip
 
-from . import beats, behaviour
-from .behaviour import MUSIC, SILENCE, SPEECH, Track
-from .metrics.audio_events import music_beats, speech_onsets
-from .metrics.dance_alignment import dance_beats
-from .metrics.gesture_alignment import ARM_JOINTS, STROKE_DELAY_S, gesture_beats
-from .metrics.physical import jerk_m_s3
-from .reconstruction import codebook_use, reconstruction
-from .reliance import reliance, token_clips
+from .beat_rows import ClipAudio, alignment_row, dance_rows, event_rows, gesture_rows
+from .codes import reconstruction_rows, reliance, reliance_rows, token_clips
+from .measures import (
+    UNITS,
+    ClipMeasurements,
+    Extractor,
+    Track,
+    border_ratio,
+    border_speed_ratio,
+    by_domain,
+    clip_statistics,
+    hand_speed_m_s,
+    leg_energy,
+    measure_clip,
+    track,
+)
+from .metrics.beat_alignment import ARM_JOINTS, dance_beats, gesture_beats, music_beats, speech_onsets
+from .metrics.distributions import Moments, frechet_between, pooled
+from .metrics.liveliness import STATISTICS
+from .metrics.positions import Reconstruction, reconstruction
+from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
+from .motion_folder import Pair
+from .table import Interval, Row, interval, mean_interval, mean_rows, row_of_means
 
-Progress = Callable[[str, int, int], None]
+FID_SAMPLES = 300
+MIN_FRAMES = 8
 SEED_STRIDE = 100  # difference between the seeds of two performances
+SHOWN_KS = (1, 5, 10)
+_RETRIEVAL_SAMPLES = 1000
+Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -39,7 +61,92 @@ class Recording:
 
     name: str
     kind: int  # SPEECH or MUSIC
-    audio: np.ndarray
+    audio: Float[np.ndarray, " s"]
+
+
+# ---- motion beside true motion
+
+
+def score(
+    pairs: Sequence[Pair], extractor: Extractor | None, *, seed: int = 0, progress: Progress | None = None
+) -> list[Row]:
+    """All rows; without audio those that need it are left out, without an extractor FID.
+
+    Raises:
+        MotionError: there is no clip, or one is too short.
+    """
+    if not pairs:
+        raise MotionError("there is no clip to score; give folders with motion")
+    made, true = [], []
+    for done, pair in enumerate(pairs, 1):
+        if pair.made.frames < MIN_FRAMES:
+            raise MotionError(f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out")
+        made.append(measure_clip(pair.made, extractor))
+        true.append(measure_clip(pair.true, extractor))
+        if progress is not None:
+            progress(done, len(pairs))
+    latents = [[clip.latents for clip in side if clip.latents] for side in (made, true)]
+    rows = [fid_row(*latents, seed=seed)] if extractor else []
+    if all(pair.audio is not None for pair in pairs):
+        heard = [ClipAudio(pair.audio, pair.domain) for pair in pairs if pair.audio is not None]
+        places, truths = [clip.positions for clip in made], [clip.positions for clip in true]
+        rows += gesture_rows(heard, places, truths, seed=seed) + dance_rows(heard, places, truths, seed=seed)
+    rows += clip_rows(made, true, seed=seed) + liveliness_rows(pairs, seed=seed)
+    weights = np.array([pair.made.frames for pair in pairs], float)
+    errors = np.array([_errors(pair) for pair in pairs]).T
+    for name, unit, column in zip(
+        ("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), errors, strict=True
+    ):
+        rows.append(row_of_means(name, unit, column, weights=weights, seed=seed))
+    return rows
+
+
+def clip_rows(
+    made: Sequence[ClipMeasurements], true: Sequence[ClipMeasurements] | None = None, *, seed: int = 0
+) -> list[Row]:
+    """The rows of `UNITS`: means over clips weighted by length, of the skate by the frames of planted feet."""
+
+    def row(name: str, clips: Sequence[ClipMeasurements]) -> Row:
+        weights = np.array([clip.planted if name == "skate" else len(clip.positions) for clip in clips], float)
+        return row_of_means(name, UNITS[name], np.array([c.numbers[name] for c in clips]), weights=weights, seed=seed)
+
+    rows = [row(name, made) for name in UNITS]
+    return rows if true is None else [own._replace(truth=row(own.name, true).value) for own in rows]
+
+
+def liveliness_rows(pairs: Sequence[Pair], *, seed: int = 0) -> list[Row]:
+    """A row for each statistic of `metrics.liveliness`: means over windows of 30 s; shorter clips are one window."""
+    made = np.array([clip_statistics(pair.made) for pair in pairs])
+    true = np.array([clip_statistics(pair.true) for pair in pairs])
+    weights = np.array([pair.made.frames for pair in pairs], float)
+    return [
+        row_of_means(name, unit, made[:, column], truths=true[:, column], weights=weights, seed=seed)
+        for column, (name, unit) in enumerate(STATISTICS.items())
+    ]
+
+
+def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0) -> Row:
+    """FID with its interval over clips drawn jointly on both sides; `truth` compares two halves of the true clips."""
+
+    def distance(clips: Sequence[int] | np.ndarray) -> float:
+        return frechet_between(pooled([ours[k] for k in clips]), pooled([theirs[k] for k in clips]))
+
+    ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
+    ends = Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends  # centring can shift it below zero
+    row = Row("fid", "", distance(range(len(ours))), ends)
+    if len(theirs) < 2:
+        return row
+    return row._replace(truth=frechet_between(pooled(theirs[::2]), pooled(theirs[1::2])))
+
+
+def _errors(pair: Pair) -> Reconstruction:
+    steps = [
+        torch.from_numpy(np.diff(m.root[:, [0, 2]], axis=0, prepend=m.root[:1, [0, 2]])) for m in (pair.true, pair.made)
+    ]
+    return reconstruction(HUMANOID, pair.true.matrices(), pair.made.matrices(), *steps)
+
+
+# ---- a bundle
 
 
 def evaluate(
@@ -47,154 +154,152 @@ def evaluate(
     clips: Sequence[Clip],
     recordings: Sequence[Recording] = (),
     *,
+    extractor: Extractor | None = None,
     seed: int = 0,
     repeats: int = 1,
-    progress: Progress | None = None,
-) -> dict[str, float]:
-    """All scores of a bundle by name, with chance levels and the truth's values; names carry the units.
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Row]:
+    """All rows of a bundle: its codes, its use of the audio, all of `score`, behaviour by domain, timing, recordings.
 
-    Every clip is performed `repeats` times with different seeds, and the motion scores cover all performances.
+    Every clip is performed `repeats` times with different seeds; values, and the ends of intervals, are means over the
+    performances.
     """
     say = progress or (lambda what, done, total: None)
-    scores = reconstruction_scores(bundle.tokenizer, clips)
-    scores |= reliance(bundle.generator, token_clips(bundle, clips))
-    pipeline = Pipeline(bundle)
-    seeds = [seed + SEED_STRIDE * again + number for again in range(repeats) for number in range(len(clips))]
-    clips = [*clips] * repeats
-    shown = animate_many(pipeline, [clip.audio for clip in clips], seeds=seeds, progress=partial(say, "held-out clips"))
-    made = [
-        behaviour.track(bundle.skeleton, motion.rotations, motion.root, clip.domain)
-        for (motion, *_), clip in zip(shown, clips, strict=True)
-    ]
-    truth = [behaviour.track(bundle.skeleton, clip.rotations, clip.root, clip.domain) for clip in clips]
-    scores |= behaviour_scores(bundle, made, truth)
-    scores |= beat_scores(bundle.skeleton, clips, {"": made, "_truth": truth})
-    scores |= recording_scores(pipeline, bundle, recordings, seed=seed, say=say)
-    return scores
+    rows = reconstruction_rows(bundle.tokenizer, clips, seed=seed)
+    rows += reliance_rows(reliance(bundle.generator, token_clips(bundle, clips)))
+    pipeline, count = Pipeline(bundle), len(clips)
+    shown = animate_many(
+        pipeline,
+        [clip.audio for clip in clips] * repeats,
+        seeds=[seed + SEED_STRIDE * again + number for again in range(repeats) for number in range(count)],
+        progress=partial(say, "held-out clips"),
+    )
+    truths = [on_our_rig(clip.motion(bundle.skeleton)) for clip in clips]
+    truth = [track(motion, clip.domain) for motion, clip in zip(truths, clips, strict=True)]
+    tables = []
+    for again in range(repeats):
+        performed = [on_our_rig(one.motion) for one in shown[again * count : (again + 1) * count]]
+        made = [track(motion, clip.domain) for motion, clip in zip(performed, clips, strict=True)]
+        pairs = [
+            Pair(clip.name, motion, true, clip.audio, clip.domain)
+            for clip, motion, true in zip(clips, performed, truths, strict=True)
+        ]
+        table = score(pairs, extractor, seed=seed, progress=partial(say, "measuring"))
+        tables.append(table + behaviour_rows(made, truth, bundle.chunk) + event_rows(clips, made, truth, seed=seed))
+    return rows + mean_rows(tables) + recording_rows(pipeline, recordings, seed=seed, say=say)
 
 
-def reconstruction_scores(tokenizer: BodyTokenizer, clips: Sequence[Clip]) -> dict[str, float]:
-    """Reconstruction errors weighted by length, and the use of the least used layer-0 codebook."""
-    skeleton, travel = tokenizer.skeleton, travel_slice(tokenizer.skeleton)
-    rows, codes = [], []
-    for clip in clips:
-        features = clip_features(tokenizer, clip)
-        with torch.inference_mode():
-            coded = tokenizer.encode(features[None])
-            rebuilt = tokenizer.decode(coded)[0]
-        codes.append(coded[0])
-        rows.append(
-            reconstruction(
-                skeleton,
-                from_features(skeleton, features).rotations,
-                from_features(skeleton, rebuilt).rotations,
-                features[:, travel][:, :2],
-                rebuilt[:, travel][:, :2],
-            )
-        )
-    mean = np.average(np.array(rows), axis=0, weights=[clip.frames for clip in clips])
-    use = codebook_use(torch.cat(codes), tokenizer.config.codes)[:, 0]
-    names = ("mpjpe_body_mm", "mpjpe_hands_mm", "root_velocity_mm")
-    return dict(zip(names, map(float, mean), strict=True)) | {"codebook_use_min": float(use.min())}
+def behaviour_rows(made: Sequence[Track], truth: Sequence[Track] | None, chunk: ChunkSize) -> list[Row]:
+    """Energy by domain, stillness in silence, fastest joint and chunk borders, with the truth's own values."""
+    values = _behaviour(made, chunk)
+    truths = _behaviour(truth, chunk) if truth else {}
+    return [Row(*key, value, truth=truths.get(key, float("nan"))) for key, value in values.items()]
 
 
-def behaviour_scores(bundle: Bundle, made: Sequence[Track], truth: Sequence[Track]) -> dict[str, float]:
-    """Energy by domain, stillness, feet, smoothness; the truth's own values as `..._truth`."""
-    scores: dict[str, float] = {}
-    for suffix, clips in (("", made), ("_truth", truth)):
-        scores |= {key + suffix: value for key, value in _behaviour(bundle, clips).items()}
-    scores["jerk_ratio"] = scores["jerk_m_s3"] / scores["jerk_m_s3_truth"]
-    return scores
-
-
-def _behaviour(bundle: Bundle, clips: Sequence[Track]) -> dict[str, float]:
-    names = bundle.skeleton.names
-    legs = [0, *(i for i, name in enumerate(names) if name.endswith(("LowerLeg", "Foot", "Toes")))]
-    hands = [names.index("leftHand"), names.index("rightHand")]
-    energy = [behaviour.leg_energy(clip, legs) for clip in clips]
-    speed = [behaviour.hand_speed_m_s(clip, hands) for clip in clips]
-    balls = list(bundle.skeleton.config.feet)[1::2]  # the ankle may swing over a planted ball; the ball must not move
-    standing = bundle.skeleton.rest_positions[balls, 1].numpy()
-    sliding, weight = [], []
-    for clip in clips:
-        positions = clip.positions[:, balls]
-        sliding.append(skate(positions, FRAME_RATE_HZ, standing_height=standing))
-        weight.append(float(planted(positions, FRAME_RATE_HZ, standing_height=standing).sum()) + 1e-6)
+def _behaviour(clips: Sequence[Track], chunk: ChunkSize) -> dict[tuple[str, str], float]:
+    """By name and unit."""
+    legs = [0, *(i for i, name in enumerate(HUMANOID.names) if name.endswith(("LowerLeg", "Foot", "Toes")))]
+    energy = [leg_energy(clip, legs) for clip in clips]
+    speed = [hand_speed_m_s(clip, HUMANOID.indices(("leftHand", "rightHand"))) for clip in clips]
+    in_speech = by_domain(speed, clips, SPEECH)
     return {
-        "leg_energy_music_over_speech": behaviour.by_domain(energy, clips, MUSIC)
-        / behaviour.by_domain(energy, clips, SPEECH),
-        "silence_hand_speed_ratio": behaviour.by_domain(speed, clips, SILENCE)
-        / behaviour.by_domain(speed, clips, SPEECH),
-        "hand_speed_speech_m_s": behaviour.by_domain(speed, clips, SPEECH),
-        "hand_speed_music_m_s": behaviour.by_domain(speed, clips, MUSIC),
-        "skate_cm_s": float(np.average(sliding, weights=weight)),
-        "jerk_m_s3": float(np.mean([jerk_m_s3(clip.positions) for clip in clips])),
-        "max_joint_deg_s": float(max(clip.angular_speed.max() for clip in clips)),
-        "border_speed_ratio": behaviour.border_speed_ratio(clips, bundle.chunk),
-        "border_ratio": behaviour.border_ratio(clips, bundle.chunk),
+        ("leg_energy_music_over_speech", ""): by_domain(energy, clips, MUSIC) / by_domain(energy, clips, SPEECH),
+        ("silence_hand_speed_ratio", ""): by_domain(speed, clips, SILENCE) / in_speech,
+        ("hand_speed_speech", "m/s"): in_speech,
+        ("hand_speed_music", "m/s"): by_domain(speed, clips, MUSIC),
+        ("max_joint_speed", "deg/s"): float(max(clip.angular_speed.max() for clip in clips)),
+        ("border_speed_ratio", ""): border_speed_ratio(clips, chunk),
+        ("border_ratio", ""): border_ratio(clips, chunk),
     }
 
 
-def beat_scores(skeleton: Skeleton, clips: Sequence[Clip], motions: Mapping[str, Sequence[Track]]) -> dict[str, float]:
-    """BA on stressed syllables and on music beats, with chance levels; names end in the keys of `motions`."""
-    arms = skeleton.indices(ARM_JOINTS)
-    onsets = [clip.events.get("stress", np.zeros(0)) + STROKE_DELAY_S for clip in clips]
-    events = {"onset": onsets}
-    events["beat"] = [clip.events.get("beats", np.zeros(0)) for clip in clips]
-    scores: dict[str, float] = {}
-    for suffix, tracks in motions.items():
-        found = {
-            "onset": [gesture_beats(track.positions[:, arms]) for track in tracks],
-            "beat": [[dance_beats(track.positions)] for track in tracks],
-        }
-        for kind, times in events.items():
-            own, chance = beats.alignment_and_chance(times, found[kind])
-            scores[f"ba_{kind}{suffix}"], scores[f"ba_{kind}_chance{suffix}"] = own, chance
-        scores |= {key + suffix: value for key, value in _timing(clips, tracks, arms).items()}
-    return scores
-
-
-def _timing(clips: Sequence[Clip], tracks: Sequence[Track], arms: Sequence[int]) -> dict[str, float]:
-    """Speed of the arms on stressed syllables over that after them; speed of the body on beats over its mean."""
-
-    def around(event: str, joints: slice | list[int], seconds: tuple[float, float]) -> float:
-        shares = [
-            beats.speed_around(
-                (track.positions - track.positions[:, :1])[:, joints], clip.events.get(event, np.zeros(0)), seconds
-            )
-            for clip, track in zip(clips, tracks, strict=True)
-        ]
-        joined = np.concatenate(shares)
-        return float(joined.mean()) if len(joined) else float("nan")
-
-    stroke, after = (around("stress", list(arms), span) for span in ((-0.1, 0.07), (0.17, 0.43)))
-    return {"stroke_contrast": stroke / after, "beat_dip": around("beats", slice(None), (0.0, 0.04))}
-
-
-def recording_scores(
-    pipeline: Pipeline, bundle: Bundle, recordings: Sequence[Recording], *, seed: int, say: Progress
-) -> dict[str, float]:
-    """Scores on real speech and music: does the body dance to music only, and on the beats that librosa finds?"""
+def recording_rows(
+    pipeline: Pipeline,
+    recordings: Sequence[Recording],
+    *,
+    seed: int = 0,
+    say: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> list[Row]:
+    """Real speech and music: does the body dance to music only, and on the beats that librosa finds?"""
     if not recordings:
-        return {}
-    arms = bundle.skeleton.indices(ARM_JOINTS)
+        return []
     shown = animate_many(
         pipeline,
         [recording.audio for recording in recordings],
         seeds=range(seed, seed + len(recordings)),
         progress=partial(say, "recordings"),
     )
-    tracks, events = [], []
-    for (motion, *_), recording in zip(shown, recordings, strict=True):
-        domain = np.full(motion.frames, recording.kind, np.uint8)
-        tracks.append(behaviour.track(bundle.skeleton, motion.rotations, motion.root, domain))
-        detect = speech_onsets if recording.kind == SPEECH else music_beats
-        events.append(detect(recording.audio, SAMPLE_RATE_HZ))
-    scores = {f"recordings_{key}": value for key, value in _behaviour(bundle, tracks).items()}
-    for kind, name in ((SPEECH, "onset"), (MUSIC, "beat")):
-        picked = [i for i, recording in enumerate(recordings) if recording.kind == kind]
-        places = [tracks[i].positions for i in picked]
-        found = [gesture_beats(p[:, arms]) if kind == SPEECH else [dance_beats(p)] for p in places]
-        own, chance = beats.alignment_and_chance([events[i] for i in picked], found)
-        scores[f"recordings_ba_{name}"], scores[f"recordings_ba_{name}_chance"] = own, chance
-    return scores
+    motions = [on_our_rig(one.motion) for one in shown]
+    tracks = [track(m, np.full(m.frames, one.kind, np.uint8)) for m, one in zip(motions, recordings, strict=True)]
+    rows = clip_rows([measure_clip(motion) for motion in motions], seed=seed)
+    rows += behaviour_rows(tracks, None, pipeline.chunk)
+    arms = HUMANOID.indices(ARM_JOINTS)
+    for kind, name in ((SPEECH, "ba_onset"), (MUSIC, "ba_beat")):
+        picked = [(one.audio, own.positions) for one, own in zip(recordings, tracks, strict=True) if one.kind == kind]
+        detect = speech_onsets if kind == SPEECH else music_beats
+        events = [detect(audio, SAMPLE_RATE_HZ) for audio, _ in picked]
+        found = [gesture_beats(p[:, arms]) if kind == SPEECH else [dance_beats(p)] for _, p in picked]
+        rows.append(alignment_row(name, events, found, seed=seed))
+    return [row._replace(name=f"recordings_{row.name}") for row in rows]
+
+
+# ---- retrieval
+
+
+def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
+    """Arrays `audio` and `motion` of an `.npz`, one pair a row.
+
+    Raises:
+        EchoAvatarError: missing, damaged, of different shapes, or not finite.
+    """
+    try:
+        with NpzArrays(path) as stored:
+            audio, motion = stored["audio"], stored["motion"]
+    except FileNotFoundError as error:
+        raise EchoAvatarError(f"{path} does not exist; check the name") from error
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise EchoAvatarError(f"{path} holds no arrays `audio` and `motion`; write them with np.savez") from error
+    if audio.shape != motion.shape or audio.ndim != 2 or len(audio) < 2:
+        raise EchoAvatarError(
+            f"{path}: audio {audio.shape} and motion {motion.shape} must both be (pairs, size), two pairs or more"
+        )
+    if not (np.isfinite(audio).all() and np.isfinite(motion).all()):
+        raise EchoAvatarError(f"{path} holds values that are not finite; make the embeddings again")
+    return audio, motion
+
+
+def retrieval_rows(audio: Float[np.ndarray, "n d"], motion: Float[np.ndarray, "n d"], *, seed: int = 0) -> list[Row]:
+    """Retrieval of motion by audio and back, among all pairs and in one gallery of 300, with chance and intervals.
+
+    R@K and MRR in percent, MedR in ranks; `a2m` queries motion with audio. Intervals are over queries.
+    """
+    every = similarity(audio, motion)
+    rows = _gallery_rows(every, "all", seed)
+    if len(every) > PAPER_GALLERY:
+        chosen = np.random.default_rng(seed).permutation(len(every))[:PAPER_GALLERY]
+        rows += _gallery_rows(every[np.ix_(chosen, chosen)], str(PAPER_GALLERY), seed)
+    return rows
+
+
+def _gallery_rows(matrix: Float[np.ndarray, "n n"], gallery: str, seed: int) -> list[Row]:
+    rows, guess = [], chance(len(matrix), SHOWN_KS)
+    for way, similarities in (("a2m", matrix), ("m2a", matrix.T)):
+        rank = ranks(similarities)
+        for k in SHOWN_KS:
+            rows.append(_percent_row(f"{way}_r{k}_{gallery}", (rank < k) * 100.0, guess.recall[k], seed))
+        middle = _median_rank(rank, np.arange(len(rank)))
+        ends = interval(partial(_median_rank, rank), len(rank), samples=_RETRIEVAL_SAMPLES, seed=seed)
+        rows.append(Row(f"{way}_medr_{gallery}", "rank", middle, ends, guess.median_rank, middle - guess.median_rank))
+        rows.append(_percent_row(f"{way}_mrr_{gallery}", 100 / (rank + 1), guess.reciprocal_rank, seed))
+    return rows
+
+
+def _median_rank(rank: Float[np.ndarray, " n"], queries: Int[np.ndarray, " k"]) -> float:
+    return float(np.median(rank[queries])) + 1
+
+
+def _percent_row(name: str, values: Float[np.ndarray, " n"], guess: float, seed: int) -> Row:
+    ends = mean_interval(values, samples=_RETRIEVAL_SAMPLES, seed=seed)
+    over = Interval(ends.low - guess, ends.high - guess)
+    value = float(values.mean())
+    return Row(name, "%", value, ends, guess, value - guess, over)

@@ -27,7 +27,7 @@ from echoavatar.motion.kinematics.rotations import (
 from echoavatar.nn.mel import log_mel
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
-from echoavatar_lab.evaluation.metrics.position_error import heading, turn_about_up
+from echoavatar_lab.evaluation.metrics.positions import heading, turn_about_up
 
 Kind = Literal["mean", "random", "nearest"]
 STRETCH_FRAMES = 64

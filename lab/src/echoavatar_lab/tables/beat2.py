@@ -12,13 +12,13 @@ import torch
 
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar_lab.evaluation.behaviour import SPEECH
-from echoavatar_lab.evaluation.metrics.diversity import l1_deviation
-from echoavatar_lab.evaluation.metrics.frechet import Moments, moments
-from echoavatar_lab.evaluation.metrics.gesture_alignment import SMPLX_UPPER_BODY
-from echoavatar_lab.evaluation.score import fid_row
-from echoavatar_lab.evaluation.score_beats import ClipAudio, gesture_rows
-from echoavatar_lab.evaluation.score_row import Row, row_of_means
+from echoavatar_lab.data import SPEECH
+from echoavatar_lab.evaluation.beat_rows import ClipAudio, gesture_rows
+from echoavatar_lab.evaluation.metrics.beat_alignment import SMPLX_UPPER_BODY
+from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
+from echoavatar_lab.evaluation.metrics.positions import l1_deviation
+from echoavatar_lab.evaluation.report import fid_row
+from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.tables.baselines import Baselines, Kind
 
 from .beat2_experiment import Beat2Experiment

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from echoavatar_lab.data import Clip
-from echoavatar_lab.evaluation.behaviour import MUSIC, SPEECH
+from echoavatar_lab.data import MUSIC, SPEECH, Clip
 
 from .choices import OURS, GeneratorChoice
 from .experiment import Experiment

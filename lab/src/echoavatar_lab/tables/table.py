@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
-from echoavatar_lab.evaluation.metrics.bootstrap import UNKNOWN
-from echoavatar_lab.evaluation.score_row import Row
+from echoavatar_lab.evaluation.table import UNKNOWN, Row
 
 NAN = float("nan")
 

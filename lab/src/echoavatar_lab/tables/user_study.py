@@ -13,8 +13,7 @@ import yaml
 
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import Motion
-from echoavatar_lab.data import Clip
-from echoavatar_lab.evaluation.behaviour import MUSIC
+from echoavatar_lab.data import MUSIC, Clip
 
 from . import dataset_composition
 from .alignment import LINES, tuned

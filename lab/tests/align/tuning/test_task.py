@@ -13,7 +13,7 @@ from echoavatar_lab.align.config import AlignTraining
 from echoavatar_lab.align.tuning import task
 from echoavatar_lab.align.tuning.judge import TargetJudge, kind_of
 from echoavatar_lab.align.tuning.task import PromptsByKind, TargetTask, people_in_music
-from echoavatar_lab.evaluation.alive import Take
+from echoavatar_lab.evaluation.takes import Take
 
 
 def book(kinds: tuple[int, ...]) -> PromptsByKind:

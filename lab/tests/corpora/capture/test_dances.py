@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.corpora.capture.dance_graph import dance_graph
 from echoavatar_lab.corpora.capture.dances import Piece, can_dance, captured_dance, choose
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
@@ -11,8 +11,7 @@ from echoavatar_lab.corpora.controls import Controls, neutral
 from echoavatar_lab.corpora.rehearsal.choreography import choreograph
 from echoavatar_lab.corpora.solver import solve
 from echoavatar_lab.corpora.sound import SoundTrack, Span
-from echoavatar_lab.evaluation import behaviour
-from echoavatar_lab.evaluation.metrics.dance_alignment import dance_alignment, dance_beats
+from echoavatar_lab.evaluation.metrics.beat_alignment import dance_alignment, dance_beats
 
 GROUPS = ("salsa_lead", "salsa_follow")
 
@@ -48,7 +47,7 @@ def test_the_body_arrives_on_the_beats_of_the_music(library: CapturedLibrary):
     first, dance = captured_dance(dance_graph(library), GROUPS, piece(0.45, 30.0), np.random.default_rng(0))
     assert first <= 0
     rotations, root = solve(dance[-first:])
-    places = behaviour.track(HUMANOID, rotations, root, np.zeros(len(root), np.uint8)).positions
+    places = Motion(HUMANOID, rotations, root, 30.0).pose().positions.numpy()
     found, beats = dance_beats(places), np.arange(0.3, 30.0, 0.45)
     assert dance_alignment(found, beats) > dance_alignment(found, beats + 0.2) + 0.15
     assert len(dance) + first > 900

@@ -10,7 +10,7 @@ from echoavatar.checkpoint import read_card
 from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.data.mirror import mirror_features
+from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining, train_decoder
 from echoavatar_lab.models.tokenizer.windows import clip_features
 

@@ -4,7 +4,7 @@ from tests.models.tokenizer.fixtures import dance
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.data.mirror import mirror_features
+from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.tokenizer.windows import (
     ROTATION_FLOOR,
     WindowSampler,

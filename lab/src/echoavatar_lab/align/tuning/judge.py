@@ -13,8 +13,7 @@ from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.align.prompts import Prompt
 from echoavatar_lab.align.realism import DOMAINS, MOST, PURE
 from echoavatar_lab.align.rewards import Rewards
-from echoavatar_lab.evaluation.captured_people import MUSIC, SPEECH
-from echoavatar_lab.evaluation.metrics.liveliness import POINTS, STATISTICS
+from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, POINTS, SPEECH, STATISTICS
 
 from .movement import hands_still, liveliness, of_common_height
 from .opponent import Opponent

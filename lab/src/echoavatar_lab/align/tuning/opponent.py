@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar_lab.align.realism import MOST
-from echoavatar_lab.evaluation.metrics.discriminator import Classifier, fit
+from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit
 from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS
 
 KEPT = 1500  # of the policy's windows

@@ -17,9 +17,8 @@ from echoavatar_lab.align.grpo import GrpoTask
 from echoavatar_lab.align.prompts import Prompt, PromptSampler, batch_of
 from echoavatar_lab.align.rollouts import RolloutBatch
 from echoavatar_lab.align.trainer import rollout_seeds
-from echoavatar_lab.evaluation.alive import Take
-from echoavatar_lab.evaluation.captured_people import MUSIC, SPEECH
-from echoavatar_lab.evaluation.metrics.liveliness import body_points
+from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH, body_points
+from echoavatar_lab.evaluation.takes import Take
 from echoavatar_lab.training import Loss
 
 from .judge import TargetJudge, kind_of, means_of, measured

@@ -16,8 +16,7 @@ from torch import Tensor
 
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.evaluation.metrics.beat_alignment import SHARP_SIGMA_S
-from echoavatar_lab.evaluation.metrics.gesture_alignment import ARM_JOINTS, SMOOTHING_FRAMES, STROKE_DELAY_S
+from echoavatar_lab.evaluation.metrics.beat_alignment import ARM_JOINTS, SHARP_SIGMA_S, SMOOTHING_FRAMES, STROKE_DELAY_S
 
 APART = 3  # frames between peaks
 FAR_S = 1e3  # further than any event

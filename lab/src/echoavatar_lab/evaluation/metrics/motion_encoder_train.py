@@ -18,8 +18,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 
-from .motion_encoder import MotionEncoder, MotionEncoderConfig
-from .motion_features import TRAVEL
+from .motion_encoder import TRAVEL, MotionEncoder, MotionEncoderConfig
 
 _MEASURED_CLIPS = 64  # clips for measuring the latents' deviation
 _NOISE = 30  # multiple of the seed that separates this noise from other draws

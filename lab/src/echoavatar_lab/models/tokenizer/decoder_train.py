@@ -22,7 +22,7 @@ from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer.body import BodyTokenizer
 from echoavatar.models.tokenizer.model import MotionTokenizer
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
-from echoavatar_lab.data.mirror import mirror_features
+from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 
 from .losses import LossWeights, MotionLoss, total

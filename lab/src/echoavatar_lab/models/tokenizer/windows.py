@@ -12,7 +12,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
-from echoavatar_lab.data.mirror import mirror_features
+from echoavatar_lab.data.clip import mirror_features
 
 ROTATION_FLOOR = 0.03  # about two degrees: quieter rotation features are not blown up to unit spread
 BONE_REACH = 0.05  # metres
