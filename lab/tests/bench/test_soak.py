@@ -4,8 +4,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import Error, Flush, Motion, ServerMessage, Sound, decode_server
-from echoavatar_lab.bench.soak import Watcher, bench_soak
+from echoavatar_lab.bench.soak import Watcher, bench_soak, read_report
 
 
 def motion(at: int, epoch: int = 0) -> Motion:
@@ -53,3 +54,10 @@ def test_a_short_soak_of_a_tiny_bundle(tiny_bundle: Path) -> None:
     assert report["turns"] > 0
     assert not any(report[name] for name in ("stale", "doubled", "missing", "lost", "restarts"))
     assert msgspec.json.encode(report)
+
+
+@pytest.mark.parametrize("text", ["", "killed", "{}", "[1]", "7"])
+def test_what_is_no_report_is_said(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.txt").write_text(text)
+    with pytest.raises(EchoAvatarError, match="does not end with a report"):
+        read_report(tmp_path / "a.txt")

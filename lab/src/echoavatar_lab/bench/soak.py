@@ -9,6 +9,7 @@ breaks until it is loaded again, or a stage runs out of memory once, or a sessio
 
 import asyncio
 import itertools
+import json
 import multiprocessing
 import os
 import random
@@ -16,7 +17,7 @@ import threading
 import time
 import urllib.request
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from math import inf
 from pathlib import Path
@@ -24,6 +25,7 @@ from statistics import linear_regression
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
@@ -48,6 +50,7 @@ from echoavatar.wire import (
     pack_audio,
     subprotocol,
 )
+from echoavatar_lab.evaluation.pictures import save_figure
 
 START_S = 300.0  # for the server to load, and to compile on a new machine
 FAULT_S = 60.0  # between faults of the server
@@ -283,6 +286,44 @@ def _resident_mb(pid: int | None) -> float:
 
 def _metric(text: str, name: str) -> float:
     return next((float(line.split()[1]) for line in text.splitlines() if line.startswith(name + " ")), 0.0)
+
+
+# ---- a picture: resident memory over time, and the line through its last two thirds
+
+
+def read_report(path: Path) -> dict[str, Any]:
+    """The report on the last line of what `bench soak` printed.
+
+    Raises:
+        EchoAvatarError: there is none.
+    """
+    try:
+        report = json.loads(path.read_text("utf-8").strip().rpartition("\n")[2])
+        return {name: report[name] for name in ("memory_mb", "slope_mb_an_hour", "turns")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise EchoAvatarError(f"{path} does not end with a report of `bench soak` ({error!r})") from error
+
+
+def draw(reports: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Write the memory of soaks over time, by name.
+
+    Raises:
+        EchoAvatarError: the picture cannot be written.
+    """
+    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
+    axis = figure.subplots()
+    for name, report in reports.items():
+        seconds, memory = np.array(report["memory_mb"], np.float64).T
+        (curve,) = axis.plot(seconds / 60, memory, lw=1.2)
+        late = seconds >= seconds[-1] / 3
+        slope = float(report["slope_mb_an_hour"])
+        level = memory[late].mean() + slope * (seconds[late] - seconds[late].mean()) / 3600
+        told = f"{name}: {slope:+.1f} MB an hour, {report['turns']} visits"
+        axis.plot(seconds[late] / 60, level, "--", lw=1, color=curve.get_color(), label=told)
+    axis.set(xlabel="minutes", ylabel="resident memory (MB)", ylim=(0, 1.1 * axis.get_ylim()[1]))
+    axis.grid(alpha=0.3)
+    axis.legend(loc="lower right", fontsize=8)
+    save_figure(figure, path)
 
 
 # ---- in the server's process

@@ -106,7 +106,7 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         child.add_argument(
             "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
         )
-    realism.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate --alive`")
+    realism.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate BUNDLE alive`")
     realism.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
     realism.add_argument("--past", type=int, default=22, help="as in `align grpo` (default: %(default)s)")
     realism.add_argument("--own-past", type=int, default=15, help="likewise (default: %(default)s)")

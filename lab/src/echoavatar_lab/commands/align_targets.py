@@ -13,7 +13,7 @@ EXAMPLES = """examples:
   echoavatar align targets TOKENS -o runs/tuned --captured CAPTURED --batch 8 --length 28 --steps 20      a try on a CPU
 
 TOKENS is a folder of codes that the bundle's own codec and tokenizer made (`echoavatar train tokens`), CAPTURED one of
-captured dancers as for `evaluate --alive`, which may train what you do with the weights. GRPO with rewards that follow
+captured dancers as for `evaluate BUNDLE alive`, which may train what you do with the weights. GRPO with rewards that follow
 targets: the generator is to keep time and to move as much as the bundle's own (or --like), and a classifier that learns
 along is to take it for a person. 512 continuations of 10 s are a step: some two seconds on an H200, minutes on a CPU,
 where `align grpo` is the better choice. A run that was stopped resumes when the command is called again. See
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
-    parser.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate --alive`")
+    parser.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate BUNDLE alive`")
     parser.add_argument("--model", default="default", help="bundle to tune (default: %(default)s)")
     parser.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
     parser.add_argument("--like", type=Path, help="generator that sets the targets (default: the bundle's)")

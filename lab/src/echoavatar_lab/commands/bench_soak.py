@@ -29,8 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
-    from echoavatar_lab.bench.soak import bench_soak
-    from echoavatar_lab.bench.soak_picture import draw, read_report
+    from echoavatar_lab.bench.soak import bench_soak, draw, read_report
 
     if args.of:
         draw({path.stem: read_report(path) for path in args.of}, args.picture or Path("soak.png"))

@@ -211,7 +211,7 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
 
 
 def _print_told_apart(clips: "list[Clip]", skeleton: "Skeleton", folder: Path) -> None:
-    """A third table: accuracy of the classifier of `evaluate --alive` on windows of 10 s (docs/metrics.md)."""
+    """A third table: accuracy of the classifier of `evaluate BUNDLE alive` on windows of 10 s (docs/metrics.md)."""
     from echoavatar_lab.data import DOMAINS
     from echoavatar_lab.evaluation.alive import (
         COMPARED_S,

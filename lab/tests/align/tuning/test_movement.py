@@ -1,4 +1,4 @@
-"""Statistics of many bodies at once are those of `evaluate --alive`."""
+"""Statistics of many bodies at once are those of `evaluate BUNDLE alive`."""
 
 import numpy as np
 import torch

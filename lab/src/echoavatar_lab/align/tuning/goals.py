@@ -14,7 +14,7 @@ from echoavatar.config import Config
 from .targets import Target
 
 LEAST = 1e-3  # of an aim: a generator that has not learnt to keep time may hit less than chance
-TOLD_APART = 0.8  # by the opponent, which has seen hundreds of such windows: `evaluate --alive` tells fewer
+TOLD_APART = 0.8  # by the opponent, which has seen hundreds of such windows: `evaluate BUNDLE alive` tells fewer
 
 
 class Goal(NamedTuple):
