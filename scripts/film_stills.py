@@ -4,8 +4,8 @@
     python scripts/film_stills.py --recordings RECORDINGS -o stills --grid docs/results/img/films.webp
 
 RECORDINGS is a folder as `echoavatar evaluate BUNDLE alive` reads it (docs/metrics.md); only its test split is heard.
-Each `NN_kind_name.webp` has four rows of ten stills, half a second apart; the camera follows the hips. `--grid` also writes
-twelve stills of each sound.
+Each `NN_kind_name.webp` has four rows of ten stills, half a second apart; the camera follows the hips. `--grid` also
+writes twelve stills of each sound.
 """
 
 import argparse

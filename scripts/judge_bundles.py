@@ -4,8 +4,8 @@
         -o judgements.csv
 
 Both bundles perform the same sounds of RECORDINGS' test split (read as by `echoavatar evaluate BUNDLE alive`), with the
-same seeds. Each reward (`echoavatar align reward-quality`, `reward-alignment`) prefers the performance whose windows of 4 s
-have the higher mean. No reward knows which bundle made a motion: codes for the alignment reward are made from the
+same seeds. Each reward (`echoavatar align reward-quality`, `reward-alignment`) prefers the performance whose windows of
+4 s have the higher mean. No reward knows which bundle made a motion: codes for the alignment reward are made from the
 finished motion of both, with the tokenizer of `--model`. The table has the columns of the studio's `judgements.csv`;
 `overall_preference` is 2 for the first system, -2 for the second. The last line is JSON with shares and 95 % intervals.
 """

@@ -13,11 +13,11 @@ EXAMPLES = """examples:
   echoavatar align targets TOKENS -o runs/tuned --captured CAPTURED --batch 8 --length 28 --steps 20      a try on a CPU
 
 TOKENS is a folder of codes that the bundle's own codec and tokenizer made (`echoavatar train tokens`), CAPTURED one of
-captured dancers as for `evaluate BUNDLE alive`, which may train what you do with the weights. GRPO with rewards that follow
-targets: the generator is to keep time and to move as much as the bundle's own (or --like), and a classifier that learns
-along is to take it for a person. 512 continuations of 10 s are a step: some two seconds on an H200, minutes on a CPU,
-where `align grpo` is the better choice. A run that was stopped resumes when the command is called again. See
-docs/alignment.md.
+captured dancers as for `evaluate BUNDLE alive`, which may train what you do with the weights. GRPO with rewards that
+follow targets: the generator is to keep time and to move as much as the bundle's own (or --like), and a classifier
+that learns along is to take it for a person. 512 continuations of 10 s are a step: some two seconds on an H200,
+minutes on a CPU, where `align grpo` is the better choice. A run that was stopped resumes when the command is called
+again. See docs/alignment.md.
 """
 SETTINGS = {
     "steps": (int, 180, "optimiser steps"),

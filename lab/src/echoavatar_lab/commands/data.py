@@ -2,6 +2,7 @@
 
 import argparse
 import itertools
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,12 +11,14 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from . import data_capture, data_face, data_prepare, data_rl_corpus
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar.motion.kinematics import Motion, Skeleton
     from echoavatar_lab.data import Clip
 
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 15.0, 30.0
+LARGEST = "joint_speed_max_deg_s"
 ROWS = (
     "wrist_speed_mean_m_s",
     "wrist_speed_p95_m_s",
@@ -26,7 +29,7 @@ ROWS = (
     "finger_speed_mean_deg_s",
     "head_speed_mean_deg_s",
     "leg_energy_m2_s2",
-    "joint_speed_max_deg_s",
+    LARGEST,
     "body_jerk_mean_m_s3",
     "skate_cm_s",
     "turned_feet_ratio",
@@ -120,8 +123,8 @@ def _rehearse(args: argparse.Namespace) -> int:
     plan = Plan(
         args.hours, args.seed, args.output, library=args.library, recordings=args.recordings, soundfont=args.soundfont
     )
-    with tqdm(total=plan.clips, unit="clip") as bar:
-        made = rehearse(plan, workers=args.workers, progress=lambda done, _: bar.update(done - bar.n))
+    with progress_bar() as say:
+        made = rehearse(plan, workers=args.workers, progress=partial(say, "clips"))
     print(f"{made} clips, {plan.clips * plan.clip_seconds / 3600:.2f} hours in {plan.folder}")
     print(f"fingerprint {Corpus(plan.folder).fingerprint}")
     return 0
@@ -131,8 +134,8 @@ def _merge(args: argparse.Namespace) -> int:
     from echoavatar.timing import FRAME_RATE_HZ
     from echoavatar_lab.data.merge import merge
 
-    with tqdm(total=len(args.sets), unit="set") as bar:
-        corpus = merge(args.sets, args.output, progress=lambda done, _: bar.update(done - bar.n))
+    with progress_bar() as say:
+        corpus = merge(args.sets, args.output, progress=partial(say, "sets"))
     counts = {split: len(corpus.names(split, has_mirrored=False)) for split in ("train", "val", "test")}
     told = ", ".join(f"{count} {split}" for split, count in counts.items() if count)
     print(f"{sum(counts.values())} clips ({told}), {corpus.frames() / FRAME_RATE_HZ / 60:.1f} minutes in {args.output}")
@@ -156,7 +159,7 @@ def _preview(args: argparse.Namespace) -> int:
     corpus = Corpus(args.corpus)
     for name in tqdm(corpus.names(has_mirrored=False)[: args.clips], unit="clip"):
         clip = corpus.load(name)
-        motion = _motion(clip, corpus.skeleton_of(name)).cut(0, round(args.seconds * FRAME_RATE_HZ))
+        motion = clip.motion(corpus.skeleton_of(name)).cut(0, round(args.seconds * FRAME_RATE_HZ))
         motion = motion if motion.skeleton.names == HUMANOID.names else retarget(motion)  # the character's rig
         save_picture(args.output / f"{name}.png", contact_sheet(motion))
         sound = clip.audio[: motion.frames * SAMPLES_PER_FRAME]
@@ -168,17 +171,18 @@ def _preview(args: argparse.Namespace) -> int:
 def _describe(args: argparse.Namespace) -> int:
     from echoavatar.motion.formats import read_bvh
     from echoavatar.motion.kinematics.retarget import retarget
-    from echoavatar_lab.data import DOMAINS, Corpus
+    from echoavatar_lab.data import DOMAINS, MUSIC, SILENCE, SPEECH, Corpus
 
     corpus = Corpus(args.corpus)
     clips = [corpus.load(name) for name in corpus.names(has_mirrored=False)[: args.clips]]
-    columns = {DOMAINS[domain]: _mean_over([*_stretches(clips, domain, corpus.skeleton)]) for domain in (1, 2, 0)}
+    stretches = {domain: _stretches(clips, domain, corpus.skeleton) for domain in (SPEECH, MUSIC, SILENCE)}
+    columns = {DOMAINS[domain]: _mean_over(motions) for domain, motions in stretches.items()}
     for path in args.beside:
         columns[path.stem] = _mean_over([retarget(read_bvh(path))])
     print(f"{'':<26}" + "".join(f"{name[:18]:>20}" for name in columns))
     for row in ROWS:
         print(f"{row:<26}" + "".join(f"{values.get(row, float('nan')):>20.3f}" for values in columns.values()))
-    _print_liveliness({domain: _stretches(clips, domain, corpus.skeleton) for domain in (1, 2, 0)})
+    _print_liveliness(stretches)
     if args.captured:
         _print_told_apart(clips, corpus.skeleton, args.captured)
     return 0
@@ -212,20 +216,13 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
 
 def _print_told_apart(clips: "list[Clip]", skeleton: "Skeleton", folder: Path) -> None:
     """A third table: accuracy of the classifier of `evaluate BUNDLE alive` on windows of 10 s (docs/metrics.md)."""
-    from echoavatar_lab.data import DOMAINS
-    from echoavatar_lab.evaluation.alive import (
-        COMPARED_S,
-        Take,
-        captured_kind,
-        compare,
-        measure,
-        people_apart,
-        read_captured,
-    )
+    from echoavatar_lab.data import DOMAINS, MUSIC, SILENCE, SPEECH
+    from echoavatar_lab.evaluation.alive import COMPARED_S, captured_kind, compare, measure, people_apart
+    from echoavatar_lab.evaluation.takes import Take, read_captured
 
     people = [measure(take, LONGEST_WINDOW_S) for take in read_captured(folder)]
     print(f"{'told apart':<26}{'corpus':>16}{'people':>24}")
-    for domain in (1, 2, 0):
+    for domain in (SPEECH, MUSIC, SILENCE):
         kind = DOMAINS[domain]
         theirs = [person for person in people if person.take.kind == captured_kind(kind)]
         ours = [
@@ -241,33 +238,27 @@ def _stretches(clips: "list[Clip]", domain: int, skeleton: "Skeleton") -> "list[
     """Stretches of at least two seconds with one kind of sound; silence without its first second."""
     import numpy as np
 
+    from echoavatar_lab.data import SILENCE
+
     found = []
     for clip in clips:
         edges = [0, *(np.flatnonzero(np.diff(clip.domain)) + 1).tolist(), clip.frames]
         for start, stop in itertools.pairwise(edges):
-            first = start + 30 if domain == 0 else start
+            first = start + 30 if domain == SILENCE else start
             if clip.domain[start] == domain and stop - first >= 60:
-                found.append(_motion(clip, skeleton).cut(first, stop))
+                found.append(clip.motion(skeleton).cut(first, stop))
     return found
 
 
 def _mean_over(motions: "list[Motion]") -> dict[str, float]:
+    """Each of `ROWS`: the mean weighted by length, or the largest; empty without a motion."""
+    import numpy as np
+
     from echoavatar_lab.data.statistics import describe
 
-    rows = [(describe(motion), motion.frames) for motion in motions]
-    total = sum(frames for _, frames in rows)
-    keys = ROWS if rows else ()
-    worst = {"joint_speed_max_deg_s"}
-    return {
-        key: max(numbers[key] for numbers, _ in rows)
-        if key in worst
-        else sum(numbers[key] * frames for numbers, frames in rows) / total
-        for key in keys
-    }
-
-
-def _motion(clip: "Clip", skeleton: "Skeleton") -> "Motion":
-    from echoavatar.motion.kinematics import Motion
-    from echoavatar.timing import FRAME_RATE_HZ
-
-    return Motion(skeleton, clip.rotations, clip.root, float(FRAME_RATE_HZ))
+    if not motions:
+        return {}
+    found, weights = [describe(motion) for motion in motions], [motion.frames for motion in motions]
+    columns = {key: [numbers[key] for numbers in found] for key in ROWS}
+    means = {key: float(np.average(column, weights=weights)) for key, column in columns.items()}
+    return means | {LARGEST: max(columns[LARGEST])}

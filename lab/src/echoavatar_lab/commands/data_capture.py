@@ -64,30 +64,20 @@ def _print_table(rows: "dict[tuple[str, str], list[CapturedClip]]") -> None:
 
     print(f"{'kind':<10}{'clips':<24}{'seconds':>9}" + "".join(f"{name:>15}" for name in STATISTICS))
     for (kind, name), clips in sorted(rows.items()):
-        numbers = _alive(clips)
         seconds = sum(clip.seconds for clip in clips)
-        print(f"{kind:<10}{name[:23]:<24}{seconds:>9.1f}" + "".join(f"{numbers[key]:>15.2f}" for key in STATISTICS))
+        print(f"{kind:<10}{name[:23]:<24}{seconds:>9.1f}" + "".join(f"{value:>15.2f}" for value in _alive(clips)))
 
 
-def _alive(clips: "list[CapturedClip]") -> dict[str, float]:
-    """Statistics of windows of 30 s, weighted by their length."""
+def _alive(clips: "list[CapturedClip]") -> "list[float]":
+    """Statistics of windows of 30 s: means over clips, weighted by length."""
     import numpy as np
 
     from echoavatar.motion.kinematics import HUMANOID, Motion
     from echoavatar.timing import FRAME_RATE_HZ
     from echoavatar_lab.corpora.solver import solve
-    from echoavatar_lab.evaluation.metrics.liveliness import body_points, liveliness, windows
+    from echoavatar_lab.evaluation.measures import clip_statistics
+    from echoavatar_lab.evaluation.table import weighted_mean
 
-    found, weights = [], []
-    for clip in clips:
-        points = body_points(Motion(HUMANOID, *solve(clip.controls), float(FRAME_RATE_HZ)))
-        for window in windows(points, FRAME_RATE_HZ, 30.0):
-            found.append(liveliness(window, FRAME_RATE_HZ))
-            weights.append(len(window))
-
-    def mean(key: str) -> float:
-        values = np.array([numbers[key] for numbers in found])
-        known = np.isfinite(values)
-        return float(np.average(values[known], weights=np.array(weights)[known])) if known.any() else float("nan")
-
-    return {key: mean(key) for key in found[0]}
+    motions = [Motion(HUMANOID, *solve(clip.controls), float(FRAME_RATE_HZ)) for clip in clips]
+    weights = np.array([motion.frames for motion in motions], float)
+    return [weighted_mean(column, weights) for column in np.array([clip_statistics(m) for m in motions]).T]

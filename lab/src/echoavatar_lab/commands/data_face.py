@@ -1,11 +1,14 @@
 """`echoavatar data face`: training pairs of sound and face curves, captured or synthetic."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
+
+from .progress import progress_bar
 
 SOUNDS = (".wav", ".flac", ".mp3", ".ogg", ".m4a", ".mov", ".mp4")
 
@@ -48,13 +51,8 @@ def run(args: argparse.Namespace) -> int:
 def _rehearse(args: argparse.Namespace) -> int:
     from echoavatar_lab.corpora.rehearsal.faces import rehearse_faces
 
-    with tqdm(unit="clip") as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        count = rehearse_faces(args.output, hours=args.rehearse, seed=args.seed, progress=progress)
+    with progress_bar() as say:
+        count = rehearse_faces(args.output, hours=args.rehearse, seed=args.seed, progress=partial(say, "clips"))
     print(f"{count} clips in {args.output}")
     return 0
 

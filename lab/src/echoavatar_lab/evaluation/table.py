@@ -119,16 +119,16 @@ def row_of_means(
     seed: int = 0,
 ) -> Row:
     """A metric that is a (weighted) mean over clips; NaN marks clips without a value."""
-    row = Row(name, unit, _mean(values, weights), mean_interval(values, weights, seed=seed))
+    row = Row(name, unit, weighted_mean(values, weights), mean_interval(values, weights, seed=seed))
     if truths is not None:
-        row = row._replace(truth=_mean(truths, weights))
+        row = row._replace(truth=weighted_mean(truths, weights))
     if truth_chances is not None:
-        row = row._replace(truth_chance=_mean(truth_chances, weights))
+        row = row._replace(truth_chance=weighted_mean(truth_chances, weights))
     if chances is not None:
         over = values - chances
         row = row._replace(
-            chance=_mean(chances, weights),
-            excess=_mean(over, weights),
+            chance=weighted_mean(chances, weights),
+            excess=weighted_mean(over, weights),
             excess_interval=mean_interval(over, weights, seed=seed),
         )
     return row
@@ -190,7 +190,8 @@ def as_json(rows: Sequence[Row]) -> dict[str, dict[str, object]]:
     }
 
 
-def _mean(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"] | None) -> float:
+def weighted_mean(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"] | None = None) -> float:
+    """Mean over clips that have a value; NaN if none has."""
     known = np.isfinite(values)
     if not known.any():
         return NAN
