@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from echoavatar.cli import main
+from echoavatar.cli import build_parser, main
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, rehearse
 
 
@@ -15,6 +15,14 @@ def test_the_last_line_is_json(tiny_bundle: Path, tmp_path: Path, capsys: pytest
     said = capsys.readouterr().out.strip().splitlines()
     assert json.loads(said[-1])["codes_mpjpe_body"]["value"] > 0
     assert any(line.startswith("skate ") for line in said)
+
+
+def test_a_measure_has_the_options_before_and_behind_its_name() -> None:
+    parser = build_parser(["evaluate"])
+    for words in (["--clips", "3", "alive"], ["alive", "--clips", "3"], ["--clips", "5", "alive", "--clips", "3"]):
+        args = parser.parse_args(["evaluate", "mine", *words])
+        assert (args.model, args.measure, args.clips, args.seed) == ("mine", "alive", 3, 0)
+    assert parser.parse_args(["evaluate", "mine"]).measure is None
 
 
 def test_no_performance_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

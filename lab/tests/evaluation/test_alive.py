@@ -18,7 +18,7 @@ from echoavatar_lab.evaluation.takes import Take, read_captured, read_sounds
 def test_a_whole_run(tiny_bundle: Path, tmp_path: Path) -> None:
     """Every kind is performed, measured by class, and set beside people and captured motion."""
     sounds = read_sounds(corpus(tmp_path), 12, 2)
-    takes = alive.perform(Pipeline(load_bundle(str(tiny_bundle))), sounds, 12)
+    takes = alive.performance(Pipeline(load_bundle(str(tiny_bundle))), sounds, 12)
     assert {take.kind for take in takes} == set(KINDS)
     found = alive.report([takes], read_captured(captured(tmp_path)), 12)
     assert {"speech: English, female", "music: jazz", "speech, people", "speech, captured"} <= set(found.rows)

@@ -73,7 +73,8 @@ def test_a_perfect_tokenizer_keeps_all_of_the_timing(tiny_bundle: Path):
     random = true_codes(bundle, clips, tokenizer=tokenizer)
     tokenizer.__class__ = Perfect
     found = true_codes(bundle, clips, tokenizer=tokenizer)
-    assert found["decoded"] == pytest.approx(found["truth"], rel=0.02, abs=0.02)
+    # what is said, and so the length of the music, depends on the machine's speech engine; short music has no turn
+    assert found["decoded"] == pytest.approx(found["truth"], rel=0.02, abs=0.02, nan_ok=True)
     assert found["truth"]["onset_excess"] > 0.08
     assert random["decoded"]["onset_excess"] < 0.5 * random["truth"]["onset_excess"]
     assert random["tokenizer"]["codes_mpjpe_body"] > 10 * found["tokenizer"]["codes_mpjpe_body"]

@@ -46,8 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="another generator of the same codes: only compare the audio reliance of both; may be repeated",
     )
     measures = parser.add_subparsers(
-        dest="measure", metavar="MEASURE", title="measures", description="one thing instead of the whole table"
+        dest="measure",
+        metavar="MEASURE",
+        title="measures",
+        description="one thing instead of the whole table",
+        prog=f"{parser.prog} BUNDLE",
     )
+    parser.usage = "%(prog)s [options] BUNDLE [MEASURE [options]]"
 
     def measure(name: str, summary: str, *shared: str) -> argparse.ArgumentParser:
         child = measures.add_parser(name, help=summary, description=summary)
@@ -236,7 +241,9 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
     pipeline = Pipeline(bundle)
     with progress_bar() as say:
         performances = [
-            alive.perform(pipeline, sounds, args.seconds, seed=seed, progress=partial(say, f"performing, seed {seed}"))
+            alive.performance(
+                pipeline, sounds, args.seconds, seed=seed, progress=partial(say, f"performing, seed {seed}")
+            )
             for seed in seeds
         ]
         found = alive.report(performances, captured, args.seconds, progress=partial(say, "measuring"))

@@ -23,7 +23,6 @@ from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.data.statistics import turned_feet
 
-from . import takes as performed
 from .metrics.distributions import frechet_distance, held_out_accuracy, scaled_by_truth
 from .metrics.liveliness import (
     KINDS,
@@ -38,7 +37,7 @@ from .metrics.liveliness import (
     windows,
 )
 from .pictures import contact_sheet, save_figure
-from .takes import Sound, Take, joined
+from .takes import Sound, Take, joined, perform
 
 QUIET_TAKES = 3  # of silence, and of listening
 COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
@@ -73,7 +72,7 @@ class AliveReport:
     told_apart: dict[str, float] = field(default_factory=dict)  # accuracy on held-out windows, and people's among them
 
 
-def perform(
+def performance(
     pipeline: Pipeline,
     sounds: Sequence[Sound],
     seconds: float,
@@ -89,7 +88,7 @@ def perform(
         Sound(f"silence {n + 1}", SILENCE, "", np.zeros(int(seconds * SAMPLE_RATE_HZ), np.float32))
         for n in range(QUIET_TAKES)
     ]
-    takes = performed.perform(pipeline, [*sounds, *quiet], seed=seed, progress=progress)
+    takes = perform(pipeline, [*sounds, *quiet], seed=seed, progress=progress)
     users = [sound for sound in sounds if sound.kind == SPEECH][:QUIET_TAKES]
     heard = [_listening(pipeline, sound.audio, seed + number) for number, sound in enumerate(users)]
     return takes + [Take(f"listening to {s.name}", LISTENING, "", m) for s, m in zip(users, heard, strict=True)]
