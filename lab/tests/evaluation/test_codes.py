@@ -16,6 +16,7 @@ from echoavatar_lab.evaluation.codes import (
     dance_turn_deg,
     drawn_after_truth,
     reliance,
+    reliance_rows,
     reliance_table,
     token_clips,
     true_codes,
@@ -32,9 +33,11 @@ def test_a_model_that_knows_nothing_loses_nothing_when_the_audio_is_exchanged(ti
     clips = [make_clip(Plan(1.0, 44, Path("unused"), clip_seconds=16.0), index) for index in range(2)]
     tokens = token_clips(bundle, clips)
     scores = reliance(bundle.generator, tokens)
-    assert abs(scores["nll_gain_all"]) < 0.1
-    assert scores["nll_gain_all"] == scores["nll_shuffled_all"] - scores["nll_all"]
-    assert abs(scores["timing_gain_all"]) < 0.1
+    assert abs(scores["all"].gain) < 0.1
+    assert abs(scores["all"].timing_gain) < 0.1
+    rows = {row.name: row for row in reliance_rows(scores)}
+    assert rows["nll_all"].excess == rows["nll_all"].value - rows["nll_all"].chance
+    assert rows["timing_gain_all"].value == scores["all"].timing_gain
     table = reliance_table({"a": bundle.generator, "b": bundle.generator}, tokens).splitlines()
     assert table[0].count("|") == table[1].count("|") == table[-1].count("|") == 10
     assert table[-1].startswith("| all |")
@@ -53,7 +56,7 @@ def test_timing_is_worth_something_to_a_model_that_moves_on_what_it_hears_now() 
     loop = Loop(GeneratorTask(config(layers=1), settings, made))
     for _ in range(60):
         loop.advance()
-    assert reliance(loop.stage.generator.eval(), made)["timing_gain_speech"] > 0.3
+    assert reliance(loop.stage.generator.eval(), made)["speech"].timing_gain > 0.3
 
 
 class Perfect(BodyTokenizer):

@@ -15,7 +15,7 @@ reconstruction alone.
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -62,45 +62,54 @@ def token_clips(bundle: Bundle, clips: Sequence[Clip]) -> list[TokenClip]:
     ]
 
 
-def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, float]:
-    """`nll_X`, `nll_shuffled_X`, `nll_gain_X` and `timing_gain_X` for each X of `HEARD` that occurs."""
+class Reliance(NamedTuple):
+    """NLL per code (nats) with the true audio, with another clip's, and with the same a few chunks late."""
+
+    true: float
+    shuffled: float
+    late: float
+
+    @property
+    def gain(self) -> float:
+        """What the audio is worth."""
+        return self.shuffled - self.true
+
+    @property
+    def timing_gain(self) -> float:
+        """What its timing is worth."""
+        return self.late - self.true
+
+
+def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, Reliance]:
+    """By each of `HEARD` that occurs."""
     true = nll_by_domain(generator, tokens)
     shuffled = nll_by_domain(generator, tokens, shuffled_audio=True)
     late = nll_by_domain(
         generator,
         [replace(clip, audio=np.roll(clip.audio, LATE_CHUNKS * AUDIO_FRAMES_PER_CHUNK, axis=0)) for clip in tokens],
     )
-    scores: dict[str, float] = {}
-    for name in HEARD:
-        if name in true:
-            scores |= {f"nll_{name}": true[name], f"nll_shuffled_{name}": shuffled[name]}
-            scores[f"nll_gain_{name}"] = shuffled[name] - true[name]
-            scores[f"timing_gain_{name}"] = late[name] - true[name]
-    return scores
+    return {name: Reliance(true[name], shuffled[name], late[name]) for name in HEARD if name in true}
 
 
-def reliance_rows(scores: Mapping[str, float]) -> list[Row]:
+def reliance_rows(found: Mapping[str, Reliance]) -> list[Row]:
     """Rows `nll_X`, whose chance level is another clip's audio, and `timing_gain_X`."""
     rows = []
-    for name in HEARD:
-        if f"nll_{name}" in scores:
-            true, shuffled = scores[f"nll_{name}"], scores[f"nll_shuffled_{name}"]
-            rows.append(Row(f"nll_{name}", "nats", true, chance=shuffled, excess=true - shuffled))
-            rows.append(Row(f"timing_gain_{name}", "nats", scores[f"timing_gain_{name}"]))
+    for name, own in found.items():
+        rows.append(Row(f"nll_{name}", "nats", own.true, chance=own.shuffled, excess=-own.gain))
+        rows.append(Row(f"timing_gain_{name}", "nats", own.timing_gain))
     return rows
 
 
 def reliance_table(generators: Mapping[str, Generator], tokens: Sequence[TokenClip]) -> str:
     """A Markdown table of generators side by side, by domain."""
-    scores = {name: reliance(generator, tokens) for name, generator in generators.items()}
-    lines = ["| heard | " + " | ".join(f"{name}: true | shuffled | gain | timing" for name in scores) + " |"]
-    lines.append("|---|" + "---:|---:|---:|---:|" * len(scores))
+    found = {name: reliance(generator, tokens) for name, generator in generators.items()}
+    lines = ["| heard | " + " | ".join(f"{name}: true | shuffled | gain | timing" for name in found) + " |"]
+    lines.append("|---|" + "---:|---:|---:|---:|" * len(found))
     for heard in HEARD:
-        if all(f"nll_{heard}" in row for row in scores.values()):
+        if all(heard in own for own in found.values()):
+            columns = [own[heard] for own in found.values()]
             cells = [
-                f"{row[f'nll_{heard}']:.3f} | {row[f'nll_shuffled_{heard}']:.3f}"
-                f" | {row[f'nll_gain_{heard}']:+.3f} | {row[f'timing_gain_{heard}']:+.3f}"
-                for row in scores.values()
+                f"{one.true:.3f} | {one.shuffled:.3f} | {one.gain:+.3f} | {one.timing_gain:+.3f}" for one in columns
             ]
             lines.append(f"| {heard} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
