@@ -10,7 +10,7 @@ from echoavatar.models.audio import read_audio
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import CHUNK_FRAMES
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
-from echoavatar_lab.evaluation.actions import BEGIN_CHUNKS, _score_action, body_points, evaluate_actions, head_turn
+from echoavatar_lab.evaluation.actions import BEGIN_CHUNKS, _score_action, evaluate_actions, head_turn, joints_and_nose
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ def test_points_do_not_depend_on_where_the_body_stands_and_faces() -> None:
     w, x, y, z = turned.rotations[:, 0].T
     a, _, c, _ = half
     turned.rotations[:, 0] = np.stack([a * w - c * y, a * x + c * z, a * y + c * w, a * z - c * x], -1)
-    np.testing.assert_allclose(body_points(turned), body_points(motion), atol=1e-5)
+    np.testing.assert_allclose(joints_and_nose(turned), joints_and_nose(motion), atol=1e-5)
 
 
 def test_looking_around_turns_the_head_as_far_as_the_clip() -> None:
@@ -103,7 +103,7 @@ def test_every_shipped_action_does_what_its_clip_shows() -> None:
     for name, one in acted.items():
         _log.info("%s: %.1f cm off, %.1f cm on, %.0f deg/s", name, one.off_cm, one.on_cm, one.fastest_deg_s)
     nod = acted.pop("nod")
-    assert np.ptp(body_points(nod.motion)[BEGIN_CHUNKS * CHUNK_FRAMES :][:40, -1, 1]) > 0.02
+    assert np.ptp(joints_and_nose(nod.motion)[BEGIN_CHUNKS * CHUNK_FRAMES :][:40, -1, 1]) > 0.02
     assert [name for name, one in acted.items() if one.on_cm >= one.off_cm] == []
     for name, way in (("look_around", "yaw"), ("disagree", "yaw"), ("agree", "pitch")):
         off, on, own = (

@@ -5,7 +5,7 @@ from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import finger_clip
 from echoavatar.models.fingers.hand_poses import FINGERS
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
-from echoavatar_lab.evaluation.fingers import compare, curl, fingertips, liveliness, measure_fingers
+from echoavatar_lab.evaluation.fingers import compare, curl, fingertips, measure_fingers, speed_and_spread
 
 
 def fingers(seed: int = 0) -> torch.Tensor:
@@ -25,8 +25,8 @@ def test_the_truth_scores_best_and_a_shift_is_an_error(model: FingerModel) -> No
 
 def test_frozen_hands_have_no_liveliness() -> None:
     still = fingers()[:1].expand(50, -1, -1, -1)
-    assert max(liveliness([still]).values()) < 0.1
-    assert liveliness([fingers()])["speed_mean_deg_s"] > 10
+    assert max(speed_and_spread([still]).values()) < 0.1
+    assert speed_and_spread([fingers()])["speed_mean_deg_s"] > 10
 
 
 def test_fingertips_of_flat_hands_point_outwards_and_a_fist_is_closed() -> None:

@@ -109,7 +109,7 @@ def _mean(runs: Sequence[ActionScore]) -> ActionScore:
 
 def _score_action(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS * CHUNK.frames) -> ActionScore:
     script = SCRIPTS[name]
-    wanted = body_points(clip(script))
+    wanted = joints_and_nose(clip(script))
     moved = np.linalg.norm(wanted - wanted[:1], axis=-1).max(0) > MOVED_M
     if not moved.any():  # standing at ease concerns the whole body
         moved[:] = True
@@ -117,7 +117,7 @@ def _score_action(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS 
     span = wanted[first:last, moved]
 
     def distance(motion: Motion) -> float:
-        points = body_points(motion)[:, moved]
+        points = joints_and_nose(motion)[:, moved]
         starts = range(begin + first, begin + first + LATEST_FRAMES + 1)
         far = [np.linalg.norm(points[at : at + len(span)] - span, axis=-1).mean() for at in starts]
         return 100 * float(min(far))
@@ -133,13 +133,13 @@ def _score_action(name: str, off: Motion, on: Motion, begin: int = BEGIN_CHUNKS 
 
 def head_turn(motion: Motion, frames: slice) -> HeadTurn:
     """Rotation range of the head relative to the hips."""
-    points = body_points(motion)[frames]
+    points = joints_and_nose(motion)[frames]
     x, y, z = ((points[:, -1] - points[:, motion.skeleton.index("head")]) / NOSE_M).T
     yaw, pitch = np.unwrap(np.arctan2(x, z)), np.arcsin(np.clip(y, -1, 1))
     return HeadTurn(*(float(np.degrees(np.ptp(angle))) for angle in (yaw, pitch)))
 
 
-def body_points(motion: Motion) -> Points:
+def joints_and_nose(motion: Motion) -> Points:
     """Joints and nose in the hips' frame, metres."""
     skeleton, pose = motion.skeleton, motion.pose()
     positions, head = pose.positions.numpy(), skeleton.index("head")

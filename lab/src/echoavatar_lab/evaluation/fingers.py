@@ -46,7 +46,7 @@ def measure_fingers(model: FingerModel, clips: Sequence[FingerClip]) -> dict[str
         made["mean pose"].append(finger_rotations(model.hand_mean.expand(1, 2, -1)).expand_as(truth))
         made["flat hands"].append(flat.expand_as(truth))
     scores = {name: compare(guesses, truths, model.basis) for name, guesses in made.items()}
-    own = liveliness(truths)
+    own = speed_and_spread(truths)
     return scores | {"truth": {key: round(value, 3) for key, value in own.items()}}
 
 
@@ -63,10 +63,10 @@ def compare(
         "curl_correlation": _correlation(curl(guess), curl(truth)),
         "frechet": frechet_distance(_plain(basis, guess), _plain(basis, truth)),
     }
-    return {key: round(value, 3) for key, value in (numbers | liveliness(guesses)).items()}
+    return {key: round(value, 3) for key, value in (numbers | speed_and_spread(guesses)).items()}
 
 
-def liveliness(clips: Sequence[Float[Tensor, "t 30 3 3"]]) -> dict[str, float]:
+def speed_and_spread(clips: Sequence[Float[Tensor, "t 30 3 3"]]) -> dict[str, float]:
     """Speed of the fingers and spread of their poses."""
     speeds = torch.cat([torch.rad2deg(angle_between(clip[:-1], clip[1:])).flatten() for clip in clips])
     fingers = torch.cat(list(clips))

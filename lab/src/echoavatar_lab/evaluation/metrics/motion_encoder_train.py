@@ -41,14 +41,14 @@ class MotionEncoderTraining(TrainingConfig):
     speed_weight: float = Field(default=1.0, ge=0, description="weight of the error in frame differences")
 
 
-class Motion(NamedTuple):
+class NoisyWindows(NamedTuple):
     """A batch: windows of normalised features, and the noise added to the input."""
 
     windows: Float[Tensor, "b t c"]
     noise: Float[Tensor, "b t c"]
 
 
-class MotionEncoderTask(TrainingTask[Motion]):
+class MotionEncoderTask(TrainingTask[NoisyWindows]):
     """The training task of the extractor."""
 
     config: MotionEncoderTraining
@@ -82,13 +82,13 @@ class MotionEncoderTask(TrainingTask[Motion]):
         """AdamW."""
         return [adamw([self.model], self.config, decays_vectors=True)]
 
-    def draw(self, step: int) -> Motion:
+    def draw(self, step: int) -> NoisyWindows:
         """See `TrainingTask.draw`."""
         random = self.config.noise(step, _NOISE * self.config.seed)
         windows = self._windows(random)
-        return Motion(windows, torch.randn(windows.shape, generator=random) * self.config.noise_spread)
+        return NoisyWindows(windows, torch.randn(windows.shape, generator=random) * self.config.noise_spread)
 
-    def loss(self, batch: Motion, step: int) -> Loss:
+    def loss(self, batch: NoisyWindows, step: int) -> Loss:
         """Error of features and of their frame differences, in standard deviations, all body parts weighted equally."""
         error = self.model(batch.windows + batch.noise) - batch.windows
         places = F.smooth_l1_loss(error, torch.zeros_like(error), reduction="none")
