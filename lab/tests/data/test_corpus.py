@@ -24,9 +24,9 @@ def arrays() -> dict[str, np.ndarray]:
 def test_written_arrays_are_mapped_back(tmp_path, arrays):
     entry = write_shard(tmp_path, "00000", arrays, skeleton=2)
     shard = Shard(tmp_path, entry)
-    assert (entry.frames, entry.skeleton, shard.has_sound) == (6, 2, True)
+    assert (entry.frames, entry.skeleton) == (6, 2)
     for name, values in arrays.items():
-        found = getattr(shard, name)
+        found = shard[name]
         assert isinstance(found, np.memmap)
         assert np.array_equal(found, values)
     assert not list(tmp_path.rglob("*.part"))
@@ -34,7 +34,7 @@ def test_written_arrays_are_mapped_back(tmp_path, arrays):
 
 def test_writing_to_a_mapped_array_does_not_reach_the_file(tmp_path, arrays):
     shard = Shard(tmp_path, write_shard(tmp_path, "00000", arrays))
-    shard.root[0] = 99.0
+    shard["root"][0] = 99.0
     assert np.array_equal(np.load(shard.path("root")), arrays["root"])
     shard.verify()
 
@@ -42,17 +42,17 @@ def test_writing_to_a_mapped_array_does_not_reach_the_file(tmp_path, arrays):
 def test_changed_missing_and_misshapen_files_are_named(tmp_path, arrays):
     entry = write_shard(tmp_path, "00000", arrays)
     with pytest.raises(MotionError, match="manifest says 7"):
-        _ = Shard(tmp_path, entry.model_copy(update={"frames": 7})).root
+        _ = Shard(tmp_path, entry.model_copy(update={"frames": 7}))["root"]
     root = shard_path(tmp_path, "00000", "root")
     np.save(root, arrays["root"] + 1)
     with pytest.raises(MotionError, match="root.npy changed"):
         Shard(tmp_path, entry).verify()
     root.write_bytes(root.read_bytes()[:90])
     with pytest.raises(MotionError, match="root.npy is damaged"):
-        _ = Shard(tmp_path, entry).root
+        _ = Shard(tmp_path, entry)["root"]
     root.unlink()
     with pytest.raises(MotionError, match="root.npy is missing"):
-        _ = Shard(tmp_path, entry).root
+        _ = Shard(tmp_path, entry)["root"]
     with pytest.raises(MotionError, match="root.npy is missing"):
         Shard(tmp_path, entry).verify()
 
@@ -61,7 +61,7 @@ def test_pickled_objects_are_not_read(tmp_path, arrays):
     entry = write_shard(tmp_path, "00000", arrays)
     np.save(shard_path(tmp_path, "00000", "root"), np.array([{}] * 6, dtype=object), allow_pickle=True)
     with pytest.raises(MotionError, match="damaged"):
-        _ = Shard(tmp_path, entry).root
+        _ = Shard(tmp_path, entry)["root"]
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path, arrays):

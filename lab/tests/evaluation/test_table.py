@@ -7,7 +7,17 @@ import pytest
 from PIL import Image
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar_lab.evaluation.table import Interval, Row, as_json, as_text, draw, interval, mean_interval, row_of_means
+from echoavatar_lab.evaluation.table import (
+    Interval,
+    Row,
+    as_json,
+    as_text,
+    draw,
+    interval,
+    mean_interval,
+    mean_rows,
+    row_of_means,
+)
 
 
 def test_an_interval_of_a_mean_is_about_two_standard_errors_wide() -> None:
@@ -105,3 +115,11 @@ def test_a_picture_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         draw(ROWS, tmp_path / "none" / "a.png", title="")
     with pytest.raises(EchoAvatarError, match="cannot write"):
         draw(ROWS, tmp_path / "a.nonsense", title="")
+
+
+def test_tables_of_several_performances_become_one_of_means() -> None:
+    one, other = (Row("a", "m", v, Interval(v - 1, v + 1), chance=v / 2, truth=5.0) for v in (2.0, 4.0))
+    (row,) = mean_rows([[one], [other]])
+    assert row[:4] == ("a", "m", 3.0, Interval(2.0, 4.0))
+    assert (row.chance, row.truth) == (1.5, 5.0)
+    assert math.isnan(row.excess)

@@ -42,38 +42,19 @@ class ShardEntry(Config):
 
 
 class Shard:
-    """The arrays of a shard, mapped on first access.
+    """The arrays of a shard by name (`TYPES`), mapped on first access.
 
     Access raises MotionError if the file is missing, damaged or of another shape.
     """
 
     def __init__(self, folder: Path, entry: ShardEntry) -> None:
         self.folder, self.entry = folder, entry
+        self._mapped: dict[str, NDArray[Any]] = {}
 
-    @property
-    def has_sound(self) -> bool:
-        """Whether its clips have sound."""
-        return "audio" in self.entry.sha256
-
-    @cached_property
-    def rotations(self) -> NDArray[np.float32]:
-        """(n, j, 4) quaternions `wxyz`."""
-        return self._mapped("rotations")
-
-    @cached_property
-    def root(self) -> NDArray[np.float32]:
-        """(n, 3) metres."""
-        return self._mapped("root")
-
-    @cached_property
-    def domain(self) -> NDArray[np.uint8]:
-        """(n,) index into `DOMAINS`."""
-        return self._mapped("domain")
-
-    @cached_property
-    def audio(self) -> NDArray[np.int16]:
-        """(800 n,) 16-bit samples at 24 kHz."""
-        return self._mapped("audio")
+    def __getitem__(self, array: str) -> NDArray[Any]:
+        if array not in self._mapped:
+            self._mapped[array] = self._map(array)
+        return self._mapped[array]
 
     def path(self, array: str) -> Path:
         """Path of one array's file."""
@@ -88,12 +69,11 @@ class Shard:
             if checksum(path) != wanted:
                 raise MotionError(f"shard {path} changed; prepare the set again")
 
-    def _mapped(self, array: str) -> NDArray[Any]:
+    def _map(self, array: str) -> NDArray[Any]:
         path = self.path(array)
         try:
-            values: NDArray[Any] = np.load(
-                path, mmap_mode="c", allow_pickle=False
-            )  # copy on write: torch needs writable memory
+            # copy on write, because torch needs writable memory
+            values: NDArray[Any] = np.load(path, mmap_mode="c", allow_pickle=False)
         except FileNotFoundError as error:
             raise MotionError(f"shard {path} is missing; prepare the set again") from error
         except (OSError, ValueError, EOFError) as error:
@@ -270,7 +250,7 @@ class Corpus:
             audio=self.sound(name).astype(np.float32) / np.float32(PCM),
             rotations=motion.rotations,
             root=motion.root,
-            domain=self._shards[entry.shard].domain[span],
+            domain=self._shards[entry.shard]["domain"][span],
             events=MappingProxyType({kind: np.array(times) for kind, times in entry.events.items()}),
             split=entry.split,
             labels=entry.labels,
@@ -287,7 +267,7 @@ class Corpus:
             with open_clip(self.path(name)) as stored:
                 return ClipMotion(stored["rotations"], stored["root"])
         shard, span = self._shards[entry.shard], slice(entry.start, entry.start + entry.frames)
-        motion = ClipMotion(shard.rotations[span], shard.root[span])
+        motion = ClipMotion(shard["rotations"][span], shard["root"][span])
         return mirrored(self.skeleton_of(name), motion) if entry.mirrored else motion
 
     def sound(self, name: str) -> NDArray[np.int16]:
@@ -299,7 +279,7 @@ class Corpus:
         if not entry.has_sound:
             return np.zeros(entry.frames * SAMPLES_PER_FRAME, np.int16)
         first = entry.start * SAMPLES_PER_FRAME
-        return self._shards[entry.shard].audio[first : first + entry.frames * SAMPLES_PER_FRAME]
+        return self._shards[entry.shard]["audio"][first : first + entry.frames * SAMPLES_PER_FRAME]
 
     def verify(self) -> None:
         """Raise MotionError for the first clip or shard whose file is missing or has changed."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, SkeletonConfig
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .clip import open_clip
@@ -53,7 +53,7 @@ def merge(folders: Sequence[Path], folder: Path, *, progress: Progress | None = 
 def _want_fit(parts: Sequence[Corpus]) -> None:
     seen: dict[str, Path] = {}
     for part in parts:
-        if _rig(part) != _rig(parts[0]):
+        if part.skeleton.config != parts[0].skeleton.config:
             raise MotionError(
                 f"{part.folder} is on another rig than {parts[0].folder}; prepare both with --rig unified"
             )
@@ -63,11 +63,6 @@ def _want_fit(parts: Sequence[Corpus]) -> None:
                     f"{part.folder} and {seen[name]} both have a clip {name!r}; prepare one of them without it (--only)"
                 )
             seen[name] = part.folder
-
-
-def _rig(part: Corpus) -> SkeletonConfig:
-    """The one rig of a set; a set without any is on the humanoid."""
-    return part.skeleton.config
 
 
 def _packed(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntry], list[ShardEntry]]:

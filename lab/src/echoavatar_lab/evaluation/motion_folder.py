@@ -82,7 +82,7 @@ class ReadOptions:
 
 
 @dataclass(frozen=True)
-class Take:
+class Source:
     """A clip that can be read: a file, or a clip of a set."""
 
     path: Path
@@ -107,7 +107,7 @@ def read_pairs(
     Raises:
         EchoAvatarError: a folder is missing or empty, clips have no counterpart, or one cannot be used; names it.
     """
-    ours, theirs = takes(made, how.split), takes(true, how.split)
+    ours, theirs = sources(made, how.split), sources(true, how.split)
     names = sorted(ours.keys() & theirs.keys())
     if not how.is_common:
         _want_same(made, ours, true, theirs)
@@ -123,18 +123,18 @@ def read_pairs(
     return pairs
 
 
-def sound_of(name: str, take: Take, how: ReadOptions) -> Float[np.ndarray, " s"]:
+def sound_of(name: str, source: Source, how: ReadOptions) -> Float[np.ndarray, " s"]:
     """The audio of a clip at 24 kHz, as `read_pairs` finds it.
 
     Raises:
         AudioError: it has none, or it cannot be read.
     """
     sounds = _audio_files(how.audio) if how.audio else {}
-    here = (take, take.read(is_resampling=how.is_resampling))
+    here = (source, source.read(is_resampling=how.is_resampling))
     return _sound(name, here, here, sounds)
 
 
-def takes(place: Path, split: str | None = "test") -> dict[str, Take]:
+def sources(place: Path, split: str | None = "test") -> dict[str, Source]:
     """What a set or a folder holds, by name: of a set the clips of one split (None: of all) that are no mirror images.
 
     Raises:
@@ -142,10 +142,10 @@ def takes(place: Path, split: str | None = "test") -> dict[str, Take]:
             that split.
     """
     if not (place / "manifest.json").is_file():
-        return {name: Take(path) for name, path in motion_files(place).items()}
+        return {name: Source(path) for name, path in motion_files(place).items()}
     corpus = Corpus(place)
     if names := corpus.names(split, has_mirrored=False):
-        return {name: Take(place / name, corpus, name) for name in names}
+        return {name: Source(place / name, corpus, name) for name in names}
     there = {entry.split for entry in corpus.entries()}
     raise MotionError(
         f"{place} has no clips of split {split!r}, only {', '.join(sorted(there)) or 'none at all'}; name another"
@@ -231,7 +231,7 @@ def _stored(path: Path) -> set[str]:
         return set()
 
 
-def _pair(name: str, made: Take, true: Take, sounds: Mapping[str, Path], how: ReadOptions) -> Pair:
+def _pair(name: str, made: Source, true: Source, sounds: Mapping[str, Path], how: ReadOptions) -> Pair:
     ours = made.read(is_resampling=how.is_resampling)
     theirs = true.read(is_resampling=how.is_resampling)
     lengths = ours.motion.frames, theirs.motion.frames
@@ -256,7 +256,7 @@ def _pair(name: str, made: Take, true: Take, sounds: Mapping[str, Path], how: Re
 
 
 def _sound(
-    name: str, true: tuple[Take, MotionFile], made: tuple[Take, MotionFile], sounds: Mapping[str, Path]
+    name: str, true: tuple[Source, MotionFile], made: tuple[Source, MotionFile], sounds: Mapping[str, Path]
 ) -> Float[np.ndarray, " s"]:
     if name in sounds:
         return read_audio(sounds[name])
@@ -281,7 +281,7 @@ def _audio_files(folder: Path) -> dict[str, Path]:
     return found
 
 
-def _want_same(here: Path, own: Mapping[str, Take], there: Path, others: Mapping[str, Take]) -> None:
+def _want_same(here: Path, own: Mapping[str, Source], there: Path, others: Mapping[str, Source]) -> None:
     if missing := sorted(others.keys() - own.keys()):
         raise EchoAvatarError(
             f"{here} lacks {len(missing)} of the {len(others)} clips in {there}, for example {missing[0]};"
@@ -314,7 +314,7 @@ def make_motion(
     if known is not None and known != wanted:
         raise MotionError(f"{folder} was made with {known}, now asked for {wanted}; name another folder")
     (folder / NOTE).write_text(json.dumps(wanted) + "\n", encoding="utf-8")
-    there = takes(true, how.split)
+    there = sources(true, how.split)
     left = [(number, name) for number, name in enumerate(there) if not (folder / f"{name}.npz").exists()]
     for first in range(0, len(left), BATCH):
         part = left[first : first + BATCH]

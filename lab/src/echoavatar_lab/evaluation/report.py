@@ -45,13 +45,12 @@ from .metrics.liveliness import STATISTICS
 from .metrics.positions import Reconstruction, reconstruction
 from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
 from .motion_folder import Pair
-from .table import Interval, Row, interval, mean_interval, mean_rows, row_of_means
+from .table import Interval, Row, interval, mean_rows, row_of_means
 
 FID_SAMPLES = 300
 MIN_FRAMES = 8
 SEED_STRIDE = 100  # difference between the seeds of two performances
 SHOWN_KS = (1, 5, 10)
-_RETRIEVAL_SAMPLES = 1000
 Progress = Callable[[int, int], None]
 
 
@@ -283,23 +282,20 @@ def retrieval_rows(audio: Float[np.ndarray, "n d"], motion: Float[np.ndarray, "n
 
 def _gallery_rows(matrix: Float[np.ndarray, "n n"], gallery: str, seed: int) -> list[Row]:
     rows, guess = [], chance(len(matrix), SHOWN_KS)
+
+    def percent(name: str, values: Float[np.ndarray, " n"], level: float) -> Row:
+        return row_of_means(name, "%", values, chances=np.full(len(values), level), seed=seed)
+
     for way, similarities in (("a2m", matrix), ("m2a", matrix.T)):
         rank = ranks(similarities)
         for k in SHOWN_KS:
-            rows.append(_percent_row(f"{way}_r{k}_{gallery}", (rank < k) * 100.0, guess.recall[k], seed))
+            rows.append(percent(f"{way}_r{k}_{gallery}", (rank < k) * 100.0, guess.recall[k]))
         middle = _median_rank(rank, np.arange(len(rank)))
-        ends = interval(partial(_median_rank, rank), len(rank), samples=_RETRIEVAL_SAMPLES, seed=seed)
+        ends = interval(partial(_median_rank, rank), len(rank), seed=seed)
         rows.append(Row(f"{way}_medr_{gallery}", "rank", middle, ends, guess.median_rank, middle - guess.median_rank))
-        rows.append(_percent_row(f"{way}_mrr_{gallery}", 100 / (rank + 1), guess.reciprocal_rank, seed))
+        rows.append(percent(f"{way}_mrr_{gallery}", 100 / (rank + 1), guess.reciprocal_rank))
     return rows
 
 
 def _median_rank(rank: Float[np.ndarray, " n"], queries: Int[np.ndarray, " k"]) -> float:
     return float(np.median(rank[queries])) + 1
-
-
-def _percent_row(name: str, values: Float[np.ndarray, " n"], guess: float, seed: int) -> Row:
-    ends = mean_interval(values, samples=_RETRIEVAL_SAMPLES, seed=seed)
-    over = Interval(ends.low - guess, ends.high - guess)
-    value = float(values.mean())
-    return Row(name, "%", value, ends, guess, value - guess, over)
