@@ -58,10 +58,11 @@ class Room:
             hello=Hello(),
             settings=ServerSettings(**settings),  # type: ignore[arg-type]
             actions=("wave", "bow"),
+            clock=lambda: self.now,
         )
         self.box = Told()
-        self.session.join(self.box, received=None)
         self.now = 0.0
+        self.session.join(self.box, received=None)
 
     def go(self, seconds: float, step: float = 0.05) -> None:
         for _ in range(max(1, round(seconds / step))):
@@ -69,8 +70,7 @@ class Room:
             self.beat()
 
     def beat(self) -> None:
-        self.session.is_due(self.now, 0.02)
-        self.session.pump(self.now, 0.02)
+        self.session.keep_pace()
         while self.engine.tick():
             pass
         self.session.collect()
@@ -165,7 +165,7 @@ def test_a_viewer_who_comes_late_is_shown_what_is_being_played() -> None:
     at = room.session.first_for(None)
     room.session.join(late, received=None)
     assert late.of(Motion)[0].at == at
-    assert at <= room.session.playhead.sample < at + CHUNK_SAMPLES
+    assert at <= room.session.place < at + CHUNK_SAMPLES
     assert late.of(Motion)[-1].at == room.session.end - CHUNK_SAMPLES
 
 
@@ -204,7 +204,7 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     room.go(before)
     room.speak(1, length, level=0.5)
     room.go(after)
-    played = room.session.playhead.sample
+    played = room.session.place
     heard = round(played + share * (room.session.end - played))
     first = next((m.at for m in room.box.of(Sound) if m.seg == 1), None)
     room.session.interrupt(Interrupt(heard=heard))
@@ -222,7 +222,7 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     height = unpack_pose(later[-1]).root[-1, 1]
     assert height == pytest.approx(0.5e-5 * np.count_nonzero(room.sound()[:heard]), abs=2e-4)
     assert np.count_nonzero(room.sound()[flush.at :]) == 0
-    assert room.session.playhead.sample >= heard
+    assert room.session.place >= heard
 
 
 def test_an_interruption_is_answered_before_anything_new_is_needed() -> None:
@@ -326,10 +326,10 @@ def test_a_report_from_before_a_flush_says_nothing() -> None:
     room.speak(1, 5.0)
     room.go(1.0)
     room.session.interrupt(Interrupt(heard=12_000))
-    room.session.played(Played(at=40_000, epoch=0), room.now)
-    assert room.session.playhead.sample == 12_000
-    room.session.played(Played(at=12_100, epoch=1), room.now)
-    assert room.session.playhead.sample <= 12_100
+    room.session.played(Played(at=40_000, epoch=0))
+    assert room.session.place == 12_000
+    room.session.played(Played(at=12_100, epoch=1))
+    assert room.session.place <= 12_100
 
 
 def test_a_flood_is_refused_and_changes_nothing() -> None:
@@ -345,7 +345,7 @@ def test_what_is_kept_does_not_grow() -> None:
     room = Room()
     room.go(30.0, step=0.1)
     assert len(room.session.sent) < 40
-    assert len(room.session._scheduled_at) < 40
+    assert len(room.session.pacer._scheduled) < 40
     assert len(room.session.core._queue._spans) < 80
 
 
@@ -353,12 +353,12 @@ def test_early_sessions_go_with_one_that_is_due() -> None:
     """A step of the engine moves everyone; one who is not due yet goes along."""
     room = Room()
     room.go(3.0)
-    while room.session.is_due(room.now, 0.02):
+    while room.session.is_due:
         room.beat()
     end = room.session.end
     room.beat()
     assert room.session.end == end
-    room.session.pump(room.now, 0.02, early=True)
+    room.session.keep_pace(early=True)
     while room.engine.tick():
         pass
     room.session.collect()
@@ -371,7 +371,12 @@ def default_room() -> Room:
     room = Room()
     room.engine = load("default")
     room.session = ServerSession(
-        room.engine.open_core(seed=1, is_paced=True), name="s", key="k", hello=Hello(), settings=ServerSettings()
+        room.engine.open_core(seed=1, is_paced=True),
+        name="s",
+        key="k",
+        hello=Hello(),
+        settings=ServerSettings(),
+        clock=lambda: room.now,
     )
     room.session.join(room.box, received=None)
     return room

@@ -15,7 +15,7 @@ from .animate import VIEWS
 from .serve import RENDERER_HELP, RENDERER_NAMES
 
 if TYPE_CHECKING:
-    from echoavatar.server.playhead import Playhead
+    from echoavatar.engine import Playhead
     from echoavatar.server.video import LiveStream, VideoSource
     from echoavatar.server.video.broadcast import Output
 
@@ -155,7 +155,7 @@ class _Show:
     async def _begin(self, ready: Any) -> None:
         """Show a session from its present moment on."""
         from echoavatar.files.avatar.avatar_renderer import Shot
-        from echoavatar.server.playhead import Playhead
+        from echoavatar.engine import Playhead
         from echoavatar.server.video import LiveStream, VideoSource
         from echoavatar.wire import Flush
 

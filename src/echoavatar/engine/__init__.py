@@ -6,6 +6,7 @@ May import `pipeline` and below.
 from .action_scheduler import ActStatus
 from .engine import Engine, load
 from .offline import Animation, animate, animate_many, in_blocks
+from .pacing import Pacer, Playhead
 from .playout import Delivery
 from .session import Session, SessionStatus
 from .session_core import SessionCore
@@ -17,6 +18,8 @@ __all__ = [
     "Delivery",
     "Engine",
     "EngineThread",
+    "Pacer",
+    "Playhead",
     "Session",
     "SessionCore",
     "SessionStatus",

@@ -1,19 +1,20 @@
 """A session of the server: utterances in, one clock, and the clients that watch.
 
-The engine's clock is the protocol's. The engine makes a chunk only after the server has scheduled it: speech up to
-`ahead_seconds` ahead of playback, silence just in time, so that speech is answered soon. All methods are called on the
-event loop and do not block; the model runs elsewhere.
+The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk is to be made. A session turns what
+clients say into calls of its `SessionCore`, and deliveries into messages. All methods are called on the event loop and
+do not block; the model runs elsewhere.
 """
 
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.engine import ActStatus, Delivery, SessionCore
+from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
 from echoavatar.errors import QueueFullError
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
@@ -41,14 +42,12 @@ from echoavatar.wire import (
 from .answers import TrackWatch, answer
 from .opus import OpusPacker
 from .outbox import Outbox
-from .playhead import Playhead
 from .settings import ServerSettings
 from .utterances import UtteranceReader
 
 if TYPE_CHECKING:
     from .tracing import SessionTrace
 
-MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
 MOST_FLUSHES = 64  # that are kept for clients that resume
 KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
 
@@ -91,13 +90,14 @@ class ServerSession:
         hello: Hello,
         settings: ServerSettings,
         actions: tuple[str, ...] = (),
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """`core` must be paced (`Engine.open_core`)."""
         self.core = core
         self.name, self.key = name, key
         self.is_renewed = False  # the key is new, and the one before it is not spent yet
         self.speech = UtteranceReader(hello.audio)
-        self.playhead = Playhead()
+        self.pacer = Pacer(core, settings.ahead_seconds)
         self.listeners: list[Outbox] = []
         self.source: Outbox | None = None
         self.left_at: float | None = None  # when the source was lost
@@ -107,23 +107,23 @@ class ServerSession:
         self.sent: deque[Sent] = deque()
         self._flushes: deque[Flush] = deque(maxlen=MOST_FLUSHES)
         self.trace: SessionTrace | None = None
+        self.on_change: Callable[[], None] = lambda: None  # called when `keep_pace` has a reason to be
+        self._clock = clock
         self._actions, self._size = actions, core.chunk.samples
         self._user_speech = UtteranceReader(hello.audio)
-        self._settings = settings
         self._state = State(state="idle", at=0, seg=0, finished=0)  # as clients know it
         self._rate = hello.audio.rate
         self._running: set[str] = set()  # ids of actions that were accepted and are not done
         self._track = TrackWatch()
         self._packer = OpusPacker()
-        self._scheduled_at: dict[int, float] = {}  # by chunk: when it was scheduled
 
     def close(self) -> None:
         """Free the seat and end all connections."""
         self.core.close()
         for outbox in self.listeners:
             outbox.close()
-        self.listeners.clear()  # a listener may refer back to this session
-        self.source = None
+        self.listeners.clear()  # a listener may refer back to this session, and so may `on_change`
+        self.source, self.on_change = None, lambda: None
 
     # ---- clients
 
@@ -142,17 +142,21 @@ class ServerSession:
             sent.put_into(outbox)
         outbox.put(self._state)
         self.listeners.append(outbox)
+        self.on_change()
 
     def _missed(self, received: int | None) -> list[Sent]:
-        start = self.playhead.sample if received is None else received
+        start = self.place if received is None else received
         return [sent.as_of(self.epoch) for sent in self.sent if sent.end > start]
 
     def leave(self, outbox: Outbox) -> None:
         """Remove a client."""
+        self._follow_player()
         if outbox in self.listeners:
             self.listeners.remove(outbox)
         if self.source is outbox:
-            self.source, self.left_at = None, time.monotonic()
+            self.source, self.left_at = None, self._clock()
+        self._follow_player()
+        self.on_change()
 
     def tell(self, message: ServerMessage) -> None:
         """Send to all clients."""
@@ -184,6 +188,8 @@ class ServerSession:
             raise ProtocolError("inbox_full", str(error), fatal=False, retry_after=1.0) from error
         if self.trace:
             self.trace.heard(len(samples), self._rate)
+        if self.core.waiting >= self._size:
+            self.on_change()
 
     def finish(self, message: End) -> None:
         """An utterance is complete."""
@@ -193,21 +199,24 @@ class ServerSession:
         elif self.speech.end(message.seg):
             self.core.end_utterance(message.seg)
             self._tell_state(self._state.state, self.end)
+            self.on_change()
 
     def interrupt(self, message: Interrupt) -> None:
         """Barge-in: `engine.barge_in` takes back what was not heard, and clients are told with `flush`."""
         self.collect()
-        heard = min(self.playhead.sample if message.heard is None else message.heard, self.end)
+        heard = min(self.place if message.heard is None else message.heard, self.end)
         last = message.seg or self.speech.seg
         self.speech.cut(last)
         done = self.core.interrupt(heard, last)
         self._flush(Flush(at=done.at, epoch=done.epoch, seg=done.utterance, heard=done.heard))
-        self.playhead.jump(heard)
+        self.pacer.playhead.jump(heard)
         if self.trace:
             self.trace.forget()
+        self.on_change()
 
     def act(self, message: Action) -> ActStatus:
         """Begin an action; clients receive its statuses."""
+        self._follow_player()
         asked = self.core.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
         self._tell_statuses()
         return asked
@@ -216,51 +225,62 @@ class ServerSession:
         """Play a track instead of the one that plays now."""
         for status in self._track.ask(message.id, title, self.end):
             self.tell(status)
+        self._follow_player()
         self.core.play(title, track)
+        self.on_change()
 
     def stop_music(self, message: Music) -> None:
         """Fade the music out."""
+        self._follow_player()
         self.core.stop_music()
         self.tell(answer(message.id, "stop", "done", self.end))
 
-    def played(self, message: Played, now: float) -> None:
+    def played(self, message: Played) -> None:
         """Take the player's report of its position; reports from before the last flush are ignored."""
         if message.epoch >= self.epoch:
-            self.playhead.report(message.at, now, self.end)
+            self.pacer.playhead.report(message.at, self._clock(), self.end)
+            self.on_change()
         self.underruns = max(self.underruns, message.underruns)
 
-    # ---- the server's clock
+    # ---- the clock
 
-    def is_due(self, now: float, step_s: float) -> bool:
-        """Advance the playhead; returns whether a chunk must be scheduled now. Without a player it stands still."""
-        if not self._is_watched:
-            self.playhead.pause()
-            return False
-        self.playhead.advance(now, self.end)
-        self.core.report_played(self.playhead.sample)
-        return self.core.scheduled - self.playhead.sample < self._just_in_time(step_s)
+    @property
+    def place(self) -> int:
+        """The first sample of the clock that was not heard, by estimate."""
+        self._follow_player()
+        return self.pacer.playhead.sample
 
-    def pump(self, now: float, step_s: float, *, early: bool = False) -> None:
-        """Schedule as many chunks as playback allows.
+    @property
+    def is_due(self) -> bool:
+        """Whether a chunk must be scheduled now."""
+        self._follow_player()
+        return self._is_watched and self.pacer.is_due
 
-        `early`: another session is due, and a batch costs hardly more than one session, so all go together.
-        """
+    def keep_pace(self, *, early: bool = False) -> None:
+        """Schedule the chunks that playback allows; with `early`, one more (see `Pacer.schedule`)."""
+        self._follow_player()
         if not self._is_watched:
             return
-        just_in_time = self._just_in_time(step_s) + early * self._size
-        while True:
-            end, is_speech = self.core.scheduled, self.core.waiting >= self._size
-            bound = self._settings.ahead_seconds * SAMPLE_RATE_HZ if is_speech else just_in_time
-            if end - self.playhead.sample >= bound:
-                return
-            self._scheduled_at[end // self._size] = now
+        for at in self.pacer.schedule(self._clock(), early=early):
             if self.trace:
-                self.trace.scheduled(end, self._size)
-            self.core.schedule()
+                self.trace.scheduled(at, self._size)
+
+    @property
+    def deadline(self) -> float | None:
+        """When `keep_pace` must be called again; None if `on_change` or new motion comes before."""
+        return self.pacer.deadline(self._clock(), self.end) if self._is_watched else None
+
+    def _follow_player(self) -> None:
+        """Advance the playhead to the present; without a player it stands still."""
+        if self._is_watched:
+            self.pacer.advance(self._clock(), self.end)
+        else:
+            self.pacer.playhead.pause()
 
     def collect(self) -> list[float]:
         """Send the motion that is ready; returns how long each chunk took, in seconds."""
-        took, now = [], time.monotonic()
+        self._follow_player()  # before there is more to play
+        took, now = [], self._clock()
         while (delivery := self.core.take()) is not None:
             if delivery.epoch > self.epoch:
                 self._flush(Flush(at=delivery.start, epoch=delivery.epoch, seg=0, heard=0))
@@ -269,9 +289,8 @@ class ServerSession:
             self._send(delivery, is_acting=is_acting or bool(self._running))
             if self.trace:
                 self.trace.shown(delivery.start)
-            scheduled = self._scheduled_at.pop(delivery.start // self._size, None)
-            if scheduled is not None:
-                took.append(now - scheduled)
+            if (seconds := self.pacer.took(delivery.start, now)) is not None:
+                took.append(seconds)
         self._tell_statuses()
         return took
 
@@ -280,7 +299,7 @@ class ServerSession:
         return Stats(
             at=self.end,
             queue_ms=1e3 * self.core.waiting / SAMPLE_RATE_HZ,
-            ahead_ms=1e3 * (self.end - self.playhead.sample) / SAMPLE_RATE_HZ,
+            ahead_ms=1e3 * (self.end - self.place) / SAMPLE_RATE_HZ,
             step_ms=1e3 * step_s,
             rtf=step_s * SAMPLE_RATE_HZ / self._size,
             dropped=dropped,
@@ -292,18 +311,13 @@ class ServerSession:
     def is_quiet(self) -> bool:
         """Whether everything that was said has been played."""
         is_silent = self.core.waiting == 0 and self._state.seg == 0
-        return is_silent and (self.playhead.sample >= self._state.at or not self.listeners)
+        return is_silent and (self.place >= self._state.at or not self.listeners)
 
     # ---- inside
 
     @property
     def _is_watched(self) -> bool:
         return any(outbox.plays for outbox in self.listeners)
-
-    def _just_in_time(self, step_s: float) -> float:
-        if self._track.title:  # the engine makes music ahead by itself
-            return self.core.music_ahead * self._size
-        return (MARGIN_S + min(1.0, 2 * step_s)) * SAMPLE_RATE_HZ
 
     def _send(self, delivery: Delivery, *, is_acting: bool) -> None:
         state = _STATES[delivery.source]

@@ -119,7 +119,7 @@ class Viewer:
         self, session: ServerSession, source: VideoSource, ice_servers: Sequence[str], on_end: Callable[[], None]
     ) -> None:
         """`ice_servers` are STUN or TURN addresses, such as `stun:stun.example.org`; most servers need none."""
-        self.stream = LiveStream(source, lambda: session.playhead.sample)
+        self.stream = LiveStream(source, lambda: session.place)
         self._session, self._on_end = session, on_end
         self._outbox = ViewerOutbox(source, session, self._leave)
         servers = [RTCIceServer(address) for address in ice_servers]

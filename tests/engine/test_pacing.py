@@ -1,4 +1,4 @@
-from echoavatar.server.playhead import Playhead
+from echoavatar.engine.pacing import Playhead
 
 
 def test_it_runs_by_the_wall_clock_and_waits_for_motion() -> None:
