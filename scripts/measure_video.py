@@ -7,7 +7,7 @@
 
 Needs the extra `video` (`--renderers` needs `gpu` instead), and Linux, which tells processor time by process. The
 viewer decodes in this process, on the same processors. How far pictures and sound are apart is measured by
-`pytest -m slow -s tests/server/video/test_whep.py`.
+`pytest -m slow -s tests/server/test_whep.py`.
 """
 
 import argparse

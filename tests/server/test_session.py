@@ -8,13 +8,14 @@ from tests.server.fakes import Body
 
 from echoavatar.engine import Engine, load
 from echoavatar.server.outbox import Outbox
-from echoavatar.server.session import ServerSession
+from echoavatar.server.session import ServerSession, TrackWatch, UtteranceReader, answer
 from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar.wire import (
     Action,
     ActionStatus,
     Audio,
+    AudioFormat,
     End,
     Flush,
     Hello,
@@ -353,7 +354,7 @@ def test_early_sessions_go_with_one_that_is_due() -> None:
     """A step of the engine moves everyone; one who is not due yet goes along."""
     room = Room()
     room.go(3.0)
-    while room.session.is_due:
+    while room.session.keep_pace():
         room.beat()
     end = room.session.end
     room.beat()
@@ -396,3 +397,83 @@ def test_the_default_bundle_speaks_is_interrupted_and_stays_small(default_room: 
     turns = np.concatenate([pose.rotations for pose in poses])
     np.testing.assert_allclose(np.linalg.norm(turns, axis=-1), 1, atol=1e-3)
     assert 0.5 < np.concatenate([pose.root for pose in poses])[:, 1].mean() < 1.5
+
+
+def audio(seg: int, start: int, count: int) -> Audio:
+    return Audio(seg=seg, start=start, pcm=(np.arange(start, start + count) % 30_000).astype("<i2").tobytes())
+
+
+def took(reader: UtteranceReader, message: Audio) -> int | None:
+    """How many samples of a message are new; they are accepted."""
+    new = reader.read(message)
+    if new is None:
+        return None
+    reader.accept(message.seg, len(new))
+    return len(new)
+
+
+@pytest.fixture
+def reader() -> UtteranceReader:
+    return UtteranceReader(AudioFormat(rate=24_000))
+
+
+def test_what_was_sent_twice_is_taken_once(reader: UtteranceReader) -> None:
+    assert took(reader, audio(1, 0, 100)) == 100
+    assert took(reader, audio(1, 40, 100)) == 40
+    assert (reader.seg, reader.received) == (1, 140)
+
+
+def test_a_message_that_is_not_accepted_can_be_sent_again(reader: UtteranceReader) -> None:
+    assert reader.read(audio(1, 0, 100)) is not None
+    assert took(reader, audio(1, 0, 100)) == 100
+
+
+def test_a_gap_is_refused_and_can_be_filled(reader: UtteranceReader) -> None:
+    with pytest.raises(ProtocolError, match="expected 0") as caught:
+        reader.read(audio(1, 5, 10))
+    assert caught.value.code == "bad_order"
+    assert not caught.value.fatal
+    assert took(reader, audio(1, 0, 10)) == 10
+
+
+def test_sound_after_the_end_is_refused(reader: UtteranceReader) -> None:
+    took(reader, audio(1, 0, 10))
+    assert reader.end(1)
+    assert not reader.end(1)
+    with pytest.raises(ProtocolError, match="has ended"):
+        reader.read(audio(1, 10, 10))
+
+
+def test_cut_utterances_are_ignored_from_then_on(reader: UtteranceReader) -> None:
+    took(reader, audio(3, 0, 500))
+    reader.cut(4)
+    for message in (audio(3, 500, 500), audio(2, 0, 500), audio(4, 0, 500)):
+        assert took(reader, message) is None
+    assert not reader.end(4)
+    assert took(reader, audio(5, 0, 500)) == 500
+
+
+def test_a_track_is_followed_from_the_asking_to_its_end() -> None:
+    watch = TrackWatch()
+    told: list[ActionStatus] = watch.follow(0, has_music=False)
+    told += watch.ask("a", "Evening", 0)
+    told += watch.follow(6_400, has_music=False)  # made before it was asked for
+    for at in (12_800, 19_200):
+        told += watch.follow(at, has_music=True)
+    assert watch.title == "Evening"
+    told += watch.ask("b", "Morning", 25_600)
+    told += watch.follow(25_600, has_music=True)
+    told += watch.follow(32_000, has_music=False)
+    assert [(s.id, s.status, s.at) for s in told] == [
+        ("a", "accepted", 0),
+        ("a", "started", 12_800),
+        ("a", "done", 25_600),
+        ("b", "accepted", 25_600),
+        ("b", "started", 25_600),
+        ("b", "done", 32_000),
+    ]
+    assert watch.title == ""
+
+
+def test_a_rejection_names_the_choices() -> None:
+    assert answer("x", "fly", "rejected", 0, reason="no", choices=("wave",)).choices == ("wave",)

@@ -1,6 +1,6 @@
-"""`echoavatar bench start`: how long a fresh process takes until an avatar can answer, stage by stage.
+"""`echoavatar bench start`: how long a fresh process takes until an avatar can answer, phase by phase.
 
-Every run is two processes: one that times its stages, and `echoavatar animate` as a user runs it. The first run may
+Every run is two processes: one that times its phases, and `echoavatar animate` as a user runs it. The first run may
 compile loops and read the disk; the median of the others is the warm start.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 from echoavatar.models.audio import write_wav
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-_STAGES = """
+_PHASES = """
 import sys, time
 began, marks = time.perf_counter(), {}
 def mark(name):
@@ -45,9 +45,9 @@ print(json.dumps([marks, len(compiled)]))
 
 
 class StartReport(NamedTuple):
-    """Seconds of the stages, one entry per run; `motion` is for five seconds of sound."""
+    """Seconds of the phases, one entry per run; `motion` is for five seconds of sound."""
 
-    stages: dict[str, list[float]]
+    phases: dict[str, list[float]]
     animate: list[float]  # `echoavatar animate five_seconds.wav -o five_seconds.glb`, from command to prompt
     help: list[float]  # `echoavatar --help`
     compiled: list[int]  # loops that were compiled
@@ -55,7 +55,7 @@ class StartReport(NamedTuple):
     @property
     def summary(self) -> dict[str, float]:
         """Medians of the runs after the first, in seconds."""
-        rows = self.stages | {"animate": self.animate, "help": self.help}
+        rows = self.phases | {"animate": self.animate, "help": self.help}
         return {f"{name}_s": round(statistics.median(values[1:]), 3) for name, values in rows.items()}
 
 
@@ -74,10 +74,10 @@ def bench_start(model: str, *, runs: int = 4, progress: Callable[[int], None] = 
         write_wav(sound, np.zeros(5 * SAMPLE_RATE_HZ, np.float32))
         command = ["animate", str(sound), "-o", str(sound.with_suffix(".glb")), "--model", model]
         for run in range(runs):
-            said, _ = _timed(["-c", _STAGES, model])
+            said, _ = _timed(["-c", _PHASES, model])
             marks, compiled = json.loads(said.splitlines()[-1])
             for name, seconds in marks.items():
-                report.stages.setdefault(name, []).append(seconds)
+                report.phases.setdefault(name, []).append(seconds)
             report.compiled.append(compiled)
             report.animate.append(_timed(["-m", "echoavatar", *command])[1])
             report.help.append(_timed(["-m", "echoavatar", "--help"])[1])

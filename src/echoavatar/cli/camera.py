@@ -154,8 +154,8 @@ class _Show:
 
     async def _begin(self, ready: Any) -> None:
         """Show a session from its present moment on."""
-        from echoavatar.files.avatar.avatar_renderer import Shot
         from echoavatar.engine import Playhead
+        from echoavatar.files.avatar.avatar_renderer import Shot
         from echoavatar.server.video import LiveStream, VideoSource
         from echoavatar.wire import Flush
 

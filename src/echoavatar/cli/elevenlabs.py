@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Create or update the agent."""
     from echoavatar.agents.integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
-    from echoavatar.agents.integrations.persona import persona
+    from echoavatar.agents.integrations.tools import persona
 
     key = os.environ.get("ELEVENLABS_API_KEY", "")
     if not key and not args.dry_run:
@@ -77,9 +77,9 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
         from echoavatar.agents.integrations import find_backend
 
         return asyncio.run(find_backend(args.server, token=args.token).tools())
+    from echoavatar.engine.music import Tracks
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Toolbox
-    from echoavatar.engine.tracks import Tracks
 
     return Toolbox(load_bundle(args.model).actions, Tracks()).schemas()
 

@@ -131,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
         return int(command_module("serve unity").run(args))
     try:
         from echoavatar.server import ServerSettings, create_app, serve
-        from echoavatar.server.log_format import log_json
+        from echoavatar.server.run import log_json
         from echoavatar.wire.guard import is_loopback
     except ModuleNotFoundError as error:
         raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error

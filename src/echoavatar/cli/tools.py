@@ -23,9 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the tools as JSON."""
+    from echoavatar.engine.music import Tracks
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Style, Toolbox
-    from echoavatar.engine.tracks import Tracks
 
     assert set(FORMS) == set(get_args(Style))
     toolbox = Toolbox(load_bundle(args.model).actions, Tracks(args.music))

@@ -26,10 +26,10 @@ from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 
 from .audio_queue import QUEUE_SECONDS
+from .barge_in import changes, undo
 from .pipeline import Pipeline, load_bundle
 from .session import Session
 from .session_core import SessionCore
-from .undo import changes, undo
 
 _LOG = logging.getLogger(__name__)
 REWIND = 15  # chunks, 4 s at the paper's step: how far a session can go back

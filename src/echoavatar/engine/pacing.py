@@ -64,11 +64,10 @@ class Pacer:
         self._ahead = round(ahead_seconds * SAMPLE_RATE_HZ)
         self._scheduled: dict[int, float] = {}  # by chunk: when
 
-    def advance(self, now: float, end: int) -> int:
-        """Advance the playhead, and tell the engine; returns its sample."""
+    def advance(self, now: float, end: int) -> None:
+        """Advance the playhead, and tell the engine."""
         self.playhead.advance(now, end)
         self._core.report_played(self.playhead.sample)
-        return self.playhead.sample
 
     @property
     def is_due(self) -> bool:

@@ -26,13 +26,12 @@ from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 
 from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
-from .barge_in import BargeIn, Interruption
+from .barge_in import BargeIn, Interruption, Patch
 from .listener import TURN_S, Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline import ActionLibrary
 from .playout import Delivery, PlayoutBuffer
 from .settling import Settling
-from .undo import Patch
 
 LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time

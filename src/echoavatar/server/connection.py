@@ -29,10 +29,9 @@ from echoavatar.wire import (
 )
 from echoavatar.wire.guard import check_origin, check_token
 
-from .answers import answer
 from .opus import choose
 from .outbox import Outbox
-from .session import ServerSession
+from .session import ServerSession, answer
 from .session_manager import SessionManager
 
 STRIKES = 100  # errors that do not end the connection

@@ -1,14 +1,15 @@
 """A session of the server: utterances in, one clock, and the clients that watch.
 
 The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk is to be made. A session turns what
-clients say into calls of its `SessionCore`, and deliveries into messages. All methods are called on the event loop and
+clients say into calls of its `SessionCore`, and deliveries into messages. `UtteranceReader` keeps one speaker's `audio`
+messages in order: new samples are taken, repeats dropped, gaps refused. All methods are called on the event loop and
 do not block; the model runs elsewhere.
 """
 
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -16,18 +17,19 @@ from jaxtyping import Float
 
 from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
 from echoavatar.errors import QueueFullError
-from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import (
     Action,
+    ActionState,
+    ActionStatus,
     Audio,
+    AudioFormat,
     AvatarState,
     End,
     Flush,
     Hello,
     Interrupt,
-    Motion,
     Music,
-    PackedSound,
     Played,
     Pose,
     ProtocolError,
@@ -37,45 +39,109 @@ from echoavatar.wire import (
     Stats,
     pack_audio,
     pack_pose,
+    unpack_audio,
 )
 
-from .answers import TrackWatch, answer
 from .opus import OpusPacker
-from .outbox import Outbox
+from .outbox import Outbox, Sent
 from .settings import ServerSettings
-from .utterances import UtteranceReader
 
 if TYPE_CHECKING:
     from .tracing import SessionTrace
 
+Samples = Float[np.ndarray, " s"]
 MOST_FLUSHES = 64  # that are kept for clients that resume
 KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
-
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
 
 
-class Sent(NamedTuple):
-    """One chunk as it was sent."""
+class UtteranceReader:
+    """Tracks one speaker's current utterance and how much of it was received."""
 
-    motion: Motion
-    sound: Sound
-    packed: PackedSound | None  # the same sound, if a client took it so
+    def __init__(self, form: AudioFormat) -> None:
+        self.seg = 0  # the newest utterance
+        self.received = 0  # samples of it, at the source's rate
+        self._form = form
+        self._is_ended = True
+        self._cut = 0  # utterances up to this one are ignored
 
-    @property
-    def end(self) -> int:
-        """First sample after it."""
-        return self.motion.at + self.motion.frames * SAMPLES_PER_FRAME
+    def read(self, message: Audio) -> Samples | None:
+        """The new samples of a message, at the source's rate; None if its utterance is over. Changes nothing.
 
-    def as_of(self, epoch: int) -> "Sent":
-        """The same for a client that joins in a later epoch: nothing has taken it back."""
-        renew = msgspec.structs.replace
-        packed = None if self.packed is None else renew(self.packed, epoch=epoch)
-        return Sent(renew(self.motion, epoch=epoch), renew(self.sound, epoch=epoch), packed)
+        Raises:
+            ProtocolError: a gap, sound after the end of its utterance, or invalid samples; none of them fatal.
+        """
+        if self._is_past(message.seg):
+            return None
+        samples = unpack_audio(message.pcm, self._form)
+        expected = self.received if message.seg == self.seg else 0
+        if message.start > expected:
+            raise ProtocolError(
+                "bad_order",
+                f"audio of utterance {message.seg} starts at {message.start}; expected {expected}: send that first",
+                fatal=False,
+            )
+        new = samples[expected - message.start :]
+        if message.seg == self.seg and len(new) and self._is_ended:
+            raise ProtocolError("bad_order", f"utterance {message.seg} has ended; begin another", fatal=False)
+        return new
 
-    def put_into(self, outbox: Outbox) -> None:
-        """Send to a client, the sound in the form that it takes."""
-        outbox.put(self.motion)
-        outbox.put(self.packed if self.packed is not None and outbox.sound == "opus" else self.sound)
+    def accept(self, seg: int, count: int) -> None:
+        """Count new samples of an utterance as received."""
+        if seg > self.seg:
+            self.seg, self.received, self._is_ended = seg, 0, False
+        self.received += count
+
+    def end(self, seg: int) -> bool:
+        """Mark an utterance as complete; returns False if it was already."""
+        if self._is_past(seg):
+            return False
+        self.accept(seg, 0)
+        is_news = seg == self.seg and not self._is_ended
+        self._is_ended = self._is_ended or is_news
+        return is_news
+
+    def cut(self, seg: int) -> None:
+        """Ignore whatever still arrives of utterances up to this one."""
+        self._cut = max(self._cut, seg)
+        self._is_ended = self._is_ended or self.seg <= self._cut
+
+    def _is_past(self, seg: int) -> bool:
+        return seg < self.seg or seg <= self._cut
+
+
+def answer(
+    id: str, name: str, status: ActionState, at: int, *, reason: str = "", choices: tuple[str, ...] = ()
+) -> ActionStatus:
+    """A status of something that was asked for."""
+    return ActionStatus(id=id, name=name, status=status, at=at, reason=reason, choices=choices)
+
+
+class TrackWatch:
+    """Follows the track that plays: accepted, started, done. Each method returns the statuses to send."""
+
+    def __init__(self) -> None:
+        self.title = ""  # empty: nothing plays
+        self._id = ""
+        self._is_heard = False
+
+    def ask(self, id: str, title: str, at: int) -> list[ActionStatus]:
+        """A track is to play, in place of the one that plays."""
+        ended = self._end(at, "another track was asked for")
+        self.title, self._id, self._is_heard = title, id, False
+        return [*ended, answer(id, title, "accepted", at)]
+
+    def follow(self, at: int, *, has_music: bool) -> list[ActionStatus]:
+        """A chunk was sent, with music in it or without."""
+        if has_music and self.title and not self._is_heard:
+            self._is_heard = True
+            return [answer(self._id, self.title, "started", at)]
+        return self._end(at, "") if self._is_heard and not has_music else []
+
+    def _end(self, at: int, reason: str) -> list[ActionStatus]:
+        statuses = [answer(self._id, self.title, "done", at, reason=reason)] if self.title else []
+        self.title, self._is_heard = "", False
+        return statuses
 
 
 class ServerSession:
@@ -250,32 +316,32 @@ class ServerSession:
         self._follow_player()
         return self.pacer.playhead.sample
 
-    @property
-    def is_due(self) -> bool:
-        """Whether a chunk must be scheduled now."""
-        self._follow_player()
-        return self._is_watched and self.pacer.is_due
+    def keep_pace(self, *, early: bool = False) -> bool:
+        """Schedule the chunks that playback allows; with `early`, one more (see `Pacer.schedule`).
 
-    def keep_pace(self, *, early: bool = False) -> None:
-        """Schedule the chunks that playback allows; with `early`, one more (see `Pacer.schedule`)."""
-        self._follow_player()
-        if not self._is_watched:
-            return
+        Returns whether one was due at once.
+        """
+        if not self._follow_player():
+            return False
+        is_due = self.pacer.is_due
         for at in self.pacer.schedule(self._clock(), early=early):
             if self.trace:
                 self.trace.scheduled(at, self._size)
+        return is_due
 
     @property
     def deadline(self) -> float | None:
         """When `keep_pace` must be called again; None if `on_change` or new motion comes before."""
         return self.pacer.deadline(self._clock(), self.end) if self._is_watched else None
 
-    def _follow_player(self) -> None:
-        """Advance the playhead to the present; without a player it stands still."""
-        if self._is_watched:
+    def _follow_player(self) -> bool:
+        """Advance the playhead to the present; without a player it stands still. Returns whether there is one."""
+        is_watched = self._is_watched
+        if is_watched:
             self.pacer.advance(self._clock(), self.end)
         else:
             self.pacer.playhead.pause()
+        return is_watched
 
     def collect(self) -> list[float]:
         """Send the motion that is ready; returns how long each chunk took, in seconds."""

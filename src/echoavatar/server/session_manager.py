@@ -5,10 +5,12 @@ that follows from its playhead. Nothing is asked in between.
 """
 
 import asyncio
+import ctypes
 import logging
 import secrets
 import time
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -18,17 +20,16 @@ from jaxtyping import Float
 
 from echoavatar import __version__
 from echoavatar.engine import Engine, EngineThread
+from echoavatar.engine.music import Tracks
 from echoavatar.engine.tools import HIDDEN, Toolbox
-from echoavatar.engine.tracks import Tracks
 from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar.wire import VERSIONS, Flush, Hello, Latency, ProtocolError, Ready, Rig
+from echoavatar.wire.guard import Admission
 from echoavatar.wire.messages import SoundFormat
 
-from . import memory
-from .admission import Admission
 from .metrics import Metrics
 from .outbox import Outbox
 from .session import ServerSession
@@ -296,8 +297,7 @@ class SessionManager:
             if session.core.error is not None:
                 raise session.core.error
             self._collect(session)
-            is_due = session.is_due
-            session.keep_pace()
+            is_due = session.keep_pace()
             deadline = session.deadline
         except Exception:
             self._lose(session)
@@ -399,4 +399,21 @@ async def _every(seconds: float, what: Callable[[], object]) -> None:
 
 
 def _trim() -> None:
-    asyncio.get_running_loop().run_in_executor(None, memory.give_back)
+    asyncio.get_running_loop().run_in_executor(None, give_back)
+
+
+def give_back() -> None:
+    """Give all whole pages that are free back to the system; some milliseconds. Only glibc needs it, and can do it.
+
+    A session holds some 20 MB. glibc keeps such blocks for the next one, between blocks that are in use, and so a
+    server whose sessions come and go grows by a hundred megabytes, though as much is in use as at its start.
+    """
+    _malloc_trim()(0)
+
+
+@lru_cache(maxsize=1)
+def _malloc_trim() -> Callable[[int], object]:
+    try:
+        return ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # another C library; Windows has no library without a name
+        return lambda padding: padding

@@ -3,6 +3,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from echoavatar.cli.serve import WITHOUT_HELP
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.action_making import action_from_motion
-from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES
+from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES, with_random_generator
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer, as_one_part, body_config
@@ -116,3 +117,13 @@ def test_a_generator_that_hears_ahead_is_refused_by_name(tiny_bundle: Path, tmp_
         load_bundle(folder)
     with pytest.raises(CheckpointError, match="cannot stream"):
         Pipeline(replace(shipped, generator=Generator(config)))
+
+
+@pytest.mark.parametrize("sequence", ["prefix", "interleaved", "depth"])
+def test_a_generator_of_the_papers_size_has_any_order_and_no_lead_in(tiny_bundle: Path, sequence: Any) -> None:
+    bundle = load_bundle(tiny_bundle)
+    with torch.device("meta"):
+        large = with_random_generator(bundle, sequence)
+    assert large.generator.config.sequence == sequence
+    assert large.runtime.lead_in_s == 0
+    assert large.generator.config.layout == bundle.generator.config.layout

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.bench.cache_pressure import evict_caches
+from echoavatar.bench.face import evict_caches
 from echoavatar.motion.kinematics import HUMANOID, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar.motion.stages.post import POST_STAGES, Post

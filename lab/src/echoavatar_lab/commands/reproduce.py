@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     """Make what is missing, then print and write the table."""
     from tqdm import tqdm
 
-    from echoavatar.engine.pipeline.device import find_device
+    from echoavatar.engine.pipeline.pipeline import find_device
     from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar_lab.tables.experiment import Experiment, Sources
     from echoavatar_lab.tables.formats import want_pictures

@@ -164,8 +164,10 @@ def _check(bundle: Bundle) -> None:
         )
 
 
-def with_random_generator(bundle: Bundle, sequence: Literal["interleaved", "depth"] = "interleaved") -> Bundle:
+def with_random_generator(bundle: Bundle, sequence: Literal["prefix", "interleaved", "depth"] = "prefix") -> Bundle:
     """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
+
+    `prefix` is the paper's own order, which prefills its window at every step.
 
     Silence does not bring it to rest, so it has no lead-in.
     """

@@ -5,8 +5,7 @@ waits for it, and a receiver that is slow or gone affects nothing here.
 """
 
 from .address import check_address, make_sink, parse_address
-from .player import SinkPlayer
+from .player import SinkGroup, SinkPlayer
 from .sink import Frame, Sink, UdpSink
-from .sink_group import SinkGroup
 
 __all__ = ["SinkGroup", "Frame", "Sink", "SinkPlayer", "UdpSink", "check_address", "make_sink", "parse_address"]

@@ -1,7 +1,8 @@
 """An MCP server for the tools of a running avatar server; calls act on one of its sessions.
 
 The tools are fetched for each listing, so their enums always name the server's present actions and tracks. A failed
-call returns a result with `is_error` for the model to read; no exception is raised.
+call returns a result with `is_error` for the model to read; no exception is raised. No other room imports the
+package `mcp`, which implements the protocol.
 """
 
 import asyncio
@@ -15,7 +16,7 @@ from mcp.server.stdio import stdio_server
 from echoavatar import __version__
 from echoavatar.errors import EchoAvatarError
 
-from ..client import RemoteTools
+from .client import RemoteTools
 
 ABOUT = (
     "A live avatar that moves to what is said. Its gestures and its music are yours: call send_action while you talk, "
