@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from tests.engine.fakes import Heard
 from tests.server.fakes import FAST, Body, serving
 from websockets.exceptions import ConnectionClosed
 
@@ -213,3 +215,22 @@ def test_another_c_library_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def resident() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+def test_in_a_batch_all_go_with_the_one_that_is_due() -> None:
+    """Sessions that began at different moments are made in the same steps."""
+
+    class Counting(Body):
+        active: list[int] = []
+
+        def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
+            self.active.append(int(active.sum()))
+            return super().step(audio, state, active)
+
+    pipeline = Counting()
+    with serving(pipeline=pipeline, workers=0) as server, server.call(Hello()) as first:
+        first.until(Motion, lambda motion: motion.at >= 6_400)
+        time.sleep(0.1)
+        with server.call(Hello()) as second:
+            second.until(Motion, lambda motion: motion.at >= 48_000)
+    assert np.mean(np.array(pipeline.active[-8:]) == 2) > 0.5

@@ -303,7 +303,7 @@ class SessionManager:
             self._lose(session)
             return
         if is_due and self.engine.is_batched:
-            for other in list(self._sessions.values()):
+            for other in [each for each in self._sessions.values() if each is not session]:
                 self._go_along(other)
         if session.left_at is not None:
             expiry = session.left_at + self.settings.resume_seconds
