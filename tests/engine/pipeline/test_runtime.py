@@ -38,12 +38,6 @@ def test_the_pipeline_obeys(tiny_bundle):
     assert Pipeline(bundle, stages=("feet",)).post.stages == {"feet"}
 
 
-@pytest.mark.parametrize("guided", [True, False])
-def test_a_file_of_an_earlier_version_that_names_guidance_still_loads(tmp_path, guided):
-    (tmp_path / "runtime.json").write_text(json.dumps({"guided": guided, "lead_in_s": 0.5}))
-    assert Runtime.load(tmp_path) == Runtime(lead_in_s=0.5)
-
-
 def test_a_damaged_file_is_named(tmp_path):
     (tmp_path / "runtime.json").write_text('{"level_control": 3.5}')
     with pytest.raises(CheckpointError, match=r"runtime\.json: level_control"):
