@@ -164,9 +164,9 @@ async def test_a_viewer_that_vanishes_is_forgotten(monkeypatch: pytest.MonkeyPat
 
 
 async def test_a_viewer_that_never_connects_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    from echoavatar.server.video import viewer
+    from echoavatar.server import whep
 
-    monkeypatch.setattr(viewer, "CONNECT_S", 0.3)
+    monkeypatch.setattr(whep, "CONNECT_S", 0.3)
     with serving(settings=VIDEO, pipeline=Flasher()) as server, server.call(Hello(want=())):
         watcher = Watcher()
         offer = await watcher.offer()

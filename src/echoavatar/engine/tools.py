@@ -152,7 +152,7 @@ class Toolbox:
         return tools[name], _checked(tools[name], arguments)
 
     def schemas(self, style: Style = "plain") -> list[Schema]:
-        """Declarations in a framework's form; see `tool_forms`."""
+        """Declarations in a framework's form; see `render`."""
         keys = ("name", "description", "parameters")
         return render(style, [{key: getattr(tool, key) for key in keys} for tool in self.tools])
 
