@@ -1,6 +1,5 @@
 """How a bundle wants to be run travels beside its checkpoints."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
