@@ -25,11 +25,11 @@ out later. A chunk may be in the making when that happens; it is finished, never
     SETTLED   no target, nothing in flight          BEHIND   a target, nothing in flight
     MAKING    a chunk in flight, of this epoch      STALE    a target, and a chunk in flight of an older epoch
 
-A step of the model writes about a tenth of its row, so only the overwritten values are kept (`Patch`). Undoing the last
-n steps, latest first, restores the state of n steps ago to the bit.
-
 Going back again in BEHIND or STALE moves the target. The server adds what clients see: it sends `flush` with the
 values of `Interruption`, drops queued messages after it and moves its playback clock to `heard` (`server/session.py`).
+
+A step of the model writes about a tenth of its row, so only the overwritten values are kept (`Patch`). Undoing the last
+n steps, latest first, restores the state of n steps ago to the bit.
 """
 
 from collections import deque
