@@ -26,8 +26,8 @@ from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 
 from .audio_queue import QUEUE_SECONDS
-from .barge_in import changes, undo
 from .pipeline import Pipeline, load_bundle
+from .pipeline.undo import changes, undo
 from .session import Session
 from .session_core import SessionCore
 
@@ -85,6 +85,11 @@ class Engine:
     def skeleton(self) -> Skeleton:
         """The rig of all sessions."""
         return self.pipeline.skeleton
+
+    @property
+    def has_face(self) -> bool:
+        """Whether motion has a face."""
+        return self.pipeline.face is not None
 
     @property
     def seats(self) -> int:
@@ -285,7 +290,7 @@ class Engine:
                 undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
             if plan.members is not None:
-                members[row], is_asked = plan.members, True
+                members[row], is_asked = torch.from_numpy(plan.members), True
         state = self._state.rows(seats)
         before = state.snapshot() if self._rewind else []
         try:

@@ -12,7 +12,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import StreamResampler
@@ -26,10 +25,11 @@ from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 
 from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
-from .barge_in import BargeIn, Interruption, Patch
+from .barge_in import BargeIn, Interruption
 from .listener import TURN_S, Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline import ActionLibrary
+from .pipeline.undo import Patch
 from .playout import Delivery, PlayoutBuffer
 from .settling import Settling
 
@@ -64,7 +64,7 @@ class ChunkPlan(NamedTuple):
     """A chunk that is to be made."""
 
     audio: Float[np.ndarray, " s"]
-    members: Float[Tensor, " K"] | None  # intensities of the codes that an action asks for
+    members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
     forgets: bool  # whether the model must forget what it did
     undone: list[list[Patch]]  # steps to undo before it, latest first
 

@@ -250,7 +250,7 @@ class SessionManager:
             frame_rate=FRAME_RATE_HZ,
             chunk_samples=self.engine.chunk.samples,
             rig=self.rig,
-            face=tuple(ARKIT_NAMES) if self.engine.pipeline.face is not None else (),
+            face=tuple(ARKIT_NAMES) if self.engine.has_face else (),
             actions=self._actions,
             tracks=self.tracks.titles,
             latency=Latency(algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds),
@@ -261,7 +261,7 @@ class SessionManager:
     @property
     def rig(self) -> Rig:
         """The skeleton of all sessions."""
-        rig = self.engine.pipeline.skeleton.config
+        rig = self.engine.skeleton.config
         return Rig(names=rig.names, parents=rig.parents, rest=rig.offsets)
 
     # ---- what wakes a session
