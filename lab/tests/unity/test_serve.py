@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager, suppress
 
 import numpy as np
 import pytest
+from tests.engine.fakes import FakePipeline
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Action, ActionLibrary
@@ -44,7 +45,7 @@ class State:
         return []
 
 
-class StandIn:
+class StandIn(FakePipeline):
     """A pipeline without models: the root's height is the loudness heard, and actions are recorded."""
 
     actions = ActionLibrary({"wave": Action("wave", (3,), (0, 15), is_set=True)})
