@@ -56,8 +56,8 @@ def test_every_field_of_a_config_exists() -> None:
     from echoavatar.models.generator import GeneratorConfig
     from echoavatar.models.tokenizer import MotionTokenizerConfig
     from echoavatar_lab.align.audio_reward import AudioMotionConfig
-    from echoavatar_lab.align.config import AlignTraining
     from echoavatar_lab.align.quality import QualityConfig
+    from echoavatar_lab.align.trainer import AlignTraining
     from echoavatar_lab.models.generator.recipe import GeneratorTraining
     from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
 

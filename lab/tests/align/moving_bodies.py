@@ -4,7 +4,7 @@ import numpy as np
 
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.align.decoded_motion import DecodedMotion
-from echoavatar_lab.align.reference_statistics import AFTER, BEFORE, ReferenceStatistics
+from echoavatar_lab.align.rewards import AFTER, BEFORE, ReferenceStatistics
 
 FRAMES, LEAD = 72, 8
 

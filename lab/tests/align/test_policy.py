@@ -7,7 +7,7 @@ from tests.models.generator.tiny import audio, generator
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokens import TokenLayout
-from echoavatar_lab.align.policy import GeneratorPolicy, Sampling, check_reference, mean_by_layer
+from echoavatar_lab.align.policy import GeneratorPolicy, Sampling, check_reference, mean_by_layer, soup
 from echoavatar_lab.align.prompts import PromptBatch
 
 WARM = Sampling(temperature=0.9, cooling=0.7, top_p=0.8)
@@ -127,3 +127,23 @@ def test_a_reference_of_another_vocabulary_is_refused():
     with pytest.raises(CheckpointError, match="reference other has another vocabulary"):
         check_reference(own, other, name="other")
     check_reference(own, generator(seed=1), name="same")
+
+
+def moved(start, by: float):
+    model = type(start)(start.config)
+    model.load_state_dict({name: value + by for name, value in start.state_dict().items()})
+    return model
+
+
+def test_shares_say_how_far_each_run_counts():
+    start = generator()
+    mixed = soup(start, {"a": (moved(start, 1.0), 0.5), "b": (moved(start, 2.0), 0.25)})
+    for name, value in start.state_dict().items():
+        torch.testing.assert_close(mixed.state_dict()[name], value + 1.0)
+    whole = soup(start, {"a": (moved(start, 1.0), 1.0)})
+    torch.testing.assert_close(whole.lm_head.weight, start.lm_head.weight + 1.0)
+
+
+def test_another_order_is_refused():
+    with pytest.raises(CheckpointError, match="run other has another sequence: prefix"):
+        soup(generator(), {"other": (generator(sequence="prefix"), 1.0)})

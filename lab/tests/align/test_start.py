@@ -10,8 +10,8 @@ from lab.tests.align.tuning_fakes import save_clips
 
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.models.generator import Generator
-from echoavatar_lab.align.config import recipe
 from echoavatar_lab.align.start import load_setup, make_pairs, training_task, tune
+from echoavatar_lab.align.trainer import recipe
 from echoavatar_lab.models.generator.windows import TokenClip
 
 
@@ -29,7 +29,7 @@ def ready(tokens: Path, bundle: Path, **changes):
 @pytest.mark.parametrize("method", ["grpo", "ppo", "dpo"])
 def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(tokens, tiny_bundle, method):
     folder = tokens.parent / "run"
-    one = ready(tokens, tiny_bundle, sampling={"temperature": 0.9, "cooling": None, "top_p": 0.8})
+    one = ready(tokens, tiny_bundle, sampling={"temperature": 0.9, "top_p": 0.8})
     pairs = tokens.parent / "pairs.jsonl"
     if method == "dpo":
         sizes = {"prompts": 3, "past": 1, "length": 1, "group": 4, "margin": 0.0, "fewest_events": 0, "seed": 0}

@@ -1,4 +1,4 @@
-"""Exact resume, early stop, refusals, several processes."""
+"""Recipes are valid for every method, and the paper's has the paper's numbers."""
 
 import json
 from pathlib import Path
@@ -7,16 +7,37 @@ import pytest
 import torch
 from lab.tests.align.tuning_fakes import book, dpo, grpo, policy, ppo, training, wants_threes
 from lab.tests.training.test_processes import launch
+from pydantic import ValidationError
 from tests.models.generator.tiny import generator
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
-from echoavatar_lab.align.grpo import GrpoTask
-from echoavatar_lab.align.ppo import PpoTask
 from echoavatar_lab.align.probe import Probe
+from echoavatar_lab.align.rollouts import GrpoTask, PpoTask
 from echoavatar_lab.align.start import tune
-from echoavatar_lab.align.trainer import NO_CONTEXT, RunContext
+from echoavatar_lab.align.trainer import NO_CONTEXT, AlignTraining, RunContext, recipe
 from echoavatar_lab.training import Loop
+
+
+@pytest.mark.parametrize("name", ["tiny", "rehearsal", "paper"])
+@pytest.mark.parametrize("method", ["grpo", "dpo", "ppo"])
+def test_every_recipe_fits_every_method(name, method):
+    assert recipe(name, method).method == method
+
+
+def test_the_papers_numbers():
+    """Settings: batch 16, rate 6e-5, KL 0.01, 30 rollouts (PPO 1), DPO's beta 0.1, critic 1e-5."""
+    grpo, ppo = recipe("paper", "grpo"), recipe("paper", "ppo")
+    assert (grpo.batch, grpo.learning_rate, grpo.kl_weight, grpo.group) == (16, 6e-5, 0.01, 30)
+    assert (grpo.credit, grpo.beta, grpo.length) == ("sequence", 0.1, 15)
+    assert (ppo.group, ppo.critic_rate) == (1, 1e-5)
+
+
+def test_a_group_of_one_is_refused():
+    with pytest.raises(ValidationError, match="group must be at least 2"):
+        AlignTraining(method="grpo", group=1)
+    with pytest.raises(ValueError, match="no recipe 'huge'"):
+        recipe("huge", "grpo")
 
 
 def probed(kind=grpo, **changes):

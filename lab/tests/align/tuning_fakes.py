@@ -7,15 +7,12 @@ import numpy as np
 import torch
 from tests.models.generator.tiny import generator
 
-from echoavatar_lab.align.config import AlignTraining
-from echoavatar_lab.align.dpo import DpoTask
-from echoavatar_lab.align.grpo import GrpoTask
-from echoavatar_lab.align.policy import GeneratorPolicy
-from echoavatar_lab.align.ppo import PpoTask
-from echoavatar_lab.align.preferences import rank_pairs
+from echoavatar_lab.align.dpo import DpoTask, rank_pairs
+from echoavatar_lab.align.policy import GeneratorPolicy, continuations
 from echoavatar_lab.align.prompts import PromptSampler
 from echoavatar_lab.align.rewards import Rewards
-from echoavatar_lab.align.trainer import NO_CONTEXT, RunContext
+from echoavatar_lab.align.rollouts import GrpoTask, PpoTask
+from echoavatar_lab.align.trainer import NO_CONTEXT, AlignTraining, RunContext
 from echoavatar_lab.models.generator.windows import TokenClip
 
 WANTED = 3
@@ -89,6 +86,6 @@ def dpo(context: RunContext = NO_CONTEXT, model=None, prompts: int = 12, **chang
 
 def ranked_pairs(prompts: int, model):
     mine = book()
-    asked = [prompt for number in range(prompts) for prompt in mine.draw(number, 1)]
-    pairs = rank_pairs(GeneratorPolicy(model), asked, wants_threes, past=1, group=8)
+    made = continuations(GeneratorPolicy(model), mine, prompts=prompts, group=8, seed=0)
+    pairs = [pair for drawn, codes in made for pair in rank_pairs(drawn, codes, wants_threes, past=1)]
     return [(mine.cut(pair.clip, pair.start), pair) for pair in pairs]

@@ -8,9 +8,8 @@ import torch
 from lab.tests.align.tuning_fakes import clips, save_clips
 
 from echoavatar.cli import main
+from echoavatar_lab.align.audio_encoders import Beats, BeatsConfig, Wav2Clip, Wav2ClipConfig
 from echoavatar_lab.align.audio_reward import AudioMotion
-from echoavatar_lab.align.beats_encoder import Beats, BeatsConfig
-from echoavatar_lab.align.wav2clip import Wav2Clip, Wav2ClipConfig
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from lab.tests.align.moving_bodies import reference_statistics
 from lab.tests.datasets.speech_server import speech_server
-from lab.tests.datasets.test_music_sources import clicks
+from lab.tests.datasets.test_rl_corpus import clicks
 
 from echoavatar.cli import main
 from echoavatar.models.audio.io import write_wav

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from lab.tests.datasets.samples import write_beat2
 from lab.tests.evaluation.clips import clip, folder
-from lab.tests.foreign.test_smpl_pickle import Runs, write_edge
+from lab.tests.foreign.test_smpl import Runs, write_edge
 
 from echoavatar.cli import main
 

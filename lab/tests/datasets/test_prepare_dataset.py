@@ -5,18 +5,19 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
-from lab.tests.datasets.samples import write_pair
+from lab.tests.datasets.samples import gesture, write_beat2, write_motion, write_pair
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.datasets import prepare_dataset as dataset_module
 from echoavatar_lab.datasets import prepare_recording as recording_module
-from echoavatar_lab.datasets.options import Options
-from echoavatar_lab.datasets.prepare_dataset import prepare, split_source
-from echoavatar_lab.datasets.source import survey_of, with_splits
+from echoavatar_lab.datasets.layouts import survey_of
+from echoavatar_lab.datasets.prepare_dataset import forecast, motion_header, prepare, sound_seconds, split_source
+from echoavatar_lab.datasets.source import SetOptions, with_splits
 
-KEEP = Options(fingers="keep")
+KEEP = SetOptions(fingers="keep")
 
 
 @pytest.fixture
@@ -121,7 +122,7 @@ def test_parts_made_with_other_options_are_not_used(tmp_path):
     write_pair(tmp_path / "takes" / "a.bvh", 1.0)
     survey = survey_of("bvh", tmp_path / "takes")
     recording_module.prepare_recording(with_splits(survey.recordings, 0)[0], KEEP, tmp_path / "set")
-    outcome = prepare("bvh", survey, tmp_path / "set", Options(rig="native", fingers="keep"))
+    outcome = prepare("bvh", survey, tmp_path / "set", SetOptions(rig="native", fingers="keep"))
     assert outcome.receipts["a"].fidelity == {}
 
 
@@ -154,7 +155,8 @@ def test_a_place_that_cannot_be_written_is_named(takes, tmp_path):
 def test_the_same_recordings_give_the_same_set_on_any_number_of_workers(takes, tmp_path):
     """New fingers follow from seed and name, so the number of workers does not matter; neither for failures."""
     one, two = (
-        prepare("bvh", survey_of("bvh", takes), tmp_path / f"set{n}", Options(fingers="all"), workers=n) for n in (1, 2)
+        prepare("bvh", survey_of("bvh", takes), tmp_path / f"set{n}", SetOptions(fingers="all"), workers=n)
+        for n in (1, 2)
     )
     assert one.corpus.manifest.shards[0].sha256 == two.corpus.manifest.shards[0].sha256
     assert [failure.name for failure in one.failures] == [failure.name for failure in two.failures]
@@ -165,3 +167,48 @@ def test_the_split_is_described(takes):
     assert split_source(survey, KEEP) == "every tenth by name"
     assert split_source(survey, KEEP.model_copy(update={"test_every": 3})) == "one in 3 by name"
     assert split_source(survey, KEEP.model_copy(update={"test_every": 0})) == "nothing held out"
+
+
+def test_headers_tell_frames_rate_and_length(tmp_path):
+    path = write_pair(tmp_path / "a.bvh", 2.0, fps=60)
+    frames, fps = motion_header(path)
+    assert (frames, round(fps)) == (120, 60)
+    assert sound_seconds(path.with_suffix(".wav")) == pytest.approx(2.0, abs=1e-3)
+    assert motion_header(write_beat2(tmp_path, "1_a_0", 2.0)) == (60, 30.0)
+
+
+def test_a_forecast_names_what_will_fail_and_writes_nothing(tmp_path):
+    for name in ("good", "mute", "torn", "slow"):
+        write_pair(tmp_path / f"{name}.bvh", 2.0)
+    (tmp_path / "mute.wav").unlink()
+    (tmp_path / "torn.bvh").write_text("HIERARCHY\nROOT Hips\n{\n")
+    slow = tmp_path / "slow.bvh"
+    slow.write_text(slow.read_text().replace("Frame Time: 0.016666667", "Frame Time: 0.033333333"))
+    before = sorted(tmp_path.rglob("*"))
+    found = forecast(survey_of("bvh", tmp_path).recordings, SetOptions(test_every=0))
+    assert sorted(tmp_path.rglob("*")) == before
+    assert found.clips == {"train": 1}
+    assert found.seconds["train"] == pytest.approx(2.0, abs=0.01)
+    why = dict(found.failures)
+    assert "mute.wav is missing" in why["mute"]
+    assert "is incomplete" in why["torn"]
+    assert "lasts 4.0 s at 30" in why["slow"]
+    assert found.bytes == pytest.approx(60 * (52 * 16 + 13 + 1600), rel=0.02)
+
+
+def test_a_forecast_of_motion_alone_counts_no_sound(tmp_path):
+    write_motion(tmp_path / "a.bvh", gesture(1.0))
+    for sound in ("any", "none"):
+        found = forecast(survey_of("bvh", tmp_path).recordings, SetOptions(sound=sound))
+        assert found.bytes == pytest.approx(30 * (52 * 16 + 13), rel=0.05)
+
+
+def test_files_with_invalid_headers_are_named(tmp_path):
+    np.savez(tmp_path / "a.npz", poses=np.zeros(3))
+    (tmp_path / "b.bvh").write_bytes(b"\xff\xfe\x00")
+    for name in ("a.npz", "b.bvh", "gone.bvh"):
+        with pytest.raises(MotionError, match=name):
+            motion_header(tmp_path / name)
+    (tmp_path / "c.wav").write_text("no sound")
+    with pytest.raises(MotionError, match="c.wav is not a sound file"):
+        sound_seconds(tmp_path / "c.wav")

@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
 from lab.tests.datasets.samples import (
     SHARED,
     gesture,
@@ -13,14 +16,118 @@ from lab.tests.datasets.samples import (
 
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import write_wav
-from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 from echoavatar_lab.data import Clip
 from echoavatar_lab.data.clip import is_symmetric
-from echoavatar_lab.datasets.options import Options
-from echoavatar_lab.datasets.prepare_recording import finished_part, part_path, prepare_recording, stamp
-from echoavatar_lab.datasets.source import Recording, survey_of, with_splits
+from echoavatar_lab.datasets.layouts import survey_of
+from echoavatar_lab.datasets.prepare_recording import (
+    finished_part,
+    hand_scores,
+    hand_states,
+    mend_hands,
+    part_path,
+    prepare_recording,
+    sound_labels,
+    stamp,
+)
+from echoavatar_lab.datasets.source import Recording, SetOptions, with_splits
 
-KEEP = Options(fingers="keep")
+
+def test_pauses_are_silence_and_syllables_are_stresses():
+    sound = np.concatenate([speech(3.0), np.zeros(48_000, np.float32), speech(3.0)])
+    domain, events = sound_labels(sound, "speech")
+    assert len(domain) == 240
+    assert (domain[10:80] == 1).all()
+    assert (domain[100:145] == 0).all()
+    assert (domain[165:230] == 1).all()
+    stresses = np.array(events["stress"])
+    assert len(stresses) > 3
+    assert not ((stresses > 3.2) & (stresses < 4.8)).any()
+
+
+def test_beats_of_music_are_found():
+    """A click every half second."""
+    sound = np.zeros(24_000 * 12, np.float32)
+    for k in range(24):
+        sound[k * 12_000 : k * 12_000 + 1200] = 0.5 * np.sin(np.arange(1200) / 3) * np.linspace(1, 0, 1200)
+    domain, events = sound_labels(sound, "music")
+    assert (domain == 2).mean() > 0.9
+    assert np.median(np.diff(events["beats"])) == pytest.approx(0.5, abs=0.02)
+
+
+def test_silence_and_very_short_sound_have_no_labels():
+    for sound in (np.zeros(72_000, np.float32), speech(0.5)):
+        domain, events = sound_labels(sound, "speech")
+        assert len(domain) == len(sound) // 800
+        assert not domain.any()
+        assert events == {}
+
+
+LEFT = [j for j, name in enumerate(HUMANOID.names) if j in HUMANOID.config.parts["hands"] and name.startswith("left")]
+
+
+def trembling(motion: Motion, degrees: float) -> Motion:
+    """White noise on the left fingers."""
+    noise = torch.randn(motion.frames, len(LEFT), 3, generator=torch.Generator().manual_seed(0))
+    rotations = motion.rotations.copy()
+    own = torch.from_numpy(rotations[:, LEFT])
+    rotations[:, LEFT] = quaternion_multiply(own, quaternion_from_axis_angle(noise * np.radians(degrees))).numpy()
+    return replace(motion, rotations=rotations)
+
+
+def test_static_trembling_and_good_hands_are_distinguished():
+    assert hand_states(gesture()) == {"left": "good", "right": "good"}
+    assert hand_states(gesture(fingers=0.0)) == {"left": "static", "right": "static"}
+    for degrees in (2.0, 8.0):
+        assert hand_states(trembling(gesture(), degrees)) == {"left": "erratic", "right": "good"}
+
+
+def test_fingers_bent_too_far_are_erratic():
+    assert hand_states(gesture(fingers=3.0))["left"] == "erratic"
+
+
+def test_white_noise_scores_as_the_docstring_says():
+    """Two independent steps a frame apart differ by about sqrt(3) of one: 3 / (2 sqrt 3) = 0.87."""
+    noise = torch.randn(4000, 2, 3, generator=torch.Generator().manual_seed(0)) * 0.01
+    from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+
+    assert hand_scores(matrix_from_axis_angle(noise), 30.0).tremble == pytest.approx(0.87, abs=0.02)
+
+
+def test_only_bad_hands_get_new_fingers():
+    motion = trembling(gesture(), 6.0)
+    mended, sides = mend_hands(motion, hand_states(motion), 3, is_all=False)
+    assert sides == ["left"]
+    others = [j for j in range(HUMANOID.joints) if j not in LEFT]
+    assert np.array_equal(mended.rotations[:, others], motion.rotations[:, others])
+    assert hand_states(mended) == {"left": "good", "right": "good"}
+    untouched, none = mend_hands(gesture(), {"left": "good", "right": "good"}, 3, is_all=False)
+    assert none == []
+    assert np.array_equal(untouched.rotations, gesture().rotations)
+
+
+def test_the_seed_decides_the_new_fingers():
+    flat = gesture(2.0, fingers=0.0)
+    states = hand_states(flat)
+    one, sides = mend_hands(flat, states, 1, is_all=False)
+    again, _ = mend_hands(flat, states, 1, is_all=False)
+    other, _ = mend_hands(flat, states, 2, is_all=False)
+    assert sides == ["left", "right"]
+    assert np.array_equal(one.rotations, again.rotations)
+    assert not np.allclose(one.rotations, other.rotations, atol=1e-3)
+
+
+@pytest.mark.skipif(
+    not SHARED.exists(), reason="needs ../shared/data, which only a checkout with the authors' recordings has"
+)
+def test_a_real_speakers_hands_are_good():
+    motion = read_bvh(SHARED / "zeroeggs_cc_by_nc_nd" / "067_Speech_2_x_1_0.bvh")
+    assert hand_states(motion) == {"left": "good", "right": "good"}
+
+
+KEEP = SetOptions(fingers="keep")
 
 
 def recording(path, **known) -> Recording:
@@ -121,7 +228,7 @@ def test_the_stamp_changes_with_files_and_binding_options(tmp_path):
     source = recording(write_pair(tmp_path / "a.bvh", 1.0))
     first = stamp(source, KEEP)
     assert stamp(source, KEEP.model_copy(update={"shard_minutes": 1.0})) == first
-    assert stamp(source, Options()) != first
+    assert stamp(source, SetOptions()) != first
     write_wav(source.sound, speech(1.5))
     assert stamp(source, KEEP) != first
 
@@ -136,7 +243,7 @@ def test_a_motorica_shaped_dance_gets_fingers_and_beats(tmp_path):
     (tmp_path / "wav").mkdir()
     write_wav(tmp_path / "wav" / f"{path.stem}.wav", clicks)
     only = survey_of("motorica", tmp_path).recordings[0]
-    receipt = prepare_recording(only, Options(), tmp_path / "set")
+    receipt = prepare_recording(only, SetOptions(), tmp_path / "set")
     assert receipt.hands == {"left": "static", "right": "static"}
     assert receipt.mended == ("left", "right")
     assert receipt.domains["music"] > 100
@@ -158,7 +265,7 @@ def test_the_native_rig_is_kept_as_it_is(tmp_path):
     own = renamed(gesture(1.0, 60), motorica_names())
     path = write_motion(tmp_path / "a.bvh", own)
     write_wav(path.with_suffix(".wav"), speech(1.0))
-    receipt = prepare_recording(recording(path), Options(rig="native", fingers="keep"), tmp_path / "set")
+    receipt = prepare_recording(recording(path), SetOptions(rig="native", fingers="keep"), tmp_path / "set")
     assert receipt.skeleton is not None
     assert receipt.fidelity == {}
     depth_first = {name: own.rotations[::2, j] for j, name in enumerate(own.skeleton.names)}
@@ -176,7 +283,7 @@ def test_the_native_rig_is_kept_as_it_is(tmp_path):
 )
 def test_the_real_zeroeggs_pair(tmp_path):
     only = survey_of("zeroeggs", SHARED / "zeroeggs_cc_by_nc_nd").recordings[0]
-    receipt = prepare_recording(only, Options(), tmp_path / "set")
+    receipt = prepare_recording(only, SetOptions(), tmp_path / "set")
     assert receipt.frames == 2065
     assert not receipt.notes
     assert receipt.hands == {"left": "good", "right": "good"}
@@ -192,7 +299,7 @@ def test_the_real_zeroeggs_pair(tmp_path):
 )
 def test_a_real_bow_of_bandai_namco(tmp_path):
     found = survey_of("bandai", SHARED / "bandai_namco_cc_by_nc", only=["*bow_normal*"])
-    receipt = prepare_recording(with_splits(found.recordings, 0)[0], Options(sound="none"), tmp_path / "set")
+    receipt = prepare_recording(with_splits(found.recordings, 0)[0], SetOptions(sound="none"), tmp_path / "set")
     assert receipt.mended == ("left", "right")
     assert not receipt.has_sound
     assert receipt.fidelity["hands_together"] > 0.2

@@ -9,23 +9,22 @@ from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.data.clip import Clip
-from echoavatar_lab.datasets.folder import TERMS
-from echoavatar_lab.datasets.options import Options
+from echoavatar_lab.datasets.layouts import OWN_FOLDER
 from echoavatar_lab.datasets.prepare_recording import part_path, prepare_recording
 from echoavatar_lab.datasets.set_writer import SetWriter, write_json
-from echoavatar_lab.datasets.source import Recording
+from echoavatar_lab.datasets.source import Recording, SetOptions
 
-OPTIONS = Options(fingers="keep")
+OPTIONS = SetOptions(fingers="keep")
 
 
-def made(folder, name: str, split: str = "train", seconds: float = 1.0, options: Options = OPTIONS):
+def made(folder, name: str, split: str = "train", seconds: float = 1.0, options: SetOptions = OPTIONS):
     """The receipt of a part."""
     path = write_pair(folder / f"{name}.bvh", seconds)
     return prepare_recording(Recording(name, path, path.with_suffix(".wav"), split=split), options, folder / "set")
 
 
-def writer(folder, options: Options = OPTIONS) -> SetWriter:
-    return SetWriter(folder / "set", "bvh", TERMS, options)
+def writer(folder, options: SetOptions = OPTIONS) -> SetWriter:
+    return SetWriter(folder / "set", "bvh", OWN_FOLDER, options)
 
 
 def test_parts_become_a_corpus_that_reads_as_they_did(tmp_path):
@@ -52,7 +51,7 @@ def test_the_manifest_says_source_licence_splits_statistics_and_seed(tmp_path):
     dataset.add(made(tmp_path, "a", options=OPTIONS.model_copy(update={"seed": 7})))
     dataset.add(made(tmp_path, "b", "test", 2.0, OPTIONS.model_copy(update={"seed": 7})))
     info = dataset.finish("folders").manifest.info
-    assert info["licence"] == info["source"]["licence"] == TERMS.licence
+    assert info["licence"] == info["source"]["licence"] == OWN_FOLDER.licence
     assert (info["seed"], info["layout"], info["split_from"]) == (7, "bvh", "folders")
     numbers = info["statistics"]
     assert numbers["clips"] == {"train": 1, "test": 1}
@@ -123,9 +122,9 @@ def test_a_set_with_other_options_is_refused(tmp_path):
     dataset.add(made(tmp_path, "a"))
     dataset.finish("")
     with pytest.raises(EchoAvatarError, match="was made with fingers keep, this call says fingers all"):
-        writer(tmp_path, Options(fingers="all"))
+        writer(tmp_path, SetOptions(fingers="all"))
     with pytest.raises(EchoAvatarError, match="holds bvh, not a set made from beat2"):
-        SetWriter(tmp_path / "set", "beat2", TERMS, OPTIONS)
+        SetWriter(tmp_path / "set", "beat2", OWN_FOLDER, OPTIONS)
     (tmp_path / "set" / "recordings.json").write_text("{")
     with pytest.raises(EchoAvatarError, match="recordings.json is missing or damaged"):
         writer(tmp_path)
@@ -146,7 +145,7 @@ def test_clips_without_sound_have_a_shard_of_their_own(tmp_path):
 
 
 def test_each_rig_has_its_own_shard(tmp_path):
-    native = Options(rig="native", fingers="keep")
+    native = SetOptions(rig="native", fingers="keep")
     dataset = writer(tmp_path, native)
     dataset.add(made(tmp_path, "a", options=native))
     own = write_motion(tmp_path / "own.bvh", renamed(gesture(1.0), motorica_names()))

@@ -17,10 +17,10 @@ from echoavatar.motion.formats import tables
 from echoavatar_lab.align.audio_reward import AudioMotion
 from echoavatar_lab.align.quality import QualityConfig, QualityReward
 from echoavatar_lab.data import Clip
-from echoavatar_lab.datasets.forecast import motion_header
+from echoavatar_lab.datasets.prepare_dataset import motion_header
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
 from echoavatar_lab.evaluation.report import read_embeddings
-from echoavatar_lab.foreign.smplx_reader import read_smplx
+from echoavatar_lab.foreign.smpl import read_smplx
 from echoavatar_lab.models.face.clip import FaceClip
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.tables.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig

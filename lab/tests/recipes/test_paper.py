@@ -18,8 +18,8 @@ from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.align.audio_reward import AudioMotionConfig
-from echoavatar_lab.align.config import recipe
 from echoavatar_lab.align.corruption import PAPER_CLEAN_FID, PAPER_FID, PAPER_SCORES, PAPER_TRUTH, RATES, paper_scores
+from echoavatar_lab.align.trainer import recipe
 from echoavatar_lab.commands import align_rewards, train
 from echoavatar_lab.commands.train_tokenizer import body_sizes
 from echoavatar_lab.models.face.recipe import FaceTraining

@@ -7,8 +7,11 @@ import torch
 from lab.tests.fakes import FakeExperiment, counted
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar_lab.tables import alignment
+from echoavatar_lab.evaluation.metrics.retrieval import chance
+from echoavatar_lab.tables import alignment, scores
+from echoavatar_lab.tables.alignment import QUOTED, RETRIEVAL_COLUMNS, _quoted, _retrieval_lines
 from echoavatar_lab.tables.experiment import motion_of
+from echoavatar_lab.tables.table import Table
 
 PROBES = (
     {"step": 0, "held_out": {"rewards": {"quality": [0.5, 0.1], "alignment": [0.2, 0.0]}, "kl": 0.0}},
@@ -40,9 +43,9 @@ def test_every_method_has_a_line_and_the_untuned_one_the_rewards_it_began_with(e
     def tuned(where, method):
         asked.append(method)
         rewards = alignment.rewards_of(where.folder / "alignment" / "grpo")
-        return alignment.Outcome([motion_of(clip) for clip in where.test_clips], rewards)
+        return alignment.TunedOutcome([motion_of(clip) for clip in where.test_clips], rewards)
 
-    monkeypatch.setattr(alignment, "generation_scores", counted)
+    monkeypatch.setattr(scores, "generation_scores", counted)
     monkeypatch.setattr(alignment, "tuned", tuned)
     table = alignment.make(experiment)
     lines = {line.name: line for line in table.lines}
@@ -92,3 +95,21 @@ def test_a_reward_of_other_codes_is_refused(tmp_path, monkeypatch):
     experiment.codes = "other"
     with pytest.raises(EchoAvatarError, match="rewards/alignment was made with other settings or from other parts"):
         alignment.alignment_reward(experiment, {})
+
+
+def test_the_papers_chance_is_chance_but_for_its_mrr() -> None:
+    for pairs, quoted in ((1808, QUOTED[2]), (300, QUOTED[5])):
+        guess = chance(pairs, (1, 3, 5, 10))
+        for wanted, found in zip(guess.recall.values(), quoted.a2m, strict=False):
+            assert abs(wanted - found) < 0.006
+        assert abs(guess.median_rank - quoted.a2m[4]) <= 0.5
+    assert round(chance(1808, (1,)).reciprocal_rank, 3) == 0.447  # the paper says 0.41
+    assert round(chance(300, (1,)).reciprocal_rank, 2) == QUOTED[5].a2m[5]
+
+
+def test_every_column_has_the_papers_numbers_and_ours() -> None:
+    found = chance(10, (1, 3, 5, 10))
+    ours, guess = _retrieval_lines("all (10)", found, found)
+    keys = [column.key for column in RETRIEVAL_COLUMNS]
+    assert list(_quoted(QUOTED[0])) == list(ours.ours) == list(guess.ours) == keys
+    assert Table("t", "", RETRIEVAL_COLUMNS, [ours]).has_ours(RETRIEVAL_COLUMNS[0])

@@ -6,9 +6,29 @@ import torch
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.tables.choices import OURS
-from echoavatar_lab.tables.experiment import Experiment, is_mostly
-from echoavatar_lab.tables.scale import PAPER
+from echoavatar_lab.tables.experiment import Experiment, is_mostly, make_once
+from echoavatar_lab.tables.scale import OURS, PAPER
+
+
+def test_a_finished_part_is_kept_and_a_broken_one_made_again(tmp_path: Path) -> None:
+    times = []
+
+    def breaks() -> None:
+        times.append("broken")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make_once(tmp_path / "part", {"size": 1}, breaks)
+    for _ in range(2):
+        make_once(tmp_path / "part", {"size": 1}, lambda: times.append("whole"))
+    assert times == ["broken", "whole"]
+
+
+def test_a_part_of_other_settings_is_refused(tmp_path: Path) -> None:
+    for _ in range(2):
+        make_once(tmp_path / "part", {"size": (1, 2)}, lambda: None)
+    with pytest.raises(EchoAvatarError, match="other settings"):
+        make_once(tmp_path / "part", {"size": (1, 3)}, lambda: None)
 
 
 def test_the_papers_scale_wants_a_real_set(tmp_path: Path) -> None:

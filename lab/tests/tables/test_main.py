@@ -1,13 +1,13 @@
 import pytest
 from lab.tests.fakes import FakeExperiment, counted
 
-from echoavatar_lab.tables import main
+from echoavatar_lab.tables import main, scores
 from echoavatar_lab.tables.experiment import EXTRA_CHUNKS
 from echoavatar_lab.tables.scale import SCALES, Scale
 
 
 def test_every_generator_and_baseline_has_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(main, "generation_scores", counted)
+    monkeypatch.setattr(scores, "generation_scores", counted)
     experiment = FakeExperiment()
     table = main.make(experiment)
     assert experiment.asked == ["corruption-none", "corruption-uniform", "body-parts", "exemplars", "offline"]
@@ -27,3 +27,11 @@ def test_the_upper_reference_hears_half_a_window_ahead_and_fits_the_clips(scale:
     ahead = choice.sizes["ahead_chunks"]
     assert 0 < ahead < window
     assert choice.training["chunks"] + ahead == window + EXTRA_CHUNKS
+
+
+def test_both_orders_are_trained_and_nothing_is_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scores, "generation_scores", counted)
+    experiment = FakeExperiment()
+    table = main.make_orders(experiment)
+    assert experiment.asked == ["order-prefix", "order-interleaved"]
+    assert all({"fid", "ba_g", "ba_d"} <= line.ours.keys() and not line.paper for line in table.lines)

@@ -7,8 +7,13 @@ import torch
 from tests.golden import golden
 from tests.parity.test_reference_tokenizer import procedural
 
-from echoavatar_lab.tables.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
-from echoavatar_lab.tables.skeleton_edges import SMPLX_PARENTS, merged, skeleton_edges
+from echoavatar_lab.tables.skeleton_convolution import (
+    SMPLX_PARENTS,
+    SkeletonConvolution,
+    SkeletonConvolutionConfig,
+    merged,
+    skeleton_edges,
+)
 
 
 def stored(name: str) -> dict[str, np.ndarray]:

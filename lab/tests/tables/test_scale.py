@@ -3,7 +3,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from echoavatar_lab.tables.scale import PAPER, SCALES
+from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.tables import main, tokenizer_ablation, user_study
+from echoavatar_lab.tables.scale import PAPER, SCALES, TINY, GeneratorChoice, GeneratorSizes
 
 RECIPES = Path(__file__).parents[2] / "recipes"
 OWN = {"parts", "log_every", "losses", "depth_weights", "is_principal_start", "is_scaled_by_reach"}
@@ -33,3 +36,31 @@ def test_scales_train_without_our_additions() -> None:
         assert not scale.tokenizer_training.is_principal_start
         losses = scale.tokenizer_training.losses
         assert losses.travel == losses.planted == losses.fingers == losses.root == 0
+
+
+def test_every_row_departs_in_settings_that_exist() -> None:
+    for variant in tokenizer_ablation.VARIANTS:
+        MotionTokenizerConfig.model_validate(TINY.tokenizer.model_dump() | dict(variant.tokenizer.sizes))
+    choices = [variant.generator for variant in (*main.VARIANTS, *user_study.VARIANTS)]
+    for choice in [*choices, *main.SEQUENCE_ORDERS.values()]:
+        GeneratorSizes.model_validate(TINY.generator.model_dump() | dict(choice.sizes))
+        GeneratorTraining.model_validate(TINY.generator_training.model_dump() | dict(choice.training))
+
+
+def test_one_name_is_one_generator() -> None:
+    """Tables share parts by name."""
+    choices = [v.generator for v in (*main.VARIANTS, *user_study.VARIANTS)]
+    choices += main.SEQUENCE_ORDERS.values()
+    for one in choices:
+        assert all(one == other for other in choices if one.name == other.name)
+
+
+def test_generators_go_on_along_the_curriculum() -> None:
+    second = GeneratorChoice("second", sizes={"sequence": "prefix", "width": 8}, only="speech")
+    third = GeneratorChoice("third", after=second)
+    assert (third.stage, third.before) == (3, second)
+    first = second.before
+    assert first == GeneratorChoice(
+        "body-parts-prefix-speech", sizes={"sequence": "prefix"}, only="speech", is_first=True
+    )
+    assert (second.stage, first.stage, first.before) == (2, 1, None)

@@ -5,7 +5,7 @@ from lab.tests.fakes import FakeExperiment, counted
 from echoavatar.models.tokenizer import as_one_part
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.models.tokenizer.losses import MotionLoss
-from echoavatar_lab.tables import tokenizer_ablation
+from echoavatar_lab.tables import scores, tokenizer_ablation
 from echoavatar_lab.tables.tokenizer_ablation import NO_AUXILIARY, VARIANTS
 
 
@@ -27,7 +27,7 @@ class Experiment(FakeExperiment):
 
 
 def test_all_lines_have_all_four_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tokenizer_ablation, "generation_scores", counted)
+    monkeypatch.setattr(scores, "generation_scores", counted)
     table = tokenizer_ablation.make(Experiment())
     keys = {"fid", "mpjpe", "trans", "generation_fid"}
     assert [line.name for line in table.lines[2:]] == [variant.name for variant in VARIANTS]

@@ -21,8 +21,7 @@ from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar_lab.corpora.rehearsal.action_clips import clip as motion_of
-from echoavatar_lab.reference.release_rig import AXES, CM, rig_config, skeleton_config
-from echoavatar_lab.reference.statistics import feature_order
+from echoavatar_lab.reference.release_rig import AXES, CM, feature_order, rig_config, skeleton_config
 
 C = torch.tensor(AXES)
 

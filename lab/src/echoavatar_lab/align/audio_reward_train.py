@@ -28,9 +28,8 @@ from echoavatar_lab.evaluation.metrics.retrieval import (
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
 
-from .audio_encoders import decoded_waveform
+from .audio_encoders import RATE_HZ, decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
-from .fbank import RATE_HZ
 
 WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
 FEWEST = 32  # windows that a domain needs for a table of its own

@@ -95,11 +95,17 @@ def grpo_loss(
     Departs from the equation: ratios are clipped for each code, as in DeepSeekMath and TRL (`loss_type="grpo"`).
     `advantages` broadcasts: one a row, or one a code. `kl` is that of each code, with its gradient.
     """
+    surrogate, clipped = _surrogate(policy, old, advantages, clip)
+    return GrpoLoss((kl_weight * kl - surrogate).mean(), kl.mean(), clipped)
+
+
+def _surrogate(
+    policy: Float[Tensor, "b ..."], old: Float[Tensor, "b ..."], advantages: Float[Tensor, "b ..."], clip: float
+) -> tuple[Float[Tensor, "b ..."], Float[Tensor, ""]]:
+    """The clipped surrogate of each code, and the share of codes whose ratio was clipped."""
     ratio = (policy - old).exp()
-    limited = ratio.clamp(1 - clip, 1 + clip)
-    surrogate = torch.minimum(ratio * advantages, limited * advantages)
-    is_clipped = ratio * advantages > limited * advantages
-    return GrpoLoss((kl_weight * kl - surrogate).mean(), kl.mean(), is_clipped.float().mean())
+    free, limited = ratio * advantages, ratio.clamp(1 - clip, 1 + clip) * advantages
+    return torch.minimum(free, limited), (free > limited).float().mean()
 
 
 def dpo_loss(
@@ -136,10 +142,7 @@ def ppo_loss(
     clip: float = CLIP,
 ) -> PpoLoss:
     """Clipped surrogate, and clipped value loss (half the larger squared error), each averaged."""
-    ratio = (policy - old).exp()
-    limited = ratio.clamp(1 - clip, 1 + clip)
-    surrogate = torch.minimum(ratio * advantages, limited * advantages)
+    surrogate, clipped = _surrogate(policy, old, advantages, clip)
     near = old_values + (values - old_values).clamp(-clip, clip)
     value = 0.5 * torch.maximum((values - returns).square(), (near - returns).square())
-    is_clipped = ratio * advantages > limited * advantages
-    return PpoLoss(-surrogate.mean(), value.mean(), is_clipped.float().mean())
+    return PpoLoss(-surrogate.mean(), value.mean(), clipped)

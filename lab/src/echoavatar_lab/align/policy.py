@@ -10,12 +10,19 @@ from the plain softmax:
   recomputed after each step it would change discontinuously, and a sampled code could get probability zero.
 
 A tuned policy must therefore ship with the temperature, cooling and top-p that it was tuned for.
+
+`soup` mixes the weights of runs that began at one generator: start + sum of w (run - start), after Wortsman et al.,
+"Model soups" and "Robust fine-tuning of zero-shot models". Runs that began at the same weights lie close enough for
+that. Shares that sum to less than 1 take back a part of the tuning, so a soup also chooses between what a reward gains
+and what it costs. Not in the paper.
 """
 
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple, Protocol
 
 import torch
 from jaxtyping import Bool, Float, Int
+from pydantic import Field
 from torch import Tensor
 
 from echoavatar.config import Config
@@ -25,15 +32,17 @@ from echoavatar.models.generator.sampling import nucleus
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
-from .prompts import PromptBatch
+from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
+
+TOGETHER = 8  # prompts sampled at once
 
 
 class Sampling(Config):
     """How codes are sampled."""
 
-    temperature: float = 1.0
-    cooling: float = 1.0
-    top_p: float = 1.0
+    temperature: float = Field(default=1.0, description="sampling temperature to tune for; saved")
+    cooling: float = Field(default=1.0, description="cooling by RVQ layer to tune for; saved")
+    top_p: float = Field(default=1.0, description="nucleus to tune for; saved")
 
 
 class Scores(NamedTuple):
@@ -168,6 +177,17 @@ class GeneratorPolicy:
         return logits.permute(1, 2, 0, 3), hidden[:, predictors.T]
 
 
+def continuations(
+    policy: GeneratorPolicy, book: PromptSampler, *, prompts: int, group: int, seed: int
+) -> Iterator[tuple[list[Prompt], Int[Tensor, "r n p q"]]]:
+    """Some prompts at a time of the first `prompts`, and `group` continuations of each, from one seed."""
+    for first in range(0, prompts, TOGETHER):
+        drawn = book.draw(first // TOGETHER, TOGETHER)[: prompts - first]
+        random = torch.Generator().manual_seed(seed * 1_000_003 + first)
+        seeds = torch.randint(2**62, (len(drawn) * group,), generator=random)
+        yield drawn, policy.rollout(batch_of(drawn), group, seeds)
+
+
 def mean_by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
     """Mean of each RVQ layer, coarsest first, over rows, time and body parts."""
     split = values.detach().reshape(*values.shape[:2], -1, layers)
@@ -187,3 +207,21 @@ def check_reference(policy: Generator, reference: Generator, *, name: str, what:
                 f"{what} {name} has another {'vocabulary' if key == 'layout' else key}:"
                 f" {getattr(other, key)}, the policy's is {getattr(own, key)}; use the generator it was trained from"
             )
+
+
+@torch.no_grad()
+def soup(start: Generator, runs: Mapping[str, tuple[Generator, float]]) -> Generator:
+    """A new generator with `start`'s config. `runs` holds each tuned generator and its share, by name.
+
+    Raises:
+        CheckpointError: the codes of a run mean something else than `start`'s.
+    """
+    mixed = Generator(start.config)
+    weights = {name: value.clone() for name, value in start.state_dict().items()}
+    for run, (tuned, share) in runs.items():
+        check_reference(start, tuned, name=run, what="run")
+        theirs = tuned.state_dict()
+        for name, value in start.state_dict().items():
+            weights[name] += share * (theirs[name] - value)
+    mixed.load_state_dict(weights)
+    return mixed.eval()

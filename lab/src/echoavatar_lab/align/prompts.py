@@ -86,6 +86,18 @@ def read_token_clips(
     return true_clips(clips, folder) if needs_truth else clips
 
 
+def train_and_test(clips: Mapping[str, TokenClip], folder: Path) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
+    """The clips of split train, and the others.
+
+    Raises:
+        MotionError: none is of split train.
+    """
+    train = {name: clip for name, clip in clips.items() if clip.split == "train"}
+    if not train:
+        raise MotionError(f"{folder} holds no clip of split train, so there is nothing to learn from")
+    return train, {name: clip for name, clip in clips.items() if clip.split != "train"}
+
+
 def true_clips(clips: Mapping[str, TokenClip], folder: Path) -> dict[str, TokenClip]:
     """The clips that hold recorded or rehearsed motion rather than a generator's.
 

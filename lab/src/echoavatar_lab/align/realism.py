@@ -9,16 +9,14 @@ to: after some tens of steps fit it again, to the tuned one.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from echoavatar.config import Config
-from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
+from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import CHUNK_SECONDS, FRAME_RATE_HZ
 from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit, held_out_accuracy
@@ -36,16 +34,15 @@ from echoavatar_lab.evaluation.metrics.liveliness import (
 from echoavatar_lab.evaluation.takes import Take
 
 from .decoded_motion import DecodedMotion, decode_continuations
-from .policy import GeneratorPolicy
-from .prompts import PromptSampler, batch_of
-from .reference_statistics import ReferenceStatistics
+from .policy import GeneratorPolicy, continuations
+from .prompts import PromptSampler
+from .rewards import JsonFile, ReferenceStatistics
 
 DOMAINS = {SPEECH: 1, MUSIC: 2}
 PURE = 0.85  # share of the frames that one kind of sound must fill
 MOST = 4.0  # log odds beyond which nothing more is paid
 HOP = 0.3  # of a window: from one captured window to the next
 FEWEST = 20  # windows of a side; a kind with fewer is left out
-TOGETHER = 8  # prompts sampled at once
 COUNT = len(STATISTICS)
 
 Rows = list[Float[np.ndarray, " d"]]
@@ -61,30 +58,13 @@ class KindConfig(Config):
     )
 
 
-class Realism(Config):
+class Realism(JsonFile):
     """Classifiers for windows of one length, by kind of sound."""
+
+    remedy = "realism reward; make one with `echoavatar align reward-realism`"
 
     seconds: float = Field(gt=0, description="length of a window: a continuation")
     kinds: dict[Literal["speech", "music"], KindConfig] = Field(description="a classifier for each kind of sound")
-
-    @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read what `save` wrote.
-
-        Raises:
-            CheckpointError: the file is missing or holds something else.
-        """
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except (OSError, ValidationError) as error:
-            raise CheckpointError(
-                f"{path} holds no realism reward; make one with `echoavatar align reward-realism`"
-            ) from error
-
-    def save(self, path: Path) -> None:
-        """Write as JSON."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
     def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
         """Log odds that the continuation is a person's, within -4 and 4; 0 for a kind of sound without classifier.
@@ -98,7 +78,7 @@ class Realism(Config):
                 f"the realism reward judges continuations of {self.seconds / CHUNK_SECONDS:.0f} chunks, not of"
                 f" {seconds / CHUNK_SECONDS:.0f}: fit it with the same --length"
             )
-        kind = _kind(motion.domain[motion.lead :])
+        kind = kind_of_sound(motion.domain[motion.lead :])
         if kind not in self.kinds:
             return 0.0
         found, known = _statistics(_points(motion, motion.frames), FRAME_RATE_HZ, seconds), self.kinds[kind]
@@ -164,19 +144,17 @@ def _made_windows(
 ) -> dict[str, tuple[Rows, list[str]]]:
     found: dict[str, tuple[Rows, list[str]]] = {kind: ([], []) for kind in DOMAINS}
     frames = round(seconds * FRAME_RATE_HZ)
-    for first in range(0, prompts, TOGETHER):
-        drawn = book.draw(first // TOGETHER, TOGETHER)[: prompts - first]
-        random = torch.Generator().manual_seed(seed * 1_000_003 + first)
-        seeds = torch.randint(2**62, (len(drawn) * group,), generator=random)
-        codes = policy.rollout(batch_of(drawn), group, seeds)
+    done = 0
+    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed):
         for row, motion in enumerate(decode_continuations(tokenizer, drawn, codes)):
-            kind = _kind(motion.domain[-frames:])
+            kind = kind_of_sound(motion.domain[-frames:])
             statistics = _statistics(_points(motion, frames), FRAME_RATE_HZ, seconds)
             if kind and np.isfinite(statistics).all():
                 found[kind][0].append(statistics)
                 found[kind][1].append(drawn[row // group].clip)
+        done += len(drawn)
         if progress is not None:
-            progress(min(first + TOGETHER, prompts), prompts)
+            progress(done, prompts)
     return found
 
 
@@ -195,7 +173,8 @@ def _true_windows(captured: Sequence[Take], seconds: float) -> dict[str, tuple[R
     return found
 
 
-def _kind(domain: np.ndarray) -> str:
+def kind_of_sound(domain: np.ndarray) -> str:
+    """The kind of sound that fills a continuation, given its domain by frame or token; or nothing."""
     return next((kind for kind, number in DOMAINS.items() if (domain == number).mean() >= PURE), "")
 
 

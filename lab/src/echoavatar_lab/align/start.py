@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from echoavatar.checkpoint import read_card
-from echoavatar.engine.pipeline import load_bundle
+from echoavatar.engine.pipeline import Bundle, load_bundle
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
@@ -19,28 +19,20 @@ from echoavatar_lab.training import Progress, has_state, train
 from echoavatar_lab.training.metrics_log import FILE
 
 from .audio_reward import AudioMotion
-from .config import AlignTraining, Method
 from .decoded_motion import decode_truth
-from .dpo import DpoTask
-from .grpo import GrpoTask
-from .judge import DecodingJudge
-from .motion_metrics import MotionMetrics
-from .policy import GeneratorPolicy
-from .ppo import PpoTask
-from .preferences import rank_pairs, read_pairs, write_pairs
-from .probe import Probe
-from .prompts import PromptSampler, read_token_clips
+from .dpo import DpoTask, PreferencePair, rank_pairs, read_pairs, write_pairs
+from .policy import GeneratorPolicy, continuations
+from .probe import DecodingJudge, MotionMetrics, Probe, SampleVideos
+from .prompts import PromptSampler, read_token_clips, train_and_test
 from .quality import QualityReward
 from .realism import Realism
-from .reference_statistics import ReferenceStatistics, measure_reference_statistics
-from .rewards import Reward, RewardMix, imported, parse_weights
-from .samples import SampleVideos
-from .trainer import DivergedError, PolicyTask, RunContext
+from .rewards import ReferenceStatistics, Reward, RewardMix, imported, measure_reference_statistics, parse_weights
+from .rollouts import GrpoTask, PpoTask
+from .trainer import AlignTraining, DivergedError, Method, PolicyTask, RunContext
 
 DEFAULT_REWARDS = ("beats=1", "stresses=1", "liveliness=0.3", "smoothness=0.1", "planted_feet=0.1", "stillness=0.5")
 STATISTICS_PROMPTS = 160
 STATISTICS_PAST, STATISTICS_LENGTH = 3, 9
-TOGETHER = 8  # prompts sampled at once
 
 
 @dataclass(frozen=True)
@@ -67,7 +59,7 @@ def load_setup(
     reference: Path | None = None,
     rewards: Sequence[str] | None = None,
     reference_statistics: Path | None = None,
-    sampling: Mapping[str, float | None] | None = None,
+    sampling: Mapping[str, float] | None = None,
     quality: Path | None = None,
     alignment: Path | None = None,
     realism: Path | None = None,
@@ -83,19 +75,10 @@ def load_setup(
         MotionError: the token files are missing or of another vocabulary.
         EchoAvatarError: a reward is unknown, or learned and not given.
     """
-    parts = load_bundle(bundle)
-    policy = Generator.load(generator) if generator else parts.generator
-    given = {name: value for name, value in (sampling or {}).items() if value is not None}
-    policy.config = policy.config.model_copy(update=given)
-    kept_near = Generator(policy.config)
-    kept_near.load_state_dict(policy.state_dict())
+    parts, policy, kept_near, card = load_policy(tokens, bundle, generator, sampling or {})
     if reference:
         kept_near = Generator.load(reference)
-    clips = read_token_clips(tokens, policy.config.layout)
-    train = {name: clip for name, clip in clips.items() if clip.split == "train"}
-    test = {name: clip for name, clip in clips.items() if clip.split != "train"}
-    if not train:
-        raise MotionError(f"{tokens} holds no clip of split train, so there are no prompts")
+    train, test = train_and_test(read_token_clips(tokens, policy.config.layout), tokens)
     has_statistics = reference_statistics is not None or (folder / "reference_statistics.json").exists()
     is_unmeasured = is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
     weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
@@ -111,15 +94,23 @@ def load_setup(
         own["realism"] = Realism.load(realism).judge
     rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, reference_statistics, folder)
     mix = RewardMix(weights, rule, own)
-    begun = read_card(generator) if generator else parts.card
-    card = {
-        "data": str(tokens),
-        "licence": begun.get("licence", "Apache-2.0"),
-        "begun_from": str(generator or bundle),
-        "rewards": weights,
-    }
     name = str(reference or generator or bundle)
+    card |= {"rewards": weights}
     return AlignmentSetup(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)
+
+
+def load_policy(
+    tokens: Path, bundle: str | Path, generator: Path | None, sampling: Mapping[str, float]
+) -> tuple[Bundle, Generator, Generator, dict[str, object]]:
+    """The bundle, the generator to tune with its sampling settings, a copy of it to stay near, and its card."""
+    parts = load_bundle(bundle)
+    policy = Generator.load(generator) if generator else parts.generator
+    policy.config = policy.config.model_copy(update=dict(sampling))
+    kept_near = Generator(policy.config)
+    kept_near.load_state_dict(policy.state_dict())
+    begun = read_card(generator) if generator else parts.card
+    card: dict[str, object] = {"data": str(tokens), "licence": begun.get("licence", "Apache-2.0")}
+    return parts, policy, kept_near, card | {"begun_from": str(generator or bundle)}
 
 
 def load_or_measure(
@@ -204,7 +195,7 @@ def _motion_metrics(ready: AlignmentSetup, prompts: Sequence[Any]) -> MotionMetr
 
 
 def tune(
-    stage: PolicyTask[Any],
+    task: PolicyTask[Any],
     folder: Path,
     *,
     device: str = "cpu",
@@ -221,15 +212,15 @@ def tune(
         CheckpointError: the run diverged before its first checkpoint, or the folder holds another run.
     """
     is_first = os.environ.get("RANK", "0") == "0"  # the process that writes
-    is_measured = is_first and stage.context.probe is not None and stage.config.evaluate_every > 0
+    is_measured = is_first and task.context.probe is not None and task.config.evaluate_every > 0
     if is_measured and not has_state(folder):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / FILE).unlink(missing_ok=True)
-        for generator in (stage.generator, stage.reference.generator):
+        for generator in (task.generator, task.reference.generator):
             generator.to(device)
-        _tell(folder, 0, stage.evaluate())
+        _tell(folder, 0, task.evaluate())
     try:
-        train(stage, folder, device=device, minutes=minutes, trackers=trackers, progress=progress)
+        train(task, folder, device=device, minutes=minutes, trackers=trackers, progress=progress)
     except DivergedError as error:
         if not has_state(folder):
             raise CheckpointError(
@@ -238,8 +229,8 @@ def tune(
         if is_first:
             _tell(folder, _step(folder), {"stopped": str(error)})
         return str(error)
-    if is_measured and _step(folder) == stage.config.steps and not _is_told(folder, stage.config.steps):
-        _tell(folder, stage.config.steps, stage.evaluate())
+    if is_measured and _step(folder) == task.config.steps and not _is_told(folder, task.config.steps):
+        _tell(folder, task.config.steps, task.evaluate())
     return ""
 
 
@@ -273,11 +264,10 @@ def make_pairs(
     """Write best and worst continuation by reward of prompts from the train clips as a file of pairs."""
     book = PromptSampler(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
     policy, judge = GeneratorPolicy(ready.generator), DecodingJudge(ready.tokenizer, ready.mix)
-    pairs = []
-    for first in range(0, prompts, TOGETHER):
-        some = min(TOGETHER, prompts - first)
-        drawn = book.draw(first // TOGETHER, TOGETHER)[:some]
-        pairs += rank_pairs(policy, drawn, judge, past=past, group=group, margin=margin, seed=seed * 1_000_003 + first)
+    pairs, done = list[PreferencePair](), 0
+    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed):
+        pairs += rank_pairs(drawn, codes, judge, past=past, margin=margin)
+        done += len(drawn)
         if progress is not None:
-            progress(first + some, prompts)
+            progress(done, prompts)
     return write_pairs(path, pairs)

@@ -3,12 +3,14 @@
 import argparse
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, Any, get_args
 
 from echoavatar.errors import EchoAvatarError
+
+from .config_options import add_fields, given_fields
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Bundle
@@ -16,38 +18,36 @@ if TYPE_CHECKING:
     from echoavatar_lab.models.generator.windows import TokenClip
 
 PAPER: dict[str, dict[str, float | str]] = {
-    "reward-quality": {"width": 512, "heads": 8},
+    "reward-quality": {"width": 512, "heads": 8, "resampling": "dual", "differences": False},
     "reward-alignment": {
         "width": 512,
-        "heads": 8,
-        "layers": 4,
         "slices": 1,
-        "rate": 1e-4,
+        "heads": 8,
+        "learning_rate": 1e-4,
         "batch": 32,
         "motion": "features",
-    },  # fmt: skip
+    },
 }  # appendix, Motion Quality Reward Model ("mirrors our motion tokenizer"); Audio-Motion Alignment Reward
-DEFAULTS: dict[str, dict[str, float | str]] = {
-    "reward-quality": {"width": 96, "heads": 4},
-    "reward-alignment": {
-        "width": 128,
-        "heads": 4,
-        "layers": 4,
-        "slices": 24,
-        "rate": 1e-3,
-        "batch": 64,
-        "motion": "codes",
-    },  # fmt: skip
-}
 PAPER_WORDS = (
     "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32,"
     " motion features, BEATs if --encoder-weights are given"
 )
 KINDS = ("calibrate", "reward-quality", "reward-alignment", "reward-realism")
+QUALITY_SIZES = ("width", "heads")
+QUALITY_FORM = ("resampling", "differences")  # no options: the paper's with --paper
+ALIGNMENT_SIZES = ("width", "heads", "layers", "slices")
+RUN = ("seed", "minutes", "autocast")
 
 
 def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the sub-commands."""
+    from echoavatar_lab.align.audio_encoders import KINDS as ENCODERS
+    from echoavatar_lab.align.audio_reward import AudioMotionConfig
+    from echoavatar_lab.align.audio_reward_train import AudioRewardTraining
+    from echoavatar_lab.align.corruption import Degradation
+    from echoavatar_lab.align.prompts import Events
+    from echoavatar_lab.align.quality import QualityConfig, QualityTraining
+
     calibrate = kinds.add_parser("calibrate", help="FID of every corruption level, and scores from it")
     quality = kinds.add_parser("reward-quality", help="train the motion quality reward")
     alignment = kinds.add_parser("reward-alignment", help="train the audio-motion alignment reward")
@@ -63,14 +63,16 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "--kinds",
         nargs="+",
         default=[],
-        choices=("jitter", "time_warp", "foot_slide", "frozen_limbs"),
+        choices=get_args(Degradation),
         help="degradations to train on as well; by default they only test whether the reward generalises",
     )
     quality.add_argument("--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)")
+    add_fields(quality, QualityTraining, ("steps",))
+    add_fields(quality, QualityConfig, QUALITY_SIZES)
     alignment.add_argument("--held-out", type=Path, help="token files to retrieve from instead of the split test")
     alignment.add_argument(
         "--encoder",
-        choices=("codes", "beats", "wav2clip"),
+        choices=ENCODERS,
         default="codes",
         help="audio encoder: the codec's codes, or BEATs (paper) or Wav2CLIP (its comparison) on audio that the codec "
         "decodes (default: %(default)s)",
@@ -82,30 +84,17 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         help="published weights, such as BEATs_iter3_plus_AS2M.pt or Wav2CLIP's ResNet_CX.ckpt, which are kept fixed "
         "(default: a small network of that kind, trained with the reward)",
     )
-    alignment.add_argument(
-        "--motion",
-        choices=("codes", "features"),
-        default="codes",
-        help="what motion is read as: vectors of its codes, or motion features at 30 fps, as in the paper (default: "
-        "%(default)s)",
-    )
-    alignment.add_argument("--batch", type=int, default=64, help="windows per step (default: %(default)s)")
-    alignment.add_argument("--rate", type=float, default=1e-3, help="peak learning rate (default: %(default)s)")
-    alignment.add_argument("--layers", type=int, default=4, help="of the motion encoder (default: %(default)s)")
-    alignment.add_argument(
-        "--slices",
-        type=int,
-        default=24,
-        help="time slices in the embedding; 1: one for the clip (default: %(default)s)",
-    )
+    add_fields(alignment, AudioMotionConfig, ("motion", *ALIGNMENT_SIZES))
+    add_fields(alignment, AudioRewardTraining, ("steps", "batch"))
+    alignment.add_argument("--rate", type=float, help="peak learning rate (default: 1e-3; paper: 1e-4)")
     for child in (quality, alignment):
-        child.add_argument("--heads", type=int, default=4, help="attention heads (default: %(default)s)")
         child.add_argument(
             "--paper", action="store_true", help=f"the paper's choices; in place of the defaults: {PAPER_WORDS}"
         )
         child.add_argument(
             "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
         )
+        child.add_argument("--minutes", type=float, default=0.0, help="training time, the schedule fitted to it")
     realism.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate BUNDLE alive`")
     realism.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
     realism.add_argument("--past", type=int, default=22, help="as in `align grpo` (default: %(default)s)")
@@ -113,52 +102,35 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     realism.add_argument("--length", type=int, default=20, help="likewise: the window judged (default: %(default)s)")
     realism.add_argument("--prompts", type=int, default=96, help="prompts to continue (default: %(default)s)")
     realism.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
-    realism.add_argument("--events", choices=("any", "beat", "stress"), default="any", help="(default: %(default)s)")
-    for child, steps, width in ((quality, 1200, 96), (alignment, 1000, 128)):
-        child.add_argument("--steps", type=int, default=steps, help="optimiser steps (default: %(default)s)")
-        child.add_argument("--width", type=int, default=width, help="channels (default: %(default)s; paper: 512)")
-        child.add_argument("--minutes", type=float, help="training time, the schedule fitted to it")
+    realism.add_argument("--events", choices=get_args(Events), default="any", help="(default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run one of the sub-commands."""
     from echoavatar.engine.pipeline import load_bundle
-    from echoavatar_lab.align.prompts import read_token_clips
+    from echoavatar_lab.align.prompts import read_token_clips, train_and_test
 
-    if getattr(args, "paper", False):
-        take_paper(args)
     bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
-    train = {name: clip for name, clip in clips.items() if clip.split == "train"}
-    test = {name: clip for name, clip in clips.items() if clip.split != "train"}
-    if not train:
-        raise EchoAvatarError(f"{args.source} holds no clip of split train, which {args.kind} reads")
+    train, test = train_and_test(clips, args.source)
     if not test and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
         raise EchoAvatarError(f"{args.source} holds no clip of split test, on which {args.kind} is measured")
-    with tqdm(unit="step", smoothing=0.05) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        kinds = {
-            "calibrate": _calibrate,
-            "reward-quality": _quality,
-            "reward-alignment": _alignment,
-            "reward-realism": _realism,
-        }
-        found = kinds[args.kind](args, bundle, train, test, progress)
+    kinds = {
+        "calibrate": _calibrate,
+        "reward-quality": _quality,
+        "reward-alignment": _alignment,
+        "reward-realism": _realism,
+    }
+    with progress_bar() as say:
+        found = kinds[args.kind](args, bundle, train, test, partial(say, args.kind))
     print(json.dumps(found))
     return 0
 
 
-def take_paper(args: argparse.Namespace) -> None:
-    """Set the paper's values where the option has its default still."""
-    for name, value in PAPER[args.kind].items():
-        if getattr(args, name) == DEFAULTS[args.kind][name]:
-            setattr(args, name, value)
-    if args.kind == "reward-alignment" and args.encoder_weights and args.encoder == "codes":
-        args.encoder = "beats"
+def _chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """What was given of some settings; where it was not, the paper's with --paper."""
+    paper = PAPER[args.kind] if args.paper else {}
+    return {name: paper[name] for name in names if name in paper} | given_fields(args, names)
 
 
 Clips = dict[str, "TokenClip"]
@@ -169,7 +141,7 @@ def _calibrate(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
     from echoavatar_lab.align.corruption import scores_from_fid
-    from echoavatar_lab.align.quality_train import CorruptedWindows, calibrate
+    from echoavatar_lab.align.quality import CorruptedWindows, calibrate
     from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 
     levels = CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed)
@@ -184,9 +156,9 @@ def _quality(
     args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
 ) -> dict[str, Any]:
     from echoavatar_lab.align.corruption import degraded_scores, paper_scores, read_scores
-    from echoavatar_lab.align.quality import QualityConfig
-    from echoavatar_lab.align.quality_train import (
+    from echoavatar_lab.align.quality import (
         CorruptedWindows,
+        QualityConfig,
         QualityTraining,
         draw_quality,
         measure_quality,
@@ -195,17 +167,12 @@ def _quality(
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
     scores |= degraded_scores(args.kinds)
+    channels = bundle.tokenizer.mean.numel()
     model = train_quality(
         CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed),
         args.output,
-        QualityTraining(steps=args.steps, seed=args.seed, minutes=args.minutes or 0, autocast=args.autocast),
-        config=QualityConfig(
-            features=bundle.tokenizer.mean.numel(),
-            width=args.width,
-            heads=args.heads,
-            resampling="dual" if args.paper else "learned",
-            differences=not args.paper,
-        ),
+        QualityTraining.model_validate(_chosen(args, "steps", *RUN)),
+        config=QualityConfig.model_validate(_chosen(args, *QUALITY_SIZES, *QUALITY_FORM) | {"features": channels}),
         scores=scores,
         card=_card(args),
         progress=progress,
@@ -232,21 +199,17 @@ def _alignment(
 
     layout = bundle.generator.config.layout
     asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
-    model = _listener(args, bundle)
+    encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
+    reads_features = _chosen(args, "motion").get("motion") == "features"
+    model = _listener(args, bundle, encoder, reads_features=reads_features)
 
     def pairs(clips: Clips) -> AudioMotionWindows:
-        waves = None if args.encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
-        features = None if args.motion == "codes" else decoded_features(bundle.tokenizer, clips, progress)
+        waves = None if encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
+        features = decoded_features(bundle.tokenizer, clips, progress) if reads_features else None
         return AudioMotionWindows(clips, waves=waves, features=features)
 
-    training = AudioRewardTraining(
-        steps=args.steps,
-        batch=args.batch,
-        learning_rate=args.rate,
-        seed=args.seed,
-        minutes=args.minutes or 0,
-        autocast=args.autocast,
-    )
+    rate = {"learning_rate": args.rate} if args.rate else {}
+    training = AudioRewardTraining.model_validate(_chosen(args, "steps", "batch", "learning_rate", *RUN) | rate)
     model = train_audio_reward(model, pairs(train), args.output, training, card=_card(args), progress=progress)
     found = retrieval_tables(model, pairs(asked))
     (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -288,27 +251,25 @@ def _realism(
     return dict(found)
 
 
-def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
+def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads_features: bool) -> "AudioMotion":
     """The untrained reward; published weights are read by a reader that constructs tensors only."""
     import torch
 
-    from echoavatar_lab.align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP
+    from echoavatar_lab.align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP, Beats, Wav2Clip
     from echoavatar_lab.align.audio_reward import AudioMotion
-    from echoavatar_lab.align.beats_encoder import Beats
-    from echoavatar_lab.align.wav2clip import Wav2Clip
     from echoavatar_lab.foreign.foreign_files import read_tensors
 
-    if args.encoder_weights and args.encoder == "codes":
+    if args.encoder_weights and encoder == "codes":
         raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(args.seed)
         motion_book = bundle.tokenizer.codebooks().detach()
-        sizes = {"width": args.width, "heads": args.heads, "layers": args.layers, "slices": args.slices}
-        read = None if args.motion == "codes" else bundle.tokenizer.statistics
-        if args.encoder == "codes":
+        sizes = _chosen(args, *ALIGNMENT_SIZES)
+        read = bundle.tokenizer.statistics if reads_features else None
+        if encoder == "codes":
             return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, statistics=read, **sizes)
         network: Beats | Wav2Clip
-        if args.encoder == "beats":
+        if encoder == "beats":
             network = Beats(SMALL_BEATS)
             if args.encoder_weights:
                 network = Beats.from_published(read_tensors(args.encoder_weights, "model"))
@@ -324,12 +285,12 @@ def _listener(args: argparse.Namespace, bundle: "Bundle") -> "AudioMotion":
 
 def command_line(args: argparse.Namespace) -> str:
     """The command as the model's card states it."""
-    words = " ".join(
-        f"--{key.replace('_', '-')} {value}"
-        for key, value in vars(args).items()
-        if key not in ("command", "kind", "source") and value is not None
-    )
-    return f"echoavatar align {args.kind} {args.source} {words}"
+    words = [f"echoavatar align {args.kind} {args.source}"]
+    for key, value in vars(args).items():
+        if key not in ("command", "kind", "source") and value not in (None, False, []):
+            values = value if isinstance(value, list) else [value]
+            words += [f"--{key.replace('_', '-')}" + ("" if one is True else f" {one}") for one in values]
+    return " ".join(words)
 
 
 def _card(args: argparse.Namespace) -> dict[str, object]:

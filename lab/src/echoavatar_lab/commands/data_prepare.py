@@ -1,15 +1,17 @@
 """`echoavatar data prepare`: converts a published dataset, or any folder of BVH, to a set that `train` reads."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tqdm import tqdm
+from echoavatar.errors import EchoAvatarError
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from .config_options import add_fields, given_fields
+from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from echoavatar_lab.datasets import Options, Outcome, Survey
+    from echoavatar_lab.datasets import Outcome, SetOptions, Survey
 
 EXAMPLES = """SRC, in your own copy of the dataset:
   zeroeggs   the unpacked Zeggs_data (clean/*.bvh + *.wav, info.csv)
@@ -35,8 +37,14 @@ prepared, or with --strict.
 """
 
 
+CHOSEN = ("sound", "test_every", "length_tolerance")
+MADE = ("rig", "fingers", "seed", "body_model", "shard_minutes")
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
+    from echoavatar_lab.datasets.source import SetOptions
+
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument(
@@ -62,53 +70,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     chosen.add_argument(
         "--additional", action="store_true", help="BEAT2: include the additional recordings, for training"
     )
-    chosen.add_argument(
-        "--sound",
-        choices=("need", "any", "none"),
-        help="need: refuse motion without sound; any: accept it; none: leave out all sound (default: need, but none for"
-        " bandai)",
-    )
-    chosen.add_argument(
-        "--test-every",
-        type=int,
-        metavar="N",
-        help="hold out every n-th recording by name, 0 none (default: the published split)",
-    )
-    chosen.add_argument(
-        "--length-tolerance",
-        type=float,
-        default=0.1,
-        metavar="SHARE",
-        help="largest relative difference in length of motion and sound; the longer is cut (default: %(default)s)",
-    )
+    defaults = {"sound": "need, but none for bandai", "test_every": "the published split"}
+    add_fields(chosen, SetOptions, CHOSEN, default=defaults)
     made = parser.add_argument_group("how they are made")
-    made.add_argument(
-        "--rig",
-        choices=("unified", "native"),
-        default="unified",
-        help="unified: our 52 bones, planted feet held still; native: the recording's own rig (default: %(default)s)",
-    )
-    made.add_argument(
-        "--fingers",
-        choices=("auto", "keep", "all"),
-        default="auto",
-        help="hands that get new fingers: auto (static and erratic ones), keep (none), all (default: %(default)s)",
-    )
+    add_fields(made, SetOptions, MADE)
     made.add_argument("--no-mirror", action="store_true", help="do not list mirror images of the training clips")
-    made.add_argument("--seed", type=int, default=0, help="seed of new fingers (default: %(default)s)")
-    made.add_argument(
-        "--body-model",
-        type=Path,
-        metavar="NPZ",
-        help="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's joint positions",
-    )
-    made.add_argument(
-        "--shard-minutes",
-        type=float,
-        default=20.0,
-        metavar="M",
-        help="minutes of motion in a shard (default: %(default)s)",
-    )
     after = parser.add_argument_group("afterwards")
     after.add_argument("--codec", type=Path, help="trained codec; with --tokenizer, also write DIR/tokens")
     after.add_argument("--tokenizer", type=Path, help="trained motion tokenizer for this set's rig")
@@ -122,20 +88,11 @@ def run(args: argparse.Namespace) -> int:
     """Survey, prepare, report."""
     if (args.codec is None) != (args.tokenizer is None):
         raise EchoAvatarError("tokens need both --codec and --tokenizer")
-    from echoavatar_lab.datasets import Options, survey_of
+    from echoavatar_lab.datasets import SetOptions, survey_of
 
     survey = survey_of(args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional)
-    options = Options(
-        rig=args.rig,
-        fingers=args.fingers,
-        sound=args.sound or ("none" if args.layout == "bandai" else "need"),
-        mirror=not args.no_mirror,
-        seed=args.seed,
-        test_every=args.test_every,
-        length_tolerance=args.length_tolerance,
-        shard_minutes=args.shard_minutes,
-        body_model=args.body_model,
-    )
+    given = ({"sound": "none"} if args.layout == "bandai" else {}) | given_fields(args, (*CHOSEN, *MADE))
+    options = SetOptions(mirror=not args.no_mirror, **given)
     _print_survey(survey, args.layout)
     if args.dry_run:
         return _print_forecast(survey, options, args)
@@ -150,19 +107,13 @@ def run(args: argparse.Namespace) -> int:
     return 1 if args.strict and outcome.failures else 0
 
 
-def _prepare(args: argparse.Namespace, survey: "Survey", options: "Options") -> "Outcome":
+def _prepare(args: argparse.Namespace, survey: "Survey", options: "SetOptions") -> "Outcome":
     from echoavatar_lab.datasets import prepare
 
     try:
-        with tqdm(total=len(survey.recordings), unit="clip", smoothing=0.05) as bar:
-            return prepare(
-                args.layout,
-                survey,
-                args.output,
-                options,
-                workers=args.workers,
-                progress=lambda done, _: bar.update(done - bar.n),
-            )
+        with progress_bar() as say:
+            how = {"workers": args.workers, "progress": partial(say, "clips")}
+            return prepare(args.layout, survey, args.output, options, **how)
     except KeyboardInterrupt:
         print(f"finished parts are in {args.output}; the same call continues from there")
         raise
@@ -180,9 +131,8 @@ def _print_survey(survey: "Survey", layout: str) -> None:
         print(f"left out, {why}: {len(names)} ({_first_three(names)})")
 
 
-def _print_forecast(survey: "Survey", options: "Options", args: argparse.Namespace) -> int:
-    from echoavatar_lab.datasets.forecast import forecast
-    from echoavatar_lab.datasets.prepare_dataset import split_source
+def _print_forecast(survey: "Survey", options: "SetOptions", args: argparse.Namespace) -> int:
+    from echoavatar_lab.datasets.prepare_dataset import forecast, split_source
 
     found = forecast(survey.recordings, options)
     for split, count in sorted(found.clips.items()):
@@ -241,23 +191,15 @@ def _write_tokens(args: argparse.Namespace) -> None:
 
     codec = AudioCodec.load(args.codec).eval()
     tokenizer = BodyTokenizer.load(args.tokenizer).eval()
-    with tqdm(unit="clip", desc="tokens") as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        corpus, folder = Corpus(args.output), args.output / "tokens"
-        count = tokenize_corpus(corpus, codec, tokenizer, folder, is_mirrored_too=corpus.can_mirror, progress=progress)
+    corpus, folder = Corpus(args.output), args.output / "tokens"
+    with progress_bar() as say:
+        told, can_mirror = partial(say, "tokens"), corpus.can_mirror
+        count = tokenize_corpus(corpus, codec, tokenizer, folder, is_mirrored_too=can_mirror, progress=told)
     print(f"{count} token files in {folder}")
 
 
 def _draw_pictures(outcome: "Outcome", args: argparse.Namespace) -> None:
-    """Draw the overview; a missing package is only reported."""
     from echoavatar_lab.datasets.overview import draw_overview
 
-    try:
-        written = draw_overview(outcome.corpus, args.output / "overview", sheets=args.sheets)
-        print(f"{len(written)} pictures in {args.output / 'overview'}")
-    except DependencyError as error:
-        print(f"no pictures: {error}")
+    written = draw_overview(outcome.corpus, args.output / "overview", sheets=args.sheets)
+    print(f"{len(written)} pictures in {args.output / 'overview'}")

@@ -1,12 +1,15 @@
 """`echoavatar data rl-corpus`: speech and music without motion, for reinforcement learning. May import all below."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
+
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar_lab.datasets.rl_corpus import Kind, RlCorpusResult, SoundPlan
@@ -133,13 +136,7 @@ def _write_tokens(args: argparse.Namespace) -> None:
     from echoavatar_lab.models.tokenize_sound import tokenize_sounds
 
     bundle, sounds = load_bundle(args.model), SoundSet(args.output)
-    with tqdm(total=len(sounds.sounds), desc="tokens", unit="sound") as bar:
-        count = tokenize_sounds(
-            sounds,
-            bundle.codec.eval(),
-            bundle.generator.eval(),
-            args.output / "tokens",
-            seed=args.seed,
-            progress=lambda done, _: bar.update(done - bar.n),
-        )
-    print(f"{count} token files in {args.output / 'tokens'}")
+    codec, generator, folder = bundle.codec.eval(), bundle.generator.eval(), args.output / "tokens"
+    with progress_bar() as say:
+        count = tokenize_sounds(sounds, codec, generator, folder, seed=args.seed, progress=partial(say, "tokens"))
+    print(f"{count} token files in {folder}")

@@ -113,12 +113,10 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.engine.pipeline.pipeline import find_device
     from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar_lab.tables.experiment import Experiment, Sources
-    from echoavatar_lab.tables.formats import want_pictures
     from echoavatar_lab.tables.scale import SCALES
     from echoavatar_lab.training.metrics_log import want_trackers
 
-    want_pictures()  # these refuse before any work
-    want_trackers(args.track)
+    want_trackers(args.track)  # these refuse before any work
     find_device(args.device)
     runtime = Runtime().chosen(args.runtime).label
     others = _others(args)
@@ -150,8 +148,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _tables(args: argparse.Namespace, experiment: "Experiment") -> int:
     """Make one table, or all; with all, a table that fails is told and does not stop the others."""
-    from echoavatar_lab.tables.formats import markdown, write
     from echoavatar_lab.tables.run import reproduce
+    from echoavatar_lab.tables.table import markdown, write
 
     is_all = args.table == ALL
     failed = []

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from echoavatar.errors import DependencyError
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map
@@ -22,26 +22,20 @@ _Array = np.ndarray
 
 
 def draw_overview(corpus: Corpus, folder: Path, *, sheets: int = 3) -> list[Path]:
-    """Write `duration.png`, `speed.png`, `pose.png` and contact sheets of clips spread over the set.
-
-    Raises:
-        DependencyError: matplotlib is missing.
-    """
-    plot = _pyplot()
+    """Write `duration.png`, `speed.png`, `pose.png` and contact sheets of clips spread over the set."""
     folder.mkdir(parents=True, exist_ok=True)
     names = _spread(corpus.names(has_mirrored=False), MOST_CLIPS)
     motions = [_motion(corpus, name) for name in names]
     pictures: dict[str, Callable[[], Any]] = {
-        "duration": lambda: _durations(plot, corpus),
-        "speed": lambda: _speeds(plot, motions),
-        "pose": lambda: _poses(plot, motions),
+        "duration": lambda: _durations(corpus),
+        "speed": lambda: _speeds(motions),
+        "pose": lambda: _poses(motions),
     }
     written = []
     for name, draw in pictures.items():
         figure = draw()
         figure.tight_layout()
         figure.savefig(folder / f"{name}.png", dpi=110)
-        plot.close(figure)
         written.append(folder / f"{name}.png")
     for name in _spread(names, sheets):
         path = folder / f"sheet_{name}.png"
@@ -50,19 +44,6 @@ def draw_overview(corpus: Corpus, folder: Path, *, sheets: int = 3) -> list[Path
         save_picture(path, contact_sheet(own, columns=10, rows=2, size=(150, 220)))
         written.append(path)
     return written
-
-
-def _pyplot() -> Any:
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise DependencyError(
-            "pictures need matplotlib; run: pip install 'echoavatar-lab', or pass --no-pictures"
-        ) from error
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    return pyplot
 
 
 def _spread(names: Sequence[str], count: int) -> list[str]:
@@ -78,9 +59,10 @@ def _motion(corpus: Corpus, name: str) -> Motion:
     return motion.cut(0, round(LONGEST_S * FRAME_RATE_HZ))
 
 
-def _durations(plot: Any, corpus: Corpus) -> Any:
+def _durations(corpus: Corpus) -> Any:
     """Lengths of clips by split, and minutes by kind of sound."""
-    figure, (left, right) = plot.subplots(1, 2, figsize=(10, 3.6))
+    figure = Figure(figsize=(10, 3.6))
+    (left, right) = figure.subplots(1, 2)
     entries = corpus.entries(has_mirrored=False)
     splits = [split for split in ("train", "val", "test") if any(e.split == split for e in entries)]
     lengths = [[e.frames / FRAME_RATE_HZ for e in entries if e.split == split] for split in splits]
@@ -97,9 +79,10 @@ def _durations(plot: Any, corpus: Corpus) -> Any:
     return figure
 
 
-def _speeds(plot: Any, motions: Sequence[Motion]) -> Any:
+def _speeds(motions: Sequence[Motion]) -> Any:
     """Speeds of the wrists relative to the hips, and of the hips over the floor."""
-    figure, (left, right) = plot.subplots(1, 2, figsize=(10, 3.6))
+    figure = Figure(figsize=(10, 3.6))
+    (left, right) = figure.subplots(1, 2)
     wrists = np.concatenate([wrist_speeds(motion) for motion in motions if motion.frames > 1])
     for side, name in enumerate(("left", "right")):
         left.hist(np.clip(wrists[:, side], 0, 4), bins=80, histtype="step", density=True, label=f"{name} wrist")
@@ -111,9 +94,10 @@ def _speeds(plot: Any, motions: Sequence[Motion]) -> Any:
     return figure
 
 
-def _poses(plot: Any, motions: Sequence[Motion]) -> Any:
+def _poses(motions: Sequence[Motion]) -> Any:
     """Positions of the wrists from the front, and angles of joints from rest."""
-    figure, (left, right) = plot.subplots(1, 2, figsize=(10, 4.2))
+    figure = Figure(figsize=(10, 4.2))
+    (left, right) = figure.subplots(1, 2)
     places = np.concatenate([_wrists(motion) for motion in motions])
     left.hist2d(places[:, 0], places[:, 1], bins=90, range=((-1, 1), (-0.6, 1.1)), cmap="magma", norm="log", cmin=1)
     left.set(

@@ -2,37 +2,130 @@
 
 A part is a clip in `parts/NAME.npz` and its receipt in `parts/NAME.json`. The receipt is written last, so it marks a
 finished part. The result depends only on the files, the options and the name.
+
+Labels are measured from sound: silence, speech or music per frame, beats and stressed syllables. Hands that are not
+worth learning from get new fingers (paper, Motion Refinement): the paper finds that much of Motorica has static or
+erratic fingers. Static fingers hardly turn. Erratic fingers tremble (from frame to frame, the angular velocity changes
+by about its own size) or bend further than fingers can. Each hand is judged over the whole clip, at 30 frames per
+second.
 """
 
 import time
 import zlib
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
+from typing import Literal, NamedTuple
 
 import numpy as np
+import torch
+from jaxtyping import Float
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
+from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import read_audio
+from echoavatar.models.fingers import FingerModel, load_shipped, refine_fingers
+from echoavatar.models.fingers.clips import FROZEN_DEG_S
+from echoavatar.models.fingers.finger_retarget import finger_joints
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, SkeletonConfig
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.rotations import angle_between, axis_angle_from_quaternion, quaternion_from_matrix
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar_lab.corpora.rehearsal.corpus import domains
+from echoavatar_lab.corpora.rehearsal.recording_labels import track_from_recording
 from echoavatar_lab.data import Clip
 from echoavatar_lab.data.corpus import checksum, count_domains
 from echoavatar_lab.data.statistics import describe
-from echoavatar_lab.foreign.smplx_reader import read_smplx
+from echoavatar_lab.foreign.smpl import read_smplx
 
-from .fidelity import fidelity
-from .hand_contact import keep_hand_contact
-from .hand_quality import hand_states, mend_hands
-from .labels import sound_labels
 from .lda import SUFFIX, read_lda
-from .native_rig import annotate_rig
-from .options import Options
-from .source import Recording
+from .retargeted import annotate_rig, fidelity, keep_hand_contact
+from .source import Domain, Recording, SetOptions
+
+STRESSED = 0.45  # least prominence of a stressed syllable, as in the rehearsal corpus
+
+
+def sound_labels(audio: NDArray[np.float32], kind: Domain) -> tuple[NDArray[np.uint8], dict[str, tuple[float, ...]]]:
+    """Domain (t,) of each frame, and times in seconds of beats, downbeats and stresses, as in a rehearsal clip.
+
+    Sound that is shorter than two seconds or nearly silent is labelled as silence.
+    """
+    frames = len(audio) // SAMPLES_PER_FRAME
+    if len(audio) < 2 * SAMPLE_RATE_HZ or float(np.abs(audio).max()) < 1e-4:
+        return np.zeros(frames, np.uint8), {}
+    track = track_from_recording(audio, kind)
+    events: dict[str, Sequence[float]] = {
+        "beats": track.beats.tolist(),
+        "downbeats": track.downbeats.tolist(),
+        "stress": [syllable.vowel for syllable in track.syllables if syllable.prominence >= STRESSED],
+    }
+    end = len(audio) / SAMPLE_RATE_HZ
+    kept = {name: tuple(round(time, 4) for time in times if 0 <= time < end) for name, times in events.items()}
+    return domains(track, frames), {name: times for name, times in kept.items() if times}
+
+
+State = Literal["good", "static", "erratic", "none"]
+TREMBLE = 0.6  # between recorded hands (up to 0.4) and white noise (0.77 and more)
+TREMBLE_DEG_S = 20.0  # slower trembling is not visible
+MOST_BENT_DEG = 140.0  # more than recorded fingers ever bend
+
+
+class HandScores(NamedTuple):
+    """How the fingers of one hand move."""
+
+    speed_deg_s: float  # mean over bones and frames
+    tremble: float  # relative change of angular velocity between frames: 0 steady, about 0.87 white noise
+    bend_deg: float  # 99th percentile of the angle from rest
+
+    @property
+    def state(self) -> State:
+        """The state that these scores mean."""
+        if self.speed_deg_s < FROZEN_DEG_S:
+            return "static"
+        trembles = self.tremble > TREMBLE and self.speed_deg_s > TREMBLE_DEG_S
+        return "erratic" if trembles or self.bend_deg > MOST_BENT_DEG else "good"
+
+
+def hand_states(motion: Motion) -> dict[str, State]:
+    """State of the left and right hand; "none" if the rig has no finger bones."""
+    rotations, states = motion.matrices(), {}
+    for side in ("left", "right"):
+        joints = list(finger_joints(motion, side).values())
+        states[side] = hand_scores(rotations[:, joints], motion.fps).state if joints else "none"
+    return states
+
+
+def hand_scores(rotations: Float[Tensor, "t j 3 3"], fps: float) -> HandScores:
+    """Scores of the finger bones of one hand."""
+    bend = torch.rad2deg(angle_between(rotations, torch.eye(3).expand_as(rotations)))
+    step = axis_angle_from_quaternion(quaternion_from_matrix(rotations[:-1].transpose(-1, -2) @ rotations[1:]))
+    speed, change = step.norm(dim=-1), (step[1:] - step[:-1]).norm(dim=-1)
+    both = (speed[1:] + speed[:-1]).sum() if len(speed) > 1 else torch.zeros(())
+    return HandScores(
+        speed_deg_s=float(torch.rad2deg(speed).mean() * fps) if len(speed) else 0.0,
+        tremble=float(change.sum() / both) if both > 0 else 0.0,
+        bend_deg=float(np.percentile(bend.numpy(), 99)),
+    )
+
+
+def mend_hands(motion: Motion, states: dict[str, State], seed: int, *, is_all: bool) -> tuple[Motion, list[str]]:
+    """Give new fingers to static and erratic hands, or to all; return the motion and the sides that changed."""
+    sides = [side for side, state in states.items() if state != "none" and (is_all or state != "good")]
+    for side in sides if len(sides) == 1 else ():
+        hands: Literal["left", "right"] = "left" if side == "left" else "right"
+        return refine_fingers(_finger_model(), motion, hands=hands, seed=seed), sides
+    return (refine_fingers(_finger_model(), motion, hands="both", seed=seed) if sides else motion), sides
+
+
+@lru_cache(maxsize=1)
+def _finger_model() -> FingerModel:
+    return load_shipped()
+
 
 SLOWEST_FPS = 15.0  # captured motion has at least this frame rate
 RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # candidates if the header's rate is wrong
@@ -64,7 +157,7 @@ class Receipt(Config):
     work_seconds: float = Field(description="processing time")
 
 
-def prepare_recording(recording: Recording, options: Options, folder: Path) -> Receipt:
+def prepare_recording(recording: Recording, options: SetOptions, folder: Path) -> Receipt:
     """Make the part of one recording that has a split.
 
     Raises:
@@ -130,7 +223,7 @@ def finished_part(folder: Path, name: str) -> Receipt | None:
     return receipt if part_path(folder, name).is_file() else None
 
 
-def stamp(recording: Recording, options: Options) -> str:
+def stamp(recording: Recording, options: SetOptions) -> str:
     """A mark that changes with the options and with size or modification time of a recording's files."""
     files = [
         f"{path.stat().st_size}:{path.stat().st_mtime_ns}" for path in _files(recording, options) if path.is_file()
@@ -138,12 +231,12 @@ def stamp(recording: Recording, options: Options) -> str:
     return " ".join([*files, options.digest()])
 
 
-def _files(recording: Recording, options: Options) -> list[Path]:
+def _files(recording: Recording, options: SetOptions) -> list[Path]:
     with_sound = recording.sound is not None and options.sound != "none" and recording.sound.is_file()
     return [recording.motion, *([recording.sound] if with_sound and recording.sound else [])]
 
 
-def _sound(recording: Recording, options: Options) -> Sound | None:
+def _sound(recording: Recording, options: SetOptions) -> Sound | None:
     if recording.sound is None or options.sound == "none":
         return None
     if not recording.sound.is_file():
@@ -153,7 +246,7 @@ def _sound(recording: Recording, options: Options) -> Sound | None:
     return np.asarray(read_audio(recording.sound), np.float32)
 
 
-def _motion(recording: Recording, options: Options) -> Motion:
+def _motion(recording: Recording, options: SetOptions) -> Motion:
     if recording.motion.suffix.lower() == ".npz":
         motion = read_smplx(recording.motion, body_model=options.body_model)
     elif recording.motion.name.endswith(SUFFIX):

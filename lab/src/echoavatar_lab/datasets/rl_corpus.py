@@ -1,7 +1,9 @@
 """The sound corpus for tuning a generator by reward (paper, RL Alignment Corpus).
 
-About an hour of spoken conversation and 100 pieces of music. Each recording follows from the seed and its own name. It
-is written before the manifest lists it and kept by the next call, so an interrupted run can continue.
+About an hour of spoken conversation and 100 pieces of music: the user's folder, or pieces composed by rule in every
+style in turn (the paper uses compositions of many tempos and genres from open platforms). Each recording follows from
+the seed and its own name. It is written before the manifest lists it and kept by the next call, so an interrupted run
+can continue.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,20 +11,114 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 from zlib import crc32
 
 import numpy as np
+from numpy.typing import NDArray
 
 from echoavatar.errors import AudioError, EchoAvatarError
-from echoavatar.models.audio.io import write_wav
-from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.models.audio.io import stream_audio, write_wav
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar_lab.corpora.music.instruments import render
+from echoavatar_lab.corpora.music.music import compose_piece
+from echoavatar_lab.corpora.music.styles import STYLES
+from echoavatar_lab.corpora.rehearsal.augment import set_loudness
+from echoavatar_lab.corpora.sound import FloatArray, whole_frames
 from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
+from echoavatar_lab.models.audio.recorded_files import AUDIO_SUFFIXES
 
 from .conversations import OWN, RULE, Script, conversations
-from .music_sources import Job, Take, composed_music, recorded_music
-from .text_to_speech import TextToSpeech
+from .prepare_recording import sound_labels
+from .source import files_below
+from .text_to_speech import LOUDNESS_DB, TextToSpeech
+
+COMPOSED_SECONDS = (60.0, 120.0)
+LONGEST_SECONDS = 600.0  # used of a file
+SHORTEST_SECONDS = 4.0
+TEST_EVERY = 10
+
+
+class LabelledSound(NamedTuple):
+    """A finished recording with its labels."""
+
+    audio: FloatArray  # (800 t,) at 24 kHz
+    domain: NDArray[np.uint8]  # (t,) 0 silence, 1 speech, 2 music
+    events: dict[str, tuple[float, ...]]
+    source: str
+    licence: str
+    notes: dict[str, str]
+
+
+class Job(NamedTuple):
+    """A recording to make; `make` raises AudioError if it cannot be made."""
+
+    name: str
+    split: Literal["train", "test"]
+    make: Callable[[], LabelledSound]
+
+
+def recorded_music(folder: Path, licence: str) -> Iterator[Job]:
+    """One job per sound file of a folder, sorted by path.
+
+    Raises:
+        EchoAvatarError: the folder holds no sound.
+    """
+    paths = files_below(folder, *AUDIO_SUFFIXES)
+    if not paths:
+        raise EchoAvatarError(f"--music {folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); name another folder")
+    for number, path in enumerate(paths):
+        where = path.relative_to(folder)
+        stem = "".join(sign if sign.isascii() and sign.isalnum() else "-" for sign in path.stem)[:40]
+        name = f"music-{crc32(str(where).encode()):08x}-{stem}"
+        yield Job(name, _split(number), partial(_read_piece, path, str(where), licence))
+
+
+def composed_music(seed: int) -> Iterator[Job]:
+    """Endless composed pieces; each follows from the seed and its number."""
+    number = 0
+    while True:
+        yield Job(f"music-own-{seed}-{number:04d}", _split(number), partial(_compose, seed, number))
+        number += 1
+
+
+def _split(number: int) -> Literal["train", "test"]:
+    return "test" if number % TEST_EVERY == TEST_EVERY - 1 else "train"
+
+
+def _read_piece(path: Path, where: str, licence: str) -> LabelledSound:
+    parts: list[FloatArray] = []
+    samples, notes = 0, {}
+    for part in stream_audio(path):
+        parts.append(part)
+        samples += len(part)
+        if samples >= LONGEST_SECONDS * SAMPLE_RATE_HZ:
+            notes["cut"] = f"after {samples / SAMPLE_RATE_HZ:.0f} s"
+            break
+    if samples < SHORTEST_SECONDS * SAMPLE_RATE_HZ:
+        raise AudioError(f"{where} is shorter than {SHORTEST_SECONDS:.0f} s; choose longer pieces")
+    audio = whole_frames(set_loudness(np.concatenate(parts), LOUDNESS_DB))
+    domain, events = sound_labels(audio, "music")
+    if not domain.any():
+        raise AudioError(f"{where} is silent; choose another piece")
+    return LabelledSound(audio, domain, events, f"{where}, SHA-256 {checksum(path)}", licence, notes)
+
+
+def _compose(seed: int, number: int) -> LabelledSound:
+    """Compose a piece; its beats are known exactly."""
+    rng = np.random.default_rng([seed, 0x3C5, number])
+    piece = compose_piece(rng, float(rng.uniform(*COMPOSED_SECONDS)), list(STYLES)[number % len(STYLES)])
+    audio = whole_frames(set_loudness(render(piece, rng), LOUDNESS_DB))
+    end = len(audio) / SAMPLE_RATE_HZ
+    events = {
+        kind: tuple(round(float(time), 4) for time in times if 0 <= time < end)
+        for kind, times in (("beats", piece.beats), ("downbeats", piece.downbeats))
+    }
+    domain = np.full(len(audio) // SAMPLES_PER_FRAME, 2, np.uint8)
+    notes = {"style": piece.style, "bpm": f"{piece.bpm:.1f}"}
+    return LabelledSound(audio, domain, events, "composed by rule", "Apache-2.0", notes)
+
 
 Kind = Literal["speech", "music"]
 Progress = Callable[[Kind, float, float], None]
@@ -106,10 +202,10 @@ def _speech(plan: SoundPlan) -> Iterator[Job]:
         yield Job(f"speech-{script.name}", script.split, partial(_spoken, plan, script))
 
 
-def _spoken(plan: SoundPlan, script: Script) -> Take:
+def _spoken(plan: SoundPlan, script: Script) -> LabelledSound:
     said = plan.voice.read(script, np.random.default_rng([plan.seed, crc32(script.name.encode())]))
     text = "Apache-2.0" if script.source in (OWN, RULE) else plan.scripts_licence
-    return Take(
+    return LabelledSound(
         said.audio,
         said.domain,
         {kind: times for kind, times in said.events.items() if times},
@@ -155,7 +251,7 @@ class _CorpusFolder:
         save_sounds(self._folder, self._listed.values(), self._info)
         return True
 
-    def _write(self, job: Job, kind: Kind, take: Take) -> Sound:
+    def _write(self, job: Job, kind: Kind, take: LabelledSound) -> Sound:
         file = f"{kind}/{job.name}.wav"
         write_wav(self._folder / file, take.audio)
         return Sound(

@@ -21,15 +21,14 @@ from echoavatar_lab.data import Corpus, Manifest, save_manifest
 from echoavatar_lab.data.clip import open_clip
 from echoavatar_lab.data.corpus import MIRROR, ClipEntry, can_mirror, write_shard
 
-from .options import Options
 from .prepare_recording import Receipt, part_path
-from .source import Terms
+from .source import SetOptions, Terms
 
 
 class SetWriter:
     """Collects parts and writes them to the set in `folder`, which may hold clips already."""
 
-    def __init__(self, folder: Path, kind: str, terms: Terms, options: Options) -> None:
+    def __init__(self, folder: Path, kind: str, terms: Terms, options: SetOptions) -> None:
         """Raises EchoAvatarError if the folder holds something else, or a set with other options."""
         self.folder, self.kind, self.terms, self.options = folder, kind, terms, options
         self.receipts: dict[str, Receipt] = {}

@@ -1,22 +1,16 @@
-"""Descriptions of datasets: recordings with files, split and labels, and terms of use.
+"""Descriptions of datasets: recordings with files, split and labels, terms of use; and the options of a set."""
 
-A layout is a module with `TERMS` and `survey(folder) -> Survey`; `LAYOUTS` maps the command line's names to modules.
-"""
-
-import fnmatch
-from collections.abc import Callable, Mapping, Sequence
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field
 
 from echoavatar.config import Config
-from echoavatar.errors import EchoAvatarError
 
 Domain = Literal["speech", "music"]
-LAYOUTS = {"zeroeggs": "zeroeggs", "motorica": "motorica", "beat2": "beat2", "bandai": "bandai", "bvh": "folder"}
 
 
 class Terms(Config):
@@ -71,40 +65,6 @@ class Survey(NamedTuple):
     split_from: str = ""  # description of the split's origin
 
 
-def survey_of(
-    kind: str, folder: Path, *, only: Sequence[str] = (), speakers: Sequence[str] = (), has_additional: bool = False
-) -> Survey:
-    """Find a dataset's recordings.
-
-    Args:
-        kind: one of `LAYOUTS`.
-        folder: the user's copy: the folder with the files, or one above it.
-        only: glob patterns of names; other recordings are left out.
-        speakers: numbers or names of speakers; others are left out.
-        has_additional: include recordings outside the standard part of the dataset.
-
-    Raises:
-        EchoAvatarError: the folder does not exist or holds nothing of this dataset.
-    """
-    if not folder.is_dir():
-        raise EchoAvatarError(f"{folder} is not a folder; pass the folder of your copy of the dataset")
-    survey: Callable[..., Survey] = import_module(f".{LAYOUTS[kind]}", __package__).survey
-    found = survey(folder, has_additional=has_additional) if kind == "beat2" else survey(folder)
-    wanted, left_out = [], list(found.left_out)
-    for recording in found.recordings:
-        if only and not any(fnmatch.fnmatch(recording.name, glob) for glob in only):
-            left_out.append(LeftOut(recording.name, "not among --only"))
-        elif speakers and not _speaks(recording, speakers):
-            left_out.append(LeftOut(recording.name, "not among --speakers"))
-        else:
-            wanted.append(recording)
-    if not wanted:
-        everything = f", all {len(left_out)} left out: {left_out[0].why}" if left_out else ""
-        missing = f"; {'; '.join(found.missing)}" if found.missing else ""
-        raise EchoAvatarError(f"no recording of {kind} to prepare in {folder}{everything}{missing}")
-    return found._replace(recordings=tuple(wanted), left_out=tuple(left_out))
-
-
 def with_splits(recordings: Sequence[Recording], test_every: int | None) -> list[Recording]:
     """Recordings that all have a split: the published one, or every n-th by name for testing (0: none).
 
@@ -123,11 +83,6 @@ def with_splits(recordings: Sequence[Recording], test_every: int | None) -> list
     ]
 
 
-def _speaks(recording: Recording, speakers: Sequence[str]) -> bool:
-    own = {recording.labels.get("speaker", ""), recording.labels.get("speaker_name", "")} - {""}
-    return bool(own & set(speakers))
-
-
 def files_below(folder: Path, *suffixes: str) -> list[Path]:
     """Files with these suffixes (lower case) anywhere below a folder, sorted; hidden files are skipped."""
     return sorted(
@@ -137,3 +92,41 @@ def files_below(folder: Path, *suffixes: str) -> list[Path]:
         and path.is_file()
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     )
+
+
+class SetOptions(Config):
+    """Options that change the content of a set, unlike workers, pictures and progress."""
+
+    rig: Literal["unified", "native"] = Field(
+        default="unified", description="unified: our 52 bones, planted feet held still; native: the recording's own rig"
+    )
+    fingers: Literal["auto", "keep", "all"] = Field(
+        default="auto", description="hands that get new fingers: auto (static and erratic ones), keep (none), all"
+    )
+    sound: Literal["need", "any", "none"] = Field(
+        default="need", description="need: refuse motion without sound; any: accept it; none: leave out all sound"
+    )
+    mirror: bool = Field(
+        default=True, description="list a mirror image of each training clip; it takes no space on disk"
+    )
+    seed: int = Field(default=0, description="seed of new fingers")
+    test_every: int | None = Field(default=None, ge=0, description="hold out every n-th recording by name, 0 none")
+    length_tolerance: float = Field(
+        default=0.1,
+        gt=0,
+        lt=1,
+        description="largest relative difference in length of motion and sound; the longer is cut",
+    )
+    shard_minutes: float = Field(default=20.0, gt=0, description="minutes of motion in a shard")
+    body_model: Path | None = Field(
+        default=None, description="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's joint positions"
+    )
+
+    def binding(self) -> dict[str, Any]:
+        """The options that all clips of a set must share; the others only decide which clips it holds."""
+        free = {"shard_minutes", "sound", "length_tolerance", "test_every", "mirror"}
+        return self.model_dump(mode="json", exclude=free)
+
+    def digest(self) -> str:
+        """A short hash of the binding options."""
+        return f"{zlib.crc32(repr(sorted(self.binding().items())).encode()):08x}"

@@ -30,7 +30,7 @@ from echoavatar_lab.corpora.sound import FloatArray, SoundTrack, concatenate, wh
 from echoavatar_lab.corpora.speech.speech import draw_speaker, resolve_engine, silence, speak
 
 from .conversations import Script, Turn
-from .labels import STRESSED, sound_labels
+from .prepare_recording import STRESSED, sound_labels
 
 Service = Literal["auto", "flite", "own", "openai", "elevenlabs"]
 LOUDNESS_DB = -25.0

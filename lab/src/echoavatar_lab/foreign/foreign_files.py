@@ -20,8 +20,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file
 from echoavatar.motion.formats.tables import array_of, arrays_of
 
-from .pickled_arrays import PickledArray, RefusedError, unpickle_arrays
-from .pickled_frame import NOTED, frame_columns
+from .pickled_arrays import NOTED, PickledArray, RefusedError, frame_columns, unpickle_arrays
 
 _WEIGHT_BYTES = 1 << 36  # of one torch file
 _TORCH_NAMES = (  # what state dicts and their optimisers name; besides, torch's storages and data types

@@ -5,7 +5,6 @@ May import `files` and below of `echoavatar`; nothing of `echoavatar` imports it
 """
 
 from .convert import convert
-from .folder import Release
-from .inspection import inspect_release
+from .inspection import Release, inspect_release
 
 __all__ = ["Release", "convert", "inspect_release"]

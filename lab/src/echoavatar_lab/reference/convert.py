@@ -16,10 +16,10 @@ from echoavatar.models.face.config import ChannelOrder
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar_lab.reference.face import from_reference
+from echoavatar_lab.reference.expected_tensors import from_reference
 
 from .inspection import Inspection
-from .vocabulary import occurring
+from .weights import occurring
 
 SILENCE_SECONDS = 4
 WARNING = (

@@ -1,5 +1,9 @@
-"""Check a whole download before anything is written: where each tensor goes, and every problem there is."""
+"""Check a whole download before anything is written: where each tensor goes, and every problem there is.
 
+`Release` finds each part by the folder and file names under which it was published.
+"""
+
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,15 +21,88 @@ from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar.models.tokens import REFERENCE_LAYOUT
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig
 from echoavatar_lab.foreign.foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
-from echoavatar_lab.reference.face import from_reference
+from echoavatar_lab.reference.expected_tensors import from_reference
 
-from . import folder
 from .expected_tensors import differences, face_shapes, generator_shapes, hubert_of, tokenizer_shapes
-from .folder import Release
-from .release_rig import JOINTS, rig_config, skeleton_config
-from .statistics import body_statistics
-from .vocabulary import compacted
-from .weights import StoredGenerator
+from .release_rig import JOINTS, body_statistics, rig_config, skeleton_config
+from .weights import StoredGenerator, compacted
+
+PARTS = ("lower", "upper", "hands")
+GENERATORS = ("body_g_d", "body_g")  # gesture and dance, gesture alone
+SKELETON, BODY, FACE = "zm_meta_info.npz", "body_mean_std_30fps.npy", "arkit_mean_std_30fps.npy"
+REST, UNITY = "magic_rest_matrices.json", "magic_transforms.json"
+
+
+@dataclass(frozen=True)
+class Release:
+    """The user's download: `ckpts` comes from the hub, `stats` from the authors' repository."""
+
+    ckpts: Path
+    stats: Path
+
+    def tokenizer(self, part: str) -> Path:
+        """Weights of a body part's tokenizer."""
+        home = _folder(self.ckpts / "body_rvqvae", "the three tokenizers")
+        return _newest(_only(home, f"*_bp_{part}_*", f"the tokenizer of the part {part!r}"), "net")
+
+    def codes(self, part: str) -> int:
+        """Codes per layer; only the folder's name states it."""
+        name = self.tokenizer(part).parent.name
+        found = re.search(r"nb-code_(\d+)", name)
+        if not found:
+            raise CheckpointError(
+                f"the name of the folder {name} does not contain nb-code_N; keep the name it was published under"
+            )
+        return int(found[1])
+
+    def face(self) -> Path:
+        """Weights of the face model."""
+        home = _folder(self.ckpts / "face", "the face model")
+        return _newest(_only(home, "*FaceGPT*", "the face model"), "gpt")
+
+    def generator(self, name: str | None = None) -> Path:
+        """Folder of the named generator, or of the first of `GENERATORS` that is there."""
+        names = [name] if name else [own for own in GENERATORS if (self.ckpts / own).is_dir()] or [GENERATORS[0]]
+        return _folder(self.ckpts / names[0], "the generator")
+
+    def stat(self, name: str) -> Path:
+        """A file of the stats folder."""
+        path = _folder(self.stats, "the release's statistics and skeleton") / name
+        if not path.is_file():
+            raise CheckpointError(f"{path} is missing; --stats is the folder 'stats' of the authors' repository")
+        return path
+
+
+def _folder(path: Path, what: str) -> Path:
+    if not path.is_dir():
+        home = path.parent
+        there = sorted(own.name for own in home.iterdir()) if home.is_dir() else []
+        raise CheckpointError(
+            f"no folder {path}, which holds {what}; {home} has: {', '.join(there) or 'nothing'}. "
+            "Keep the names under which it was published"
+        )
+    return path
+
+
+def _only(home: Path, pattern: str, what: str) -> Path:
+    found = sorted(path for path in home.glob(pattern) if path.is_dir())
+    if len(found) != 1:
+        names = found or sorted(home.iterdir())
+        there = ", ".join(path.name for path in names) or "nothing"
+        raise CheckpointError(
+            f"{home} has {len(found) or 'no'} folders {pattern}, wanted one for {what}; it has: {there}. "
+            "Keep the names under which it was published"
+        )
+    return found[0]
+
+
+def _newest(folder: Path, stem: str) -> Path:
+    """The file with the highest training step."""
+    found = {int(m[1]): path for path in folder.iterdir() if (m := re.fullmatch(rf"{stem}_(\d+)\.pth", path.name))}
+    if not found:
+        raise CheckpointError(f"{folder} has no {stem}_STEP.pth; download it again")
+    return found[max(found)]
+
 
 CHANNELS, HEADS, LOOKBACK = 52, 8, 15
 PLACEHOLDER = (0,) * REFERENCE_LAYOUT.audio_layers
@@ -67,7 +144,7 @@ def inspect_release(release: Release, *, generator: str | None = None, step: int
 
 
 def _checks(found: Inspection, release: Release, generator: str | None, step: int) -> Iterator[list[str]]:
-    for part, features in zip(folder.PARTS, (117, 162, 252), strict=True):
+    for part, features in zip(PARTS, (117, 162, 252), strict=True):
         yield _try(partial(_tokenizer, found, release, part, features))
     yield _try(lambda: _generator(found, release.generator(generator), step))
     yield _try(lambda: _face(found, release.face(), step))
@@ -138,20 +215,20 @@ def _present_name(key: str) -> str:
 
 
 def _stats(found: Inspection, release: Release) -> list[str]:
-    path = release.stat(folder.SKELETON)
+    path = release.stat(SKELETON)
     table = read_arrays(path, ("names", "parents", "offsets"))
     names = tuple(str(name) for name in table["names"])
     if table["offsets"].shape != (len(names), 3) or table["parents"].shape != (len(names),):
         shapes = f"offsets {table['offsets'].shape} and parents {table['parents'].shape}"
         return [f"{path}: {shapes} for {len(names)} joints"]
     found.skeleton = skeleton_config(names, table["parents"].tolist(), table["offsets"], origin=str(path))
-    rest = read_matrices(release.stat(folder.REST), names)
-    unity = read_matrices(release.stat(folder.UNITY), names)
+    rest = read_matrices(release.stat(REST), names)
+    unity = read_matrices(release.stat(UNITY), names)
     found.rig = rig_config(found.skeleton, rest, unity)
-    body = release.stat(folder.BODY)
+    body = release.stat(BODY)
     rows = read_array(body, (2, 6 * JOINTS + 3))
     found.statistics = body_statistics(Skeleton(found.skeleton), rows)
-    files = ((path, "skeleton"), (release.stat(folder.REST), "rig.unity"), (release.stat(folder.UNITY), "rig.unity"))
+    files = ((path, "skeleton"), (release.stat(REST), "rig.unity"), (release.stat(UNITY), "rig.unity"))
     found.lines += [Line(file.name, f"{len(names)} joints", (len(names),), target) for file, target in files]
     still = int((~found.statistics.varies).sum())
     target = f"tokenizer: mean, std; {still} channels that hardly vary are held at their mean"
@@ -160,7 +237,7 @@ def _stats(found: Inspection, release: Release) -> list[str]:
 
 
 def _face_stats(found: Inspection, release: Release) -> list[str]:
-    path = release.stat(folder.FACE)
+    path = release.stat(FACE)
     found.face_statistics = read_table(path, ("mean", "std"), (CHANNELS,))
     found.lines.append(Line(path.name, "mean, std", (2, CHANNELS), "face: mean, std"))
     return []

@@ -1,18 +1,24 @@
-"""The rig of the release's character: bone names, feature conventions, and the rule that keeps hands off the body.
+"""The rig of the release's character: bones, feature conventions, the rule that keeps hands off the body, statistics.
 
 Joint names and the rule for hands are facts about the published software; offsets and matrices come from the user's
 copy. The skeleton is converted to our axes and metres here. Features are converted while motion streams
 (`pipeline.rig`).
+
+Of the 531 standard deviations of the motion statistics 154 are zero or noise (1e-8 to 6e-5), because their joints never
+move. Dividing by them would amplify float noise up to ten million times. So these channels are 0 when normalised and
+their mean when decoded.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 
 from echoavatar.engine.pipeline.foreign_rig import Matrix, RigConfig
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.ik import SwingConfig
-from echoavatar.motion.kinematics import SkeletonConfig
+from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig
+from echoavatar.motion.kinematics.features import CONSTANT_STD, TRAVEL_SIZE, travel_slice
 
 CM = 0.01
 AXES: Matrix = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # theirs: Z up, facing -Y, left +X
@@ -124,3 +130,17 @@ def _other_side(name: str) -> str:
 def _triple(row: np.ndarray) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in row)
     return x, y, z
+
+
+def feature_order(skeleton: Skeleton) -> list[int]:
+    """For each of our channels, its index in the release's order: joints ascending, then the three of travel."""
+    six = [6 * joint + k for joint in skeleton.feature_joints for k in range(6)]
+    start = travel_slice(skeleton).start
+    travel = [6 * skeleton.joints + k for k in range(TRAVEL_SIZE)]
+    return [*six[:start], *travel, *six[start:]]
+
+
+def body_statistics(skeleton: Skeleton, rows: np.ndarray) -> FeatureStatistics:
+    """Statistics from the release's mean and standard deviation (2, 531)."""
+    mean, std = torch.from_numpy(rows.astype(np.float32))[:, feature_order(skeleton)]
+    return FeatureStatistics(mean, std, std >= CONSTANT_STD)

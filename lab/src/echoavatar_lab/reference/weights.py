@@ -1,4 +1,8 @@
-"""A generator as transformers stores it: a folder of safetensors. Only the rows that the bundle needs are read."""
+"""The release's generator, as transformers stores it: a folder of safetensors, of which only needed rows are read.
+
+Of the 166,690 rows of its vocabulary, six special ids, 2,048 audio codes and 9,216 motion codes can occur in a prompt.
+The others are not converted: the token layout is over the occurring rows alone.
+"""
 
 import json
 from dataclasses import dataclass
@@ -6,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from jaxtyping import Int
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
@@ -13,9 +18,43 @@ from echoavatar.errors import CheckpointError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.config import Opening
-from echoavatar.models.tokens import REFERENCE_LAYOUT
+from echoavatar.models.tokens import REFERENCE_LAYOUT, TokenLayout
 
-from .vocabulary import compacted
+
+def occurring(layout: TokenLayout = REFERENCE_LAYOUT) -> Int[Tensor, " v"]:
+    """Ids of the rows that can occur: special ids ascending, then audio, then motion."""
+    audio = torch.arange(layout.audio_layers * layout.audio_codes) + layout.audio_base
+    motion = torch.arange(layout.segments * layout.motion_codes) + layout.motion_base
+    return torch.cat([torch.tensor(_specials(layout)), audio, motion])
+
+
+def compacted(layout: TokenLayout = REFERENCE_LAYOUT) -> TokenLayout:
+    """The layout renumbered to the rows that `occurring` lists."""
+    specials = _specials(layout)
+    rows = {token: row for row, token in enumerate(specials)}
+
+    def renamed(ids: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(rows[token] for token in ids)
+
+    motion_base = len(specials) + layout.audio_layers * layout.audio_codes
+    return layout.model_copy(
+        update={
+            "start_id": rows[layout.start_id],
+            "before_audio": renamed(layout.before_audio),
+            "before_motion": renamed(layout.before_motion),
+            "before_example": renamed(layout.before_example),
+            "after_example": renamed(layout.after_example),
+            "audio_base": len(specials),
+            "motion_base": motion_base,
+            "vocabulary": motion_base + layout.segments * layout.motion_codes,
+        }
+    )
+
+
+def _specials(layout: TokenLayout) -> list[int]:
+    used = (layout.start_id, *layout.before_audio, *layout.before_motion, *layout.before_example)
+    return sorted({*used, *layout.after_example})
+
 
 SEED_CODE = 32  # the motion code of every segment before the first motion
 _ARCHITECTURE = "Qwen2ForCausalLM"

@@ -1,32 +1,208 @@
 """The paper's table "Comparison with the state-of-the-art methods on BEAT2", with EMAGE's measures.
 
 The measures are FID with EMAGE's skeleton convolutions, beat alignment with EMAGE's index quirk, and L1 diversity.
-All are taken on SMPL-X's 55 joints with the root at the origin, from motion as it leaves the decoder.
+All are taken on SMPL-X's 55 joints as recorded, with the root at the origin, from motion as it leaves the decoder.
+
+Users without the dataset get a small folder in its layout: names, rates, npz keys and the split table are those of the
+dataset, so `data prepare beat2` reads it like a real copy. Its motion is rehearsal motion written as SMPL-X and its
+sound is synthetic, some of it music: no number from it says anything about BEAT2.
 """
 
+import csv
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Self
 
 import numpy as np
+import soxr
 import torch
+from jaxtyping import Float
 
-from echoavatar.motion.kinematics import Motion
-from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar_lab.data import SPEECH
+from echoavatar.errors import EchoAvatarError
+from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.models.audio import write_wav
+from echoavatar.models.generator import Generator
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar_lab.data import SPEECH, Clip, Corpus
+from echoavatar_lab.datasets import SetOptions, prepare, survey_of
+from echoavatar_lab.datasets.layouts import BEAT2_SPLIT
 from echoavatar_lab.evaluation.beat_rows import ClipAudio, gesture_rows
 from echoavatar_lab.evaluation.metrics.beat_alignment import SMPLX_UPPER_BODY
 from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 from echoavatar_lab.evaluation.report import fid_row
 from echoavatar_lab.evaluation.table import Row, row_of_means
-from echoavatar_lab.tables.baselines import Baselines, Kind
 
-from .beat2_experiment import Beat2Experiment
-from .choices import OURS, GeneratorChoice
+from .baselines import Baselines, Kind
+from .experiment import Experiment, Sources, want_test_clips
+from .generate import Sounds, decoded_motion
 from .main import foreign_notes
-from .skeleton_convolution import extractor_input
+from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
+from .skeleton_convolution import (
+    SkeletonConvolution,
+    SkeletonConvolutionConfig,
+    SkeletonConvolutionTraining,
+    extractor_input,
+    train_skeleton_convolution,
+)
 from .table import Cell, Column, Line, Table, Wanted, cells
-from .waves import Part, generator_waves
+
+RATE_HZ = 16_000
+TEST_EVERY = 8
+SAMPLE_SPEAKER = "2_scott"
+
+
+def write_sample(corpus: Corpus, folder: Path) -> Path:
+    """Write every clip of a corpus on our rig as a recording of one speaker; return the folder for `data prepare`."""
+    place = folder / "beat_english_v2.0.0"
+    for name in ("smplxflame_30", "wave16k"):
+        (place / name).mkdir(parents=True, exist_ok=True)
+    rows = []
+    for number, clip in enumerate(corpus.clips(), 1):
+        name = f"{SAMPLE_SPEAKER}_0_{number}_{number}"
+        _write(clip, place, name)
+        rows.append((name, "test" if number % TEST_EVERY == 0 else "train"))
+    with (place / BEAT2_SPLIT).open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([("id", "type"), *rows])
+    return place
+
+
+def _write(clip: Clip, place: Path, name: str) -> None:
+    rig = skeleton()
+    quaternions = torch.zeros(clip.frames, rig.joints, 4)
+    quaternions[..., 0] = 1
+    for bone, joint in rig.config.vrm.items():
+        quaternions[:, joint] = torch.from_numpy(clip.rotations[:, HUMANOID.index(bone)])
+    np.savez(
+        place / "smplxflame_30" / f"{name}.npz",
+        poses=axis_angle_from_quaternion(quaternions).reshape(clip.frames, -1).numpy(),
+        trans=clip.root - rig.offsets[0].numpy(),
+        betas=np.zeros(300),
+        mocap_frame_rate=np.array(FRAME_RATE_HZ),
+        gender=np.array("neutral"),
+    )
+    sound = soxr.resample(clip.audio, SAMPLE_RATE_HZ, RATE_HZ)
+    write_wav(place / "wave16k" / f"{name}.wav", sound.astype(np.float32), rate=RATE_HZ)
+
+
+SPEAKERS = ("2",)  # the speaker of EMAGE's and MECo's tables; the paper does not name its own
+OPTIONS = SetOptions(rig="native", fingers="keep")
+EXTRACTOR_STEPS: dict[ScaleName, int] = {"tiny": 20, "rehearsal": 1500, "paper": 20_000}
+LEAST_SECONDS = 8.0  # EMAGE's beat alignment cuts two seconds off both ends
+LEAST_CLIPS = 24
+
+
+class Beat2Experiment(Experiment):
+    """All parts of the BEAT2 table, in a subfolder of their own."""
+
+    @classmethod
+    def of(cls, other: Experiment) -> Self:
+        """A BEAT2 experiment with the sources and settings of another experiment."""
+        return cls(other.folder / "beat2", other.scale, other.sources, **other._how() | {"runtime": "paper"})
+
+    def _shared_sources(self) -> Sources:
+        """Corpus, and the extractor: distances in different latents cannot be compared."""
+        _ = self.extractor
+        return replace(super()._shared_sources(), extractor=self.sources.extractor or self.folder / "extractor")
+
+    @cached_property
+    def is_synthetic(self) -> bool:
+        """Whether the user gave no copy of the dataset."""
+        return self.sources.corpus is None
+
+    @cached_property
+    def corpus(self) -> Corpus:
+        """The set on SMPL-X's joints: given, or prepared from the user's copy or from a synthetic copy.
+
+        Raises:
+            EchoAvatarError: the scale needs a copy and none is given, or the set is on another rig or too small.
+        """
+        given = self.sources.corpus
+        is_prepared = given is not None and (given / "manifest.json").is_file()
+        corpus = Corpus(given if given is not None and is_prepared else self._prepared(given or self._sample()))
+        if corpus.skeleton.names != skeleton().names:
+            raise EchoAvatarError(
+                f"{corpus.folder} is not on SMPL-X's joints; prepare it with"
+                " `echoavatar data prepare beat2 ... --rig native --fingers keep`"
+            )
+        want_test_clips(corpus)
+        return corpus
+
+    @cached_property
+    def extractor(self) -> SkeletonConvolution:
+        """EMAGE's extractor from the user's folder, or one of ours trained on the training clips."""
+        if self.sources.extractor is not None:
+            return SkeletonConvolution.load(self.sources.extractor)
+        folder = self.folder / "extractor"
+        config = SkeletonConvolutionConfig()
+        training = SkeletonConvolutionTraining(steps=EXTRACTOR_STEPS[self.scale.name], seed=self.seed)
+
+        def make() -> None:
+            names = self.corpus.names("train", has_mirrored=False)
+            clips = [extractor_input(torch.from_numpy(self.corpus.motion(name).rotations)) for name in names]
+            train_skeleton_convolution(
+                config,
+                training,
+                clips,
+                folder,
+                device=self.device,
+                card=self._card("extractor"),
+                progress=self.progress,
+            )
+
+        self._make_once(folder, {"corpus": self._digest, "training": training.model_dump(mode="json")}, make)
+        return SkeletonConvolution.load(folder)
+
+    def motion(self, clip: Clip) -> Motion:
+        """The motion of a clip on SMPL-X's joints."""
+        return Motion(self.corpus.skeleton, clip.rotations, clip.root, float(FRAME_RATE_HZ))
+
+    def positions(self, motion: Motion) -> Float[torch.Tensor, "t 55 3"]:
+        """Joint positions in metres with the root at the origin, as EMAGE measures them, on the body of the set."""
+        at_origin = Motion(motion.skeleton, motion.rotations, motion.root * 0, motion.fps).pose().positions
+        return at_origin - at_origin[:, :1]
+
+    def _generate(self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds) -> list[Motion]:
+        return decoded_motion(self.codec, tokenizer, generator, sounds, device=self.device, progress=self.progress)
+
+    def _prepared(self, copy: Path) -> Path:
+        folder = self.folder / "set"
+
+        def make() -> None:
+            survey = survey_of("beat2", copy, speakers=SPEAKERS)
+            done = prepare("beat2", survey, folder, OPTIONS, workers=self.workers, progress=self.progress)
+            for name, why in done.failures:
+                self.say(f"  left out {name}: {why}")
+
+        self._make_once(folder, {"copy": copy.name, "speakers": SPEAKERS, "options": OPTIONS.binding()}, make)
+        return folder
+
+    def _sample(self) -> Path:
+        """Make a synthetic copy of the dataset."""
+        from echoavatar_lab.corpora.rehearsal.corpus import Plan, rehearse
+
+        if not self.scale.hours:
+            raise EchoAvatarError(
+                f"scale {self.scale.name} needs your copy of BEAT2: give beat_english_v2.0.0, or a set made by"
+                " `echoavatar data prepare beat2 --rig native --fingers keep` (--corpus)"
+            )
+        seconds = max(self.scale.clip_seconds, LEAST_SECONDS)
+        hours = max(self.scale.hours, LEAST_CLIPS * seconds / 3600)
+        plan = Plan(hours, self.seed + 1, self.folder / "rehearsed", clip_seconds=seconds)
+        copy = self.folder / "copy"
+
+        def make() -> None:
+            rehearse(plan, workers=self.workers, progress=self.progress)
+            write_sample(Corpus(plan.folder), copy)
+
+        self._make_once(copy, {"hours": hours, "seed": plan.seed, "clip_seconds": seconds}, make)
+        return copy
+
 
 NAME = "beat2"
 COLUMNS = (
@@ -61,7 +237,7 @@ BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nea
 
 
 def waves(experiment: Beat2Experiment) -> list[Sequence[Part]]:
-    """The parts of the table, see `waves`."""
+    """The parts of the table, see `scale.generator_waves`."""
     _ = experiment.extractor
     return generator_waves([GeneratorChoice(OURS.name)])
 

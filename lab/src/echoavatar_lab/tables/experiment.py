@@ -4,9 +4,10 @@ Each part is made once and kept. An interrupted training run resumes. Tables in 
 """
 
 import hashlib
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -24,13 +25,38 @@ from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
 from echoavatar_lab.models.generator.recipe import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.tables.scale import Scale
 from echoavatar_lab.training import Progress
 
-from .choices import GeneratorChoice, TokenizerChoice
-from .foreign import foreign_motion
-from .generate import Sounds, live_motion
-from .make_once import make_once
+from .generate import Sounds, foreign_motion, live_motion
+from .scale import GeneratorChoice, Scale, TokenizerChoice
+
+STAMP = "asked.json"
+
+
+def make_once(folder: Path, settings: Mapping[str, object], make: Callable[[], object]) -> None:
+    """Call `make` unless the part is finished. After an interruption `make` is called again and may resume.
+
+    Raises:
+        EchoAvatarError: the folder holds a part that was made with other settings.
+    """
+    stamp, wanted = folder / STAMP, json.loads(json.dumps(settings))
+    if stamp.exists():
+        found = json.loads(stamp.read_text(encoding="utf-8"))
+        if found["asked"] != wanted:
+            raise EchoAvatarError(
+                f"{folder} was made with other settings or from other parts; remove it or choose another -o"
+            )
+        if found["is_finished"]:
+            return
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_stamp(stamp, wanted, is_finished=False)
+    make()
+    _write_stamp(stamp, wanted, is_finished=True)
+
+
+def _write_stamp(stamp: Path, settings: object, *, is_finished: bool) -> None:
+    stamp.write_text(json.dumps({"asked": settings, "is_finished": is_finished}, indent=1) + "\n", encoding="utf-8")
+
 
 BATCH = 16  # sounds per batch
 EXTRA_CHUNKS = 6  # chunks by which training windows exceed what a position sees, so that the steady stream is trained
@@ -93,18 +119,15 @@ class Experiment:
     ) -> Self:
         """The same experiment, perhaps elsewhere, without output, run otherwise; or with another seed, same corpus."""
         is_other = seed is not None and seed != self.seed
-        how: dict[str, Any] = {} if is_quiet else {"say": self.say, "progress": self.progress}
-        return type(self)(
-            self.folder / "seeds" / str(seed) if is_other else self.folder,
-            self.scale,
-            self._shared_sources() if is_other else self.sources,
-            device=device or self.device,
-            seed=self.seed if seed is None else seed,
-            runtime=runtime or self.runtime,
-            workers=self.workers,
-            trackers=self.trackers,
-            **how,
-        )
+        folder = self.folder / "seeds" / str(seed) if is_other else self.folder
+        how = self._how() | ({"say": quiet, "progress": None} if is_quiet else {})
+        how |= {"device": device or self.device, "runtime": runtime or self.runtime}
+        how |= {"seed": self.seed if seed is None else seed}
+        return type(self)(folder, self.scale, self._shared_sources() if is_other else self.sources, **how)
+
+    def _how(self) -> dict[str, Any]:
+        names = ("device", "seed", "runtime", "workers", "trackers", "say", "progress")
+        return {name: getattr(self, name) for name in names}
 
     def _shared_sources(self) -> Sources:
         """What an experiment with another seed must not make again."""
@@ -199,29 +222,16 @@ class Experiment:
         self._make_once(folder, self.codes_settings(choice), make)
         return [TokenClip.load(path) for path in sorted(folder.glob("*.npz"))]
 
-    def embeddings(self, choice: GeneratorChoice) -> Generator:
-        """Stage 1 (paper, Embedding Space Alignment), or load it: the body is frozen, Qwen's where it is given."""
-        first = choice.first_stage
-        folder = self.folder / "stage1" / first.name
-        make = partial(self._train_generator, first, folder, self.scale.stage1, None)
-        self._make_once(folder, self._embeddings_settings(first), make)
-        return Generator.load(folder)
-
     def generator(self, choice: GeneratorChoice) -> Generator:
-        """Train stage 2 after stage 1, or stage 3 after the generator that the choice names; or load it."""
-        folder = self.folder / "generators" / choice.name
+        """Train a generator of the paper's stage 1, 2 or 3, after the one that it goes on from; or load it.
 
-        def make() -> None:
-            start = self.embeddings(choice) if choice.after is None else self.generator(choice.after)
-            training = self.scale.generator_training if choice.after is None else self.scale.stage3
-            self._train_generator(choice, folder, training, start)
-
-        self._make_once(folder, self._generator_settings(choice), make)
+        Stage 1 is the paper's Embedding Space Alignment: the body is frozen, Qwen's where it is given.
+        """
+        folder = self.folder / ("stage1" if choice.stage == 1 else "generators") / choice.name
+        self._make_once(folder, self._generator_settings(choice), lambda: self._train_generator(choice, folder))
         return Generator.load(folder)
 
-    def _train_generator(
-        self, choice: GeneratorChoice, folder: Path, training: GeneratorTraining, start: Generator | None
-    ) -> None:
+    def _train_generator(self, choice: GeneratorChoice, folder: Path) -> None:
         from echoavatar_lab.models.generator.train import train_generator
 
         tokenizer = self.tokenizer(choice.tokenizer)
@@ -236,6 +246,7 @@ class Experiment:
             parts=len(tokenizer.config.parts),
             has_example=choice.sizes.get("control") == "prompt",
         )
+        before, training = choice.before, self.scale.generator_trainings[choice.stage]
         sizes = self.scale.generator.model_dump() | dict(choice.sizes)
         config = GeneratorConfig(layout=layout, is_leveled=False, **sizes)
         chosen: dict[str, Any] = {
@@ -249,8 +260,8 @@ class Experiment:
             clips,
             folder,
             device=self.device,
-            start=start,
-            qwen=self.sources.qwen if start is None else None,
+            start=None if before is None else self.generator(before),
+            qwen=self.sources.qwen if before is None else None,
             audio_codebooks=self.codec.codebooks,
             motion_codebooks=tokenizer.codebooks(),
             trackers=self.trackers,
@@ -323,18 +334,10 @@ class Experiment:
         return {"tokenizer": self._tokenizer_settings(choice), "codec": self._codec_mark, "is_leveled": False}
 
     def _generator_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
-        if choice.after is None:
-            start, training = self._embeddings_settings(choice.first_stage), self.scale.generator_training
-        else:
-            start, training = self._generator_settings(choice.after), self.scale.stage3
-        return {"start": start, "training": training.model_dump(mode="json")} | self._own_settings(choice)
-
-    def _embeddings_settings(self, first: GeneratorChoice) -> dict[str, Any]:
-        qwen = str(self.sources.qwen or "")
-        return {"training": self.scale.stage1.model_dump(mode="json"), "qwen": qwen} | self._own_settings(first)
-
-    def _own_settings(self, choice: GeneratorChoice) -> dict[str, Any]:
+        before, qwen = choice.before, str(self.sources.qwen or "")
         return {
+            "start": {"qwen": qwen} if before is None else self._generator_settings(before),
+            "training": self.scale.generator_trainings[choice.stage].model_dump(mode="json"),
             "codes": self.codes_settings(choice.tokenizer),
             "sizes": self.scale.generator.model_dump() | dict(choice.sizes),
             "choice": {"name": choice.name, "training": dict(choice.training), "only": choice.only},

@@ -1,61 +1,43 @@
 """The paper's table "Quantitative evaluation on test set": kinds of token corruption, beside baselines.
 
 The paper has no uniform corruption and does not score the generator with exemplars. MECo, EDGE and the tuned models are
-quoted; motion of other systems (`--with`) is scored like ours.
+quoted; motion of other systems (`--with`) is scored like ours. Not in the paper is the table `layouts`: the two orders
+of sound and motion in one sequence, `prefix` (paper, Settings) and `interleaved` (ours).
 """
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 from echoavatar.motion.kinematics import Motion
-from echoavatar_lab.tables.baselines import Baselines, Kind
-from echoavatar_lab.tables.scale import Scale
 
-from .choices import OURS, GeneratorChoice
+from .baselines import Baselines, Kind
 from .experiment import EXTRA_CHUNKS, Experiment, motion_of
-from .scores import GENERATION, generation_scores
-from .table import Cell, Column, Line, Table, cells
-from .waves import Part, generator_waves
+from .scale import OURS, GeneratorChoice, Part, Scale, Variant, generator_waves
+from .scores import GENERATION_COLUMNS, generation_cells, papers
+from .table import Line, Table
 
 NAME = "main"
-COLUMNS = (
-    Column("fid", "FID"),
-    Column("diversity", "Diversity", better="higher"),
-    Column("ba_g", "BA_G", "1/10", better="higher"),
-    Column("ba_g_over", "BA_G over chance", "1/10", better="higher"),
-    Column("ba_d", "BA_D", "1/10", better="higher"),
-    Column("ba_d_over", "BA_D over chance", "1/10", better="higher"),
-)
-TRUTH = (0.0, 21.52, 7.775, 2.619)
+TRUTH = papers(0.0, 21.52, 7.775, 2.619)
 QUOTED = {
-    "MECo": (14.73, 23.13, 7.507, 2.622),
-    "EDGE": (18.06, 19.71, 8.190, 2.668),
-    "Ours (DPO)": (12.39, 19.67, 8.283, 2.607),
-    "Ours (GRPO)": (24.13, 20.89, 8.239, 2.618),
+    "MECo": papers(14.73, 23.13, 7.507, 2.622),
+    "EDGE": papers(18.06, 19.71, 8.190, 2.668),
+    "Ours (DPO)": papers(12.39, 19.67, 8.283, 2.607),
+    "Ours (GRPO)": papers(24.13, 20.89, 8.239, 2.618),
 }
 OFFLINE = "Ours, offline (hears ahead)"
 EXEMPLARS = "Ours, with exemplars (stage 3)"
 BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}
 
 
-class Variant(NamedTuple):
-    """A line with one of our generators."""
-
-    name: str
-    paper: tuple[float, ...]
-    generator: GeneratorChoice
-
-
 VARIANTS = (
     Variant(
         "Ours (w/o corrupt)",
-        (25.92, 29.58, 8.464, 2.541),
+        papers(25.92, 29.58, 8.464, 2.541),
         GeneratorChoice("corruption-none", training={"corruption": "none"}),
     ),
-    Variant("Ours (uniform corruption)", (), GeneratorChoice("corruption-uniform", training={"corruption": "uniform"})),
+    Variant("Ours (uniform corruption)", {}, GeneratorChoice("corruption-uniform", training={"corruption": "uniform"})),
     Variant(
         "Ours (hierarchical corruption)",
-        (9.465, 20.70, 8.277, 2.603),
+        papers(9.465, 20.70, 8.277, 2.603),
         GeneratorChoice(OURS.name),  # the generator of the last line of the tokenizer ablation
     ),
 )
@@ -78,7 +60,7 @@ def directed(scale: Scale) -> GeneratorChoice:
 
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
-    """The parts of the table, see `waves`."""
+    """The parts of the table, see `scale.generator_waves`."""
     return generator_waves(
         [*(one.generator for one in VARIANTS), directed(experiment.scale), offline(experiment.scale)]
     )
@@ -86,9 +68,8 @@ def waves(experiment: Experiment) -> list[Sequence[Part]]:
 
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
-    keys = ("fid", "diversity", "ba_g", "ba_d")
-    truth = _scored(experiment, [motion_of(clip) for clip in experiment.test_clips])
-    lines = [Line("GT", dict(zip(keys, TRUTH, strict=True)), truth)]
+    truth = generation_cells(experiment, [motion_of(clip) for clip in experiment.test_clips])
+    lines = [Line("GT", TRUTH, truth)]
     others = experiment.foreign_motions()  # first: a bad file must be told before hours of training
     baselines = Baselines(experiment.train_clips)
     for name, kind in BASELINES.items():
@@ -97,17 +78,16 @@ def make(experiment: Experiment) -> Table:
             baselines.make(kind, clip.audio, seed=experiment.seed + number)
             for number, clip in enumerate(experiment.test_clips)
         ]
-        lines.append(Line(name, {}, _scored(experiment, motions)))
+        lines.append(Line(name, {}, generation_cells(experiment, motions)))
     for name, motions in others.items():
         experiment.say(f"line: {name}")
-        lines.append(Line(name, _quoted(name), _scored(experiment, motions)))
+        lines.append(Line(name, _quoted(name), generation_cells(experiment, motions)))
     for name, paper, choice in VARIANTS:
         experiment.say(f"line: {name}")
-        quoted = dict(zip(keys, paper, strict=False))
-        lines.append(Line(name, quoted, _scored(experiment, experiment.generated_motions(choice))))
+        lines.append(Line(name, paper, generation_cells(experiment, experiment.generated_motions(choice))))
     for name, choice in ((EXEMPLARS, directed(experiment.scale)), (OFFLINE, offline(experiment.scale))):
         experiment.say(f"line: {name}")
-        lines.append(Line(name, {}, _scored(experiment, experiment.generated_motions(choice))))
+        lines.append(Line(name, {}, generation_cells(experiment, experiment.generated_motions(choice))))
     scored = {name.lower() for name in others}
     lines += [Line(f"{name} (quoted)", _quoted(name)) for name in QUOTED if name.lower() not in scored]
     notes = (
@@ -118,7 +98,7 @@ def make(experiment: Experiment) -> Table:
         "The paper has no uniform corruption. Lines marked as quoted are the paper's numbers and nothing else.",
         *foreign_notes(experiment, others),
     )
-    return Table(NAME, "Generation (paper, Quantitative evaluation on test set)", COLUMNS, lines, notes)
+    return Table(NAME, "Generation (paper, Quantitative evaluation on test set)", GENERATION_COLUMNS, lines, notes)
 
 
 def foreign_notes(experiment: Experiment, others: Mapping[str, Sequence[Motion]]) -> list[str]:
@@ -134,13 +114,31 @@ def foreign_notes(experiment: Experiment, others: Mapping[str, Sequence[Motion]]
     return told
 
 
-def _quoted(name: str) -> dict[str, float]:
+def _quoted(name: str) -> Mapping[str, float]:
     """The paper's numbers of a system, if it has them."""
-    values = next((QUOTED[own] for own in QUOTED if own.lower() == name.lower()), ())
-    return dict(zip(("fid", "diversity", "ba_g", "ba_d"), values, strict=False))
+    return next((numbers for own, numbers in QUOTED.items() if own.lower() == name.lower()), {})
 
 
-def _scored(experiment: Experiment, motions: list[Motion]) -> dict[str, Cell]:
-    return cells(
-        generation_scores(motions, experiment.test_clips, experiment.extractor, seed=experiment.seed), GENERATION
+LAYOUTS = "layouts"
+SEQUENCE_ORDERS = {
+    "prefix (paper)": GeneratorChoice("order-prefix", sizes={"sequence": "prefix"}),
+    "interleaved (ours)": GeneratorChoice("order-interleaved", sizes={"sequence": "interleaved"}),
+}
+
+
+def order_waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    return generator_waves(list(SEQUENCE_ORDERS.values()))
+
+
+def make_orders(experiment: Experiment) -> Table:
+    """The table `layouts`: the two orders trained alike, on the same codes. The paper uses only the first."""
+    lines = []
+    for name, choice in SEQUENCE_ORDERS.items():
+        experiment.say(f"line: {name}")
+        lines.append(Line(name, {}, generation_cells(experiment, experiment.generated_motions(choice))))
+    notes = (
+        "The paper has no such table; both lines are ours, trained on the same codes for as many steps.",
+        "Diversity is in metres.",
     )
+    return Table(LAYOUTS, "Order of sound and motion in the sequence", GENERATION_COLUMNS, lines, notes)

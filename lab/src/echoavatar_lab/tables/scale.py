@@ -1,19 +1,23 @@
-"""Sizes and schedules of training at three scales, for `bench train` and for the paper's tables (`tables`).
+"""Sizes and schedules of training at three scales, for `bench train` and the paper's tables; and what their rows vary.
 
 `tiny` runs every part in minutes and learns nothing. `rehearsal` is the size of the first default bundle: hours on
 a CPU. `paper` has the paper's settings and needs the real datasets and GPUs. Generators take the paper's curriculum:
 stage 1 before every line, stage 2 for the line, stage 3 for the line with exemplars. All rows of a table are trained
 alike: no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none
-has our own loss terms.
+has our own loss terms. A row varies a tokenizer or a generator, given as its differences from the scale's.
 """
 
-from typing import Literal
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import methodcaller
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field
 
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.models.tokenizer.losses import LossWeights
 from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
 
 ScaleName = Literal["tiny", "rehearsal", "paper"]
@@ -51,6 +55,11 @@ class Scale(Config):
     )
     stage1: GeneratorTraining = Field(description="schedule of stage 1: embeddings learn, the body is frozen")
     stage3: GeneratorTraining = Field(description="schedule of stage 3: control by example")
+
+    @property
+    def generator_trainings(self) -> dict[int, GeneratorTraining]:
+        """The schedules of generators by stage."""
+        return {1: self.stage1, 2: self.generator_training, 3: self.stage3}
 
 
 TINY = Scale(
@@ -150,3 +159,86 @@ PAPER = Scale(
 )
 
 SCALES: dict[str, Scale] = {scale.name: scale for scale in (TINY, REHEARSAL, PAPER)}
+
+
+@dataclass(frozen=True)
+class TokenizerChoice:
+    """A tokenizer.
+
+    Attributes:
+        name: the name of its folder.
+        sizes: fields of `MotionTokenizerConfig` that differ.
+        losses: weights of the training losses; by default the paper's.
+        is_whole: the whole body is one part.
+    """
+
+    name: str
+    sizes: Mapping[str, object] = field(default_factory=dict)
+    losses: LossWeights = LossWeights()
+    is_whole: bool = False
+
+
+OURS = TokenizerChoice("body-parts")
+
+
+@dataclass(frozen=True)
+class GeneratorChoice:
+    """A generator.
+
+    Attributes:
+        name: the name of its folder.
+        tokenizer: the tokenizer whose codes it generates.
+        sizes: fields of `GeneratorSizes` that differ.
+        training: fields of `GeneratorTraining` that differ.
+        only: train only on clips that are mostly this kind of sound; None: on all clips.
+        after: the generator that stage 3 goes on from; None: stage 2.
+        is_first: it is a generator of stage 1.
+    """
+
+    name: str
+    tokenizer: TokenizerChoice = OURS
+    sizes: Mapping[str, object] = field(default_factory=dict)
+    training: Mapping[str, object] = field(default_factory=dict)
+    only: Literal["speech", "music"] | None = None
+    after: "GeneratorChoice | None" = None
+    is_first: bool = False
+
+    @property
+    def stage(self) -> Literal[1, 2, 3]:
+        """The stage of the paper's curriculum that it is trained by."""
+        return 1 if self.is_first else 2 if self.after is None else 3
+
+    @property
+    def before(self) -> "GeneratorChoice | None":
+        """The generator that it goes on from; stage 1 is shared by all of these codes, clips and order of sequence."""
+        if self.is_first or self.after is not None:
+            return self.after
+        words = [self.tokenizer.name, *([str(self.sizes["sequence"])] if "sequence" in self.sizes else [])]
+        words += [self.only] if self.only else []
+        sizes = {key: value for key, value in self.sizes.items() if key == "sequence"}
+        return GeneratorChoice("-".join(words), self.tokenizer, sizes, only=self.only, is_first=True)
+
+
+class Variant(NamedTuple):
+    """A line of a table with one of our generators, and the paper's numbers of it by column."""
+
+    name: str
+    paper: Mapping[str, float]
+    generator: GeneratorChoice
+
+
+Part = Callable[[Any], object]
+"""Makes one part of an experiment; a module's function, a partial of one, or a `methodcaller`, which can be pickled."""
+
+
+def generator_waves(choices: Iterable[GeneratorChoice]) -> list[Sequence[Part]]:
+    """Tokenizers with their codes; stage 1; motion of the generators of stage 2; of those that go on from them."""
+    chosen = list({choice.name: choice for choice in choices}.values())
+    tokenizers = {choice.tokenizer.name: choice.tokenizer for choice in chosen}
+    firsts = {one.name: one for choice in chosen if (one := choice.before) is not None and one.is_first}
+    return [
+        [methodcaller("codes", tokenizer) for tokenizer in tokenizers.values()],
+        [methodcaller("generator", first) for first in firsts.values()],
+        [methodcaller("generated_motions", choice) for choice in chosen if choice.after is None],
+        [methodcaller("generated_motions", choice) for choice in chosen if choice.after is not None],
+    ]

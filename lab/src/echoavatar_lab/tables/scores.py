@@ -4,7 +4,7 @@ Generated motion is scored by `evaluation.score`. Reconstructed motion gets the 
 all joints, relative to the body; and the error of the root's steps. The last two are in 1e-4 m.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -24,8 +24,8 @@ from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.models.tokenizer.windows import clip_features
 
-from .experiment import motion_of
-from .table import Cell, Wanted, cells
+from .experiment import Experiment, motion_of
+from .table import Cell, Column, Wanted, cells
 
 GENERATION = {
     "fid": Wanted("fid"),
@@ -37,6 +37,19 @@ GENERATION = {
 }
 """Columns for generated motion. Beat alignment is in tenths, as in the paper; `_over` is its excess over chance, which
 is what the same motion scores with the sound of other clips."""
+GENERATION_COLUMNS = (
+    Column("fid", "FID"),
+    Column("diversity", "Diversity", better="higher"),
+    Column("ba_g", "BA_G", "1/10", better="higher"),
+    Column("ba_g_over", "BA_G over chance", "1/10", better="higher"),
+    Column("ba_d", "BA_D", "1/10", better="higher"),
+    Column("ba_d_over", "BA_D over chance", "1/10", better="higher"),
+)
+
+
+def papers(fid: float, *rest: float) -> dict[str, float]:
+    """The paper's FID, diversity, BA_G and BA_D of a line by column; the last ones may be missing."""
+    return dict(zip(("fid", "diversity", "ba_g", "ba_d"), (fid, *rest), strict=False))
 
 
 def reconstruction_scores(
@@ -77,6 +90,18 @@ def generation_scores(
     """All scores of generated motion against the clips whose sound it was generated from, over what both have."""
     pairs = [_pair(motion, clip) for motion, clip in zip(motions, clips, strict=True)]
     return score(pairs, extractor, seed=seed)
+
+
+def generation_cells(
+    experiment: Experiment,
+    motions: Sequence[Motion],
+    wanted: Mapping[str, Wanted] = GENERATION,
+    chosen: Sequence[int] | None = None,
+) -> dict[str, Cell]:
+    """Cells of motion for the test clips, or for the `chosen` ones of them by index."""
+    at = range(len(experiment.test_clips)) if chosen is None else chosen
+    made, clips = [motions[number] for number in at], [experiment.test_clips[number] for number in at]
+    return cells(generation_scores(made, clips, experiment.extractor, seed=experiment.seed), wanted)
 
 
 def _pair(motion: Motion, clip: Clip) -> Pair:

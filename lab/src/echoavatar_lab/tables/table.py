@@ -1,10 +1,15 @@
-"""The content of a table: the paper's numbers and ours, independent of the format it is written in."""
+"""The content of a table, the paper's numbers beside ours, and its formats: Markdown, CSV, LaTeX, a picture."""
 
+import csv
+import io
 import math
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from matplotlib.figure import Figure
 
 from echoavatar_lab.evaluation.table import UNKNOWN, Row
 
@@ -132,3 +137,152 @@ def orderings(table: Table) -> list[str]:
         same = sum(paper == ours for paper, ours in (rises(a, b) for a, b in pairs))
         told.append(f"{column.title}: {same} of {len(pairs)} pairs of lines are in the paper's order.")
     return told
+
+
+_OURS, _PAPER = "#1f5fa8", "#b5432a"
+
+
+class _Field(NamedTuple):
+    heading: str
+    values: list[str]
+
+
+def write(table: Table, folder: Path) -> list[Path]:
+    """Write `NAME.md`, `.csv`, `.tex` and `.png`; return their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{table.name}{suffix}" for suffix in (".md", ".csv", ".tex", ".png")]
+    for path, text in zip(paths, (markdown(table), as_csv(table), latex(table)), strict=False):
+        path.write_text(text, encoding="utf-8")
+    draw(table, paths[-1])
+    return paths
+
+
+def markdown(table: Table) -> str:
+    """The title, the table and the notes."""
+    fields = _fields(table)
+    lines = [f"# {table.title}", ""]
+    lines.append("| " + " | ".join(["", *(each.heading for each in fields)]) + " |")
+    lines.append("|---" + "|---:" * len(fields) + "|")
+    for number, line in enumerate(table.lines):
+        lines.append("| " + " | ".join([line.name, *(each.values[number] for each in fields)]) + " |")
+    return "\n".join([*lines, "", *(f"- {note}" for note in table.notes)]) + "\n"
+
+
+def as_csv(table: Table) -> str:
+    """One line per row; value, lower and upper end have columns of their own, empty if there is none.
+
+    A table over several seeds has the standard deviation in a further column.
+    """
+    is_over_seeds = any(math.isfinite(cell.spread) for line in table.lines for cell in line.ours.values())
+    kinds = ("", "_low", "_high", "_spread")[: 4 if is_over_seeds else 3]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    head = ["row"]
+    for column in table.columns:
+        head += [f"{column.key}_paper"] if table.has_paper(column) else []
+        head += [f"{column.key}{kind}" for kind in kinds] if table.has_ours(column) else []
+    writer.writerow(head)
+    for line in table.lines:
+        cells = [line.name]
+        for column in table.columns:
+            if table.has_paper(column):
+                cells.append(_plain(line.paper.get(column.key, math.nan)))
+            if table.has_ours(column):
+                cells += [_plain(value) for value in line.ours.get(column.key, Cell(math.nan))[: len(kinds)]]
+        writer.writerow(cells)
+    return out.getvalue()
+
+
+def latex(table: Table) -> str:
+    """A `tabular` for the booktabs package; the notes are comments."""
+    fields = _fields(table)
+    lines = [f"% {note}" for note in (table.title, *table.notes)]
+    lines += [rf"\begin{{tabular}}{{l{'c' * len(fields)}}}", r"\toprule"]
+    lines.append(" & ".join(["", *(_escaped(each.heading) for each in fields)]) + r" \\")
+    lines.append(r"\midrule")
+    for number, line in enumerate(table.lines):
+        values = [_escaped(each.values[number]) for each in fields]
+        lines.append(" & ".join([_escaped(line.name), *values]) + r" \\")
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+
+
+def draw(table: Table, path: Path) -> None:
+    """Write a PNG, or by the suffix of the path a PDF or SVG.
+
+    Each column has a panel with bars for our numbers and diamonds for the paper's. The paper's numbers have an axis of
+    their own at the top: data and extractors differ, so only the order is comparable.
+    """
+    columns = [column for column in table.columns if table.has_ours(column)]
+    figure = Figure(figsize=(2.0 + 2.8 * len(columns), 1.6 + 0.36 * len(table.lines)), layout="constrained")
+    figure.suptitle(table.title, fontsize=11)
+    axes = figure.subplots(1, len(columns), squeeze=False, sharey=True)[0]
+    for axis, column in zip(axes, columns, strict=True):
+        _panel(axis, table, column)
+    axes[0].set_yticks(range(len(table.lines)), [line.name for line in table.lines], fontsize=9)
+    axes[0].invert_yaxis()
+    figure.savefig(path, dpi=130)
+
+
+def _fields(table: Table) -> list[_Field]:
+    found = []
+    for column in table.columns:
+        if table.has_paper(column):
+            values = [_number(line.paper.get(column.key, math.nan)) for line in table.lines]
+            found.append(_Field(f"{column.heading}, paper", values))
+        if table.has_ours(column):
+            found.append(_Field(f"{column.heading}, ours", [_ours(line, column.key) for line in table.lines]))
+    return found
+
+
+def _ours(line: Line, key: str) -> str:
+    if key not in line.ours:
+        return "-"
+    value, low, high, spread = line.ours[key]
+    span = f" [{_number(low)}, {_number(high)}]" if math.isfinite(low) else ""
+    span = f" ± {spread:.2g}" if math.isfinite(spread) else span
+    return _number(value) + span
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "-"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.6g}" if math.isfinite(value) else ""
+
+
+def _escaped(text: str) -> str:
+    for plain, mark in (
+        ("&", r"\&"),
+        ("%", r"\%"),
+        ("_", r"\_"),
+        ("↓", r"$\downarrow$"),
+        ("↑", r"$\uparrow$"),
+        ("±", r"$\pm$"),
+    ):
+        text = text.replace(plain, mark)
+    return text
+
+
+def _panel(axis: Any, table: Table, column: Column) -> None:
+    for place, line in enumerate(table.lines):
+        if column.key not in line.ours:
+            continue
+        value, low, high, spread = line.ours[column.key]
+        if math.isfinite(spread):
+            low, high = value - spread, value + spread
+        axis.barh(place, value, color=_OURS, alpha=0.75, height=0.6)
+        if math.isfinite(low):
+            axis.hlines(place, low, high, color="#2e2e2e", lw=1.5)
+    axis.set_xlabel(f"{column.heading}, ours", fontsize=9, color=_OURS)
+    axis.tick_params(axis="x", labelsize=8)
+    axis.spines[["right"]].set_visible(False)
+    if not table.has_paper(column):
+        axis.spines[["top"]].set_visible(False)
+        return
+    above = axis.twiny()
+    known = [(line.paper[column.key], n) for n, line in enumerate(table.lines) if column.key in line.paper]
+    above.plot(*zip(*known, strict=True), "D", color=_PAPER, mfc="none", ms=6)
+    above.set_xlim(left=min(0, *(value for value, _ in known)) if len(known) > 1 else None)
+    above.set_xlabel("paper (not comparable)", fontsize=9, color=_PAPER)
+    above.tick_params(axis="x", labelsize=8)

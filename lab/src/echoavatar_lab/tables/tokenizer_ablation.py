@@ -15,11 +15,10 @@ from typing import NamedTuple
 
 from echoavatar_lab.models.tokenizer.losses import LossWeights
 
-from .choices import OURS, GeneratorChoice, TokenizerChoice
 from .experiment import Experiment, motion_of
-from .scores import GENERATION, generation_scores, reconstruction_scores
-from .table import Cell, Column, Line, Table, Wanted, cells
-from .waves import Part, generator_waves
+from .scale import OURS, GeneratorChoice, Part, TokenizerChoice, generator_waves
+from .scores import GENERATION, generation_cells, reconstruction_scores
+from .table import Cell, Column, Line, Table, Wanted
 
 NAME = "tokenizer-ablation"
 NO_AUXILIARY = LossWeights(position=0, velocity=0, acceleration=0, foot_velocity=0, foot_position=0)
@@ -66,7 +65,7 @@ VARIANTS = (
 
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
-    """The parts of the table, see `waves`."""
+    """The parts of the table, see `scale.generator_waves`."""
     return generator_waves([GeneratorChoice(one.tokenizer.name, tokenizer=one.tokenizer) for one in VARIANTS])
 
 
@@ -80,10 +79,9 @@ def make(experiment: Experiment) -> Table:
         tokenizer = experiment.tokenizer(choice)
         ours = reconstruction_scores(tokenizer, experiment.test_clips, experiment.extractor, seed=experiment.seed)
         generator = GeneratorChoice(choice.name, tokenizer=choice)
-        rows = generation_scores(
-            experiment.generated_motions(generator), experiment.test_clips, experiment.extractor, seed=experiment.seed
+        ours |= generation_cells(
+            experiment, experiment.generated_motions(generator), {"generation_fid": GENERATION["fid"]}
         )
-        ours |= {f"generation_{key}": cell for key, cell in cells(rows, {"fid": GENERATION["fid"]}).items()}
         lines.append(Line(name, dict(zip(keys, paper, strict=True)), ours))
     notes = (
         "Lines but the last: one tokenizer for the whole body, the same quantiser, so a third of the codes.",
@@ -96,11 +94,5 @@ def make(experiment: Experiment) -> Table:
 
 def _halves(experiment: Experiment) -> dict[str, Cell]:
     """FID between test clips and other test clips: what motion of the same kind scores."""
-    rows = generation_scores(
-        [motion_of(clip) for clip in experiment.test_clips],
-        experiment.test_clips,
-        experiment.extractor,
-        seed=experiment.seed,
-    )
-    found = cells(rows, {"fid": Wanted("fid", part="truth")})
-    return {key: found["fid"] for key in ("fid", "generation_fid") if "fid" in found}
+    truth, halves = [motion_of(clip) for clip in experiment.test_clips], Wanted("fid", part="truth")
+    return generation_cells(experiment, truth, {"fid": halves, "generation_fid": halves})

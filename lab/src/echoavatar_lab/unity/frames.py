@@ -1,10 +1,14 @@
-"""Convert motion to what the published Unity client expects: its axes, 60 fps, 47 face channels.
+"""Convert motion to what the published Unity client expects: its axes, 60 fps, 47 face channels, and its messages.
 
 The conversion follows the published server exactly, so that its client shows the same motion: the last frame of a block
 is doubled instead of being interpolated across the border, and the face is smoothed block by block. Rotations are
-conjugated by a matrix that mirrors, while positions are only rotated; the client undoes both.
+conjugated by a matrix that mirrors, while positions are only rotated; the client undoes both. A message is a four-byte
+big-endian length and JSON, one for each block of motion.
 """
 
+import json
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,6 +22,8 @@ from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.motion.arkit import APPLE_NAMES, reorder
 from echoavatar.motion.arkit import ARKIT_NAMES as OURS
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.timing import SAMPLES_PER_FRAME
 
 BLOCK_FRAMES = 12  # 0.4 s at 30 fps, the content of one message
 BLEND_FRAMES = 3  # first frames of a block, blended with the last face of the previous block
@@ -126,3 +132,51 @@ def _blended(block: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 def _unit(quaternions: np.ndarray) -> np.ndarray:
     return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
+
+
+HEADER = struct.Struct(">I")
+LARGEST = 4 << 20  # bytes of the longest message accepted from a sender
+BLOCK_SAMPLES = BLOCK_FRAMES * SAMPLES_PER_FRAME
+_DIGITS = 6
+
+
+class Messages:
+    """Packs chunks of motion with their sound into messages; a remainder waits for the next chunk."""
+
+    def __init__(self, rig: RigConfig) -> None:
+        """Raises CheckpointError if the bundle has no transforms for Unity."""
+        self._axes = UnityAxes(rig)
+        self._last: np.ndarray | None = None  # last smoothed face
+        self._motion: list[MotionChunk] = []
+        self._audio = np.zeros(0, np.float32)
+
+    def push(self, motion: MotionChunk, audio: Float[np.ndarray, " s"]) -> Iterator[bytes]:
+        """The messages that this chunk completes."""
+        self._motion.append(motion)
+        self._audio = np.concatenate([self._audio, audio])
+        while sum(len(chunk.root) for chunk in self._motion) >= BLOCK_FRAMES:
+            whole = join(self._motion)
+            block = self.block(whole.part(0, BLOCK_FRAMES))
+            self._motion = [whole.part(BLOCK_FRAMES)]
+            sound, self._audio = self._audio[:BLOCK_SAMPLES], self._audio[BLOCK_SAMPLES:]
+            yield framed(encoded(block, sound))
+
+    def block(self, motion: MotionChunk) -> Block:
+        """Convert twelve frames to a block."""
+        rotations, positions = self._axes.rotations(motion.rotations), self._axes.positions(motion.root)
+        face = np.zeros((len(positions), FACE_CHANNELS)) if motion.face is None else face47(motion.face)
+        smooth = smoothed(face, self._last)
+        self._last = smooth[-1]
+        return Block(rotations_at_60_fps(rotations), at_60_fps(positions), at_60_fps(smooth))
+
+
+def encoded(block: Block, audio: Float[np.ndarray, " s"]) -> bytes:
+    """The JSON of a message."""
+    parts = {"pose": block.pose, "trans": block.trans, "blendshape": block.blendshape, "audio": audio}
+    lists = {name: np.round(part.astype(np.float64), _DIGITS).tolist() for name, part in parts.items()}
+    return json.dumps(lists, separators=(",", ":")).encode()
+
+
+def framed(payload: bytes) -> bytes:
+    """The payload, preceded by its length."""
+    return HEADER.pack(len(payload)) + payload

@@ -19,7 +19,7 @@ from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import AudioError, CheckpointError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.foreign.foreign_files import read_pickled_array
-from echoavatar_lab.unity.message import HEADER, LARGEST, Messages
+from echoavatar_lab.unity.frames import HEADER, LARGEST, Messages
 
 _LOG = logging.getLogger(__name__)
 RETRY_S, TICK_S = 1.0, 0.05
