@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from lab.tests.align.moving_bodies import dips, reference_statistics, scene
-from safetensors.torch import load_file, save_file
 
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.kinematics import FeatureStatistics
@@ -89,19 +88,6 @@ def test_files_and_reward(tmp_path):
     object.__setattr__(made, "motion_codes", done)
     wanted = (one.embed_audio(torch.from_numpy(heard)[None]) * one.embed_motion(motion)).sum().item()
     assert one.judge(made, reference_statistics()) == pytest.approx(wanted, abs=1e-6)
-
-
-def test_checkpoints_of_earlier_versions_load(tmp_path):
-    """They call the audio encoder `ears`."""
-    one = model()
-    one.save(tmp_path, {})
-    config = tmp_path / "config.json"
-    config.write_text(config.read_text().replace("audio_encoder", "ears"))
-    weights = load_file(tmp_path / "model.safetensors")
-    old = {name.replace("audio_encoder.", "ears."): value for name, value in weights.items()}
-    save_file(old, tmp_path / "model.safetensors")
-    sound = torch.randint(16, (2, 60, 2))
-    torch.testing.assert_close(AudioMotion.load(tmp_path).embed_audio(sound), one.embed_audio(sound))
 
 
 def test_motion_is_read_as_features_where_the_paper_is_asked_for(tmp_path):

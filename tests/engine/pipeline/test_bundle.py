@@ -40,19 +40,6 @@ def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
         whole.without(["smoother", "toes"])
 
 
-def test_a_warp_model_of_an_earlier_version_is_passed_over(tiny_bundle: Path, tmp_path: Path) -> None:
-    """Neither its folder, of which nothing is read, nor its name among the stages of `runtime.json` is in the way."""
-    folder = tmp_path / "old"
-    shutil.copytree(tiny_bundle, folder)
-    (folder / "warp").mkdir()
-    (folder / "warp" / "config.json").write_text("{}")
-    (folder / "runtime.json").write_text(json.dumps({"stages": ["warp", "smoother", "feet"]}))
-    bundle = load_bundle(folder)
-    assert bundle.parameters == load_bundle(tiny_bundle).parameters
-    assert bundle.runtime.stages == ("smoother", "feet")
-    assert Pipeline(bundle).post.stages == {"smoother", "feet"}
-
-
 def test_help_names_every_stage_that_can_be_left_out() -> None:
     assert set(OPTIONAL_STAGES) <= set(re.findall(r"\w+", WITHOUT_HELP))
 

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from jaxtyping import Float, Int
-from pydantic import AliasChoices, Field, model_validator
+from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
@@ -47,16 +47,13 @@ FRAMES_PER_TOKEN = exact_div(SAMPLES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN) 
 WINDOW_TOKENS = 30  # 4 s, what the reward is trained on
 FIRST_TEMPERATURE = 1 / 0.07
 LARGEST_TEMPERATURE = 100.0
-OLD_NAME = "ears"  # what checkpoints of earlier versions call the audio encoder
 MIN_SPREAD = 1e-6  # keeps the division finite where an untrained codec's code vectors are all alike
 
 
 class AudioMotionConfig(Config):
     """Model sizes; the paper uses width 512, 4 layers, 8 heads and d 768."""
 
-    audio_encoder: AudioEncoderConfig = Field(
-        validation_alias=AliasChoices("audio_encoder", OLD_NAME), description="the audio encoder"
-    )
+    audio_encoder: AudioEncoderConfig = Field(description="the audio encoder")
     motion: Literal["codes", "features"] = Field(
         default="codes", description="what motion is read as: vectors of codes, or motion features (paper)"
     )
@@ -231,10 +228,7 @@ class AudioMotion(nn.Module):
             CheckpointError: the folder holds no alignment reward.
         """
         config = checkpoint.read_config(folder, AudioMotionConfig)
-        weights = {
-            f"audio_encoder.{name.removeprefix(f'{OLD_NAME}.')}" if name.startswith(f"{OLD_NAME}.") else name: value
-            for name, value in checkpoint.read_weights(folder).items()
-        }
+        weights = checkpoint.read_weights(folder)
         sound, motion = (
             tuple(weights[name].shape[:-1]) if name in weights else (1,) * few
             for name, few in (("audio_encoder.book", 2), ("motion_book", 3))

@@ -1,7 +1,7 @@
 """A bundle: the trained parts that belong together, in one folder.
 
 `codec/`, `tokenizer/`, `generator/` and, optionally, `face/` are checkpoints of their own. `card.json` beside them
-describes the whole. Other folders, such as the `warp/` of earlier versions, are not read.
+describes the whole. Other folders are not read.
 """
 
 import re
