@@ -2,7 +2,7 @@
 
 import numpy as np
 import torch
-from tests.models.tokenizer.fixtures import dance, small_body
+from tests.models.motion_tokens import dance, small_body
 
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main

@@ -1,6 +1,5 @@
 """A config that cannot be is refused; the paper's is the paper's."""
 
-
 import pytest
 from pydantic import ValidationError
 

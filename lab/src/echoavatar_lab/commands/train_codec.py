@@ -37,8 +37,10 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     from echoavatar_lab.models.audio.train import CodecTrainingConfig, train_codec
 
     if args.origin:
+        from echoavatar_lab.models.published import read_encodec
+
         card |= {"data": f"{args.origin}, as published", "licence": "as published"}
-        AudioCodec.from_pretrained_encodec(args.origin).save(args.output, card | {"kind": "codec"})
+        read_encodec(args.origin).save(args.output, card | {"kind": "codec"})
         return
     codec = settings.checked(CodecConfig, "model")
     config = settings.checked(CodecTrainingConfig, "training", codec=codec)

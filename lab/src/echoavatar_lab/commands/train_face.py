@@ -44,9 +44,9 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
         settings = args.options.settings(args, {"model": paper_face(encoder=MelConfig()).model_dump()})
     encoder = None
     if args.hubert:
-        from echoavatar.models.face.hubert import HubertEncoder
+        from echoavatar_lab.models.published import read_hubert
 
-        encoder = HubertEncoder.from_pretrained(args.hubert)
+        encoder = read_hubert(args.hubert)
         settings.model["encoder"] = encoder.config.model_dump()
     train_face(
         settings.checked(FaceConfig, "model"),

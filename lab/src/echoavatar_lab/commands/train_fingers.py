@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser, options: Options) -> None:
 def train(args: argparse.Namespace, settings: Settings, card: dict[str, object], how: dict[str, Any]) -> None:
     """Train, then score the model on the corpus's test clips."""
     from echoavatar import checkpoint
-    from echoavatar.models.fingers.config import FingerConfig
+    from echoavatar.models.fingers.model import FingerConfig
     from echoavatar_lab.evaluation.fingers import measure_fingers
     from echoavatar_lab.models.fingers.recipe import FingerTraining
     from echoavatar_lab.models.fingers.train import train_fingers

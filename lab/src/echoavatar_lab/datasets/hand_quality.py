@@ -15,7 +15,7 @@ from torch import Tensor
 
 from echoavatar.models.fingers import FingerModel, load_shipped, refine_fingers
 from echoavatar.models.fingers.clips import FROZEN_DEG_S
-from echoavatar.models.fingers.finger_retarget import finger_joints
+from echoavatar.models.fingers.refine import finger_joints
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rotations import angle_between, axis_angle_from_quaternion, quaternion_from_matrix
 

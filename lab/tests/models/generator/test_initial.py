@@ -1,11 +1,9 @@
 """Embeddings that know the codebooks keep their geometry; a missing Qwen2 is said plainly."""
 
-import pytest
 import torch
 from tests.models.generator.tiny import LAYOUT, generator
 
-from echoavatar.errors import CheckpointError
-from echoavatar_lab.models.generator.initial import align_embeddings, init_from_qwen
+from echoavatar_lab.models.generator.initial import align_embeddings
 
 
 def test_distances_between_embeddings_are_those_between_code_vectors():
@@ -27,8 +25,3 @@ def test_aligned_rows_have_the_scale_of_the_others_and_no_other_row_changes():
     assert 0.015 < float(audio_rows.std()) < 0.025
     assert torch.equal(before[LAYOUT.motion_base :], after[LAYOUT.motion_base :])
     assert torch.equal(before[: LAYOUT.audio_base], after[: LAYOUT.audio_base])
-
-
-def test_a_missing_qwen_is_named(tmp_path):
-    with pytest.raises(CheckpointError, match="Qwen2.5-0.5B-Instruct"):
-        init_from_qwen(generator(), tmp_path / "nowhere")

@@ -3,8 +3,8 @@ from functools import partial
 
 import pytest
 import torch
+from tests.models.motion_tokens import dance, small_body
 from tests.models.runs import check_pieces, check_resume, losses
-from tests.models.tokenizer.fixtures import dance, small_body
 
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import MotionError

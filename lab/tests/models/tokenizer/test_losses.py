@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from tests.models.tokenizer.fixtures import dance
+from tests.models.motion_tokens import dance
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton
 from echoavatar_lab.models.tokenizer.losses import LossWeights, MotionLoss, total

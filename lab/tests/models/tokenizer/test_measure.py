@@ -1,6 +1,6 @@
 import pytest
 import torch
-from tests.models.tokenizer.fixtures import dance, small_config
+from tests.models.motion_tokens import dance, small_config
 
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID

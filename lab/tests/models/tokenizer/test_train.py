@@ -2,8 +2,8 @@ from functools import partial
 
 import pytest
 import torch
+from tests.models.motion_tokens import dance, small_config
 from tests.models.runs import check_pieces, check_resume, losses
-from tests.models.tokenizer.fixtures import dance, small_config
 
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError

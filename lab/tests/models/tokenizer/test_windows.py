@@ -1,6 +1,6 @@
 import pytest
 import torch
-from tests.models.tokenizer.fixtures import dance
+from tests.models.motion_tokens import dance
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID

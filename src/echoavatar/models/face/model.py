@@ -68,6 +68,6 @@ def make_encoder(config: FaceConfig) -> AudioEncoder[Any]:
     """The encoder of this config."""
     if isinstance(config.encoder, MelConfig):
         return MelEncoder(config.encoder)
-    from .hubert import HubertEncoder
+    from .encoder import HubertEncoder
 
     return HubertEncoder(config.encoder)

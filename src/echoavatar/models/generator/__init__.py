@@ -3,6 +3,6 @@
 from .config import GeneratorConfig, qwen_half_billion
 from .exemplar import Exemplar, draw_exemplar
 from .model import Generator
-from .orders import open_stream
+from .stream import open_stream
 
 __all__ = ["Exemplar", "Generator", "GeneratorConfig", "draw_exemplar", "open_stream", "qwen_half_billion"]

@@ -17,9 +17,7 @@ from torch import Tensor
 
 from echoavatar import checkpoint
 from echoavatar.models.audio.codec import AudioCodec
-from echoavatar.models.audio.config import CODE_LAYERS, CodecConfig
-from echoavatar.models.audio.network import Convolution
-from echoavatar.models.audio.stream import open_run
+from echoavatar.models.audio.network import CODE_LAYERS, CodecConfig, Convolution, open_run
 from echoavatar.models.quantize import ResidualVectorQuantizer, Share
 from echoavatar.timing import SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.training import Gather, Loss, Progress, TrainingConfig, TrainingTask, adamw, has_state, train

@@ -15,7 +15,7 @@ import torch
 
 from echoavatar import checkpoint
 from echoavatar.models.face.config import FaceConfig
-from echoavatar.models.face.hubert import HubertEncoder
+from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.face.model import FaceModel
 from echoavatar_lab.training import Loss, Progress, TrainingTask, has_state, train
 

@@ -12,11 +12,8 @@ import torch
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.models.fingers.body_features import mirror_body
-from echoavatar.models.fingers.clips import FingerClip
-from echoavatar.models.fingers.config import FingerConfig
-from echoavatar.models.fingers.hand_poses import fit_basis
-from echoavatar.models.fingers.model import FingerModel
+from echoavatar.models.fingers.clips import FingerClip, fit_basis, mirror_body
+from echoavatar.models.fingers.model import FingerConfig, FingerModel
 from echoavatar_lab.training import Loss, Progress, TrainingTask, train
 
 from .recipe import FingerTraining

@@ -10,8 +10,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from echoavatar.models.fingers.body_features import mirror_body
-from echoavatar.models.fingers.clips import FingerClip
+from echoavatar.models.fingers.clips import FingerClip, mirror_body
 from echoavatar.models.fingers.model import FingerModel
 
 from .recipe import FingerTraining

@@ -1,56 +1,15 @@
-"""Initial weights of a generator: Qwen2.5's body, and embeddings made from the codebooks.
+"""Initial embeddings of a generator, made from the codebooks.
 
 Paper, Audio Driven Motion Generation, stage 1 (Embedding Space Alignment): audio and motion codes are projected
 into the model's latent space. `align_embeddings` does it without training: one fixed random orthogonal map per modality
 keeps the distances between code vectors. Departs from the paper, which trains the embeddings with a frozen backbone.
 """
 
-from pathlib import Path
-
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.errors import CheckpointError, DependencyError
 from echoavatar.models.generator.model import Generator
-
-
-def init_from_qwen(generator: Generator, folder: Path) -> None:
-    """Copy the body of a local Qwen2 checkpoint; embeddings and head keep their new, detached rows.
-
-    Where the vocabulary begins with Qwen's text rows (the reference layout) these are copied too.
-
-    Raises:
-        CheckpointError: the folder is missing or holds a model of another shape.
-    """
-    if not (folder / "config.json").exists():
-        raise CheckpointError(
-            f"{folder} holds no Qwen2 checkpoint; download Qwen/Qwen2.5-0.5B-Instruct and pass its folder"
-        )
-    try:
-        from transformers import Qwen2ForCausalLM
-    except ImportError as error:
-        raise DependencyError(
-            "reading Qwen2 weights needs transformers: pip install 'echoavatar-lab[pretrained]'"
-        ) from error
-    source = Qwen2ForCausalLM.from_pretrained(folder, local_files_only=True, dtype=torch.float32)
-    weights, own = source.state_dict(), generator.state_dict()
-    body = {key: value for key, value in weights.items() if key in own and _is_body(key)}
-    wrong = [key for key in own if _is_body(key) and (key not in body or body[key].shape != own[key].shape)]
-    if wrong:
-        raise CheckpointError(f"{folder} does not fit this generator: {wrong[0]} and {len(wrong) - 1} more differ")
-    generator.load_state_dict(body, strict=False)
-    text = generator.config.layout.audio_base
-    with torch.no_grad():
-        if text > 1000:  # the vocabulary begins with Qwen's text rows
-            rows = min(text, weights["model.embed_tokens.weight"].shape[0])
-            generator.model.embed_tokens.weight[:rows] = weights["model.embed_tokens.weight"][:rows]
-            if generator.depth is None:  # whose heads are as wide as the body
-                generator.lm_head.weight[:rows] = weights["lm_head.weight"][:rows]
-
-
-def _is_body(key: str) -> bool:
-    return key.startswith("model.") and not key.startswith("model.embed_tokens")
 
 
 def align_embeddings(

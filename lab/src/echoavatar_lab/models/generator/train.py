@@ -21,9 +21,10 @@ from echoavatar.models.generator.model import Generator
 from echoavatar.models.tokens import Prefix, Sequences
 from echoavatar_lab.training import Loss, Muon, Progress, TrainingTask, adamw, has_state, train
 
+from ..published import init_from_qwen
 from .corruption import corrupt_hierarchically, corrupt_uniformly
 from .cues import CueReader
-from .initial import align_embeddings, init_from_qwen
+from .initial import align_embeddings
 from .loss import code_nll, hierarchical_loss, summary
 from .recipe import GeneratorTraining
 from .reliance import nll_by_domain

@@ -19,8 +19,7 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer.body import BodyTokenizer
-from echoavatar.models.tokenizer.model import MotionTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.models.tokenizer.body import BodyTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 

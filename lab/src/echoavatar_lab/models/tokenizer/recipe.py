@@ -2,8 +2,7 @@
 
 from pydantic import Field
 
-from echoavatar.models.tokenizer.body import BodyTokenizerConfig, body_config
-from echoavatar.models.tokenizer.model import MotionTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizerConfig, MotionTokenizerConfig, body_config
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar_lab.training import Schedule, TrainingConfig
 

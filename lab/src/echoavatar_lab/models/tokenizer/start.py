@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from echoavatar.models.tokenizer.model import MotionTokenizer
+from echoavatar.models.tokenizer import MotionTokenizer
 from echoavatar.nn import CausalBlock, Mlp
 
 SPARE_SCALE = 0.1  # channels that no axis needs start with a small share of their usual weights

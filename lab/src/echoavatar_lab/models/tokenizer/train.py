@@ -17,8 +17,7 @@ from torch import Tensor
 from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.models.quantize import Share
-from echoavatar.models.tokenizer.body import BodyTokenizer, BodyTokenizerConfig
-from echoavatar.models.tokenizer.model import MotionTokenizer, TokenizerPass
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, TokenizerPass
 from echoavatar.motion.kinematics import split_parts
 from echoavatar_lab.training import Gather, Loss, Progress, TrainingTask, adamw, has_state, train
 

@@ -1,23 +1,136 @@
-"""The orders in which audio and motion share one sequence, behind one interface.
+"""Codes, vocabulary ids, and the orders in which audio and motion share one sequence.
 
-`interleaved` (ours, the default): start id, then per chunk 40 audio ids and 6 Q motion ids; every motion position sees
-exactly the audio it sees live. `prefix` (paper, Settings): the audio of the whole window, then its motion. `depth`: the
-ids of one motion time step after those of another, for a generator that reads a time step at once. All turn
-windows of codes into ids, and say which position predicts which motion code: position k of the motion stream is
-predicted in segment k mod 3 Q only, so predictions are grouped by segment.
+Paper, Audio Driven Motion Generation: the multi-layer RVQ indices of audio and motion are flattened into one
+autoregressive stream (after MusicGen). One time step of motion is 3 Q ids in the order of the segments: the layers of
+the lower body, then of the upper body, then of the hands. Position k of the motion stream may hold segment k mod 3 Q
+only, so predictions are grouped by segment.
+
+An order turns windows of codes into ids, and says which position predicts which motion code. `prefix` (paper,
+Settings): the audio of the whole window, then its motion. `depth` (ours; the shipped generator's): the ids of one
+motion time step after those of another, for a generator that reads a time step at once. `interleaved` (ours): start id,
+then per chunk 40 audio ids and 6 Q motion ids; every motion position sees exactly the audio it sees live. The table
+`layouts` needs it: it shows what one transformer loses or gains when it does not read the paper's window anew at every
+step.
 """
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import torch
 from jaxtyping import Bool, Int
+from pydantic import Field, model_validator
 from torch import Tensor
 
+from echoavatar.config import Config
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
 
-from .layout import TokenLayout
+PARTS = 3  # lower body, upper body, hands
+
+
+class TokenLayout(Config):
+    """Rows of the vocabulary. The defaults are the compact vocabulary of our own models."""
+
+    audio_layers: int = Field(default=2, gt=0, le=64, description="RVQ layers of the audio codec that are used")
+    audio_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes in each audio codebook")
+    motion_layers: int = Field(default=4, gt=0, le=64, description="RVQ layers Q of each motion tokenizer")
+    motion_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes K in each motion codebook")
+    parts: int = Field(default=PARTS, gt=0, le=64, description="motion tokenizers beside each other; 1: the body whole")
+    start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
+    before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
+    before_motion: tuple[int, ...] = Field(default=(2,), description="ids between audio and motion of a prefix prompt")
+    before_example: tuple[int, ...] = Field(
+        default=(), description="ids that open a prefix prompt which shows an example; () if none ever does"
+    )
+    after_example: tuple[int, ...] = Field(default=(), description="ids between the example and `before_audio`")
+    audio_base: int = Field(default=4, ge=0, description="id of code 0 in audio layer 0")
+    motion_base: int = Field(default=4 + 2 * 512, ge=0, description="id of code 0 in segment 0")
+    vocabulary: int = Field(default=4 + 2 * 512 + 12 * 512, gt=0, description="rows of the embedding table")
+
+    @model_validator(mode="after")
+    def _rows_do_not_overlap(self) -> Self:
+        audio_end = self.audio_base + self.audio_layers * self.audio_codes
+        if audio_end > self.motion_base:
+            raise ValueError(f"audio rows end at {audio_end}, behind motion_base ({self.motion_base})")
+        motion_end = self.motion_base + self.segments * self.motion_codes
+        if motion_end > self.vocabulary:
+            raise ValueError(f"motion rows end at {motion_end}, behind the vocabulary ({self.vocabulary})")
+        specials = (self.start_id, *self.before_audio, *self.before_motion, *self.before_example)
+        specials += self.after_example
+        if max(specials) >= self.audio_base or min(specials) < 0:
+            raise ValueError(f"special ids {specials} must lie below audio_base ({self.audio_base})")
+        return self
+
+    @classmethod
+    def compact(
+        cls,
+        *,
+        audio_codes: int,
+        motion_layers: int,
+        motion_codes: int,
+        audio_layers: int = 2,
+        parts: int = PARTS,
+        has_example: bool = False,
+    ) -> Self:
+        """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows.
+
+        With `has_example` a prefix prompt may show control tokens behind the fourth special; no row is added for it.
+        """
+        motion_base = 4 + audio_layers * audio_codes
+        return cls(
+            audio_layers=audio_layers,
+            audio_codes=audio_codes,
+            motion_layers=motion_layers,
+            motion_codes=motion_codes,
+            parts=parts,
+            before_example=(3,) if has_example else (),
+            motion_base=motion_base,
+            vocabulary=motion_base + parts * motion_layers * motion_codes,
+        )
+
+    @property
+    def segments(self) -> int:
+        """Period 3 Q of the motion grammar (Q where the body is one part)."""
+        return self.parts * self.motion_layers
+
+    def audio_ids(self, codes: Int[Tensor, "b f l"]) -> Int[Tensor, "b t"]:
+        """Flatten audio codes (b, f, layers) into ids (b, f x layers): per frame layer 0, then layer 1."""
+        layer = torch.arange(self.audio_layers, device=codes.device) * self.audio_codes + self.audio_base
+        return (codes.long() + layer).flatten(1)
+
+    def flatten(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
+        """Motion codes (b, n, 3, Q) to codes (b, n x 3 Q) in grammar order (codes, not ids)."""
+        return codes.flatten(1)
+
+    def unflatten(self, flat: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
+        """The inverse of `flatten`."""
+        return flat.reshape(len(flat), -1, self.parts, self.motion_layers)
+
+    def motion_ids(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
+        """Flatten motion codes into ids (b, n x 3 Q), segment by segment."""
+        rows = torch.arange(self.segments, device=codes.device) * self.motion_codes + self.motion_base
+        return (codes.long().flatten(2) + rows).flatten(1)
+
+    def segment_start(self, segment: int) -> int:
+        """The id of code 0 in a segment of the motion grammar."""
+        return self.motion_base + segment * self.motion_codes
+
+
+REFERENCE_LAYOUT = TokenLayout(
+    audio_layers=2,
+    audio_codes=1024,
+    motion_layers=6,
+    motion_codes=512,
+    start_id=151_644,  # <|im_start|>
+    before_audio=(151_644, 872, 198),  # <|im_start|>user\n
+    before_motion=(151_645, 198, 151_644, 77_091, 198),  # <|im_end|>\n<|im_start|>assistant\n
+    before_example=(151_644, 8_948, 198),  # <|im_start|>system\n
+    after_example=(151_645, 198),  # <|im_end|>\n
+    audio_base=151_690,
+    motion_base=156_690,
+    vocabulary=166_690,
+)
+"""The vocabulary of the authors' release: Qwen2.5's text rows, 5,000 audio rows (2,048 used), 10,000 motion rows."""
 
 
 class Sequences(NamedTuple):
