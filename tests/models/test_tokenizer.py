@@ -7,7 +7,7 @@ from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.models.tokenizer.windows import clip_features
+from echoavatar_lab.models.tokenizer.train import clip_features
 
 
 def codes(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:

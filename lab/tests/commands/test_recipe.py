@@ -6,7 +6,7 @@ import pytest
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.fingers import FingerConfig
 from echoavatar_lab.commands.recipe import Options, read_recipe
-from echoavatar_lab.models.fingers.recipe import FingerTraining
+from echoavatar_lab.models.fingers import FingerTraining
 
 
 def parsed(*words: str):

@@ -8,7 +8,7 @@ from lab.tests.models.generator.test_train import clips
 from echoavatar.checkpoint import read_card
 from echoavatar.cli import main
 from echoavatar.models.generator import Generator
-from echoavatar_lab.training.signals import Signals
+from echoavatar_lab.training.run import Signals
 
 RECIPE = "model: {width: 16, layers: 1, window_chunks: 3}\ntraining: {steps: 4, batch: 2, warmup: 1}\n"
 

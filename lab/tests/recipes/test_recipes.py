@@ -19,12 +19,12 @@ from echoavatar_lab.commands.train_tokenizer import body_sizes
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import MotionEncoderTraining
 from echoavatar_lab.models.audio.train import CodecTrainingConfig
-from echoavatar_lab.models.face.recipe import FaceTraining
-from echoavatar_lab.models.fingers.recipe import FingerTraining
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.models.face.train import FaceTraining
+from echoavatar_lab.models.fingers import FingerTraining
+from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenize import TokenSettings
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTraining
-from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
+from echoavatar_lab.models.tokenizer.train import TokenizerTraining
 
 ROOT = Path(__file__).parents[3]
 RECIPES = sorted((ROOT / "lab/recipes").glob("*/*.yaml"))

@@ -1,5 +1,5 @@
 from echoavatar.models.tokenizer import MotionTokenizerConfig
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.tables import dataset_composition, layouts, main, tokenizer_ablation
 from echoavatar_lab.tables.scale import TINY, GeneratorSizes
 

@@ -11,7 +11,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Exemplar, Generator, draw_exemplar, open_stream
 from echoavatar.models.generator.exemplar import control_ids
 from echoavatar.models.tokens import TokenLayout
-from echoavatar_lab.models.generator.loss import code_nll
+from echoavatar_lab.models.generator.losses import code_nll
 from echoavatar_lab.models.generator.train import GeneratorTask, train_generator
 from echoavatar_lab.models.generator.windows import TokenClip
 

@@ -9,13 +9,11 @@ from lab.tests.models.generator.test_train import clips, settings
 from tests.models.generator.tiny import LAYOUT, audio, config, generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Generator, attention
+from echoavatar.models.generator import Generator
+from echoavatar.models.generator import model as attention
 from echoavatar.models.generator.exemplar import draw_exemplar
 from echoavatar.models.generator.model import banded_attention, masked_attention
-from echoavatar_lab.models.generator.cues import CueReader
-from echoavatar_lab.models.generator.loss import code_nll
-from echoavatar_lab.models.generator.reliance import nll_by_domain
-from echoavatar_lab.models.generator.streams import freeze_body, stream_nll
+from echoavatar_lab.models.generator.losses import CueReader, code_nll, freeze_body, nll_by_domain, stream_nll
 from echoavatar_lab.models.generator.train import train_generator
 from echoavatar_lab.models.generator.windows import WindowSampler
 

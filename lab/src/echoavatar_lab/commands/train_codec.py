@@ -33,7 +33,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     """Train on the audio of the corpus's train split and of the recordings."""
     from echoavatar.models.audio import AudioCodec, CodecConfig
     from echoavatar_lab.data import Corpus
-    from echoavatar_lab.models.audio.pool import AudioGroup, AudioPool, read_groups
+    from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, read_groups
     from echoavatar_lab.models.audio.train import CodecTrainingConfig, train_codec
 
     if args.origin:

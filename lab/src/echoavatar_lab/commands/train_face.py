@@ -37,8 +37,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     """Train on the face clips."""
     from echoavatar.models.face import FaceConfig, FaceModel, MelConfig, paper_face
     from echoavatar_lab.models.face.clip import load_clips
-    from echoavatar_lab.models.face.recipe import FaceTraining
-    from echoavatar_lab.models.face.train import train_face
+    from echoavatar_lab.models.face.train import FaceTraining, train_face
 
     if args.paper:
         settings = args.options.settings(args, {"model": paper_face(encoder=MelConfig()).model_dump()})

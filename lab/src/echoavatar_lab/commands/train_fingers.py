@@ -43,8 +43,7 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     from echoavatar import checkpoint
     from echoavatar.models.fingers.model import FingerConfig
     from echoavatar_lab.evaluation.fingers import measure_fingers
-    from echoavatar_lab.models.fingers.recipe import FingerTraining
-    from echoavatar_lab.models.fingers.train import train_fingers
+    from echoavatar_lab.models.fingers import FingerTraining, train_fingers
 
     config = settings.checked(FingerConfig, "model")
     training = settings.checked(FingerTraining, "training")

@@ -77,8 +77,7 @@ def train(args: argparse.Namespace, settings: Settings, how: dict[str, Any]) -> 
     from echoavatar.models.generator import Generator, GeneratorConfig
     from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar.models.tokens import TokenLayout
-    from echoavatar_lab.models.generator.recipe import GeneratorTraining
-    from echoavatar_lab.models.generator.train import train_generator
+    from echoavatar_lab.models.generator.train import GeneratorTraining, train_generator
     from echoavatar_lab.models.generator.windows import TokenClip, leveled_of, patience_of
 
     codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)

@@ -24,8 +24,13 @@ def train(args: argparse.Namespace, settings: Settings, card: dict[str, object],
     """Train on the training clips, measure on the test clips."""
     from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar_lab.data import Corpus
-    from echoavatar_lab.models.tokenizer.recipe import BUNDLE_SIZES, TokenizerTraining, bundle_recipe, continued
-    from echoavatar_lab.models.tokenizer.train import train_tokenizer
+    from echoavatar_lab.models.tokenizer.train import (
+        BUNDLE_SIZES,
+        TokenizerTraining,
+        bundle_recipe,
+        continued,
+        train_tokenizer,
+    )
 
     corpus = Corpus(args.source)
     _, bundle = bundle_recipe(corpus.skeleton, int(settings.training["steps"]))

@@ -15,7 +15,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.corpora.music.beat_tracker import track_beats
 from echoavatar_lab.corpora.rehearsal.recording_labels import track_from_recording
 from echoavatar_lab.corpora.rehearsal.track import compose_track
-from echoavatar_lab.models.audio.recorded_files import decoded, recorded_files
+from echoavatar_lab.models.audio.recordings import decoded, recorded_files
 
 from .experiment import Experiment
 from .table import Cell, Column, Line, Table

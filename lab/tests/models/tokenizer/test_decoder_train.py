@@ -12,7 +12,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining, train_decoder
-from echoavatar_lab.models.tokenizer.windows import clip_features
+from echoavatar_lab.models.tokenizer.train import clip_features
 
 TRAINING = DecoderTraining(
     steps=30, batch=4, tokens=8, unheard=2, learning_rate=5e-3, warmup=2, log_every=1, evaluate_every=0

@@ -26,7 +26,7 @@ from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask
 
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
-from .windows import MovingBody, clip_features
+from .train import MovingBody, clip_features
 
 log = logging.getLogger(__name__)
 

@@ -5,13 +5,13 @@ title, language_or_genre and split ("train" or "test"), one row a file. Without 
 and a path that contains "music" is music.
 
 Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of a long file is read without decoding
-the whole. May import `io`, `nn.kernels`, `timing` and `errors`.
+the whole. `AudioPool` holds groups of recordings in memory and draws from them by weight.
 """
 
 import csv
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -113,3 +113,50 @@ def _found(folder: Path) -> Iterator[RecordedFile]:
         if path.suffix.lower() in AUDIO_SUFFIXES:
             is_music = "music" in str(path.relative_to(folder)).lower()
             yield RecordedFile(path, "music" if is_music else "speech", "", path.stem, "", "train", 0.0)
+
+
+class AudioGroup(NamedTuple):
+    """Recordings (24 kHz mono, 16 bit) and how often the group is drawn from, relative to the others."""
+
+    name: str
+    recordings: tuple[Int16[np.ndarray, " s"], ...]
+    weight: float = 1.0
+
+
+class AudioPool:
+    """Draws random pieces of sound; the generator given decides which."""
+
+    def __init__(self, groups: Sequence[AudioGroup]) -> None:
+        self.groups = tuple(group for group in groups if group.recordings)
+        if not self.groups:
+            raise AudioError("no training audio: every folder given is empty; name one with wav, ogg or npz files")
+        weights = np.array([group.weight for group in self.groups], float)
+        self._chance = weights / weights.sum()
+        self._lengths = [np.array([len(one) for one in group.recordings], float) for group in self.groups]
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Sound per group, for the card."""
+        return {group.name: float(n.sum() / 24_000) for group, n in zip(self.groups, self._lengths, strict=True)}
+
+    def draw(self, rng: np.random.Generator, samples: int) -> Float[np.ndarray, " s"]:
+        """A piece of `samples`; recordings by length, shorter ones are followed by silence."""
+        chosen = int(rng.choice(len(self.groups), p=self._chance))
+        lengths = self._lengths[chosen]
+        recording = self.groups[chosen].recordings[int(rng.choice(len(lengths), p=lengths / lengths.sum()))]
+        start = int(rng.integers(0, max(1, len(recording) - samples + 1)))
+        piece = recording[start : start + samples].astype(np.float32) / 32_768
+        return np.pad(piece, (0, samples - len(piece)))
+
+
+def read_groups(folder: Path) -> list[AudioGroup]:
+    """The recordings of a folder that may be trained on: speech and music, each of weight 1.
+
+    Raises:
+        AudioError: a file cannot be read, or there is none.
+    """
+    files = recorded_files(folder, "train")
+    return [
+        AudioGroup(f"{folder.name}: {kind}", tuple(decoded(file.path) for file in files if file.kind == kind))
+        for kind in ("speech", "music")
+    ]
