@@ -21,7 +21,7 @@ from echoavatar_lab.align.audio_reward import AudioMotionConfig
 from echoavatar_lab.align.config import recipe
 from echoavatar_lab.align.corruption import PAPER_CLEAN_FID, PAPER_FID, PAPER_SCORES, PAPER_TRUTH, RATES, paper_scores
 from echoavatar_lab.commands import align_rewards, train
-from echoavatar_lab.commands.train_tokenizer import body_sizes
+from echoavatar_lab.commands.train_body import body_sizes
 from echoavatar_lab.models.face.train import FaceTraining
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenize import TokenSettings

@@ -15,7 +15,7 @@ from echoavatar.models.fingers import FingerConfig
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.commands import train
-from echoavatar_lab.commands.train_tokenizer import body_sizes
+from echoavatar_lab.commands.train_body import body_sizes, complete
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import MotionEncoderTraining
 from echoavatar_lab.models.audio.train import CodecTrainingConfig
@@ -55,7 +55,10 @@ def settings_of(words: list[str]):
     parser = argparse.ArgumentParser()
     train.add_arguments(parser)
     args = parser.parse_args(words[1:])
-    return args.kind, args.options.settings(args)
+    settings = args.options.settings(args)
+    if args.kind == "generator":
+        complete(settings, motion_layers=len(settings.training.get("depth_weights", [1])))
+    return args.kind, settings
 
 
 def test_there_is_one_for_every_stage_at_every_scale() -> None:
@@ -92,7 +95,7 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
         "fingers": bundles / "fingers",
-        "fid_encoder": bundles / "fid_encoder",
+        "fid_encoder": ROOT / "lab/src/echoavatar_lab/bundles/fid_encoder",
     }
     two_runs = {  # or three; the recipe is that of the first
         "tokenizer": {"steps", "learning_rate", "warmup", "decay_at", "quantize_from", "is_principal_start"},

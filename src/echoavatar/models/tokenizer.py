@@ -20,7 +20,8 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
-from echoavatar.nn import CausalBlock, CausalConvBlock, Checkpointed, Mlp, StreamingModule, StreamState
+from echoavatar.checkpoint import Checkpointed
+from echoavatar.nn import CausalBlock, CausalConvBlock, Mlp, StreamingModule, StreamState
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from .quantize import ResidualVectorQuantizer, Share

@@ -2,7 +2,6 @@
 
 from .attention import AttentionState, CausalAttention, lookback_mask, rotary
 from .blocks import CausalBlock, CausalConvBlock, FullBlock, Mlp
-from .checkpointed import Checkpointed
 from .stream import StateT, StreamingModule, StreamState, write_rows
 
 __all__ = [
@@ -10,7 +9,6 @@ __all__ = [
     "CausalAttention",
     "CausalBlock",
     "CausalConvBlock",
-    "Checkpointed",
     "FullBlock",
     "Mlp",
     "StateT",

@@ -49,7 +49,11 @@ class TrainingConfig(Config):
         default=0.0, ge=0, lt=1, description="decay of the averaged weights that are saved; 0: no averaging"
     )
     autocast: bool = Field(default=False, description="multiply in bfloat16 on processors that are fast at it")
-    seed: int = Field(default=0, description="seed of weights and of everything random in a step")
+    seed: int = Field(
+        default=0,
+        description="seed of weights and of everything random in a step; a run with --start sees the same windows again"
+        " unless it has another",
+    )
     log_every: int = Field(default=1, gt=0, description="steps between lines of metrics.jsonl")
     evaluate_every: int = Field(default=0, ge=0, description="steps between evaluations; 0: none during the run")
     save_every: int = Field(default=200, ge=0, description="steps between checkpoints; 0: by time only")

@@ -16,7 +16,7 @@ from echoavatar_lab.models.tokenizer.train import (
     TokenizerTask,
     TokenizerTraining,
     WindowSampler,
-    bundle_recipe,
+    bundle_training,
     clip_features,
     continued,
     floored_statistics,
@@ -34,17 +34,8 @@ def test_the_rate_drops_in_steps():
     assert rates == pytest.approx([5e-4, 1e-3, 1e-3, 1e-4, 1e-5])
 
 
-def test_the_bundle_recipe_fits_the_budget():
-    """Three tokenizers in half precision stay under 14 MB."""
-    config, training = bundle_recipe(HUMANOID, 1000)
-    tensors = BodyTokenizer(config).state_dict().values()
-    assert sum(tensor.numel() * 2 for tensor in tensors) < 14e6
-    assert training.steps == 1000
-    assert config.layers == 4
-
-
 def test_going_on_from_a_trained_tokenizer_is_gentler():
-    _, training = bundle_recipe(HUMANOID, 1000)
+    training = bundle_training()
     assert continued(training).learning_rate == pytest.approx(0.3 * training.learning_rate)
     assert continued(training).quantize_from == 0
     assert not continued(training).is_principal_start

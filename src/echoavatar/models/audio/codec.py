@@ -8,7 +8,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from echoavatar.nn import Checkpointed, StreamingModule
+from echoavatar.checkpoint import Checkpointed
+from echoavatar.nn import StreamingModule
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
 from .network import (

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.nn import Checkpointed
+from echoavatar.checkpoint import Checkpointed
 
 from .config import FaceConfig, MelConfig
 from .encoder import AudioEncoder, MelEncoder

@@ -19,7 +19,8 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from echoavatar.config import Config
-from echoavatar.nn import Checkpointed, FullBlock, Mlp
+from echoavatar.checkpoint import Checkpointed
+from echoavatar.nn import FullBlock, Mlp
 
 from .clips import BODY_SIZE, HAND_SIZE, HandBasis
 

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 from torch.nn.attention import SDPBackend, sdpa_kernel
 
-from echoavatar.nn import Checkpointed
+from echoavatar.checkpoint import Checkpointed
 from echoavatar.nn.attention import phase_table, rotary, rotary_phases
 
 from ..tokens import Sequences

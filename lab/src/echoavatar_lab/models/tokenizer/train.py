@@ -26,14 +26,7 @@ from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.quantize import Share
-from echoavatar.models.tokenizer import (
-    BodyTokenizer,
-    BodyTokenizerConfig,
-    MotionTokenizer,
-    MotionTokenizerConfig,
-    TokenizerPass,
-    body_config,
-)
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, TokenizerPass
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, split_parts, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
@@ -77,10 +70,10 @@ class TokenizerTraining(TrainingConfig):
     losses: LossWeights = Field(default=LossWeights(), description="loss weights")
 
 
-def bundle_recipe(skeleton: Skeleton, steps: int) -> tuple[BodyTokenizerConfig, TokenizerTraining]:
-    """Sizes and schedule of the default bundle: minutes on a CPU, streams on one core."""
-    training = TokenizerTraining(
-        steps=steps,
+def bundle_training() -> TokenizerTraining:
+    """The schedule of the default bundle: minutes on a CPU."""
+    return TokenizerTraining(
+        steps=6000,
         batch=24,
         learning_rate=1.5e-3,
         warmup=100,
@@ -88,17 +81,11 @@ def bundle_recipe(skeleton: Skeleton, steps: int) -> tuple[BodyTokenizerConfig, 
         decay_factor=0.4,
         temperature=0.0,
         dropout=0.0,
-        quantize_from=min(steps // 10, 100),
+        quantize_from=100,
         is_principal_start=True,
         is_scaled_by_reach=True,
         losses=LossWeights(position=0.05, travel=0.02, planted=0.3, root=0.5, fingers=0.1),
     )
-    return body_config(skeleton, BUNDLE_SIZES), training
-
-
-BUNDLE_SIZES = MotionTokenizerConfig(
-    features=1, width=128, heads=4, layers=4, codes=512, decay=0.98, dead_below=0.05, kmeans_steps=8
-)
 
 
 def continued(training: TokenizerTraining) -> TokenizerTraining:
