@@ -18,9 +18,9 @@ from pydantic import Field, model_validator
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
+from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
-from echoavatar.checkpoint import Checkpointed
 from echoavatar.nn import CausalBlock, CausalConvBlock, Mlp, StreamingModule, StreamState
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 

@@ -18,8 +18,8 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from echoavatar.config import Config
 from echoavatar.checkpoint import Checkpointed
+from echoavatar.config import Config
 from echoavatar.nn import FullBlock, Mlp
 
 from .clips import BODY_SIZE, HAND_SIZE, HandBasis
