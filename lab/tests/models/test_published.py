@@ -26,7 +26,7 @@ def test_models_that_cannot_stream_are_refused(tmp_path, fields, reason):
 
 
 def test_a_missing_hubert_and_a_missing_qwen_are_named(tmp_path):
-    with pytest.raises(CheckpointError, match="neither a folder with an HuBERT model .* or use the mel encoder"):
+    with pytest.raises(CheckpointError, match="neither a folder with a HuBERT model .* or use the mel encoder"):
         read_hubert(tmp_path / "none")
     with pytest.raises(CheckpointError, match="Qwen2.5-0.5B-Instruct"):
         init_from_qwen(generator(), tmp_path / "nowhere")

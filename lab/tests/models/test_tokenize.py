@@ -15,7 +15,7 @@ from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet, write_manifest
 from echoavatar_lab.data.shards import checksum
 from echoavatar_lab.data.sounds import save_sounds
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenize import audio_codes, heard_cues, own_motion, tokenize_corpus, tokenize_sounds
+from echoavatar_lab.models.tokenize import audio_codes, cues_at, own_motion, tokenize_corpus, tokenize_sounds
 
 
 def corpus(folder: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray) -> Corpus:
@@ -83,7 +83,7 @@ def test_cues_are_on_for_three_frames_from_each_event() -> None:
     rotations, root = np.tile(np.float32([1, 0, 0, 0]), (30, 52, 1)), np.zeros((30, 3), np.float32)
     events = {"beats": np.array([0.0, 0.4]), "stress": np.array([0.99])}
     clip = Clip("one", np.zeros(24_000, np.float32), rotations, root, np.full(30, 2, np.uint8), events)
-    cues = heard_cues(clip, 75)
+    cues = cues_at(clip.events, 75)
     assert np.flatnonzero(cues[:, 0]).tolist() == [0, 1, 2, 30, 31, 32]
     assert np.flatnonzero(cues[:, 1]).tolist() == [74]
 

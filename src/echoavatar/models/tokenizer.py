@@ -313,7 +313,7 @@ class BodyTokenizer(Checkpointed):
     def encode(self, features: Float[Tensor, "b t c"], patience: float = 0.0) -> Int[Tensor, "b n p q"]:
         """Codes of whole clips; the number of frames must be a multiple of four.
 
-        `patience` prefers codes that stay (`quantize.steady`): what a generator is trained on.
+        `patience` prefers codes that stay (`quantize.steadiest`): what a generator is trained on.
         """
         active, codes = _all(features), []
         parts = split_parts(self.skeleton, self.statistics.normalize(features))

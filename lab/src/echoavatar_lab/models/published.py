@@ -25,7 +25,7 @@ def read_encodec(path_or_name: str | Path = "facebook/encodec_24khz") -> AudioCo
         CheckpointError: it is not there, or is not a causal 24 kHz model.
         DependencyError: transformers is not installed.
     """
-    network = _read("EncodecModel", "EnCodec", path_or_name, "the bundled codec")
+    network = _read("EncodecModel", "an EnCodec", path_or_name, "the bundled codec")
     for module in network.modules():  # (direction, length) pairs become plain weights: the same function, faster
         if parametrize.is_parametrized(module):
             parametrize.remove_parametrizations(module, "weight", leave_parametrized=True)
@@ -44,7 +44,7 @@ def read_hubert(path_or_name: str | Path) -> HubertEncoder:
         CheckpointError: it is not there.
         DependencyError: transformers is not installed.
     """
-    network = _read("HubertModel", "HuBERT", path_or_name, "the mel encoder")
+    network = _read("HubertModel", "a HuBERT", path_or_name, "the mel encoder")
     encoder = HubertEncoder(_hubert_config(network.config))
     encoder.hubert.load_state_dict(network.state_dict())
     return encoder.eval()
@@ -62,7 +62,7 @@ def init_from_qwen(generator: Generator, folder: Path) -> None:
         raise CheckpointError(
             f"{folder} holds no Qwen2 checkpoint; download Qwen/Qwen2.5-0.5B-Instruct and pass its folder"
         )
-    source = _transformers("Qwen2").Qwen2ForCausalLM.from_pretrained(folder, local_files_only=True, dtype=torch.float32)
+    source = _transformers().Qwen2ForCausalLM.from_pretrained(folder, local_files_only=True, dtype=torch.float32)
     weights, own = source.state_dict(), generator.state_dict()
     body = {key: value for key, value in weights.items() if key in own and _is_body(key)}
     wrong = [key for key in own if _is_body(key) and (key not in body or body[key].shape != own[key].shape)]
@@ -84,22 +84,22 @@ def _is_body(key: str) -> bool:
 
 def _read(kind: str, name: str, path_or_name: str | Path, instead: str) -> Any:
     """The network of a class of transformers."""
-    network = getattr(_transformers(name), kind)
+    network = getattr(_transformers(), kind)
     try:
         return network.from_pretrained(str(path_or_name), local_files_only=True)
     except (OSError, ValueError) as error:
         raise CheckpointError(
-            f"{path_or_name} is neither a folder with an {name} model nor in the local model cache; fetch it with "
+            f"{path_or_name} is neither a folder with {name} model nor in the local model cache; fetch it with "
             f"'hf download {path_or_name}' where there is network, or use {instead}"
         ) from error
 
 
-def _transformers(name: str) -> Any:
+def _transformers() -> Any:
     try:
         import transformers
     except ModuleNotFoundError as error:
         raise DependencyError(
-            f"reading {name} weights needs transformers: pip install 'echoavatar-lab[pretrained]'"
+            "reading published weights needs transformers: pip install 'echoavatar-lab[pretrained]'"
         ) from error
     return transformers
 

@@ -54,9 +54,9 @@ def tokenize_corpus(
 ) -> int:
     """Write a token file for each clip and its mirror image, and return the number of files; existing ones are kept.
 
-    With `patience` the motion codes are steady (`quantize.steady`), so that the generator has fewer changes to predict.
-    `is_leveled`: see `audio_codes`.
-    Clips without sound are skipped, because the generator would learn to dance to silence.
+    With `patience` the motion codes are steady (`quantize.steadiest`), so that the generator has fewer changes to
+    predict. `is_leveled`: see `audio_codes`. Clips without sound are skipped, because the generator would learn to
+    dance to silence.
 
     Raises:
         MotionError: no clip has sound, or the tokenizer was trained on another rig.
@@ -80,7 +80,7 @@ def tokenize_corpus(
             for path, is_mirrored in targets:
                 codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
                 domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
-                cues = heard_cues(clip, len(sound))
+                cues = cues_at(clip.events, len(sound))
                 TokenClip(sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled).save(path)
         if progress:
             progress(done, len(names))
@@ -101,11 +101,6 @@ def audio_codes(
         level = LevelControl()
         heard = level.step(heard, level.init_state(1), torch.ones(1, dtype=torch.bool))
     return codec.encode(heard.to(codec.codebooks.device))[0].cpu().numpy().astype(np.int16)
-
-
-def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
-    """`cues_at` of a clip's events."""
-    return cues_at(clip.events, frames)
 
 
 def cues_at(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> UInt8[np.ndarray, "f 2"]:

@@ -17,7 +17,6 @@ import torch
 from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
-from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.nn.graphs import capture_cuda
 
@@ -258,9 +257,8 @@ class Loop(Generic[BatchT]):
         return {name: config.model_dump(mode="json") for name, config in self.stage.identity().items()}
 
     def _agree(self, folder: Path, saved: Any) -> None:
-        configs = self.stage.identity()
         for name, ours in self._identity().items():
-            theirs = _unsaid(configs[name]) | saved.get(name, {})
+            theirs = saved.get(name, {})
             differing = [key for key in sorted(ours.keys() | theirs.keys()) if ours.get(key) != theirs.get(key)]
             differing = [key for key in differing if key not in _FREE]
             if differing:
@@ -269,13 +267,6 @@ class Loop(Generic[BatchT]):
                     f"{folder} holds a run of another {name} config: {key} was {theirs.get(key)}, is "
                     f"{ours.get(key)}; train into another folder"
                 )
-
-
-def _unsaid(config: Config) -> dict[str, Any]:
-    """Defaults of fields that a run saved by an earlier version may lack."""
-    fields = type(config).model_fields.items()
-    plain = {name: field.default for name, field in fields if not field.is_required()}
-    return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
 
 
 _CPU = torch.device("cpu")

@@ -57,7 +57,7 @@ class GeneratorConfig(Config):
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
     patience: float = Field(
-        default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steady`)"
+        default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steadiest`)"
     )
     is_leveled: bool = Field(
         default=True, description="whether the sound it was trained on was brought to one loudness (paper: no)"

@@ -40,7 +40,7 @@ class TokenClip:
     domain: UInt8[np.ndarray, " labels"]
     split: str = "train"
     cues: UInt8[np.ndarray, "f 2"] | None = None  # not known where None
-    patience: float = 0.0  # how steady the codes of motion are (`quantize.steady`)
+    patience: float = 0.0  # how steady the codes of motion are (`quantize.steadiest`)
     has_truth: bool = True  # whether the motion is true, or a generator's own
     is_leveled: bool = True  # whether the sound was brought to one loudness first
 

@@ -1,9 +1,9 @@
 """Training of the decoder alone, on the codes that a generator is trained on.
 
-A tokenizer trains its decoder on the nearest codes. A generator learns steadier codes (`quantize.steady`), from which
-that decoder makes motion that trembles where latents meet. Here encoder and codebooks are frozen, so codes keep their
-meaning and generators stay valid; the decoder learns the true motion of steady codes, with larger weights on velocity
-and acceleration than in the paper. Not in the paper.
+A tokenizer trains its decoder on the nearest codes. A generator learns steadier codes (`quantize.steadiest`), from
+which that decoder makes motion that trembles where latents meet. Here encoder and codebooks are frozen, so codes keep
+their meaning and generators stay valid; the decoder learns the true motion of steady codes, with larger weights on
+velocity and acceleration than in the paper. Not in the paper.
 """
 
 import copy
