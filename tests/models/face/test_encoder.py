@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 import torch
-from tests.models.face.tiny import sound
+from tests.models.face.tiny import EAR, sound
 
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.face.encoder import HubertEncoder, MelEncoder, normalize_window, pad_window
@@ -48,13 +48,13 @@ def test_pieces_that_are_no_chunks_are_refused():
         encoder(torch.zeros(1, 6401).double())
 
 
-EAR = HubertConfig(width=16, layers=1, heads=2, mlp=16, convolutions=(4,) * 7, position_kernel=4, position_groups=2)
+HUBERT = HubertConfig(width=16, layers=1, heads=2, mlp=16, convolutions=(4,) * 7, position_kernel=4, position_groups=2)
 
 
 @torch.no_grad()
 def test_every_chunk_hears_63_frames_and_idle_rows_keep_theirs():
     torch.manual_seed(0)
-    encoder = HubertEncoder(EAR).eval()
+    encoder = HubertEncoder(HUBERT).eval()
     audio = torch.randn(2, 10 * CHUNK_SAMPLES)
     state, active = encoder.init_state(2), torch.tensor([True, False])
     for part in audio[:, :-CHUNK_SAMPLES].split(CHUNK_SAMPLES, 1):

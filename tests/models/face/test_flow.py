@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from echoavatar.models.face.flow import FlowHead, add_noise, euler_levels, face_noise, normal_noise
+from echoavatar.models.face.flow import FlowHead, euler_levels, face_noise, normal_noise
+from echoavatar_lab.models.face.train import add_noise
 
 SEEDS = torch.arange(50)
 

@@ -10,7 +10,6 @@ from echoavatar.models.fingers.clips import (
     body_features,
     finger_clip,
     finger_rotations,
-    fit_basis,
     hand_poses,
     mirror_body,
     on_our_rig,
@@ -19,6 +18,7 @@ from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar_lab.data.mirror import mirror_positions, mirror_rotations
+from echoavatar_lab.models.fingers import fit_basis
 
 
 def test_finger_rotations_inverts_hand_poses() -> None:

@@ -11,11 +11,10 @@ from tests.models.generator.tiny import LAYOUT, audio, config, generator
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar.models.generator import model as attention
-from echoavatar.models.generator.exemplar import draw_exemplar
 from echoavatar.models.generator.model import banded_attention, masked_attention
 from echoavatar_lab.models.generator.losses import CueReader, code_nll, freeze_body, nll_by_domain, stream_nll
 from echoavatar_lab.models.generator.train import train_generator
-from echoavatar_lab.models.generator.windows import WindowSampler
+from echoavatar_lab.models.generator.windows import WindowSampler, draw_exemplar
 
 
 def naive(q, k, v, lookback, valid=None):

@@ -15,7 +15,7 @@ from pydantic import Field
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.models.fingers.clips import FingerClip, fit_basis, mirror_body
+from echoavatar.models.fingers.clips import FingerClip, HandBasis, mirror_body
 from echoavatar.models.fingers.model import FingerConfig, FingerModel
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
 
@@ -42,6 +42,20 @@ class FingerTraining(TrainingConfig):
         description="the same for an offset that is constant over a window, which stands for other people and rigs",
     )
     speed_weight: float = Field(default=10.0, ge=0, description="weight of the error of frame-to-frame differences")
+
+
+def fit_basis(hands: Float[Tensor, "n c"], size: int) -> HandBasis:
+    """The `size` directions with most of the variance of hand poses.
+
+    Coordinates are divided by the root of their standard deviation, so that small directions count and large ones still
+    count more.
+    """
+    wide = hands.double()
+    mean = wide.mean(0)
+    values, vectors = torch.linalg.eigh((wide - mean).T @ (wide - mean) / len(wide))
+    spread = values.flip(0)[:size].clamp_min(1e-8).sqrt()
+    scale = (spread * spread.mean()).sqrt()
+    return HandBasis(mean.float(), vectors.flip(1)[:, :size].T.contiguous().float(), scale.float())
 
 
 class FingerBatch(NamedTuple):

@@ -150,11 +150,3 @@ def euler_levels(steps: int) -> tuple[list[float], list[float]]:
     else:
         times = [FULL_NOISE + (1 - FULL_NOISE) * i / (steps - 1) for i in range(steps)]
     return times, [time / FULL_NOISE for time in times] + [0.0]
-
-
-def add_noise(
-    clean: Float[Tensor, "*b c"], noise: Float[Tensor, "*b c"], times: Int[Tensor, "*b"]
-) -> Float[Tensor, "*b c"]:
-    """The straight path of flow matching: clean at time 0, noise at 1000."""
-    level = (times / FULL_NOISE)[..., None].to(clean)
-    return torch.lerp(clean, noise, level)

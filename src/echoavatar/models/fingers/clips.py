@@ -72,20 +72,6 @@ class HandBasis(NamedTuple):
         return (coordinates * self.scale) @ self.axes + self.mean
 
 
-def fit_basis(hands: Float[Tensor, "n c"], size: int) -> HandBasis:
-    """The `size` directions with most of the variance of hand poses.
-
-    Coordinates are divided by the root of their standard deviation, so that small directions count and large ones still
-    count more.
-    """
-    wide = hands.double()
-    mean = wide.mean(0)
-    values, vectors = torch.linalg.eigh((wide - mean).T @ (wide - mean) / len(wide))
-    spread = values.flip(0)[:size].clamp_min(1e-8).sqrt()
-    scale = (spread * spread.mean()).sqrt()
-    return HandBasis(mean.float(), vectors.flip(1)[:, :size].T.contiguous().float(), scale.float())
-
-
 _WRISTS = HUMANOID.indices(("leftHand", "rightHand"))
 _ELBOWS = HUMANOID.indices(("leftLowerArm", "rightLowerArm"))
 _HAND = 3 + 3 + 6 + 3

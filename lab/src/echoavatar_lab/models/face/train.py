@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pydantic import Field
 from scipy.interpolate import CubicSpline
 from torch import Tensor, nn
@@ -31,7 +31,7 @@ from echoavatar.errors import MotionError
 from echoavatar.models.audio import LevelControl
 from echoavatar.models.face.config import FaceConfig
 from echoavatar.models.face.encoder import HubertEncoder
-from echoavatar.models.face.flow import FULL_NOISE, add_noise
+from echoavatar.models.face.flow import FULL_NOISE
 from echoavatar.models.face.model import FaceModel
 from echoavatar.motion.arkit import index_of
 from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
@@ -208,6 +208,14 @@ class FaceReader(nn.Module):
         touching = (_apart(curves) <= TOUCHING).to(read)
         far: Tensor = error.sum() / (read[..., 0].numel() * moving.sum().clamp_min(1))
         return far + F.binary_cross_entropy_with_logits(read[..., -1], touching)
+
+
+def add_noise(
+    clean: Float[Tensor, "*b c"], noise: Float[Tensor, "*b c"], times: Int[Tensor, "*b"]
+) -> Float[Tensor, "*b c"]:
+    """The straight path of flow matching: clean at time 0, noise at 1000."""
+    level = (times / FULL_NOISE)[..., None].to(clean)
+    return torch.lerp(clean, noise, level)
 
 
 class FlowNoise(NamedTuple):

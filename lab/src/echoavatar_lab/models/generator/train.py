@@ -21,14 +21,14 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator.config import GeneratorConfig
-from echoavatar.models.generator.exemplar import Exemplar, control_ids, draw_exemplar, segment_of
+from echoavatar.models.generator.exemplar import Exemplar, control_ids, segment_of
 from echoavatar.models.generator.model import Generator
 from echoavatar.models.tokens import Prefix, Sequences
 from echoavatar_lab.training import Loss, Muon, Progress, TrainingConfig, TrainingTask, adamw, has_state, train
 
 from ..published import init_from_qwen
 from .losses import CueReader, code_nll, freeze_body, hierarchical_loss, nll_by_domain, stream_loss, stream_nll, summary
-from .windows import TokenClip, Window, WindowSampler, corrupt_hierarchically, corrupt_uniformly
+from .windows import TokenClip, Window, WindowSampler, corrupt_hierarchically, corrupt_uniformly, draw_exemplar
 
 
 class GeneratorTraining(TrainingConfig):

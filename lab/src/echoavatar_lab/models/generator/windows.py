@@ -24,11 +24,14 @@ from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor
 
 from echoavatar.errors import MotionError
+from echoavatar.models.generator.exemplar import UPPER, Exemplar
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 DOMAINS = ("silence", "speech", "music")
 CUES = ("beat", "stress")
+DROPPED = (0.1, 0.2)  # share of a set that is left out in training (ours)
+SHORTEST_CHUNKS = 3  # a set is drawn from at least 0.8 s
 
 
 @dataclass(frozen=True)
@@ -220,3 +223,27 @@ def _replace(
 ) -> Int[Tensor, "b n p q"]:
     noise = torch.randint(codebook, codes.shape, generator=generator, dtype=codes.dtype)
     return torch.where(chosen, noise, codes)
+
+
+def draw_exemplar(
+    motion: Int[Tensor, "b n p q"], share: float, *, codes: int, whole: bool, generator: torch.Generator
+) -> Exemplar:
+    """Directives for training windows: the codes that a span of each window uses, 10 to 20 % of them dropped.
+
+    A `share` of the windows gets one, over a random span of whole chunks (over the `whole` window in the prefix order).
+    """
+    rows, steps = motion.shape[:2]
+    chunks = steps // MOTION_TOKENS_PER_CHUNK
+    length = torch.randint(min(SHORTEST_CHUNKS, chunks), chunks + 1, (rows, 1), generator=generator)
+    start = (torch.rand(rows, 1, generator=generator) * (chunks - length + 1)).long()
+    given = torch.rand(rows, 1, generator=generator) < share
+    low, high = DROPPED
+    dropped = low + (high - low) * torch.rand(rows, 1, generator=generator)
+    kept = torch.rand(rows, codes, generator=generator) >= dropped
+    if whole:
+        start, length = torch.zeros_like(start), torch.full_like(length, chunks)
+    chunk = torch.arange(steps) // MOTION_TOKENS_PER_CHUNK
+    holds = (chunk >= start) & (chunk < start + length) & given
+    used = torch.zeros(rows, codes + 1)  # the last column takes the codes outside the span
+    used.scatter_(1, torch.where(holds, motion[:, :, UPPER, 0], codes), 1.0)
+    return Exemplar(used[:, :codes] * kept, holds)
