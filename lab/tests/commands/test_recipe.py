@@ -65,6 +65,7 @@ def test_unknown_keys_and_values_that_do_not_fit_are_refused_by_name(tmp_path: P
     settings = options.settings(args)
     with pytest.raises(EchoAvatarError, match=r"r.yaml: model.widht is not a setting.*did you mean width\?"):
         settings.checked(FingerConfig, "model")
+    settings.training.pop("losses")
     with pytest.raises(EchoAvatarError, match="training.learning_rat .*learning_rate"):
         settings.checked(FingerTraining, "training")
     options, args = parsed("--recipe", written(tmp_path, "model: {width: wide}\n"))
