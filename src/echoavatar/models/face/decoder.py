@@ -27,8 +27,8 @@ ONE_THREAD = 2**18  # multiplications up to which OpenBLAS starts no threads, wh
 class Affine(NamedTuple):
     """x W + b, for one layer or several."""
 
-    weight: np.ndarray  # (l, i, o) float32
-    bias: np.ndarray  # (l, o)
+    weight: np.ndarray  # (l, i, o) float32, or (i, o)
+    bias: np.ndarray  # (l, o), or (o)
 
 
 class Weights(NamedTuple):
@@ -256,44 +256,37 @@ def _floats(x: Tensor) -> Float[np.ndarray, "..."]:
     return np.ascontiguousarray(x.detach().float().numpy())
 
 
-class _Map(NamedTuple):
-    """x W + b."""
-
-    weight: Float[np.ndarray, "i o"]
-    bias: Float[np.ndarray, " o"]
-
-
-def _plain(linear: nn.Module) -> _Map:
+def _plain(linear: nn.Module) -> Affine:
     assert isinstance(linear, nn.Linear)
-    return _Map(linear.weight.detach().numpy().T, linear.bias.detach().numpy())
+    return Affine(linear.weight.detach().numpy().T, linear.bias.detach().numpy())
 
 
-def _folded(norm: nn.Module, linear: nn.Module) -> _Map:
+def _folded(norm: nn.Module, linear: nn.Module) -> Affine:
     """The projection of a plainly normalised x that equals linear(norm(x))."""
     assert isinstance(norm, nn.LayerNorm)
     weight, bias = _plain(linear)
     gain, shift = norm.weight.detach().numpy(), norm.bias.detach().numpy()
-    return _Map(gain[:, None] * weight, shift @ weight + bias)
+    return Affine(gain[:, None] * weight, shift @ weight + bias)
 
 
-def _scaled_queries(qkv: _Map, attention: nn.Module) -> _Map:
+def _scaled_queries(qkv: Affine, attention: nn.Module) -> Affine:
     """The scores' 1 / sqrt(d) is folded into the queries."""
     assert isinstance(attention, RingAttention)
     scale = np.ones_like(qkv.bias)
     scale[: attention.width] = (attention.width // attention.heads) ** -0.5
-    return _Map(qkv.weight * scale, qkv.bias * scale)
+    return Affine(qkv.weight * scale, qkv.bias * scale)
 
 
-def _split(whole: _Map, parts: int) -> Affine:
+def _split(whole: Affine, parts: int) -> Affine:
     """One projection as several of equal width."""
     weights, biases = np.split(whole.weight, parts, axis=1), np.split(whole.bias, parts)
-    return _stacked([_Map(weight, bias) for weight, bias in zip(weights, biases, strict=True)])
+    return _stacked([Affine(weight, bias) for weight, bias in zip(weights, biases, strict=True)])
 
 
-def _chain(first: _Map, second: _Map) -> _Map:
-    return _Map(first.weight @ second.weight, first.bias @ second.weight + second.bias)
+def _chain(first: Affine, second: Affine) -> Affine:
+    return Affine(first.weight @ second.weight, first.bias @ second.weight + second.bias)
 
 
-def _stacked(maps: Sequence[_Map]) -> Affine:
+def _stacked(maps: Sequence[Affine]) -> Affine:
     weights, biases = np.stack([one.weight for one in maps]), np.stack([one.bias for one in maps])
     return Affine(np.ascontiguousarray(weights, np.float32), np.ascontiguousarray(biases, np.float32))
