@@ -12,7 +12,7 @@ from echoavatar.models.generator import open_stream
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet, write_manifest
-from echoavatar_lab.data.shards import checksum
+from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import save_sounds
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, cues_at, own_motion, tokenize_corpus, tokenize_sounds

@@ -17,7 +17,7 @@ from echoavatar.models.fingers.clips import (
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
-from echoavatar_lab.data.mirror import mirror_positions, mirror_rotations
+from echoavatar_lab.data.clip import mirror_positions, mirror_rotations
 from echoavatar_lab.models.fingers import fit_basis
 
 

@@ -22,13 +22,12 @@ from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.evaluation.fingers import measure_fingers
-from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
+from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig, motion_features
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import (
     MotionEncoderTraining,
     explained_variance,
     train_motion_encoder,
 )
-from echoavatar_lab.evaluation.metrics.motion_features import motion_features
 from echoavatar_lab.models.face.clip import load_clips
 from echoavatar_lab.models.face.train import FaceTraining, train_face
 from echoavatar_lab.models.fingers import FingerTraining, train_fingers

@@ -20,7 +20,7 @@ from echoavatar_lab.corpora.music.music import compose_piece
 from echoavatar_lab.corpora.music.styles import STYLES
 from echoavatar_lab.corpora.rehearsal.augment import set_loudness
 from echoavatar_lab.corpora.sound import FloatArray, whole_frames
-from echoavatar_lab.data.shards import checksum
+from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 from .labels import sound_labels

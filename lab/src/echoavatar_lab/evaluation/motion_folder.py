@@ -31,7 +31,7 @@ from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.foreign.smpl_pickle import read_smpl_pickle
 from echoavatar_lab.foreign.smplx_reader import read_smplx
-from echoavatar_lab.models.audio.recorded_files import AUDIO_SUFFIXES
+from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 MOTION_SUFFIXES = (".npz", ".bvh", ".pkl")
 NOTE = "made.json"

@@ -28,7 +28,7 @@ from echoavatar.motion.kinematics import to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
-from echoavatar_lab.data.mirror import mirror_features
+from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.generator.windows import TokenClip
 
 CUE_FRAMES = 3

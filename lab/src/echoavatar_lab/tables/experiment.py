@@ -20,8 +20,8 @@ from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip, Corpus
+from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
-from echoavatar_lab.evaluation.score import Extractor
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.tables.scale import Scale

@@ -15,12 +15,13 @@ from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
-from echoavatar_lab.evaluation.metrics.frechet import Moments, moments
-from echoavatar_lab.evaluation.metrics.motion_features import motion_features
-from echoavatar_lab.evaluation.metrics.position_error import PAPER_UNIT_M, mean_joint_error, trans_loss, without_heading
+from echoavatar_lab.evaluation.measures import Extractor
+from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
+from echoavatar_lab.evaluation.metrics.motion_encoder import motion_features
+from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, mean_joint_error, trans_loss, without_heading
 from echoavatar_lab.evaluation.motion_folder import Pair
-from echoavatar_lab.evaluation.score import Extractor, fid_row, score
-from echoavatar_lab.evaluation.score_row import Row, row_of_means
+from echoavatar_lab.evaluation.report import fid_row, score
+from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.models.tokenizer.train import clip_features
 
 from .experiment import motion_of

@@ -9,7 +9,7 @@ from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.data.mirror import mirror_features
+from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.tokenizer.losses import LossWeights
 from echoavatar_lab.models.tokenizer.train import (
     ROTATION_FLOOR,

@@ -31,7 +31,7 @@ from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_fe
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
-from echoavatar_lab.data.mirror import mirror_features
+from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import (
     Gather,
     Loss,
