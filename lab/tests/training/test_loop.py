@@ -100,20 +100,6 @@ def test_averaged_weights_are_shown_and_the_others_trained_on(tmp_path):
     assert torch.equal(weights(loop.stage), after)
 
 
-def test_a_run_of_before_a_setting_was_known_goes_on_with_its_default_alone(tmp_path):
-    """What an older version did not write down was as the default is now."""
-    loop = Loop(Line(CONFIG))
-    run(loop, 2)
-    loop.save(tmp_path)
-    tensors, facts = state.read(tmp_path / state.FILE)
-    for saved in facts["identity"].values():
-        saved.pop("average", None)
-    state.write(tmp_path / state.FILE, tensors, facts)
-    assert Loop(Line(CONFIG)).resume(tmp_path)
-    with pytest.raises(CheckpointError, match="average was 0.0, is 0.5"):
-        Loop(Line(CONFIG.model_copy(update={"average": 0.5}))).resume(tmp_path)
-
-
 def test_another_schedule_or_size_is_refused_by_name(tmp_path):
     Loop(Line()).save(tmp_path)
     with pytest.raises(CheckpointError, match="seed was 0, is 1"):
