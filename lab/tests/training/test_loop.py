@@ -9,7 +9,7 @@ from torch import nn
 from echoavatar.checkpoint import read_weights
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar_lab.models.generator.train import GeneratorTask
-from echoavatar_lab.training import Loop, Loss, state
+from echoavatar_lab.training import Loop, Loss
 from echoavatar_lab.training.loop import AveragedWeights, Recording
 from echoavatar_lab.training.processes import Processes
 
