@@ -27,7 +27,7 @@ from echoavatar.files.avatar.page import PageClip, page_text
 from echoavatar.files.avatar.video import Shot, View, write_film
 from echoavatar.files.exports import Take, read_rig, writer
 from echoavatar.models.audio import stream_audio
-from echoavatar.models.audio.resample import StreamResampler
+from echoavatar.models.audio.io import StreamResampler
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import torch
 from jaxtyping import Float, Int8
@@ -216,6 +216,26 @@ def save(
     partial.replace(folder / "model.safetensors")
     _write_text(folder / "config.json", config.model_dump_json(indent=2))
     _write_text(folder / "card.json", json.dumps(dict(card), indent=2))
+
+
+class Checkpointed(nn.Module):
+    """A model that is made from its config alone."""
+
+    config_type: ClassVar[type[Config]]
+    config: Any  # of `config_type`
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read a checkpoint folder; the model is ready for use (eval mode).
+
+        Raises:
+            CheckpointError: a file is missing, damaged or of another shape.
+        """
+        return load(folder, cls.config_type, cls).eval()
+
+    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
+        """Write a checkpoint folder, with weights in `dtype` where it is given."""
+        save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=dtype)
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -14,7 +14,7 @@ from echoavatar.files.avatar.render import Renderer, Surface
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import read_npz
-from echoavatar_lab.models.face.livelink import read_live_link
+from echoavatar_lab.models.face.clip import read_live_link
 
 
 @pytest.fixture

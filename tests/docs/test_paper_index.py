@@ -58,8 +58,8 @@ def test_every_field_of_a_config_exists() -> None:
     from echoavatar_lab.align.audio_reward import AudioMotionConfig
     from echoavatar_lab.align.quality import QualityConfig
     from echoavatar_lab.align.trainer import AlignTraining
-    from echoavatar_lab.models.generator.recipe import GeneratorTraining
-    from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
+    from echoavatar_lab.models.generator.train import GeneratorTraining
+    from echoavatar_lab.models.tokenizer.train import TokenizerTraining
 
     configs = {
         config.__name__: config.model_fields

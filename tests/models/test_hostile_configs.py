@@ -4,12 +4,12 @@ import pytest
 from pydantic import ValidationError
 
 from echoavatar.config import Config
-from echoavatar.models.audio.config import CodecConfig
+from echoavatar.models.audio.network import CodecConfig
 from echoavatar.models.face.config import FaceConfig, MelConfig
-from echoavatar.models.fingers.config import FingerConfig
+from echoavatar.models.fingers.model import FingerConfig
 from echoavatar.models.generator.config import GeneratorConfig
-from echoavatar.models.tokenizer.model import MotionTokenizerConfig
-from echoavatar.models.tokens.layout import TokenLayout
+from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.align.audio_reward import AudioMotionConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar_lab.tables.skeleton_convolution import SkeletonConvolutionConfig

@@ -11,7 +11,7 @@ from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
-from echoavatar_lab.models.tokenizer.usage import code_usage
+from echoavatar_lab.models.tokenizer.measure import code_usage
 
 
 def told() -> dict:

@@ -14,8 +14,7 @@ from tests.golden import golden
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
-from echoavatar.models.tokenizer.body import body_config
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Skeleton, to_features
 from echoavatar.motion.kinematics.features import REFERENCE

@@ -22,8 +22,7 @@ from echoavatar_lab.evaluation.codes import (
     true_codes,
 )
 from echoavatar_lab.evaluation.measures import Track
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
-from echoavatar_lab.models.generator.train import GeneratorTask
+from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import Loop
 

@@ -2,8 +2,7 @@ import torch
 from tests.models.fingers.moving import waving
 
 from echoavatar.models.fingers import FingerModel
-from echoavatar.models.fingers.clips import finger_clip
-from echoavatar.models.fingers.hand_poses import FINGERS
+from echoavatar.models.fingers.clips import FINGERS, finger_clip
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar_lab.evaluation.fingers import compare, curl, fingertips, measure_fingers, speed_and_spread
 

@@ -21,11 +21,11 @@ from echoavatar_lab.align.audio_reward import AudioMotionConfig
 from echoavatar_lab.align.corruption import PAPER_CLEAN_FID, PAPER_FID, PAPER_SCORES, PAPER_TRUTH, RATES, paper_scores
 from echoavatar_lab.align.trainer import recipe
 from echoavatar_lab.commands import align_rewards, train
-from echoavatar_lab.commands.train_tokenizer import body_sizes
-from echoavatar_lab.models.face.recipe import FaceTraining
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.commands.train_body import body_sizes
+from echoavatar_lab.models.face.train import FaceTraining
+from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenize import TokenSettings
-from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
+from echoavatar_lab.models.tokenizer.train import TokenizerTraining
 
 ROOT = Path(__file__).parents[3]
 TRAINING: dict[str, type[Config]] = {

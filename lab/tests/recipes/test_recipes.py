@@ -15,16 +15,16 @@ from echoavatar.models.fingers import FingerConfig
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.commands import train
-from echoavatar_lab.commands.train_tokenizer import body_sizes
+from echoavatar_lab.commands.train_body import body_sizes, complete
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import MotionEncoderTraining
 from echoavatar_lab.models.audio.train import CodecTrainingConfig
-from echoavatar_lab.models.face.recipe import FaceTraining
-from echoavatar_lab.models.fingers.recipe import FingerTraining
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.models.face.train import FaceTraining
+from echoavatar_lab.models.fingers import FingerTraining
+from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenize import TokenSettings
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTraining
-from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
+from echoavatar_lab.models.tokenizer.train import TokenizerTraining
 
 ROOT = Path(__file__).parents[3]
 RECIPES = sorted((ROOT / "lab/recipes").glob("*/*.yaml"))
@@ -55,7 +55,10 @@ def settings_of(words: list[str]):
     parser = argparse.ArgumentParser()
     train.add_arguments(parser)
     args = parser.parse_args(words[1:])
-    return args.kind, args.options.settings(args)
+    settings = args.options.settings(args)
+    if args.kind == "generator":
+        complete(settings, motion_layers=len(settings.training.get("depth_weights", [1])))
+    return args.kind, settings
 
 
 def test_there_is_one_for_every_stage_at_every_scale() -> None:
@@ -92,7 +95,7 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
         "fingers": bundles / "fingers",
-        "fid_encoder": bundles / "fid_encoder",
+        "fid_encoder": ROOT / "lab/src/echoavatar_lab/bundles/fid_encoder",
     }
     two_runs = {  # or three; the recipe is that of the first
         "tokenizer": {"steps", "learning_rate", "warmup", "decay_at", "quantize_from", "is_principal_start"},

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from scripts.synthetic_release import make
 
-from echoavatar.models.audio import AudioCodec
 from echoavatar.timing import ChunkSize
+from echoavatar_lab.models.published import read_encodec
 from echoavatar_lab.reference import Release, convert, inspect_release
 from echoavatar_lab.reference.actions import find_table, library, read_table
 
@@ -39,7 +39,7 @@ def bundle_of(download: Path, output: Path, step: int = 2) -> Path:
     table = find_table(release.stats)
     assert table is not None
     actions = library(read_table(table), 512, origin=str(table), chunk=ChunkSize(step))
-    codec = AudioCodec.from_pretrained_encodec(download / "encodec")
+    codec = read_encodec(download / "encodec")
     convert(inspect_release(release, step=step), codec, output, actions=actions)
     return output
 

@@ -12,9 +12,9 @@ from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
 from echoavatar.models.face import FaceModel, FaceStream, HubertConfig, paper_face
-from echoavatar.models.face.attention import rotate_pairs, sinusoids
+from echoavatar.models.face.encoder import normalize_window, pad_window
 from echoavatar.models.face.flow import euler_levels
-from echoavatar.models.face.hubert import normalize_window, pad_window
+from echoavatar.models.face.gpt import rotate_pairs, sinusoids
 from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar_lab.reference.expected_tensors import (
     differences,

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from echoavatar.models.tokenizer import MotionTokenizerConfig
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.tables import main, tokenizer_ablation, user_study
 from echoavatar_lab.tables.scale import PAPER, SCALES, TINY, GeneratorChoice, GeneratorSizes
 

@@ -7,8 +7,7 @@ from tests.models.face.tiny import CONFIG as FACE
 from tests.models.face.tiny import clip
 
 from echoavatar.models.face import MelConfig, paper_face
-from echoavatar_lab.models.face.recipe import FaceTraining
-from echoavatar_lab.models.face.train import FaceTask
+from echoavatar_lab.models.face.train import FaceTask, FaceTraining
 from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.training import TrainingTask
 from echoavatar_lab.training.task import row_count, take_rows

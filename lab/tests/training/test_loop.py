@@ -2,11 +2,40 @@ import math
 
 import pytest
 import torch
+from lab.tests.models.generator.test_train import clips, config, settings
 from lab.tests.training.line import CONFIG, Line, weights
+from torch import nn
 
 from echoavatar.checkpoint import read_weights
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar_lab.training import Loop, Loss, state
+from echoavatar_lab.models.generator.train import GeneratorTask
+from echoavatar_lab.training import Loop, Loss
+from echoavatar_lab.training.loop import AveragedWeights, Recording
+from echoavatar_lab.training.processes import Processes
+
+
+def test_the_average_follows_slowly_and_knows_only_what_learns():
+    """A weight that jumps from 0 to 1: the first steps go 9/10, 9/11 of what is left, later ones 1 - decay."""
+    model = nn.Linear(1, 1)
+    model.bias.requires_grad_(False)
+    nn.init.zeros_(model.weight)
+    average = AveragedWeights({"m": model}, 0.99)
+    assert list(average.values) == ["m.weight"]
+    nn.init.ones_(model.weight)
+    average.update(0)
+    torch.testing.assert_close(average.values["m.weight"], torch.tensor([[0.9]]))
+    nn.init.zeros_(model.weight)
+    average.update(10**6)
+    torch.testing.assert_close(average.values["m.weight"], torch.tensor([[0.9 * 0.99]]))
+
+
+def test_modules_hold_the_average_inside_the_context_only():
+    model = nn.Linear(2, 2)
+    average, own = AveragedWeights({"m": model}, 0.99), model.weight.detach().clone()
+    average.values["m.weight"] += 1
+    with average.applied():
+        torch.testing.assert_close(model.weight, own + 1)
+    torch.testing.assert_close(model.weight, own)
 
 
 def run(loop, steps):
@@ -69,20 +98,6 @@ def test_averaged_weights_are_shown_and_the_others_trained_on(tmp_path):
     shown = torch.cat([saved[key].flatten() for key in loop.stage.modules["layers"].state_dict()])
     torch.testing.assert_close(shown, before + 0.9 * (after - before))
     assert torch.equal(weights(loop.stage), after)
-
-
-def test_a_run_of_before_a_setting_was_known_goes_on_with_its_default_alone(tmp_path):
-    """What an older version did not write down was as the default is now."""
-    loop = Loop(Line(CONFIG))
-    run(loop, 2)
-    loop.save(tmp_path)
-    tensors, facts = state.read(tmp_path / state.FILE)
-    for saved in facts["identity"].values():
-        saved.pop("average", None)
-    state.write(tmp_path / state.FILE, tensors, facts)
-    assert Loop(Line(CONFIG)).resume(tmp_path)
-    with pytest.raises(CheckpointError, match="average was 0.0, is 0.5"):
-        Loop(Line(CONFIG.model_copy(update={"average": 0.5}))).resume(tmp_path)
 
 
 def test_another_schedule_or_size_is_refused_by_name(tmp_path):
@@ -150,3 +165,46 @@ def test_groups_may_have_a_rate_relative_to_the_steps_and_the_stage_knows_who_sh
         [told["rate"], 0.1 * told["rate"]]
     )
     assert loop.stage.processes is loop.processes
+
+
+CPU = torch.device("cpu")
+
+
+def test_a_replay_reads_the_new_batch_where_the_first_one_lay():
+    seen = []
+
+    def run(batch):
+        seen.append((batch[0].data_ptr(), batch[0].sum().item()))
+        return {"loss": batch[0].sum()}
+
+    recording = Recording(run, CPU, capture=lambda run: run)
+    first = (torch.ones(2, 3), "a name")
+    values = [recording(batch)["loss"].item() for batch in (first, (torch.full((2, 3), 2.0), "a name"))]
+    assert values == [6, 12]
+    assert seen[0][0] == seen[1][0]
+
+
+def test_a_batch_of_another_shape_is_refused():
+    recording = Recording(lambda batch: {"loss": batch.sum()}, CPU, capture=lambda run: run)
+    recording(torch.ones(2, 3))
+    with pytest.raises(RuntimeError, match="size"):
+        recording(torch.ones(4, 5))
+
+
+def test_only_a_gpu_records():
+    stage = GeneratorTask(config(sequence="depth"), settings(), clips())
+    assert stage.is_recordable
+    assert Loop(stage)._recording is None
+
+
+@pytest.mark.gpu
+def test_a_recorded_run_has_the_losses_of_one_that_is_not():
+    told = []
+    for is_recorded in (True, False):
+        stage = GeneratorTask(config(sequence="depth", exemplar=True), settings(exemplar=0.5, cue_weight=0.1), clips())
+        stage.is_recordable = is_recorded
+        loop = Loop(stage, Processes("cuda"))
+        told.append([[values["loss"], values["gradient"]] for values in (loop.advance() for _ in range(5))])
+        weights = nn.utils.parameters_to_vector(stage.generator.parameters())
+        assert bool(weights.isfinite().all())
+    torch.testing.assert_close(torch.tensor(told[0]), torch.tensor(told[1]), rtol=1e-3, atol=1e-4)

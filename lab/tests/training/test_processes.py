@@ -52,7 +52,7 @@ def test_one_process_needs_nothing(monkeypatch):
 def test_several_processes_without_accelerate_say_what_to_install(monkeypatch):
     monkeypatch.setenv("WORLD_SIZE", "2")
     monkeypatch.setitem(sys.modules, "accelerate", None)
-    with pytest.raises(DependencyError, match=r"echoavatar\[train\]"):
+    with pytest.raises(DependencyError, match=r"echoavatar-lab\[train\]"):
         processes_here()
 
 

@@ -1,6 +1,7 @@
 import json
 import os
 import signal
+import threading
 
 import pytest
 import torch
@@ -8,7 +9,47 @@ from lab.tests.training.line import CONFIG, Line, weights
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.training import Interrupted, train
+from echoavatar_lab.training.run import Signals
 from echoavatar_lab.training.state import FILE, read
+
+
+def test_the_first_signal_is_noted_and_the_second_raises():
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
+    try:
+        with Signals() as signals:
+            assert signals.number == 0
+            os.kill(os.getpid(), signal.SIGINT)
+            assert signals.number == signal.SIGINT
+            with pytest.raises(KeyboardInterrupt):
+                os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_handlers_are_put_back():
+    before = signal.getsignal(signal.SIGTERM)
+    with Signals():
+        assert signal.getsignal(signal.SIGTERM) is not before
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_in_another_thread_nothing_is_touched():
+    before, seen = signal.getsignal(signal.SIGTERM), []
+
+    def enter():
+        with Signals():
+            seen.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=enter)
+    thread.start()
+    thread.join()
+    assert seen == [before]
+
+
+def test_an_interruption_is_no_error_and_knows_its_exit_code():
+    stopped = Interrupted("stopped", signal.SIGTERM)
+    assert isinstance(stopped, KeyboardInterrupt)
+    assert stopped.code == 143
 
 
 def lines(folder):

@@ -31,10 +31,9 @@ def test_optimisers_remember_by_name():
     assert set(kept) >= {"optimiser.layers.0.weight.exp_avg", "optimiser.layers.1.bias.step"}
 
 
-@pytest.mark.parametrize("name", ["training.safetensors", "resume.safetensors"])
-def test_runs_of_older_versions_are_refused_with_a_way_out(tmp_path, name):
-    save_file({"a": torch.zeros(1)}, tmp_path / name, metadata={"step": "3"})
-    with pytest.raises(CheckpointError, match=f"{name} was written by an older version.*--start"):
+def test_runs_of_other_versions_are_refused_with_a_way_out(tmp_path):
+    save_file({"a": torch.zeros(1)}, tmp_path / FILE, metadata={"step": "3"})
+    with pytest.raises(CheckpointError, match=f"{FILE} was written by another version.*--start"):
         Loop(Line()).resume(tmp_path)
 
 

@@ -24,8 +24,7 @@ from echoavatar_lab.align.policy import GeneratorPolicy
 from echoavatar_lab.align.prompts import PromptSampler, batch_of
 from echoavatar_lab.data import DOMAINS
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenize import audio_codes
-from echoavatar_lab.models.tokenize_sound import own_motion
+from echoavatar_lab.models.tokenize import audio_codes, own_motion
 
 from .clips import Performance
 from .settings import PreferenceStudy

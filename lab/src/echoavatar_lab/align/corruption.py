@@ -19,7 +19,7 @@ from torch import Tensor
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar_lab.models.generator.corruption import corrupt_hierarchically, corrupt_uniformly
+from echoavatar_lab.models.generator.windows import corrupt_hierarchically, corrupt_uniformly
 
 Corruption = Literal["hierarchical", "uniform"]
 Degradation = Literal["jitter", "time_warp", "foot_slide", "frozen_limbs"]

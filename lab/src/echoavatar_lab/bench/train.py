@@ -21,11 +21,9 @@ from echoavatar.models.tokenizer import BodyTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.data.corpus import ClipMotion
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
-from echoavatar_lab.models.generator.train import GeneratorTask
+from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
-from echoavatar_lab.models.tokenizer.train import TokenizerTask
+from echoavatar_lab.models.tokenizer.train import TokenizerTask, TokenizerTraining
 from echoavatar_lab.training import Loop, TrainingTask
 from echoavatar_lab.training.processes import Processes
 

@@ -60,7 +60,7 @@ def _rehearse(args: argparse.Namespace) -> int:
 def _read(args: argparse.Namespace) -> int:
     """Read all takes; name those that fail, which makes the exit code 1."""
     from echoavatar.models.audio import read_audio
-    from echoavatar_lab.models.face.livelink import pair_with_audio, read_live_link
+    from echoavatar_lab.models.face.clip import pair_with_audio, read_live_link
 
     paths = sorted({csv for path in args.takes for csv in (path.rglob("*.csv") if path.is_dir() else [path])})
     if not paths:

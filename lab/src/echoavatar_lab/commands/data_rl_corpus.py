@@ -133,7 +133,7 @@ def _print_result(found: "RlCorpusResult", args: argparse.Namespace) -> None:
 def _write_tokens(args: argparse.Namespace) -> None:
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar_lab.data import SoundSet
-    from echoavatar_lab.models.tokenize_sound import tokenize_sounds
+    from echoavatar_lab.models.tokenize import tokenize_sounds
 
     bundle, sounds = load_bundle(args.model), SoundSet(args.output)
     codec, generator, folder = bundle.codec.eval(), bundle.generator.eval(), args.output / "tokens"

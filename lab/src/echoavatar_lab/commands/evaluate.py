@@ -319,7 +319,7 @@ def _recordings(args: argparse.Namespace) -> "list[Recording]":
 
     from echoavatar_lab.data import MUSIC, SPEECH
     from echoavatar_lab.evaluation.report import Recording
-    from echoavatar_lab.models.audio.recorded_files import decoded, recorded_files
+    from echoavatar_lab.models.audio.recordings import decoded, recorded_files
 
     found = []
     for file in recorded_files(args.recordings, "test") if args.recordings else ():

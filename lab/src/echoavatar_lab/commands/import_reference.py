@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check, print or convert."""
-    from echoavatar.models.audio import AudioCodec
+    from echoavatar_lab.models.published import read_encodec
     from echoavatar_lab.reference import Release, convert, inspect_release
 
     if args.output.exists() and (not args.output.is_dir() or any(args.output.iterdir())):
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     if args.dry_run:
         print(f"{len(found.lines)} tensors and tables fit, {len(actions)} actions; nothing was written")
         return 0
-    codec = AudioCodec.from_pretrained_encodec(args.codec)
+    codec = read_encodec(args.codec)
     command = f"echoavatar import reference --step {args.step} --face-order {args.face_order}"
     convert(found, codec, args.output, actions=actions, face_order=args.face_order, command=command)
     from echoavatar_lab.reference.convert import WARNING

@@ -29,7 +29,7 @@ from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers import FingerModel, load_shipped, refine_fingers
 from echoavatar.models.fingers.clips import FROZEN_DEG_S
-from echoavatar.models.fingers.finger_retarget import finger_joints
+from echoavatar.models.fingers.refine import finger_joints
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, SkeletonConfig
 from echoavatar.motion.kinematics.resample import resample

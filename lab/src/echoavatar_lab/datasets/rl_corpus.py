@@ -27,7 +27,7 @@ from echoavatar_lab.corpora.rehearsal.augment import set_loudness
 from echoavatar_lab.corpora.sound import FloatArray, whole_frames
 from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
-from echoavatar_lab.models.audio.recorded_files import AUDIO_SUFFIXES
+from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 from .conversations import OWN, RULE, Script, conversations
 from .prepare_recording import sound_labels

@@ -32,7 +32,7 @@ from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.motion.stages.post import Post
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data import MUSIC, Clip
-from echoavatar_lab.models.generator.reliance import nll_by_domain
+from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, clip_features, motion_codes
 

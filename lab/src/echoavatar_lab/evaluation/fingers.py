@@ -11,11 +11,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.models.fingers.clips import FingerClip
-from echoavatar.models.fingers.hand_poses import FINGERS, HandBasis, finger_rotations, hand_poses
-from echoavatar.models.fingers.model import FingerModel
+from echoavatar.models.fingers.clips import FINGERS, FingerClip, HandBasis, finger_rotations, hand_poses
+from echoavatar.models.fingers.model import STEPS, FingerModel, sample_hands
 from echoavatar.models.fingers.refine import smoothed
-from echoavatar.models.fingers.sample import STEPS, sample_hands
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import angle_between
 from echoavatar.timing import FRAME_RATE_HZ

@@ -30,7 +30,7 @@ from echoavatar.motion.kinematics.resample import resample
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx
-from echoavatar_lab.models.audio.recorded_files import AUDIO_SUFFIXES
+from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 MOTION_SUFFIXES = (".npz", ".bvh", ".pkl")
 NOTE = "made.json"

@@ -19,7 +19,7 @@ from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar_lab.models.audio.recorded_files import AUDIO_SUFFIXES
+from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH
 

@@ -3,10 +3,15 @@
 Every clip is encoded continuously from its first sample, exactly as in a stream (level control, if the generator is
 to run with it, then the codec). Its mirror image is encoded too: the same sound, with left and right of the motion
 exchanged.
+
+Sound that has no recorded motion becomes prompts of reinforcement learning (`tokenize_sounds`). A prompt needs past
+motion. Here the generator that is to be tuned makes it, as in a live session. Such token files have `has_truth` false:
+they are not used for reference statistics, reward models or generators.
 """
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import torch
@@ -17,11 +22,12 @@ from torch import Tensor
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec, LevelControl
+from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
-from echoavatar_lab.data import Clip, Corpus
+from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.generator.windows import TokenClip
 
@@ -48,9 +54,9 @@ def tokenize_corpus(
 ) -> int:
     """Write a token file for each clip and its mirror image, and return the number of files; existing ones are kept.
 
-    With `patience` the motion codes are steady (`quantize.steady`), so that the generator has fewer changes to predict.
-    `is_leveled`: see `audio_codes`.
-    Clips without sound are skipped, because the generator would learn to dance to silence.
+    With `patience` the motion codes are steady (`quantize.steadiest`), so that the generator has fewer changes to
+    predict. `is_leveled`: see `audio_codes`. Clips without sound are skipped, because the generator would learn to
+    dance to silence.
 
     Raises:
         MotionError: no clip has sound, or the tokenizer was trained on another rig.
@@ -74,7 +80,7 @@ def tokenize_corpus(
             for path, is_mirrored in targets:
                 codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
                 domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
-                cues = heard_cues(clip, len(sound))
+                cues = cues_at(clip.events, len(sound))
                 TokenClip(sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled).save(path)
         if progress:
             progress(done, len(names))
@@ -95,11 +101,6 @@ def audio_codes(
         level = LevelControl()
         heard = level.step(heard, level.init_state(1), torch.ones(1, dtype=torch.bool))
     return codec.encode(heard.to(codec.codebooks.device))[0].cpu().numpy().astype(np.int16)
-
-
-def heard_cues(clip: Clip, frames: int) -> UInt8[np.ndarray, "f 2"]:
-    """`cues_at` of a clip's events."""
-    return cues_at(clip.events, frames)
 
 
 def cues_at(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> UInt8[np.ndarray, "f 2"]:
@@ -128,3 +129,53 @@ def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = F
     rotations = matrix_from_quaternion(torch.from_numpy(clip.rotations[:frames]))
     features = to_features(tokenizer.skeleton, rotations, torch.from_numpy(clip.root[:frames]))
     return mirror_features(tokenizer.skeleton, features) if is_mirrored else features
+
+
+def tokenize_sounds(
+    sounds: SoundSet,
+    codec: AudioCodec,
+    generator: Generator,
+    folder: Path,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write a token file for each sound and return the number of sounds; existing files are kept.
+
+    Raises:
+        AudioError: a sound's file is missing or damaged.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for done, sound in enumerate(sounds.sounds, start=1):
+        path = folder / f"{sound.name}.npz"
+        if not path.exists():
+            _clip(sounds, sound, codec, generator, seed).save(path)
+        if progress:
+            progress(done, len(sounds.sounds))
+    return len(sounds.sounds)
+
+
+def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generator, seed: int) -> TokenClip:
+    audio = audio_codes(codec, sounds.load(sound), is_leveled=generator.config.is_leveled)
+    events = {kind: np.array(times) for kind, times in sound.events.items()}
+    return TokenClip(
+        audio,
+        own_motion(generator, audio, seed=seed ^ crc32(sound.name.encode())),
+        sound.domain[::FRAMES_PER_MOTION_TOKEN],
+        sound.split,
+        cues_at(events, len(audio)),
+        generator.config.patience,
+        has_truth=False,
+        is_leveled=generator.config.is_leveled,
+    )
+
+
+@torch.inference_mode()
+def own_motion(generator: Generator, audio: Int[np.ndarray, "f l"], *, seed: int) -> Int[np.ndarray, "n p q"]:
+    """The motion codes that a generator makes for a whole recording, from a fresh state, at its own temperature."""
+    stream = open_stream(generator)
+    usable = len(audio) // generator.config.audio_frames * generator.config.audio_frames
+    heard = torch.from_numpy(audio[None, :usable].astype(np.int64))
+    one, seeds = torch.ones(1, dtype=torch.bool), torch.tensor([seed])
+    codes = stream.step(heard, stream.init_state(1), one, seeds=seeds)  # type: ignore[arg-type]
+    return codes[0].numpy().astype(np.int16)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from echoavatar.models.face import HubertConfig
-from echoavatar.models.face.hubert import HubertEncoder
+from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 

@@ -16,9 +16,9 @@ from pydantic import Field
 
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import MotionTokenizerConfig
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
+from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenizer.losses import LossWeights
-from echoavatar_lab.models.tokenizer.recipe import TokenizerTraining
+from echoavatar_lab.models.tokenizer.train import TokenizerTraining
 
 ScaleName = Literal["tiny", "rehearsal", "paper"]
 

@@ -22,7 +22,7 @@ from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, mean_joint
 from echoavatar_lab.evaluation.motion_folder import Pair
 from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
-from echoavatar_lab.models.tokenizer.windows import clip_features
+from echoavatar_lab.models.tokenizer.train import clip_features
 
 from .experiment import Experiment, motion_of
 from .table import Cell, Column, Wanted, cells

@@ -26,7 +26,7 @@ from torch import Tensor, nn
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec
-from echoavatar.models.audio.config import CODE_LAYERS
+from echoavatar.models.audio.network import CODE_LAYERS
 from echoavatar.nn.mel import log_mel
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.corpora.music.beat_tracker import onset_strength, track_beats
@@ -35,7 +35,7 @@ from echoavatar_lab.corpora.rehearsal.recorded_sound import RecordedSound
 from echoavatar_lab.corpora.rehearsal.recording_labels import track_from_recording
 from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.sound import SoundTrack
-from echoavatar_lab.models.audio.recorded_files import decoded, recorded_files
+from echoavatar_lab.models.audio.recordings import decoded, recorded_files
 from echoavatar_lab.models.tokenize import audio_codes
 
 from .experiment import Experiment

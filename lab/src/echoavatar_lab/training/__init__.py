@@ -25,13 +25,11 @@ generator, whose state is saved, and save further state through `state` and `loa
 The live pipeline does not import this room. May import `nn`, `checkpoint`, `config` and `errors`.
 """
 
-from .config import Schedule, TrainingConfig
 from .loop import Loop
 from .muon import Muon
-from .run import Progress, train
-from .signals import Interrupted
+from .run import Interrupted, Progress, train
 from .state import has_state
-from .task import Gather, Loss, TrainingTask, adamw
+from .task import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
 
 __all__ = [
     "Gather",

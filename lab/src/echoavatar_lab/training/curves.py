@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 from .metrics_log import FILE
 
@@ -82,14 +84,8 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
     """Write a picture (.png, .pdf or .svg) of the metrics named, or of all.
 
     Raises:
-        DependencyError: matplotlib is missing.
         EchoAvatarError: no run has a metric of that name, or the picture cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise DependencyError("pictures need matplotlib; run: pip install 'echoavatar-lab'") from error
     known = _in_order({name for curves in runs.values() for name in curves})
     if unknown := [name for name in metrics if name not in known]:
         raise EchoAvatarError(f"no run has the metric {unknown[0]}; there are {', '.join(known)}")

@@ -1,8 +1,14 @@
-"""One step of the training loop and its state, the same for all tasks and any number of processes."""
+"""One step of the training loop and its state, the same for all tasks and any number of processes.
+
+Checkpoints contain averaged weights (EMA), a slowly moving copy of the trained parameters, where the config asks for
+them. On a GPU the forward and backward pass of a step may be recorded once as a CUDA graph and replayed: a small
+model's step is a thousand short kernels, and a GPU waits for Python to start each. A replay starts all at once. It
+repeats the same kernels on the same memory, so a task must allow it (`TrainingTask.is_recordable`).
+"""
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Generic
@@ -11,15 +17,84 @@ import torch
 from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
-from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.nn.graphs import capture_cuda
 
 from . import state
-from .averaged_weights import AveragedWeights
 from .muon import multiplies_bfloat16
 from .processes import Processes, full_state_dicts, full_tensor, placed_like
-from .recording import Recording
-from .task import BatchT, Loss, TrainingTask, row_count, take_rows
+from .task import BatchT, Loss, TrainingTask, row_count, take_rows, tensors_in
+
+_RAMP = 10  # limits the decay at step n to (1 + n) / (10 + n), so that the random initial weights are soon forgotten
+
+
+class AveragedWeights:
+    """The moving average of all trained parameters, by `module.parameter`."""
+
+    def __init__(self, modules: Mapping[str, nn.Module], decay: float) -> None:
+        self.decay = decay
+        self._learned = {
+            f"{name}.{key}": parameter
+            for name, module in modules.items()
+            for key, parameter in module.named_parameters()
+            if parameter.requires_grad
+        }
+        self.values: dict[str, Tensor] = {key: value.detach().clone() for key, value in self._learned.items()}
+
+    @torch.no_grad()
+    def update(self, step: int) -> None:
+        """Move the average towards the weights as they are after `step` steps."""
+        share = 1 - min(self.decay, (1 + step) / (_RAMP + step))
+        learned = [self._learned[key].detach().to(value.dtype) for key, value in self.values.items()]
+        torch._foreach_lerp_(list(self.values.values()), learned, share)
+
+    @contextmanager
+    def applied(self) -> Iterator[None]:
+        """Context in which the modules hold the averaged weights."""
+        own = {key: value.detach().clone() for key, value in self._learned.items()}
+        self._write(self.values)
+        try:
+            yield
+        finally:
+            self._write(own)
+
+    @torch.no_grad()
+    def _write(self, values: Mapping[str, Tensor]) -> None:
+        for key, value in values.items():
+            self._learned[key].copy_(value)
+
+
+Values = Mapping[str, Tensor | float]
+
+
+class Recording:
+    """A function of a batch, recorded at its first call."""
+
+    def __init__(
+        self,
+        run: Callable[[Any], Values],
+        device: torch.device,
+        *,
+        capture: Callable[[Callable[[], Values]], Callable[[], Values]] = capture_cuda,
+    ) -> None:
+        """`run` queues the kernels of a pass and returns values; it must write into new gradients."""
+        self._run, self._device, self._capture = run, device, capture
+        self._batch: Any = None
+        self._replay: Callable[[], Values] | None = None
+
+    def __call__(self, batch: Any) -> Values:
+        """The values for a batch on the CPU; they and the gradients are valid until the next call.
+
+        Raises:
+            RuntimeError: the batch has other shapes than the first.
+        """
+        if self._replay is None:
+            self._batch = take_rows(batch, slice(None), self._device)
+            self._replay = self._capture(lambda: self._run(self._batch))
+        sent = take_rows(batch, slice(None), self._device)
+        for own, new in zip(tensors_in(self._batch), tensors_in(sent), strict=True):
+            own.copy_(new)
+        return self._replay()
 
 
 class _LossModule(nn.Module):
@@ -182,9 +257,8 @@ class Loop(Generic[BatchT]):
         return {name: config.model_dump(mode="json") for name, config in self.stage.identity().items()}
 
     def _agree(self, folder: Path, saved: Any) -> None:
-        configs = self.stage.identity()
         for name, ours in self._identity().items():
-            theirs = _unsaid(configs[name]) | saved.get(name, {})
+            theirs = saved.get(name, {})
             differing = [key for key in sorted(ours.keys() | theirs.keys()) if ours.get(key) != theirs.get(key)]
             differing = [key for key in differing if key not in _FREE]
             if differing:
@@ -193,13 +267,6 @@ class Loop(Generic[BatchT]):
                     f"{folder} holds a run of another {name} config: {key} was {theirs.get(key)}, is "
                     f"{ours.get(key)}; train into another folder"
                 )
-
-
-def _unsaid(config: Config) -> dict[str, Any]:
-    """Defaults of fields that a run saved by an earlier version may lack."""
-    fields = type(config).model_fields.items()
-    plain = {name: field.default for name, field in fields if not field.is_required()}
-    return {name: value for name, value in plain.items() if isinstance(value, bool | int | float | str)}
 
 
 _CPU = torch.device("cpu")

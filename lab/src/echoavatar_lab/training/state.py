@@ -22,7 +22,6 @@ from .processes import full_tensor, placed_like
 
 FILE = "training.safetensors"
 _FORMAT = "2"
-_OLDER = "resume.safetensors"
 
 
 @runtime_checkable
@@ -34,16 +33,8 @@ class HasTrainingState(Protocol):
 
 
 def has_state(folder: Path) -> bool:
-    """Whether the folder holds a run to resume.
-
-    Raises:
-        CheckpointError: it holds one of an older version, which cannot be resumed.
-    """
-    if (folder / FILE).exists():
-        return True
-    if (folder / _OLDER).exists():
-        raise CheckpointError(_refusal(folder / _OLDER))
-    return False
+    """Whether the folder holds a run to resume."""
+    return (folder / FILE).exists()
 
 
 def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]) -> None:
@@ -58,24 +49,20 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
     """Read tensors and facts.
 
     Raises:
-        CheckpointError: the file is damaged, or of an older version.
+        CheckpointError: the file is damaged, or of another version.
     """
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             if metadata.get("format") != _FORMAT:
-                raise CheckpointError(_refusal(path))
+                raise CheckpointError(
+                    f"{path} was written by another version, whose runs cannot be resumed; train into another folder "
+                    f"(the model in {path.parent} can be its --start), or delete the file to start again"
+                )
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
     except (SafetensorError, OSError) as error:
         raise CheckpointError(f"{path} is damaged ({error}); delete it to start again") from error
     return tensors, dict(json.loads(metadata["facts"]))
-
-
-def _refusal(path: Path) -> str:
-    return (
-        f"{path} was written by an older version, whose runs cannot be resumed; train into another folder "
-        f"(the model in {path.parent} can be its --start), or delete the file to start again"
-    )
 
 
 def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:

@@ -6,10 +6,82 @@ from tests.models.runs import check_pieces, check_resume
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import CodecConfig
-from echoavatar_lab.models.audio.pool import AudioGroup, AudioPool
-from echoavatar_lab.models.audio.recorded_files import to_int16
-from echoavatar_lab.models.audio.train import CodecTask, CodecTrainingConfig, make_batch, train_codec
+from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, to_int16
+from echoavatar_lab.models.audio.train import (
+    CodecTask,
+    CodecTrainingConfig,
+    SpectrumProbe,
+    augment,
+    make_batch,
+    sound_loss,
+    source_samples,
+    train_codec,
+)
 from echoavatar_lab.training import Loop
+
+
+def piece(seed: int, samples: int = 24_000) -> tuple[np.random.Generator, np.ndarray, float]:
+    rng = np.random.default_rng(seed)
+    factor, needed = source_samples(rng, samples)
+    return rng, rng.standard_normal(needed).astype(np.float32) * 0.1, factor
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_pairs_are_finite_whole_and_in_range(seed):
+    rng, source, factor = piece(seed)
+    pair = augment(rng, source, factor, 24_000)
+    for sound in pair:
+        assert sound.shape == (24_000,)
+        assert sound.dtype == np.float32
+        assert np.isfinite(sound).all()
+        assert np.abs(sound).max() <= 1
+
+
+def test_same_seed_same_pair_other_seed_other_pair():
+    first, again, other = (augment(*piece(seed)[:2], piece(seed)[2], 24_000) for seed in (1, 1, 2))
+    assert np.array_equal(first.heard, again.heard)
+    assert not np.array_equal(first.heard, other.heard)
+
+
+def test_the_target_is_never_noisier_than_what_is_heard():
+    """Over many draws some pairs are equal, some differ, and the target follows the source's timing (no delay)."""
+    differs, lags = 0, []
+    for seed in range(20):
+        rng, source, factor = piece(seed, 8_000)
+        pair = augment(rng, source, factor, 8_000)
+        differs += not np.array_equal(pair.heard, pair.target)
+        spectrum = np.fft.rfft(pair.heard, 16_384) * np.conj(np.fft.rfft(pair.target, 16_384))
+        lags.append(int(np.argmax(np.abs(np.fft.irfft(spectrum)[:200]))))
+    assert 5 < differs <= 20
+    assert max(lags) <= 2
+
+
+def test_silence_stays_nearly_silent():
+    rng, source, factor = piece(3)
+    pair = augment(rng, np.zeros_like(source), factor, 24_000)
+    assert np.abs(pair.heard).max() < 0.02
+    assert np.abs(pair.target).max() < 0.02
+
+
+def test_equal_sounds_have_no_distance_and_silence_is_worse_than_a_copy_with_errors():
+    torch.manual_seed(0)
+    sound = 0.1 * torch.randn(2, 9_600)
+    assert all(float(term) == 0 for term in sound_loss(sound, sound))
+    near, silent = sound_loss(sound + 0.01 * torch.randn_like(sound), sound), sound_loss(0 * sound, sound)
+    assert all(float(a) < float(b) for a, b in zip(near, silent, strict=True))
+
+
+def test_gradients_stay_finite_at_silence():
+    made = torch.zeros(1, 6_400, requires_grad=True)
+    sum(sound_loss(made, torch.zeros(1, 6_400))).backward()
+    assert made.grad is not None
+    assert made.grad.isfinite().all()
+
+
+def test_probe_predicts_four_mel_frames_per_latent():
+    probe = SpectrumProbe(width=8)
+    assert probe(torch.randn(2, 15, 8)).shape == probe.target(torch.randn(2, 15 * 320)).shape == (2, 60, 64)
+
 
 CONFIG = CodecTrainingConfig(
     codec=CodecConfig(filters=2, width=8, codes=16, lstm_layers=1),

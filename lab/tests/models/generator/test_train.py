@@ -5,15 +5,47 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
-from tests.models.generator.tiny import config, generator
+from pydantic import ValidationError
+from tests.models.generator.tiny import LAYOUT, config, generator
 from tests.models.runs import check_pieces, check_resume, losses
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
-from echoavatar_lab.models.generator.recipe import GeneratorTraining
-from echoavatar_lab.models.generator.reliance import nll_by_domain
-from echoavatar_lab.models.generator.train import GeneratorTask, train_generator
+from echoavatar_lab.models.generator.losses import nll_by_domain
+from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining, align_embeddings, train_generator
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler
+
+
+def test_the_default_is_stage_two_and_unknown_choices_are_refused():
+    training = GeneratorTraining()
+    assert (training.objective, training.exemplar, training.corruption) == ("motion", 0.0, "hierarchical")
+    assert training.rate_at(0) == pytest.approx(training.learning_rate / 100)
+    assert training.rate_at(3000) == pytest.approx(0.05 * training.learning_rate)
+    with pytest.raises(ValidationError, match="objective"):
+        GeneratorTraining(objective="stage 4")
+    with pytest.raises(ValidationError, match="learning"):
+        GeneratorTraining(learning=1)
+
+
+def test_distances_between_embeddings_are_those_between_code_vectors():
+    model, books = generator(), torch.randn(3, 2, 8, 5, generator=torch.Generator().manual_seed(0))
+    align_embeddings(model, motion_codebooks=books)
+    for segment in (0, 5):
+        rows = model.model.embed_tokens.weight[LAYOUT.segment_start(segment) :][:8].detach()
+        vectors = books.flatten(0, 1)[segment]
+        ratio = torch.pdist(rows) / torch.pdist(vectors)
+        torch.testing.assert_close(ratio, ratio.mean().expand_as(ratio))
+
+
+def test_aligned_rows_have_the_scale_of_the_others_and_no_other_row_changes():
+    model = generator()
+    before = model.model.embed_tokens.weight.detach().clone()
+    align_embeddings(model, audio_codebooks=torch.randn(2, 16, 40), scale=0.02)
+    after = model.model.embed_tokens.weight.detach()
+    audio_rows = after[LAYOUT.audio_base : LAYOUT.motion_base]
+    assert 0.015 < float(audio_rows.std()) < 0.025
+    assert torch.equal(before[LAYOUT.motion_base :], after[LAYOUT.motion_base :])
+    assert torch.equal(before[: LAYOUT.audio_base], after[: LAYOUT.audio_base])
 
 
 def clips(count=4, chunks=12):
@@ -148,13 +180,9 @@ def test_other_settings_or_another_model_are_not_resumed(tmp_path):
         GeneratorTask(config(), settings(depth_weights=(1.0,)), clips())
 
 
-def test_a_model_of_an_older_run_is_a_start_for_a_new_one(tmp_path):
-    """Folders written before hold config.json and model.safetensors as ever; only their runs cannot be gone on with."""
+def test_a_finished_model_is_a_start_for_a_new_run(tmp_path):
     old = generator(seed=3)
     old.save(tmp_path / "old", {"kind": "generator"})
-    (tmp_path / "old" / "resume.safetensors").write_bytes(b"of another version")
-    with pytest.raises(CheckpointError, match="--start"):
-        train_generator(config(), settings(), clips(), tmp_path / "old")
     still = settings(steps=1, learning_rate=1e-12)
     start = Generator.load(tmp_path / "old")
     new = train_generator(config(), still, clips(), tmp_path / "new", start=start)

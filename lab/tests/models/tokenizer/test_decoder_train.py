@@ -3,8 +3,8 @@ from functools import partial
 
 import pytest
 import torch
+from tests.models.motion_tokens import dance, small_body
 from tests.models.runs import check_pieces, check_resume, losses
-from tests.models.tokenizer.fixtures import dance, small_body
 
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import MotionError
@@ -12,7 +12,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining, train_decoder
-from echoavatar_lab.models.tokenizer.windows import clip_features
+from echoavatar_lab.models.tokenizer.train import clip_features
 
 TRAINING = DecoderTraining(
     steps=30, batch=4, tokens=8, unheard=2, learning_rate=5e-3, warmup=2, log_every=1, evaluate_every=0

@@ -26,11 +26,9 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.audio import LevelControl, LevelState, NetworkState
 from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
-from echoavatar.models.generator.depth_stream import FrameState
 from echoavatar.models.generator.linear import Precision
-from echoavatar.models.generator.stream import GeneratorStream, HistoryState, RingState
-from echoavatar.models.tokenizer.body import BodyState
-from echoavatar.models.tokenizer.model import DecoderState
+from echoavatar.models.generator.stream import FrameState, GeneratorStream, HistoryState, RingState
+from echoavatar.models.tokenizer import BodyState, DecoderState
 from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions

@@ -1,8 +1,8 @@
 """Audio codes to motion codes: the model and its streaming step. May import `tokens` and below."""
 
 from .config import GeneratorConfig, qwen_half_billion
-from .exemplar import Exemplar, draw_exemplar
+from .exemplar import Exemplar
 from .model import Generator
-from .orders import open_stream
+from .stream import open_stream
 
-__all__ = ["Exemplar", "Generator", "GeneratorConfig", "draw_exemplar", "open_stream", "qwen_half_billion"]
+__all__ = ["Exemplar", "Generator", "GeneratorConfig", "open_stream", "qwen_half_billion"]

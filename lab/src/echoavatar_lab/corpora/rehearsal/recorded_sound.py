@@ -13,7 +13,7 @@ import numpy as np
 import soxr
 
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar_lab.models.audio.recorded_files import RecordedFile, decoded, recorded_files
+from echoavatar_lab.models.audio.recordings import RecordedFile, decoded, recorded_files
 
 from ..sound import FloatArray, SoundTrack, Source, concatenate, cut, shift, whole_frames
 from ..speech.speech import draw_pause, silence

@@ -1,34 +1,144 @@
 """Training on tokenised clips: hierarchical loss scaling, Hierarchical Token Corruption, control by example.
 
 Paper, Audio Driven Motion Generation. Everything random in a step depends on the seed and the step's number, and is
-in its batch (see `training`).
+in its batch (see `training`). The three stages of the curriculum are choices of `GeneratorTraining`.
+
+Stage 1 (Embedding Space Alignment) projects audio and motion codes into the model's latent space. `align_embeddings`
+does it without training: one fixed random orthogonal map per modality keeps the distances between code vectors. Departs
+from the paper, which trains the embeddings with a frozen backbone.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import torch
 from jaxtyping import Float, Int
+from pydantic import Field
 from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator.config import GeneratorConfig
-from echoavatar.models.generator.exemplar import Exemplar, control_ids, draw_exemplar, segment_of
+from echoavatar.models.generator.exemplar import Exemplar, control_ids, segment_of
 from echoavatar.models.generator.model import Generator
 from echoavatar.models.tokens import Prefix, Sequences
-from echoavatar_lab.training import Loss, Muon, Progress, TrainingTask, adamw, has_state, train
+from echoavatar_lab.training import Loss, Muon, Progress, TrainingConfig, TrainingTask, adamw, has_state, train
 
-from .corruption import corrupt_hierarchically, corrupt_uniformly
-from .cues import CueReader
-from .initial import align_embeddings, init_from_qwen
-from .loss import code_nll, hierarchical_loss, summary
-from .recipe import GeneratorTraining
-from .reliance import nll_by_domain
-from .streams import freeze_body, stream_loss, stream_nll
-from .windows import TokenClip, Window, WindowSampler
+from ..published import init_from_qwen
+from .losses import CueReader, code_nll, freeze_body, hierarchical_loss, nll_by_domain, stream_loss, stream_nll, summary
+from .windows import TokenClip, Window, WindowSampler, corrupt_hierarchically, corrupt_uniformly, draw_exemplar
+
+
+class GeneratorTraining(TrainingConfig):
+    """The defaults suit a small model from scratch on a CPU.
+
+    Paper, Audio Driven Motion Generation. Stage 1, Embedding Space Alignment: `objective` "streams". Stage 2,
+    Acoustic-Kinematic Alignment: the default. Stage 3, Exemplar-Driven Control: `exemplar` above 0.
+    """
+
+    steps: int = Field(default=3000, gt=0, description="optimiser steps of the whole schedule")
+    batch: int = Field(default=8, gt=0, description="windows per step")
+    chunks: int = Field(
+        default=24, gt=0, description="chunks per window; more than window_chunks trains the steady stream"
+    )
+    objective: Literal["motion", "streams"] = Field(
+        default="motion",
+        description="motion codes from sound and motion; or (paper, stage 1) the next code of sound alone and of "
+        "motion alone, of which the embeddings learn while the body is frozen",
+    )
+    learning_rate: float = Field(
+        default=1e-3, gt=0, description="peak of the schedule (paper: 5e-5 from Qwen's weights)"
+    )
+    weight_decay: float = Field(default=0.05, ge=0, description="AdamW decay of matrices")
+    betas: tuple[float, float] = Field(default=(0.9, 0.95), description="AdamW's averages")
+    optimiser: Literal["adamw", "muon"] = Field(
+        default="adamw", description="paper: AdamW; Muon takes the layers' matrices and learns in fewer steps"
+    )
+    depth_weights: tuple[float, ...] = Field(default=(1.0, 0.7, 0.5, 0.35), description="loss weight of each RVQ layer")
+    corruption: Literal["hierarchical", "uniform", "none"] = Field(
+        default="hierarchical", description="what is done to the context motion codes"
+    )
+    corruption_low: float = Field(default=0.0, ge=0, le=1, description="smallest corruption rate of a window")
+    corruption_high: float = Field(default=0.5, ge=0, le=1, description="largest; the paper gives no rate")
+    blind: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows whose context motion is all noise: the sound must tell (not in the paper)",
+    )
+    asked: float = Field(
+        default=1.0,
+        gt=0,
+        le=1,
+        description="depth order: share of the frames of a window whose codes are asked for; all are heard and read, "
+        "so that the backbone sees more motion in the same time (not in the paper)",
+    )
+    out_of_step: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows whose context motion drifts up to 3 tokens early or late (not in the paper)",
+    )
+    other_past: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows whose context motion is another window's up to a random token, as when the body"
+        " still talks while music plays: the sound must tell (not in the paper)",
+    )
+    exemplar: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="share of windows that are told a set of their own first-layer upper codes (paper, stage 3)",
+    )
+    cue_weight: float = Field(
+        default=0.0,
+        ge=0,
+        description="weight of telling beats and stresses half-way up, where known (`cues`; not in the paper)",
+    )
+    short_windows: float = Field(
+        default=0.2, ge=0, le=1, description="prefix order: share of windows cut short in front"
+    )
+
+
+def align_embeddings(
+    generator: Generator,
+    *,
+    audio_codebooks: Float[Tensor, "l A a"] | None = None,
+    motion_codebooks: Float[Tensor, "p q K c"] | None = None,
+    scale: float = 0.02,
+    seed: int = 0,
+) -> None:
+    """Set the embeddings of codes to their code vectors, projected orthogonally and scaled to `scale` per channel.
+
+    Each codebook is centred and brought to unit mean square first; a random vector per codebook tells the layers apart.
+    """
+    layout, random = generator.config.layout, torch.Generator().manual_seed(seed)
+    groups: list[tuple[int, Tensor]] = []
+    if audio_codebooks is not None:
+        groups.append((layout.audio_base, audio_codebooks))
+    if motion_codebooks is not None:
+        groups.append((layout.motion_base, motion_codebooks.flatten(0, 1)))
+    with torch.no_grad():
+        for base, books in groups:
+            for table in generator.tables():
+                rows = _project(books.detach().float().cpu(), table.embedding_dim, random) * scale
+                table.weight[base : base + rows.shape[0]] = rows.to(table.weight.device)
+
+
+def _project(books: Float[Tensor, "k K c"], width: int, random: torch.Generator) -> Float[Tensor, "rows width"]:
+    books = books - books.mean(dim=1, keepdim=True)
+    books = books / books.square().mean(dim=(1, 2), keepdim=True).clamp(min=1e-12).sqrt()
+    square = torch.randn(max(width, books.shape[2]), max(width, books.shape[2]), generator=random)
+    basis = torch.linalg.qr(square).Q[: books.shape[2], :width]
+    spread = books @ basis * (width / basis.square().sum()) ** 0.5
+    name = torch.randn(books.shape[0], 1, width, generator=random)
+    rows: Tensor = ((spread + name) / 2**0.5).flatten(0, 1)
+    return rows
+
 
 _FARTHEST, _DRIFT = 3, 0.08  # tokens out of step (0.4 s, half a slow beat); chance of a change at each token
 _MEASURED = 512  # windows of an evaluation

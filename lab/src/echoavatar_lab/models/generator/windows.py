@@ -5,6 +5,11 @@ A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `moti
 where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, `is_leveled`, whether the
 sound was brought to one loudness, and `has_truth`, false where the sound has no recorded motion and the codes are a
 generator's own (prompts for reinforcement learning).
+
+Token corruption, uniform and hierarchical, is as in the paper's appendix (Corruption-based Quality Ordering). It is
+used on the context motion tokens in training (Hierarchical Token Corruption against conditional collapse) and to grade
+motion quality. Draws come from the generator alone. The body parts are corrupted independently of each other: the paper
+defines one RVQ token grid of T x Q and does not say how three parts share it.
 """
 
 import zipfile
@@ -15,15 +20,18 @@ from typing import NamedTuple, Self
 
 import numpy as np
 import torch
-from jaxtyping import Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor
 
 from echoavatar.errors import MotionError
+from echoavatar.models.generator.exemplar import UPPER, Exemplar
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
 DOMAINS = ("silence", "speech", "music")
 CUES = ("beat", "stress")
+DROPPED = (0.1, 0.2)  # share of a set that is left out in training (ours)
+SHORTEST_CHUNKS = 3  # a set is drawn from at least 0.8 s
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,7 @@ class TokenClip:
     domain: UInt8[np.ndarray, " labels"]
     split: str = "train"
     cues: UInt8[np.ndarray, "f 2"] | None = None  # not known where None
-    patience: float = 0.0  # how steady the codes of motion are (`quantize.steady`)
+    patience: float = 0.0  # how steady the codes of motion are (`quantize.steadiest`)
     has_truth: bool = True  # whether the motion is true, or a generator's own
     is_leveled: bool = True  # whether the sound was brought to one loudness first
 
@@ -181,3 +189,61 @@ class WindowSampler:
             cut("domain", MOTION_TOKENS_PER_CHUNK),
             cut("cues", AUDIO_FRAMES_PER_CHUNK),
         )
+
+
+def corrupt_uniformly(
+    codes: Int[Tensor, "b n p q"], rate: float | Float[Tensor, " b"], *, codebook: int, generator: torch.Generator
+) -> Int[Tensor, "b n p q"]:
+    """Replace each code with probability `rate` (one, or one per row) by one drawn from 0..`codebook` - 1."""
+    rates = torch.as_tensor(rate).expand(len(codes))
+    chosen = torch.rand(codes.shape, generator=generator) < rates[:, None, None, None]
+    return _replace(codes, chosen, codebook, generator)
+
+
+def corrupt_hierarchically(
+    codes: Int[Tensor, "b n p q"], rate: float | Float[Tensor, " b"], *, codebook: int, generator: torch.Generator
+) -> Int[Tensor, "b n p q"]:
+    """Replace, in floor(rate x n) time steps of each row and part, all layers from a random depth on.
+
+    The depth q* is uniform over 0..Q-1 for each chosen time step; layers q >= q* are drawn uniformly, coarser ones
+    stay. `rate` is one number or one per row (b,).
+    """
+    rows, steps, parts, layers = codes.shape
+    rates = torch.as_tensor(rate, dtype=torch.float64).expand(rows)
+    count = (rates * steps + 1e-9).floor().long()  # |S| = floor(rho T), robust to 0.3 * 10 = 2.999...
+    order = torch.rand(rows, steps, parts, generator=generator).argsort(dim=1).argsort(dim=1)
+    selected = order < count[:, None, None]
+    depth = torch.randint(layers, (rows, steps, parts, 1), generator=generator)
+    deep = torch.arange(layers) >= depth
+    return _replace(codes, selected[..., None] & deep, codebook, generator)
+
+
+def _replace(
+    codes: Int[Tensor, "b n p q"], chosen: Bool[Tensor, "b n p q"], codebook: int, generator: torch.Generator
+) -> Int[Tensor, "b n p q"]:
+    noise = torch.randint(codebook, codes.shape, generator=generator, dtype=codes.dtype)
+    return torch.where(chosen, noise, codes)
+
+
+def draw_exemplar(
+    motion: Int[Tensor, "b n p q"], share: float, *, codes: int, whole: bool, generator: torch.Generator
+) -> Exemplar:
+    """Directives for training windows: the codes that a span of each window uses, 10 to 20 % of them dropped.
+
+    A `share` of the windows gets one, over a random span of whole chunks (over the `whole` window in the prefix order).
+    """
+    rows, steps = motion.shape[:2]
+    chunks = steps // MOTION_TOKENS_PER_CHUNK
+    length = torch.randint(min(SHORTEST_CHUNKS, chunks), chunks + 1, (rows, 1), generator=generator)
+    start = (torch.rand(rows, 1, generator=generator) * (chunks - length + 1)).long()
+    given = torch.rand(rows, 1, generator=generator) < share
+    low, high = DROPPED
+    dropped = low + (high - low) * torch.rand(rows, 1, generator=generator)
+    kept = torch.rand(rows, codes, generator=generator) >= dropped
+    if whole:
+        start, length = torch.zeros_like(start), torch.full_like(length, chunks)
+    chunk = torch.arange(steps) // MOTION_TOKENS_PER_CHUNK
+    holds = (chunk >= start) & (chunk < start + length) & given
+    used = torch.zeros(rows, codes + 1)  # the last column takes the codes outside the span
+    used.scatter_(1, torch.where(holds, motion[:, :, UPPER, 0], codes), 1.0)
+    return Exemplar(used[:, :codes] * kept, holds)

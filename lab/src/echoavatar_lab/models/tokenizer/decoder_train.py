@@ -1,9 +1,9 @@
 """Training of the decoder alone, on the codes that a generator is trained on.
 
-A tokenizer trains its decoder on the nearest codes. A generator learns steadier codes (`quantize.steady`), from which
-that decoder makes motion that trembles where latents meet. Here encoder and codebooks are frozen, so codes keep their
-meaning and generators stay valid; the decoder learns the true motion of steady codes, with larger weights on velocity
-and acceleration than in the paper. Not in the paper.
+A tokenizer trains its decoder on the nearest codes. A generator learns steadier codes (`quantize.steadiest`), from
+which that decoder makes motion that trembles where latents meet. Here encoder and codebooks are frozen, so codes keep
+their meaning and generators stay valid; the decoder learns the true motion of steady codes, with larger weights on
+velocity and acceleration than in the paper. Not in the paper.
 """
 
 import copy
@@ -19,15 +19,14 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer.body import BodyTokenizer
-from echoavatar.models.tokenizer.model import MotionTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
 
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
-from .windows import MovingBody, clip_features
+from .train import MovingBody, clip_features
 
 log = logging.getLogger(__name__)
 

@@ -8,15 +8,31 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from echoavatar.models.tokenizer.body import BodyTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
-from .planes import PlaneKinematics, finger_joints, travel_columns, wrist_of
-from .usage import code_usage
+from .losses import PlaneKinematics, finger_joints, travel_columns, wrist_of
+
+
+class CodeUsage(NamedTuple):
+    """Per layer: share of the codes that occur, and perplexity (the equivalent number of even codes)."""
+
+    fraction: Float[Tensor, " q"]
+    perplexity: Float[Tensor, " q"]
+
+
+def code_usage(codes: Int[Tensor, "*n q"], size: int) -> CodeUsage:
+    """Statistics of codes 0..size-1; negative ones (layers not sent) do not count."""
+    layers = codes.reshape(-1, codes.shape[-1]).unbind(-1)
+    counts = torch.stack([torch.bincount(layer[layer >= 0], minlength=size) for layer in layers]).double()
+    share = counts / counts.sum(-1, keepdim=True).clamp_min(1)
+    entropy = -(share * share.clamp_min(1e-12).log()).sum(-1)
+    return CodeUsage((counts > 0).double().mean(-1).float(), entropy.exp().float())
+
 
 MILLIMETRES = 1000.0
 

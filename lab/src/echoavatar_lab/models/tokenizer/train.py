@@ -2,31 +2,240 @@
 
 The three parts train together, one window of the whole body a row. Everything is float32: the networks are small and
 run on CPUs, few of which are faster in bfloat16. The codebooks learn after the whole batch has passed, so that
-any number of pieces and processes gives one result; only the loss of planted feet is a mean within a piece.
+any number of pieces and processes gives one result; only the loss of planted feet is a mean within a piece. Windows are
+cut anywhere from the corpus, half of them mirrored.
+
+A head start for short runs (ours, not the paper's; `start_from_principal_axes`): the tokenizer begins as a principal
+component analysis of single frames. Every residual branch starts at zero, the first layer at the principal axes of the
+(normalised) features, the last at their transpose: before the first step the network already returns the mean of each
+token's four frames, and training only has to add the motion inside a token.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
+import numpy as np
 import torch
 from jaxtyping import Float, Int
-from torch import Tensor
+from pydantic import Field
+from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.config import Config
+from echoavatar.errors import MotionError
 from echoavatar.models.quantize import Share
-from echoavatar.models.tokenizer.body import BodyTokenizer, BodyTokenizerConfig
-from echoavatar.models.tokenizer.model import MotionTokenizer, TokenizerPass
-from echoavatar.motion.kinematics import split_parts
-from echoavatar_lab.training import Gather, Loss, Progress, TrainingTask, adamw, has_state, train
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, TokenizerPass
+from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, split_parts, to_features
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.nn import CausalBlock, Mlp
+from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
+from echoavatar_lab.data.clip import mirror_features
+from echoavatar_lab.training import (
+    Gather,
+    Loss,
+    Progress,
+    Schedule,
+    TrainingConfig,
+    TrainingTask,
+    adamw,
+    has_state,
+    train,
+)
 
-from .losses import MotionLoss, total
+from .losses import LossWeights, MotionLoss, total
 from .measure import measure
-from .recipe import TokenizerTraining
-from .start import start_from_principal_axes
-from .windows import MovingBody, WindowSampler, clip_features, floored_statistics, reach_statistics
+
+
+class TokenizerTraining(TrainingConfig):
+    """Batch, schedule and losses (paper, appendix Motion Tokenizer Training Details)."""
+
+    steps: int = Field(default=100_000, gt=0, description="optimiser steps")
+    batch: int = Field(default=256, gt=0, description="windows per step")
+    frames: int = Field(default=64, gt=0, description="frames per window")
+    learning_rate: float = Field(default=2e-4, gt=0, description="peak (paper, Settings: 4e-4; the release: 2e-4)")
+    schedule: Schedule = Field(default="step", description="course of the learning rate after the warm-up")
+    warmup: int = Field(default=200, ge=0, description="steps of linear warm-up")
+    temperature: float = Field(default=0.5, ge=0, description="Gumbel noise on the choice of codes")
+    dropout: float = Field(default=0.2, ge=0, le=1, description="probability of using only the first RVQ layers")
+    quantize_from: int = Field(default=0, ge=0, description="ours: steps before it as a plain auto-encoder")
+    is_principal_start: bool = Field(default=False, description="ours: start as a principal component analysis")
+    is_scaled_by_reach: bool = Field(default=False, description="ours: weigh joints by what hangs on them")
+    is_mirrored: bool = Field(default=True, description="mirror half of the windows")
+    evaluate_every: int = Field(default=500, ge=0, description="steps between measurements on test clips")
+    log_every: int = Field(default=20, gt=0, description="steps between lines of metrics.jsonl")
+    save_every: int = Field(default=0, ge=0, description="steps between checkpoints; 0: by the clock only")
+    save_minutes: float = Field(default=3.0, ge=0, description="minutes between checkpoints")
+    losses: LossWeights = Field(default=LossWeights(), description="loss weights")
+
+
+def bundle_training() -> TokenizerTraining:
+    """The schedule of the default bundle: minutes on a CPU."""
+    return TokenizerTraining(
+        steps=6000,
+        batch=24,
+        learning_rate=1.5e-3,
+        warmup=100,
+        decay_at=(0.6, 0.8, 0.92),
+        decay_factor=0.4,
+        temperature=0.0,
+        dropout=0.0,
+        quantize_from=100,
+        is_principal_start=True,
+        is_scaled_by_reach=True,
+        losses=LossWeights(position=0.05, travel=0.02, planted=0.3, root=0.5, fingers=0.1),
+    )
+
+
+def continued(training: TokenizerTraining) -> TokenizerTraining:
+    """The recipe for going on from a trained tokenizer: codes keep roughly their meaning, so the rate is lower."""
+    return training.model_copy(
+        update={"learning_rate": training.learning_rate * 0.3, "quantize_from": 0, "is_principal_start": False}
+    )
+
+
+ROTATION_FLOOR = 0.03  # about two degrees: quieter rotation features are not blown up to unit spread
+BONE_REACH = 0.05  # metres
+TRAVEL_FLOOR = (0.002, 0.002, 0.01)  # metres per frame, metres per frame, metres
+
+
+class MovingBody(Protocol):
+    """The part of a clip that tokenizer training uses; `data.Clip` and `data.ClipMotion` both fit."""
+
+    @property
+    def rotations(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        """(t, j, 4) quaternions `wxyz`."""
+
+    @property
+    def root(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
+        """(t, 3) metres."""
+
+
+def clip_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
+    """Motion features of a clip."""
+    rotations = matrix_from_quaternion(torch.from_numpy(np.asarray(clip.rotations, np.float32)))
+    return to_features(skeleton, rotations, torch.from_numpy(np.asarray(clip.root, np.float32)))
+
+
+def reach_statistics(
+    skeleton: Skeleton, features: Iterable[Float[Tensor, "_ c"]], *, is_mirrored: bool
+) -> FeatureStatistics:
+    """Statistics whose spread is a joint's own, divided by the root of how much of the body hangs on the joint.
+
+    Ours: latents and codes then spend their precision on joints whose rotation moves much of the body.
+    Reach is the root of the summed squared distances to all joints below, plus five centimetres for the bone itself.
+    """
+    statistics = floored_statistics(skeleton, features, is_mirrored=is_mirrored)
+    joints = list(skeleton.feature_joints)
+    reach = joint_reach(skeleton)[joints].repeat_interleave(6)
+    end = 6 * len(next(iter(skeleton.config.parts.values())))
+    std = statistics.std.clone()
+    columns = torch.cat([torch.arange(end), torch.arange(end + len(TRAVEL_FLOOR), len(std))])
+    own = std[columns]
+    scaled = (own / reach).sqrt()
+    start = 0
+    for part in skeleton.config.parts.values():
+        here = slice(start, start + 6 * len(part))
+        level = (own[here] / scaled[here]).mean()
+        std[columns[here]] = scaled[here] * level
+        start = here.stop
+    return FeatureStatistics(statistics.mean, std, statistics.varies)
+
+
+def joint_reach(skeleton: Skeleton) -> Float[Tensor, " j"]:
+    """How far the body hangs on each joint, metres (see `reach_statistics`)."""
+    places = skeleton.rest_positions
+    squares = torch.full((skeleton.joints,), BONE_REACH**2)
+    for joint in range(skeleton.joints):
+        above = skeleton.parents[joint]
+        while above >= 0:
+            squares[above] += (places[joint] - places[above]).square().sum()
+            above = skeleton.parents[above]
+    return squares.sqrt()
+
+
+def floored_statistics(
+    skeleton: Skeleton, features: Iterable[Float[Tensor, "_ c"]], *, is_mirrored: bool
+) -> FeatureStatistics:
+    """Corpus statistics with a floor under the spread.
+
+    Departs from the paper, which divides by the plain spread: there a joint that hardly moves weighs as much as an arm.
+    """
+    both = ([clip, mirror_features(skeleton, clip)] if is_mirrored else [clip] for clip in features)
+    mean, std, varies = measure_features(clip for pair in both for clip in pair)
+    floor = torch.full_like(std, ROTATION_FLOOR)
+    end = 6 * len(next(iter(skeleton.config.parts.values())))
+    floor[end : end + 3] = torch.tensor(TRAVEL_FLOOR)
+    return FeatureStatistics(mean, torch.maximum(std, floor), varies)
+
+
+class WindowSampler:
+    """Draws batches of windows, every frame of the corpus equally likely; all randomness comes from one generator."""
+
+    def __init__(
+        self, skeleton: Skeleton, clips: Sequence[Float[Tensor, "_ c"]], *, frames: int, is_mirrored: bool
+    ) -> None:
+        if frames % FRAMES_PER_MOTION_TOKEN:
+            raise ValueError(f"window of {frames} frames is not a multiple of {FRAMES_PER_MOTION_TOKEN}")
+        long_enough = [clip for clip in clips if len(clip) >= frames]
+        if not long_enough:
+            raise MotionError(f"no clip has {frames} frames; make a corpus with longer clips")
+        self.skeleton = skeleton
+        self.frames = frames
+        self.is_mirrored = is_mirrored
+        self.features = torch.cat(long_enough)
+        lengths = torch.tensor([len(clip) for clip in long_enough])
+        ends = lengths.cumsum(0)
+        self.starts = torch.cat(
+            [torch.arange(int(end - length), int(end) - frames + 1) for end, length in zip(ends, lengths, strict=True)]
+        )
+
+    def draw(self, batch: int, generator: torch.Generator) -> Float[Tensor, "b t c"]:
+        """A batch of windows, features not normalised."""
+        chosen = self.starts[torch.randint(len(self.starts), (batch,), generator=generator)]
+        windows = self.features[chosen[:, None] + torch.arange(self.frames)]
+        if self.is_mirrored:
+            flipped = torch.rand(batch, generator=generator) < 0.5
+            windows = torch.where(flipped[:, None, None], mirror_features(self.skeleton, windows), windows)
+        return windows
+
+
+SPARE_SCALE = 0.1  # channels that no axis needs start with a small share of their usual weights
+
+
+@torch.no_grad()
+def start_from_principal_axes(tokenizer: MotionTokenizer, normal: Float[Tensor, "n c"]) -> None:
+    """Initialise `tokenizer` from normalised features of its part.
+
+    Raises:
+        ValueError: it has no short path between its levels, which the axes need.
+    """
+    if tokenizer.config.blocks != "attention" or tokenizer.config.resampling != "dual":
+        raise ValueError("the principal start needs attention blocks and dual-path resampling; turn it off")
+    frames = normal.double()
+    centred = frames - frames.mean(0)
+    _, axes = torch.linalg.eigh(centred.T @ centred / len(frames))  # ascending
+    width = tokenizer.config.width
+    kept = min(width, normal.shape[1])
+    axes = axes.flip(1)[:, :kept].to(tokenizer.input_liner.weight)
+    first, last = tokenizer.input_liner, tokenizer.output_liner
+    for layer in (first, last):
+        layer.weight.mul_(SPARE_SCALE)
+        nn.init.zeros_(layer.bias)
+    first.weight[:kept] = axes.T
+    last.weight[:, :kept] = axes
+    for module in tokenizer.modules():
+        if isinstance(module, CausalBlock):
+            _silence(module.attn.proj)
+        elif isinstance(module, Mlp):
+            _silence(module.fc2)
+
+
+def _silence(layer: nn.Linear) -> None:
+    nn.init.zeros_(layer.weight)
+    nn.init.zeros_(layer.bias)
+
 
 START_WINDOWS = 400  # windows the principal axes are taken from
 START_BATCHES = 12  # how many batches the codebooks are taken from after a start as an auto-encoder

@@ -1,1 +1,0 @@
-"""Training of the finger model. May import `training` and `echoavatar`."""
