@@ -20,6 +20,7 @@ from echoavatar.motion.kinematics import Motion, SkeletonConfig
 from echoavatar.motion.kinematics.resample import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Clip
 from echoavatar_lab.data.corpus import checksum, count_domains
 from echoavatar_lab.data.statistics import describe
@@ -210,8 +211,5 @@ def _arrays(events: dict[str, tuple[float, ...]]) -> dict[str, NDArray[np.float6
 
 
 def _save(receipt: Receipt, folder: Path) -> Receipt:
-    path = part_path(folder, receipt.name).with_suffix(".json")
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(receipt.model_dump_json(), encoding="utf-8")
-    partial.replace(path)
+    write_whole(part_path(folder, receipt.name).with_suffix(".json"), receipt.model_dump_json())
     return receipt

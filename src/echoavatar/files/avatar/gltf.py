@@ -15,9 +15,9 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.formats.tables import write_whole
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.resample import align_signs
+from echoavatar.whole_file import write_whole
 
 from .character import Character
 from .gltf_buffer import Buffer, Tracks
@@ -52,7 +52,7 @@ def write_glb(
     """Write the character with one animation; raises MotionError where the motion is not finite or of another rig."""
     curves = None if face is None else np.asarray(face)
     animation = Animation(name, np.asarray(rotations), np.asarray(root), fps, curves)
-    write_whole(Path(path), pack_glb(character, [animation]))
+    write_whole(path, pack_glb(character, [animation]), error=MotionError)
 
 
 def pack_glb(character: Character, animations: Sequence[Animation], *, compact: bool = False) -> bytes:

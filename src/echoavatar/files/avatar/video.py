@@ -15,6 +15,7 @@ from jaxtyping import Float, UInt8
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.whole_file import whole_file
 
 from .avatar_renderer import CLOSE, VIEWS, AvatarRenderer, Shot, View, aimed, close_up, followed_joint
 from .character import Character, load_character
@@ -56,15 +57,11 @@ def write_film(
         raise MotionError(f"{path.name} cannot hold an alpha channel; write .webm")
     curves = None if face is None else checked_face(face, motion.frames)
     frames = film(motion, face=curves, character=character, shot=shot)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with av.open(str(partial), "w", format=suffix[1:]) as container:
-            _encode(container, frames, motion, audio, shot, suffix, progress)
-        partial.replace(path)
-    except (OSError, av.error.FFmpegError) as error:
-        raise MotionError(f"cannot write {path} ({error}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with (
+        whole_file(path, error=MotionError, failures=(av.error.FFmpegError,)) as partial,
+        av.open(str(partial), "w", format=suffix[1:]) as container,
+    ):
+        _encode(container, frames, motion, audio, shot, suffix, progress)
 
 
 def film(

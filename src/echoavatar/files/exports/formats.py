@@ -52,9 +52,9 @@ def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.formats.tables import write_whole
+    from echoavatar.whole_file import write_whole
 
-    write_whole(path, _packed(path, take, rig))
+    write_whole(path, _packed(path, take, rig), error=MotionError)
 
 
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:

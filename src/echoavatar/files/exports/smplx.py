@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.formats.tables import write_whole
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
+from echoavatar.whole_file import write_whole
 
 from .smplx_rig import skeleton
 from .take import Take
@@ -50,4 +51,4 @@ def write_smplx(path: Path, take: Take) -> None:
     }
     packed = io.BytesIO()
     np.savez_compressed(packed, allow_pickle=False, **arrays)
-    write_whole(path, packed.getvalue())
+    write_whole(path, packed.getvalue(), error=MotionError)
