@@ -10,19 +10,12 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
 from .serve import DEVICE_HELP, RENDERER_HELP, RENDERER_NAMES, RUNTIME_HELP, WITHOUT_HELP
-
-if TYPE_CHECKING:
-    from echoavatar.files.avatar import Character
-    from echoavatar.files.avatar.video import View
-    from echoavatar.files.exports import Take
 
 STDIN = Path("-")
 VIEWS = ("front", "left", "right", "back", "bust", "face")
@@ -97,16 +90,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Animate every sound, write the motion, print the real-time factor."""
+    from echoavatar.animation import Animation
     from echoavatar.engine import animate
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.files.avatar import load_character
-    from echoavatar.files.exports import Take, read_rig, writer
-    from echoavatar.files.exports.formats import FORMATS as SUFFIXES
+    from echoavatar.files.exports import check_output, read_rig
+    from echoavatar.files.exports.formats import FILMS, SUFFIXES
     from echoavatar.models.audio import stream_audio
     from echoavatar.motion.stages.modes import MotionOptions
 
     outputs = _outputs(args, SUFFIXES)
-    writers = [writer(output, has_rig=args.rig is not None) for output in outputs]
+    for output in outputs:
+        check_output(output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     character = load_character(args.character)
     _check_film(args, outputs)
@@ -119,21 +114,29 @@ def run(args: argparse.Namespace) -> int:
     pipeline.warm_up()
     fps = args.fps or bundle.runtime.fps
     options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
-    for sound, output, write in zip(args.audio, outputs, writers, strict=True):
+    for sound, output in zip(args.audio, outputs, strict=True):
         bar = tqdm(
             unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
         )
         with bar, _readable(sound) as path:
             done = animate(
-                pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(_advance, bar)
+                pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(advance, bar)
             )
-        motion, take = done.motion, Take(done.motion, done.face, done.audio)
-        if output.suffix.lower() in (".mp4", ".webm"):
-            _film(output, take, character, args)
-        else:
-            write(output, take if rig is None else rig.retarget(take), rig)
+        is_hidden = _is_quiet() or output.suffix.lower() not in FILMS
+        with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
+            Animation(*done).save(
+                output,
+                rig=rig,
+                size=args.size,
+                view="face" if args.close_up else args.camera,
+                character=character,
+                background=args.background,
+                alpha=args.alpha,
+                renderer=args.renderer,
+                progress=partial(advance, bar),
+            )
         print(
-            f"{output}: {motion.frames} frames at {fps:g} fps, {motion.seconds:.2f} s; "
+            f"{output}: {done.motion.frames} frames at {fps:g} fps, {done.motion.seconds:.2f} s; "
             f"real-time factor {done.real_time_factor:.2f}; runtime: {bundle.runtime.label}"
         )
     return 0
@@ -182,23 +185,6 @@ def _readable(sound: Path) -> Iterator[Path]:
         yield kept
 
 
-def _film(path: Path, take: "Take", character: "Character", args: argparse.Namespace) -> None:
-    from echoavatar.files.avatar.video import Shot, default_size, write_film
-
-    audio = np.zeros(0, np.float32) if take.audio is None else take.audio
-    view: View = "face" if args.close_up else args.camera
-    with tqdm(total=take.motion.frames, unit="frame", desc="filming", disable=_is_quiet()) as bar:
-        write_film(
-            path,
-            take.motion,
-            audio,
-            face=take.face,
-            character=character,
-            shot=Shot(args.size or default_size(view), view, args.background, args.alpha, renderer=args.renderer),
-            progress=lambda made, _: _advance(bar, made),
-        )
-
-
 def _suffix(text: str) -> str:
     return text if text.startswith(".") else f".{text}"
 
@@ -220,7 +206,8 @@ def _size(text: str) -> tuple[int, int]:
     return size
 
 
-def _advance(bar: "tqdm[object]", to: float) -> None:
+def advance(bar: "tqdm[object]", to: float, _: float = 0) -> None:
+    """Move a bar to a place; the third number, the length, it knows."""
     bar.update(to - bar.n)
 
 

@@ -7,7 +7,6 @@ the joint hierarchy, inverse bind matrices are column-major, and COLOR_0 is line
 import json
 import struct
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ from numpy.typing import ArrayLike
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.resample import align_signs
-from echoavatar.whole_file import write_whole
 
 from .character import Character
 from .gltf_buffer import Buffer, Tracks
@@ -30,7 +28,7 @@ FACE_NODE = HUMANOID.joints + 1
 HALFWAY_NODES = tuple(range(FACE_NODE + 1, FACE_NODE + 1 + len(SOURCES)))
 
 
-class Animation(NamedTuple):
+class GltfAnimation(NamedTuple):
     """Motion to embed: parent-relative quaternions `wxyz`, the world position of the hips, and the face."""
 
     name: str
@@ -40,22 +38,7 @@ class Animation(NamedTuple):
     face: Float[np.ndarray, "t n"] | None = None  # blendshape weights 0..1
 
 
-def write_glb(
-    path: str | Path,
-    character: Character,
-    rotations: Float[np.ndarray, "t j 4"],
-    root: Float[np.ndarray, "t 3"],
-    fps: float = 30.0,
-    name: str = "motion",
-    face: Float[np.ndarray, "t n"] | None = None,
-) -> None:
-    """Write the character with one animation; raises MotionError where the motion is not finite or of another rig."""
-    curves = None if face is None else np.asarray(face)
-    animation = Animation(name, np.asarray(rotations), np.asarray(root), fps, curves)
-    write_whole(path, pack_glb(character, [animation]), error=MotionError)
-
-
-def pack_glb(character: Character, animations: Sequence[Animation], *, compact: bool = False) -> bytes:
+def pack_glb(character: Character, animations: Sequence[GltfAnimation], *, compact: bool = False) -> bytes:
     """The GLB's bytes; `compact` stores rotations as 16-bit integers (error below 0.01 degrees)."""
     document, buffer = character_document(character)
     if animations:
@@ -114,7 +97,7 @@ def _skin(buffer: Buffer) -> dict[str, Any]:
     return {"name": "humanoid", "inverseBindMatrices": buffer.add(matrices), "joints": joints, "skeleton": 0}
 
 
-def _animation(buffer: Buffer, animation: Animation, *, compact: bool) -> dict[str, Any]:
+def _animation(buffer: Buffer, animation: GltfAnimation, *, compact: bool) -> dict[str, Any]:
     """Tracks of the animation: a rotation per bone, the translation of the hips, the face's weights."""
     rotations, root = checked(animation.rotations, animation.root)
     tracks = Tracks(buffer, len(root), animation.fps)

@@ -17,17 +17,16 @@ from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import whole_file
 
-from .avatar_renderer import CLOSE, VIEWS, AvatarRenderer, Shot, View, aimed, close_up, followed_joint
+from .avatar_renderer import CLOSE, AvatarRenderer, Shot, View, aimed, followed_joint
 from .character import Character, load_character
 from .morphs import checked_face
 from .render import Camera
 
-__all__ = ["SUFFIXES", "VIEWS", "Shot", "View", "close_up", "film", "write_film"]
+__all__ = ["Shot", "View", "default_size", "film", "write_film"]
 
 SOUND_RATE_HZ = 48_000
 FOLLOW_SECONDS = 0.7  # standard deviation of the window that smooths the camera's path
 THREADS = 2  # renderers at once
-SUFFIXES = (".mp4", ".webm")
 _CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus")}
 _OPTIONS: dict[str, dict[str, str]] = {
     ".mp4": {"preset": "veryfast", "crf": "20"},
