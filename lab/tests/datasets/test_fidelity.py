@@ -6,7 +6,7 @@ from lab.tests.datasets.samples import SHARED, gesture
 
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar_lab.datasets.fidelity import fidelity
 from echoavatar_lab.datasets.hand_contact import keep_hand_contact

@@ -8,7 +8,7 @@ from lab.tests.foreign.test_smpl_pickle import write_edge
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
-from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.foreign.smplx_reader import read_smplx

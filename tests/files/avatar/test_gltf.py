@@ -8,9 +8,63 @@ import pytest
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.gltf import HALFWAY_NODES, GltfAnimation, pack_glb
-from echoavatar.files.avatar.halfway import BONES, SOURCES, half
+from echoavatar.files.avatar.gltf import HALFWAY_NODES, Buffer, GltfAnimation, Tracks, meshes, pack_glb
+from echoavatar.files.avatar.skinning import BONES, SOURCES, half
 from echoavatar.motion.kinematics import HUMANOID
+
+
+def test_views_are_aligned_and_hold_the_bytes() -> None:
+    buffer = Buffer()
+    buffer.add(np.arange(3, dtype=np.uint8))
+    index = buffer.add(np.ones((2, 3), np.float32), bounds=True)
+    view = buffer.views[buffer.accessors[index]["bufferView"]]
+    assert view["byteOffset"] == 4
+    assert bytes(buffer.data[4:28]) == np.ones(6, np.float32).tobytes()
+    assert buffer.accessors[index]["max"] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_sparse_bounds_count_the_zeros_only_if_there_are_any(count: int) -> None:
+    buffer = Buffer()
+    places = buffer.view(np.array([0, 1], np.uint16))
+    values = np.array([[1, 2, 3], [4, 5, 6]], np.float32)
+    accessor = buffer.accessors[buffer.sparse(count, places, values, bounds=True)]
+    assert accessor["min"] == ([1, 2, 3] if count == 2 else [0, 0, 0])
+    assert accessor["sparse"]["count"] == 2
+
+
+def test_nothing_that_moves_is_all_zeros() -> None:
+    buffer = Buffer()
+    accessor = buffer.accessors[buffer.sparse(4, -1, np.zeros((0, 3)), bounds=True)]
+    assert "sparse" not in accessor
+    assert accessor["max"] == [0, 0, 0]
+
+
+def test_tracks_share_a_clock_and_integers_are_normalised() -> None:
+    tracks = Tracks(Buffer(), 4, 30)
+    tracks.add(3, "translation", np.zeros((4, 3)))
+    tracks.add(5, "rotation", np.zeros((4, 4), np.int16))
+    assert [channel["target"] for channel in tracks.channels] == [
+        {"node": 3, "path": "translation"},
+        {"node": 5, "path": "rotation"},
+    ]
+    clock, floats, integers = tracks.buffer.accessors
+    assert {sampler["input"] for sampler in tracks.samplers} == {0}
+    assert clock["max"] == [pytest.approx(0.1)]
+    assert "normalized" not in floats
+    assert integers["normalized"]
+
+
+def test_only_the_face_s_own_vertices_carry_targets() -> None:
+    """Each material of the face has its own vertices: together they are those within reach of the shapes."""
+    character = load_character()
+    buffer = Buffer()
+    body, face = meshes(buffer, character)
+    counts = [buffer.accessors[primitive["attributes"]["POSITION"]]["count"] for primitive in face["primitives"]]
+    on_face = character.triangles[character.triangles[:, 0] < character.face.reach]
+    assert sum(counts) == len(np.unique(on_face))
+    assert len({primitive["attributes"]["POSITION"] for primitive in body["primitives"]}) == 1
+
 
 WIDTH = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 DTYPE = {5126: np.float32, 5121: np.uint8, 5123: np.uint16, 5122: np.int16, 5125: np.uint32}

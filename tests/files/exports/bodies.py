@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from echoavatar.files.avatar.gltf_buffer import Buffer
+from echoavatar.files.avatar.gltf import Buffer
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, forward_kinematics
 from echoavatar.motion.kinematics.rigs import _mixamo

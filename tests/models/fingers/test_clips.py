@@ -4,7 +4,7 @@ import torch
 from tests.models.fingers.moving import waving, without
 
 from echoavatar.models.fingers.clips import angular_speeds, finger_clip, on_our_rig
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 
 

@@ -7,7 +7,7 @@ from echoavatar.errors import MotionError
 from echoavatar.models.fingers import FingerModel, frozen_hands, refine_fingers
 from echoavatar.models.fingers.hand_poses import FINGERS
 from echoavatar.models.fingers.refine import at_rate, smoothed
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar_lab.evaluation.fingers import curl
 
 FINGER_JOINTS = list(FINGERS)

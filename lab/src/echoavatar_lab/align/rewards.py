@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar_lab.data.faults import skate
 from echoavatar_lab.evaluation.metrics.beat_alignment import (
     ARM_JOINTS,
     SHARP_SIGMA_S,

@@ -6,10 +6,10 @@ Proportions differ between rigs, so hand distances are in arm lengths and feet a
 import numpy as np
 
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
 from echoavatar.motion.kinematics.retarget import with_wrists
 from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar_lab.data.faults import skate
 
 from .hand_contact import NEAR_ARMS, arm_length
 

@@ -17,7 +17,7 @@ from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, SkeletonConfig
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import write_whole

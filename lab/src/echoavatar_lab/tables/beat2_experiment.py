@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion

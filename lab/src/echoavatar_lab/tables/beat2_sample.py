@@ -12,7 +12,7 @@ import numpy as np
 import soxr
 import torch
 
-from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion

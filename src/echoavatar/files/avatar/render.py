@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from . import raster, shading
 from .backdrop import Backdrop, tone_curve
-from .character import MATERIALS, Character
-from .textures import NAMES, Texels, decoded, grey_at
+from .character import MATERIALS, NAMES, Character, Texels, decoded, grey_at
 
 _BYTES = np.arange(256) / 255
 _LINEAR = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4).astype(np.float32)

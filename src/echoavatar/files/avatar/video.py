@@ -18,8 +18,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import whole_file
 
 from .avatar_renderer import CLOSE, AvatarRenderer, Shot, View, aimed, followed_joint
-from .character import Character, load_character
-from .morphs import checked_face
+from .character import Character, checked_face, load_character
 from .render import Camera
 
 __all__ = ["Shot", "View", "default_size", "film", "write_film"]

@@ -97,7 +97,7 @@ def _glb(path: Path, take: Take, rig: Rig | None) -> None:
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
-        from .glb_on_rig import pack_on_rig
+        from .target_rig import pack_on_rig
 
         if rig.gltf is None:
             raise MotionError(f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig")

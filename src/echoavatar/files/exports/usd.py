@@ -13,13 +13,12 @@ from jaxtyping import Float, Int
 
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.resample import align_signs
+from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.whole_file import whole_file
 
-from ..avatar.character import Character
+from ..avatar.character import Character, checked_face
 from ..avatar.gltf import checked
-from ..avatar.halfway import BONES, PARENTS, REST, SOURCES, half
-from ..avatar.morphs import checked_face
+from ..avatar.skinning import BONES, PARENTS, REST, SOURCES, half
 from .take import Take
 
 SUFFIXES = (".usda", ".usdc", ".usdz")

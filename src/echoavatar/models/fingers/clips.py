@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import angle_between
 from echoavatar.timing import FRAME_RATE_HZ

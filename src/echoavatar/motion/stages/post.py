@@ -26,11 +26,8 @@ from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
 from .modes import FREE, IdleLegs, ModesState, MotionOptions
-from .pose import Pose
-from .repair import repair
-from .smoother import Smoother, SmootherState
-from .speed_limit import SpeedLimit, SpeedLimitState
-from .unpack import Unpacking
+from .pose import Pose, Unpacking, repair
+from .smoother import Smoother, SmootherState, SpeedLimit, SpeedLimitState
 
 OnStage = Callable[[str], None]
 POST_STAGES = ("pose", "smoother", "ground", "leash", "feet", "hands")

@@ -21,7 +21,7 @@ from echoavatar.limits import ARRAYS_BYTES, check_file
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.kinematics.resample import align_signs, resample
+from echoavatar.motion.kinematics.motion import align_signs, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import known_bones
 from echoavatar.nn.kernels import user_cache

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from echoavatar.models.face.flow import FULL_NOISE, add_noise
 from echoavatar.models.face.model import FaceModel
-from echoavatar.motion.arkit import index_of
+from echoavatar.motion.arkit import ARKIT_NAMES
 
 from .recipe import FaceTraining
 from .windows import FaceBatch
@@ -98,4 +98,4 @@ def lip_error(seen: Float[Tensor, "n b t c"], curves: Float[Tensor, "b t c"]) ->
 
 
 def _apart(curves: Float[Tensor, "*b c"]) -> Float[Tensor, "*b"]:
-    return curves[..., index_of("jawOpen")] - curves[..., index_of("mouthClose")]
+    return curves[..., ARKIT_NAMES.index("jawOpen")] - curves[..., ARKIT_NAMES.index("mouthClose")]
