@@ -28,6 +28,7 @@ def whole_file(
     Raises:
         EchoAvatarError: of the kind `error`; the file cannot be written.
     """
+    unwritable: tuple[type[Exception], ...] = (OSError, *failures)
     partial = Path(f"{path}.{os.getpid()}.partial")  # two processes may write the same file
     try:
         yield partial
@@ -36,7 +37,7 @@ def whole_file(
         partial.replace(path)
         if is_flushed and os.name == "posix":  # other systems do not open folders
             _flush(partial.parent, os.O_RDONLY)
-    except (OSError, *failures) as reason:
+    except unwritable as reason:
         cause = getattr(reason, "strerror", None) or reason
         raise error(f"cannot write {path} ({cause}); free space or choose another place") from reason
     finally:

@@ -10,7 +10,7 @@ Each kind of array has one arithmetic:
 | rotations | `rotations` | `quaternions` |
 | forward kinematics | `motion` | `ik.chains`, for the few joints that the stages need |
 | two-bone IK | `two_bone`, about a given hinge | `ik.leg` (knee about X), `ik.arm` (elbow in its own plane) |
-| retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, in torch, measured on two rest poses |
+| retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, measured on two rest poses |
 """
 
 from .features import (
