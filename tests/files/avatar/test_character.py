@@ -19,7 +19,7 @@ from echoavatar.files.avatar.character import (
     looked_up,
 )
 from echoavatar.files.avatar.gltf import pack_glb
-from echoavatar.files.avatar.skinning import BONES
+from echoavatar.files.avatar.halfway import BONES
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
 

@@ -9,7 +9,7 @@ import pytest
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.gltf import HALFWAY_NODES, Buffer, GltfAnimation, Tracks, meshes, pack_glb
-from echoavatar.files.avatar.skinning import BONES, SOURCES, half
+from echoavatar.files.avatar.halfway import BONES, SOURCES, half
 from echoavatar.motion.kinematics import HUMANOID
 
 

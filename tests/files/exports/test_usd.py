@@ -7,7 +7,7 @@ import pytest
 
 from echoavatar.errors import DependencyError
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.skinning import BONES, with_halfway
+from echoavatar.files.avatar.halfway import BONES, with_halfway
 from echoavatar.files.exports import Take
 from echoavatar.files.exports import usd as room
 from echoavatar.files.exports.usd import write_usd

@@ -1,7 +1,7 @@
 import numpy as np
 
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.skinning import BONES, HALFWAY
+from echoavatar.files.avatar.halfway import BONES, HALFWAY
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_character.bends import BENDS, SHOULDER, bent, eased, girth_kept, sinks
 from echoavatar_character.body import Body

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
-from echoavatar.files.avatar.skinning import BONES
+from echoavatar.files.avatar.halfway import BONES
 from echoavatar_character.pose import posed
 from echoavatar_character.sheets import POSES
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.skinning import BONES
+from echoavatar.files.avatar.halfway import BONES
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
 from echoavatar.motion.kinematics import HUMANOID

@@ -20,7 +20,7 @@ from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.nn.kernels import kernel
 
-from .skinning import BONES, PARENTS, REST, SOURCES
+from .halfway import BONES, PARENTS, REST, SOURCES
 
 NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
 # In glTF; films read the roughness of skin alone.

@@ -19,7 +19,7 @@ from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.motion import align_signs
 
 from .character import MATERIALS, Character, Textures, checked_face
-from .skinning import BONES, PARENTS, REST, SOURCES, half
+from .halfway import BONES, PARENTS, REST, SOURCES, half
 
 FLOAT, UBYTE, USHORT, SHORT, UINT = 5126, 5121, 5123, 5122, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963

@@ -18,7 +18,7 @@ from echoavatar.whole_file import whole_file
 
 from ..avatar.character import Character, checked_face
 from ..avatar.gltf import checked
-from ..avatar.skinning import BONES, PARENTS, REST, SOURCES, half
+from ..avatar.halfway import BONES, PARENTS, REST, SOURCES, half
 from .take import Take
 
 SUFFIXES = (".usda", ".usdc", ".usdz")

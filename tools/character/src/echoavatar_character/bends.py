@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
-from echoavatar.files.avatar.skinning import BONES, HALFWAY
+from echoavatar.files.avatar.halfway import BONES, HALFWAY
 from echoavatar.motion.kinematics import HUMANOID
 
 from .body import Body

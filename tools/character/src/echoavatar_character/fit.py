@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from echoavatar.files.avatar.skinning import REST as BONE_REST
-from echoavatar.files.avatar.skinning import with_halfway
+from echoavatar.files.avatar import halfway
+from echoavatar.files.avatar.halfway import with_halfway
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 
 from .base import bone_ends, bone_weights
@@ -80,7 +80,7 @@ def fit(shape: Float[np.ndarray, "v 3"]) -> Fit:
         posed[j, :, :3] = linear
         posed[j, :, 3] = goals[j] - linear @ heads[name]
     turned, places = with_halfway(made.rotations.numpy().astype(np.float64), placed)
-    pose = np.concatenate([turned, (places - np.einsum("jik,jk->ji", turned, BONE_REST))[:, :, None]], 2)
+    pose = np.concatenate([turned, (places - np.einsum("jik,jk->ji", turned, halfway.REST))[:, :, None]], 2)
     return Fit(float(scale), posed, pose, local, REST[0])
 
 

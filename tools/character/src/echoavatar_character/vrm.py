@@ -18,8 +18,8 @@ from PIL import Image
 
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
 from echoavatar.files.avatar.gltf import BODY_NODE, FACE_NODE, HALFWAY_NODES, Buffer, character_document, packed
+from echoavatar.files.avatar.halfway import BONES, REST, SOURCES
 from echoavatar.files.avatar.render import Camera, Paint
-from echoavatar.files.avatar.skinning import BONES, REST, SOURCES
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.expression import MOODS
 from echoavatar.motion.kinematics import HUMANOID

@@ -1,0 +1,53 @@
+import numpy as np
+import torch
+
+from echoavatar.files.avatar import load_character, skin
+from echoavatar.files.avatar.halfway import HALFWAY, SOURCES, half, with_halfway
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
+
+
+def test_twice_the_half_is_the_rotation() -> None:
+    quaternions = np.random.default_rng(3).normal(size=(200, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    whole = matrix_from_quaternion(torch.tensor(quaternions)).numpy()
+    part = matrix_from_quaternion(torch.tensor(half(quaternions))).numpy()
+    np.testing.assert_allclose(part @ part, whole, atol=1e-9)
+    assert (np.trace(part, axis1=1, axis2=2) > 1 - 1e-9).all()  # a right angle at most: the short way
+
+
+def test_a_halfway_bone_turns_by_half_of_its_bone_about_the_same_joint() -> None:
+    """In a world that is turned as well; quaternions of files and matrices of films agree."""
+    turns = torch.zeros(HUMANOID.joints, 3)
+    turns[0] = torch.tensor([0.1, 2.0, -0.3])
+    for number, joint in enumerate(SOURCES):
+        turns[joint] = torch.tensor([0.4 - 0.2 * number, -2.0 + 0.3 * number, 0.5])
+    pose = forward_kinematics(HUMANOID, matrix_from_axis_angle(turns), HUMANOID.rest_positions[0])
+    rotations, places = with_halfway(pose.rotations.numpy(), pose.positions.numpy())
+    for row, joint in enumerate(SOURCES):
+        above = pose.rotations[HUMANOID.parents[joint]].numpy()
+        expected = above @ matrix_from_axis_angle(turns[joint] / 2).numpy()
+        np.testing.assert_allclose(rotations[HUMANOID.joints + row], expected, atol=1e-5)
+        np.testing.assert_allclose(places[HUMANOID.joints + row], pose.positions[joint].numpy())
+
+
+def test_a_turn_by_180_degrees_is_finite() -> None:
+    rotations = np.tile(np.eye(3, dtype=np.float32), (HUMANOID.joints, 1, 1))
+    rotations[list(SOURCES)] = np.diag([-1.0, 1.0, -1.0])
+    turned, _ = with_halfway(rotations, HUMANOID.rest_positions.numpy())
+    assert np.isfinite(turned).all()
+
+
+def test_the_shipped_characters_bend_over_halfway_bones() -> None:
+    """The sleeve at each joint follows its halfway bone, which only a turn of that bone moves."""
+    character = load_character()
+    np.testing.assert_allclose(character.dense_weights.sum(1), 1, atol=1e-5)
+    for row, name in enumerate(HALFWAY):
+        share = character.bone_weights[:, HUMANOID.joints + row]
+        assert (share > 0.5).sum() > 20
+        local = torch.eye(3).repeat(HUMANOID.joints, 1, 1)
+        local[HUMANOID.index(name)] = matrix_from_axis_angle(torch.tensor([0.0, 0.0, 1.0]))
+        pose = forward_kinematics(HUMANOID, local, HUMANOID.rest_positions[0])
+        points, _ = skin(character, pose.rotations.numpy(), pose.positions.numpy())
+        moved = np.linalg.norm(points - character.positions, axis=1)
+        assert moved[share > 0.5].mean() > 0.004
