@@ -15,12 +15,21 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .serve import DEVICE_HELP, RENDERER_HELP, RENDERER_NAMES, RUNTIME_HELP, WITHOUT_HELP
+from .options import (
+    DEVICE_HELP,
+    FORMATS,
+    RIG_HELP,
+    RUNTIME_HELP,
+    VIEWS,
+    WITHOUT_HELP,
+    add_model,
+    add_picture,
+    advance,
+    local_path,
+    size,
+)
 
 STDIN = Path("-")
-VIEWS = ("front", "left", "right", "back", "bust", "face")
-FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4, .webm; .vrm with --rig"
-RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -40,13 +49,6 @@ anything that FFmpeg reads, at any rate and with any number of channels. More: d
 """
 
 
-def local_path(text: str) -> Path:
-    """A path; addresses are refused in plain words."""
-    if "://" in text:
-        raise argparse.ArgumentTypeError(f"{text} is an address; download it first, then name the file")
-    return Path(text)
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
@@ -63,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SUFFIX",
         help="of the files in a folder (default: %(default)s)",
     )
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
@@ -73,17 +75,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
     parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
     parser.add_argument(
-        "--size", type=_size, metavar="WxH", help="pixels of the film (default: 1280x720, bust and face 720x720)"
+        "--size", type=size, metavar="WxH", help="pixels of the film (default: 1280x720, bust and face 720x720)"
     )
-    parser.add_argument("--character", metavar="NAME", help="who is filmed: maya (default), theo or amara")
-    parser.add_argument(
-        "--background",
-        default="studio",
-        metavar="WHAT",
-        help="behind the character in a film: studio (default), dusk, plain, or a colour such as #00ff00",
-    )
+    add_picture(parser)
     parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
-    parser.add_argument("--renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
@@ -194,21 +189,6 @@ def _rate(text: str) -> float:
     if not 1 <= rate <= 1000:
         raise argparse.ArgumentTypeError(f"{text} is not a frame rate; choose 1 to 1000")
     return rate
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 1280x720")
-    size = int(width), int(height)
-    if any(side % 2 or not 16 <= side <= 4096 for side in size):
-        raise argparse.ArgumentTypeError(f"{text}: width and height are even, 16 to 4096")
-    return size
-
-
-def advance(bar: "tqdm[object]", to: float, _: float = 0) -> None:
-    """Move a bar to a place; the third number, the length, it knows."""
-    bar.update(to - bar.n)
 
 
 def _is_quiet() -> bool:

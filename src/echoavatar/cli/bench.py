@@ -13,7 +13,7 @@ from tqdm import tqdm
 from echoavatar.errors import DependencyError, EchoAvatarError
 
 from . import command_module
-from .serve import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP
+from .options import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP, add_model
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     face = kinds.add_parser(
         "face", help="the face model", description="Time the face model for one session and for a batch."
     )
-    face.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(face)
     face.add_argument("--chunks", type=int, default=200, help="chunks to time (default: %(default)s)")
     face.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
     face.add_argument("--threads", type=int, help="torch threads for the batch (default: torch's own choice)")
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="from the command to the first motion",
         description="Time fresh processes until an avatar answers: imports, loading, warm-up, five seconds of sound.",
     )
-    start.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(start)
     start.add_argument("--runs", type=int, default=4, help="processes; the first is shown apart (default: %(default)s)")
     for kind, summary in DEVELOPERS.items():
         child = kinds.add_parser(kind, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -95,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _models(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument(
         "--size",
         choices=("bundle", "paper"),

@@ -14,7 +14,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from . import serve
-from .animate import advance
+from .options import DEVICE_HELP, add_model, advance
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
 
@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--port", type=int, default=8765, help="port of the live page; 0 takes any free one (default: %(default)s)"
     )
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
-    parser.add_argument("--device", default="cpu", help=serve.DEVICE_HELP)
+    add_model(parser)
+    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="seed of the motion in the files (default: %(default)s)")
     parser.add_argument("--no-video", action="store_true", help="do not write the MP4s, which take the most time")
     parser.add_argument("--no-browser", action="store_true", help="print the address of the page without opening it")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
-from .animate import FORMATS, RIG_HELP, local_path
+from .options import FORMATS, RIG_HELP, local_path
 
 EXAMPLES = """examples:
   echoavatar say talk.wav -o talk.npz                  record a session of a running server
