@@ -25,8 +25,8 @@ def run(args: argparse.Namespace) -> int:
     """Read the character, measure it, write the profile and print its parts."""
     if not args.output.parent.is_dir():
         raise EchoAvatarError(f"cannot write {args.output}: {args.output.parent} is not a folder; make it first")
+    from echoavatar.motion.formats.gltf_rig import read_skinned
     from echoavatar.motion.ik import measure_body
-    from echoavatar.motion.ik.skinned import read_skinned
 
     skeleton, vertices, weights = read_skinned(args.character)
     profile = measure_body(skeleton, vertices, weights)

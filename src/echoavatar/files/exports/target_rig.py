@@ -20,10 +20,9 @@ from echoavatar.errors import MotionError
 from echoavatar.limits import MORPHS
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, refusing_damage
+from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, refusing_damage, skinned
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
-from echoavatar.motion.ik.skinned import skinned
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget

@@ -46,8 +46,7 @@ from ..kinematics.quaternions import (
 )
 from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from .arm import reach
-from .chains import Array, ChainPose, Chains
+from .limbs import Array, ChainPose, Chains, reach
 from .profile import BodyProfile, RoundedPart, body_of_rig
 
 LEAN = ("", "ThumbProximal", "IndexProximal", "LittleProximal", "IndexIntermediate", "LittleIntermediate")

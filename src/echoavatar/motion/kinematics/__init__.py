@@ -8,8 +8,8 @@ Each kind of array has one arithmetic:
 | | whole clips, torch: batched, differentiable | live stages, compiled loops: one rotation at a time |
 |---|---|---|
 | rotations | `rotations` | `quaternions` |
-| forward kinematics | `motion` | `ik.chains`, for the few joints that the stages need |
-| two-bone IK | `two_bone`, about a given hinge | `ik.leg` (knee about X), `ik.arm` (elbow in its own plane) |
+| forward kinematics | `motion` | `ik.limbs`, for the few joints that the stages need |
+| two-bone IK | `two_bone`, about a given hinge | `ik.limbs` (knee about X, elbow in its own plane) |
 | retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, measured on two rest poses |
 """
 

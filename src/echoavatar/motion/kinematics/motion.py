@@ -2,7 +2,7 @@
 
 `forward_kinematics` is batched and differentiable, one product per tree level (paper, appendix). One departure from the
 paper's formula: the root's position is the given world position, not its constant rest offset, so that the result
-includes the root's travel. `ik.chains` is the compiled version for the live stages.
+includes the root's travel. `ik.limbs` is the compiled version for the live stages.
 """
 
 from dataclasses import dataclass, replace

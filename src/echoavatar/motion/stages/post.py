@@ -19,7 +19,7 @@ from echoavatar.nn import StreamState
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
 
 from ..ik import BodyProfile, HandCollisions
-from ..ik.chains import Chains
+from ..ik.limbs import Chains
 from ..kinematics import Motion, Skeleton, to_features
 from ..motion_chunk import MotionBatch, join_batches
 from .feet import LARGEST, Feet, FeetState
