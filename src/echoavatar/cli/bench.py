@@ -137,6 +137,23 @@ def _counts(text: str) -> tuple[int, ...]:
     return counts
 
 
+def _stream(args: argparse.Namespace) -> int:
+    from echoavatar.bench.stream import bench_stream
+
+    pipeline = _pipeline(args, args.precision, args.without)
+    with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
+        report = bench_stream(
+            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
+        )
+    print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
+    for stage, values in report.stages_ms.items():
+        print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
+    verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
+    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
+    print(json.dumps(report.summary))
+    return 0
+
+
 def _sessions(args: argparse.Namespace) -> int:
     from echoavatar.bench.sessions import bench_neighbour, bench_sessions, summary
 
@@ -210,25 +227,4 @@ def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     if args.kind in DEVELOPERS:
         return int(command_module(f"bench {args.kind}").run(args))
-    if args.kind == "start":
-        return _start(args)
-    if args.kind == "face":
-        return _face(args)
-    if args.kind == "sessions":
-        return _sessions(args)
-    if args.kind == "proxy":
-        return _proxy(args)
-    from echoavatar.bench.stream import bench_stream
-
-    pipeline = _pipeline(args, args.precision, args.without)
-    with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
-        report = bench_stream(
-            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
-        )
-    print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
-    for stage, values in report.stages_ms.items():
-        print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
-    verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
-    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
-    print(json.dumps(report.summary))
-    return 0
+    return {"stream": _stream, "face": _face, "sessions": _sessions, "proxy": _proxy, "start": _start}[args.kind](args)

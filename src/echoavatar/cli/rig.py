@@ -30,10 +30,7 @@ def run(args: argparse.Namespace) -> int:
 
     skeleton, vertices, weights = read_skinned(args.character)
     profile = measure_body(skeleton, vertices, weights)
-    try:
-        profile.save(args.output)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write {args.output}: {error.strerror}; choose another -o") from error
+    profile.save(args.output)
     print(f"{'part':<12}{'width':>8}{'height':>8}{'depth':>8}  cm")
     for part in profile.parts:
         print(f"{part.bone:<12}" + "".join(f"{200 * radius:>8.1f}" for radius in part.radii))

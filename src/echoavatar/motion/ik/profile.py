@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
+from echoavatar.whole_file import write_whole
 
 from ..kinematics import HUMANOID, Skeleton
 from ..kinematics.rigs import bone_map
@@ -41,8 +42,8 @@ class BodyProfile(Config):
     finger: float = Field(0.010, ge=0, description="half the thickness of a finger")
 
     def save(self, path: Path) -> None:
-        """Write the profile as JSON."""
-        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        """Write the profile as JSON; raises MotionError where it cannot be written."""
+        write_whole(path, self.model_dump_json(indent=1) + "\n", error=MotionError)
 
     @classmethod
     def load(cls, path: Path) -> "BodyProfile":
