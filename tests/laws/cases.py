@@ -38,8 +38,7 @@ from echoavatar.motion.stages.ground import Ground
 from echoavatar.motion.stages.leash import Leash
 from echoavatar.motion.stages.modes import FREE, IdleLegs, MotionOptions
 from echoavatar.motion.stages.post import Post
-from echoavatar.motion.stages.smoother import Smoother
-from echoavatar.motion.stages.speed_limit import SpeedLimit
+from echoavatar.motion.stages.smoother import Smoother, SpeedLimit
 from echoavatar.nn import CausalAttention, CausalBlock
 from echoavatar.nn.blocks import CausalConvBlock, CausalConvolution
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES

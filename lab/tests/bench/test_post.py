@@ -1,10 +1,10 @@
 import torch
 
-from echoavatar.motion.ik import penetration_depth_m
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.features import from_features
 from echoavatar.motion.stages.post import POST_STAGES
 from echoavatar_lab.bench.post import bench_post, restless
+from echoavatar_lab.data.faults import penetration_depth_m
 
 
 def test_every_stage_is_timed_for_one_session_and_for_many() -> None:

@@ -29,7 +29,7 @@ def test_written_arrays_are_mapped_back(tmp_path, arrays):
         found = shard[name]
         assert isinstance(found, np.memmap)
         assert np.array_equal(found, values)
-    assert not list(tmp_path.rglob("*.part"))
+    assert not list(tmp_path.rglob("*.partial"))
 
 
 def test_writing_to_a_mapped_array_does_not_reach_the_file(tmp_path, arrays):
@@ -66,7 +66,7 @@ def test_pickled_objects_are_not_read(tmp_path, arrays):
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path, arrays):
     (tmp_path / "shards").write_text("a file where the folder should be")
-    with pytest.raises(MotionError, match="cannot be written"):
+    with pytest.raises(MotionError, match="cannot write"):
         write_shard(tmp_path, "00000", arrays)
 
 

@@ -8,7 +8,7 @@ from lab.tests.datasets.samples import SHARED, gesture, motorica_names, renamed
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import angle_between, quaternion_from_axis_angle, quaternion_multiply
 from echoavatar_lab.data.corpus import can_mirror

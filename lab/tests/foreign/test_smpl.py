@@ -6,7 +6,7 @@ import pytest
 from lab.tests.datasets.samples import gesture, write_beat2
 
 from echoavatar.errors import MotionError
-from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx, rest_joints

@@ -14,7 +14,7 @@ from tests.motion.kinematics.samples import swaying
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
 from echoavatar.errors import MotionError
-from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
 from echoavatar.motion.formats import write_bvh

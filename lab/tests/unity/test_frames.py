@@ -9,7 +9,7 @@ from tests import golden as fixtures
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
-from echoavatar.motion.arkit import APPLE_NAMES, index_of
+from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar_lab.reference.release_rig import AXES
@@ -84,7 +84,7 @@ def test_the_face(golden) -> None:
 
 def test_our_order_of_channels_goes_to_the_same_places() -> None:
     curves = np.zeros((1, 52), np.float32)
-    curves[0, index_of("jawRight")] = 0.5
+    curves[0, ARKIT_NAMES.index("jawRight")] = 0.5
     sent = face47(curves)[0]
     plain = np.zeros((1, 52), np.float32)
     plain[0, APPLE_NAMES.index("jawRight")] = 0.5
@@ -95,7 +95,7 @@ def test_our_order_of_channels_goes_to_the_same_places() -> None:
 
 def test_a_table_of_the_47_channels(tmp_path) -> None:
     curves = np.zeros((3, 52), np.float32)
-    curves[2, index_of("mouthUpperUpRight")] = 0.25
+    curves[2, ARKIT_NAMES.index("mouthUpperUpRight")] = 0.25
     write_face47(tmp_path / "a.face47.csv", curves, 30.0)
     head, *rows = (tmp_path / "a.face47.csv").read_text().splitlines()
     names = head.split(",")

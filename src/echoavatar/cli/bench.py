@@ -13,7 +13,7 @@ from tqdm import tqdm
 from echoavatar.errors import DependencyError, EchoAvatarError
 
 from . import command_module
-from .serve import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP
+from .options import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP, add_model
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     face = kinds.add_parser(
         "face", help="the face model", description="Time the face model for one session and for a batch."
     )
-    face.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(face)
     face.add_argument("--chunks", type=int, default=200, help="chunks to time (default: %(default)s)")
     face.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
     face.add_argument("--threads", type=int, help="torch threads for the batch (default: torch's own choice)")
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="from the command to the first motion",
         description="Time fresh processes until an avatar answers: imports, loading, warm-up, five seconds of sound.",
     )
-    start.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(start)
     start.add_argument("--runs", type=int, default=4, help="processes; the first is shown apart (default: %(default)s)")
     for kind, summary in DEVELOPERS.items():
         child = kinds.add_parser(kind, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -95,7 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _models(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument(
         "--size",
         choices=("bundle", "paper"),
@@ -135,6 +135,23 @@ def _counts(text: str) -> tuple[int, ...]:
     if min(counts) < 1:
         raise ValueError("the number of sessions must be at least 1")
     return counts
+
+
+def _stream(args: argparse.Namespace) -> int:
+    from echoavatar.bench.stream import bench_stream
+
+    pipeline = _pipeline(args, args.precision, args.without)
+    with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
+        report = bench_stream(
+            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
+        )
+    print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
+    for stage, values in report.stages_ms.items():
+        print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
+    verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
+    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
+    print(json.dumps(report.summary))
+    return 0
 
 
 def _sessions(args: argparse.Namespace) -> int:
@@ -210,25 +227,4 @@ def run(args: argparse.Namespace) -> int:
     """Measure and print."""
     if args.kind in DEVELOPERS:
         return int(command_module(f"bench {args.kind}").run(args))
-    if args.kind == "start":
-        return _start(args)
-    if args.kind == "face":
-        return _face(args)
-    if args.kind == "sessions":
-        return _sessions(args)
-    if args.kind == "proxy":
-        return _proxy(args)
-    from echoavatar.bench.stream import bench_stream
-
-    pipeline = _pipeline(args, args.precision, args.without)
-    with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
-        report = bench_stream(
-            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
-        )
-    print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
-    for stage, values in report.stages_ms.items():
-        print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
-    verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
-    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
-    print(json.dumps(report.summary))
-    return 0
+    return {"stream": _stream, "face": _face, "sessions": _sessions, "proxy": _proxy, "start": _start}[args.kind](args)

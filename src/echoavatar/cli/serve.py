@@ -12,26 +12,17 @@ from pathlib import Path
 from echoavatar.errors import DependencyError, EchoAvatarError
 
 from . import command_module
+from .options import DEVICE_HELP, RENDERER_HELP, RENDERER_NAMES, RUNTIME_HELP, TOKEN, WITHOUT_HELP, add_model
 
-TOKEN = "ECHOAVATAR_TOKEN"
 SINK_HELP = (
     "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
     "unity://HOST[:PORT] serves a Unity project of the paper's authors; it needs an imported bundle and no other sink"
 )
 
-RENDERER_NAMES = ("cpu", "gpu")
-RENDERER_HELP = "what draws: cpu (default), or gpu, a graphics card (extra gpu)"
 VIDEO_HELP = (
     "serve sessions as WebRTC video and sound (WHEP), drawn here, to so many viewers at once; without a number one for "
     "two processors. Each takes most of a processor (docs/video.md)"
 )
-
-DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
-RUNTIME_HELP = (
-    "how the models run: paper (bare decoding, the paper's cylinder for hands, files at 60 fps), default (the bundle's"
-    " own), bare (no cylinder, 30 fps), or what to keep of ours on top of paper, such as ground,feet"
-)
-WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet or hands; may be repeated"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar serve --model reference --sink unity://192.168.1.7\n"
         "                                               one session for a Unity project of the paper's authors\n"
     )
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
@@ -129,15 +120,12 @@ def run(args: argparse.Namespace) -> int:
         if len(args.sink) > 1:
             raise EchoAvatarError(f"--sink {legacy[0]} excludes other sinks; leave them out")
         return int(command_module("serve unity").run(args))
-    try:
-        from echoavatar.server import ServerSettings, create_app, serve
-        from echoavatar.server.run import log_json
-        from echoavatar.wire.guard import is_loopback
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error
     import torch
 
     from echoavatar.engine import load
+    from echoavatar.server import ServerSettings, create_app, serve
+    from echoavatar.server.run import log_json
+    from echoavatar.wire.guard import is_loopback
 
     _check(args)
     if args.log == "json":

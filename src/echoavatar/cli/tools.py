@@ -5,6 +5,8 @@ import json
 from pathlib import Path
 from typing import cast, get_args
 
+from .options import add_model
+
 FORMS = ("openai", "openai-chat", "gemini", "anthropic", "elevenlabs", "pipecat", "livekit", "mcp", "plain")
 
 
@@ -17,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "A running server returns the same at /v1/tools?style=openai, with its own music.\n"
     )
     parser.add_argument("--format", choices=FORMS, default="openai", help="framework (default: %(default)s)")
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument("--music", type=Path, metavar="FOLDER", help="more tracks for play_music")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from echoavatar.cli.serve import WITHOUT_HELP
+from echoavatar.cli.options import WITHOUT_HELP
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.action_making import action_from_motion

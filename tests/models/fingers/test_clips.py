@@ -15,7 +15,7 @@ from echoavatar.models.fingers.clips import (
     on_our_rig,
 )
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar_lab.data.clip import mirror_positions, mirror_rotations
 from echoavatar_lab.models.fingers import fit_basis

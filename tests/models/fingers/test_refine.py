@@ -8,7 +8,7 @@ from echoavatar.models.fingers import FingerModel, frozen_hands, refine_fingers
 from echoavatar.models.fingers.clips import FINGERS, on_our_rig
 from echoavatar.models.fingers.refine import apply_fingers, at_rate, finger_joints, smoothed
 from echoavatar.motion.kinematics import Motion, Skeleton
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar_lab.evaluation.fingers import curl
 

@@ -45,7 +45,7 @@ def test_missing_and_unwritable_files_are_explained(tmp_path):
     with pytest.raises(MotionError, match="does not exist"):
         read_npz(tmp_path / "none.npz")
     for write in (write_csv, write_npz):
-        with pytest.raises(MotionError, match="cannot be written"):
+        with pytest.raises(MotionError, match="cannot write"):
             write(tmp_path / "missing" / "a", swaying(1))
     assert list(tmp_path.iterdir()) == []
 

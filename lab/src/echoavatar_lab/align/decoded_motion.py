@@ -16,9 +16,8 @@ from torch import Tensor
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar.motion.stages.pose import Pose
+from echoavatar.motion.stages.pose import Pose, Unpacking
 from echoavatar.motion.stages.smoother import Smoother
-from echoavatar.motion.stages.unpack import Unpacking
 from echoavatar.timing import (
     AUDIO_FRAMES_PER_CHUNK,
     CHUNK_FRAMES,

@@ -32,8 +32,8 @@ from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar_lab.data.faults import skate
 from echoavatar_lab.evaluation.metrics.beat_alignment import (
     ARM_JOINTS,
     SHARP_SIGMA_S,

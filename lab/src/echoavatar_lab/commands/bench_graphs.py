@@ -3,7 +3,7 @@
 import argparse
 import json
 
-from echoavatar.cli.serve import RUNTIME_HELP
+from echoavatar.cli.options import RUNTIME_HELP
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from echoavatar.cli.serve import RUNTIME_HELP
+from echoavatar.cli.options import RUNTIME_HELP
 from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar

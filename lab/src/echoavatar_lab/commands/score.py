@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echoavatar.cli.serve import DEVICE_HELP, RUNTIME_HELP
+from echoavatar.cli.options import DEVICE_HELP, RUNTIME_HELP
 from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar

@@ -25,6 +25,7 @@ from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import whole_file
 
 DOMAINS = ("silence", "speech", "music")
 SILENCE, SPEECH, MUSIC = range(3)
@@ -113,13 +114,8 @@ class Clip:
             **{_EVENT + kind: np.asarray(times, np.float64) for kind, times in self.events.items()},
             **{_LABEL + kind: np.array(text) for kind, text in self.labels.items()},
         }
-        partial = path.with_name(path.name + ".part")
-        try:
-            with partial.open("wb") as file:
-                np.savez(file, **arrays)
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+        with whole_file(path, error=MotionError) as partial, partial.open("wb") as file:
+            np.savez(file, **arrays)
 
     @classmethod
     def load(cls, path: Path | str) -> "Clip":

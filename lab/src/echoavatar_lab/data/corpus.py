@@ -26,6 +26,7 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
 from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.whole_file import whole_file, write_whole
 
 from .clip import DOMAINS, PCM, Clip, is_symmetric, mirror_positions, mirror_quaternions, open_clip, stored_labels
 
@@ -96,20 +97,11 @@ def write_shard(folder: Path, name: str, arrays: Mapping[str, NDArray[Any]], *, 
     sums = {}
     for array, values in arrays.items():
         path = shard_path(folder, name, array)
-        partial = path.with_name(path.name + ".part")
-        try:
+        with whole_file(path, error=MotionError) as partial:
             path.parent.mkdir(parents=True, exist_ok=True)
             with partial.open("wb") as file:
                 np.save(file, np.ascontiguousarray(values, TYPES[array]))
             sums[array] = checksum(partial)
-            partial.replace(path)
-        except OSError as error:
-            raise MotionError(
-                f"{path} cannot be written ({error.strerror}); free space or choose another folder, then run again"
-            ) from error
-        finally:
-            if partial.is_file():
-                partial.unlink()
     return ShardEntry(name=name, frames=len(arrays["root"]), skeleton=skeleton, sha256=sums)
 
 
@@ -322,9 +314,7 @@ def save_manifest(folder: Path | str, manifest: Manifest) -> Corpus:
     """Write `manifest.json`, completely or not at all; fields with default values are left out."""
     folder = Path(folder)
     content = manifest.model_dump(exclude_defaults=True, mode="json") | {"format": manifest.format}
-    partial = folder / "manifest.json.part"
-    partial.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    partial.replace(folder / "manifest.json")
+    write_whole(folder / "manifest.json", json.dumps(content, indent=1, sort_keys=True) + "\n")
     return Corpus(folder)
 
 

@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError
 from echoavatar.config import Config
 from echoavatar.errors import AudioError
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import write_whole
 
 from .corpus import checksum
 
@@ -114,9 +115,7 @@ class SoundSet:
 def save_sounds(folder: Path, sounds: Iterable[Sound], info: Mapping[str, Any]) -> SoundSet:
     """Write the manifest, completely or not at all."""
     listed = [sound.model_dump(mode="json") for sound in sorted(sounds, key=lambda sound: sound.name)]
-    partial = folder / f"{MANIFEST}.part"
-    partial.write_text(json.dumps({"info": dict(info), "sounds": listed}, indent=1) + "\n", encoding="utf-8")
-    partial.replace(folder / MANIFEST)
+    write_whole(folder / MANIFEST, json.dumps({"info": dict(info), "sounds": listed}, indent=1) + "\n")
     return SoundSet(folder)
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from echoavatar.motion.kinematics.contact import planted, skate
-from echoavatar.motion.kinematics.forward import Pose
-from echoavatar.motion.kinematics.motion import Motion
+from echoavatar.motion.kinematics.foot_planting import planted
+from echoavatar.motion.kinematics.motion import Motion, Pose
 from echoavatar.motion.kinematics.rigs import bone_map, known_bones
 from echoavatar.motion.kinematics.rotations import angle_between
+from echoavatar_lab.data.faults import skate
 
 PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
 STROKE_SPEED = 0.35  # metres per second; a peak above it is a stroke
@@ -28,7 +28,7 @@ def describe(motion: Motion) -> dict[str, float]:
     `leg_energy_m2_s2` is the mean squared world speed of hips, knees, ankles and toes; `stroke_rate_hz` counts
     peaks of hand speed over 0.35 m/s per second and hand; `pause_ratio` is the share of frames in which both hands
     move at less than 6 cm/s; `reach_ratio` is the distance from shoulder to wrist in arm lengths; jerk is the mean
-    length of the third derivative of position; skate as in `contact.skate`, over ankles and toes.
+    length of the third derivative of position; skate as in `faults.skate`, over ankles and toes.
     `turned_feet_ratio` is the share of feet that point over 60 degrees away from where the hips face, NaN for a rig
     without toes.
     """

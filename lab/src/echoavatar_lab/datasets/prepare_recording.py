@@ -32,10 +32,11 @@ from echoavatar.models.fingers.clips import FROZEN_DEG_S
 from echoavatar.models.fingers.refine import finger_joints
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, SkeletonConfig
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import angle_between, axis_angle_from_quaternion, quaternion_from_matrix
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.corpora.rehearsal.corpus import domains
 from echoavatar_lab.corpora.rehearsal.recording_labels import track_from_recording
 from echoavatar_lab.data import Clip
@@ -303,8 +304,5 @@ def _arrays(events: dict[str, tuple[float, ...]]) -> dict[str, NDArray[np.float6
 
 
 def _save(receipt: Receipt, folder: Path) -> Receipt:
-    path = part_path(folder, receipt.name).with_suffix(".json")
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(receipt.model_dump_json(), encoding="utf-8")
-    partial.replace(path)
+    write_whole(part_path(folder, receipt.name).with_suffix(".json"), receipt.model_dump_json())
     return receipt

@@ -19,12 +19,12 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import Motion, Skeleton
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
 from echoavatar.motion.kinematics.retarget import with_wrists
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.motion.kinematics.two_bone import reach
+from echoavatar_lab.data.faults import skate
 
 _SIDES = (("left", "right"), ("Left", "Right"), ("_L", "_R"), ("_l", "_r"), ("L_", "R_"), ("l_", "r_"))
 

@@ -17,6 +17,7 @@ from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, measure_features, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Corpus, Manifest, save_manifest
 from echoavatar_lab.data.clip import open_clip
 from echoavatar_lab.data.corpus import MIRROR, ClipEntry, can_mirror, write_shard
@@ -229,6 +230,4 @@ def _features(corpus: Corpus) -> dict[str, list[float]]:
 
 def write_json(path: Path, content: object) -> None:
     """Write JSON, completely or not at all."""
-    partial = path.with_name(path.name + ".part")
-    partial.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    partial.replace(path)
+    write_whole(path, json.dumps(content, indent=1, sort_keys=True) + "\n")

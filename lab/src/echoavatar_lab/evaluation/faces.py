@@ -23,7 +23,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import LevelControl
 from echoavatar.models.face import FaceStream
 from echoavatar.models.face.idle import frame_loudness
-from echoavatar.motion.arkit import ARKIT_NAMES, index_of
+from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.sound import SoundTrack
@@ -108,7 +108,7 @@ def animate_face(stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: in
 
 def opening(curves: Float[np.ndarray, "t 52"]) -> Opening:
     """Distance of the lips: the jaw's opening minus the lips' closure."""
-    apart = curves[:, index_of("jawOpen")] - curves[:, index_of("mouthClose")]
+    apart = curves[:, ARKIT_NAMES.index("jawOpen")] - curves[:, ARKIT_NAMES.index("mouthClose")]
     return np.asarray(np.maximum(apart, 0))
 
 

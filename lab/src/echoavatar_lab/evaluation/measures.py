@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from jaxtyping import Float, Integer
 
-from echoavatar.motion.ik.measure import penetration_depth_m
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.contact import planted, skate
+from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.rotations import angle_between
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 from echoavatar_lab.data import SILENCE
+from echoavatar_lab.data.faults import penetration_depth_m, skate
 
 from .metrics.distributions import Moments, moments
 from .metrics.liveliness import STATISTICS, body_points, liveliness, windows

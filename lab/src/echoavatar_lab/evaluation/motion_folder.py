@@ -26,7 +26,7 @@ from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NpzArrays, read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx

@@ -1,4 +1,4 @@
-"""Read SMPL-X and SMPL motion, on the rig of `echoavatar.files.exports.smplx_rig`.
+"""Read SMPL-X and SMPL motion, on the rig of `echoavatar.files.exports.smplx`.
 
 Little is lost, because retargeting uses rotations and scales travel; foot contacts are measured on these legs. With the
 user's own copy of the body model the skeleton has the speaker's joint positions (`rest_joints`). Hand poses are
@@ -25,7 +25,7 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix

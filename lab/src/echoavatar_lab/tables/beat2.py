@@ -21,7 +21,7 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.exports.smplx_rig import skeleton
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.models.audio import write_wav
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer

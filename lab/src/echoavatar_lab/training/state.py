@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.distributed.tensor import DTensor
 
 from echoavatar.errors import CheckpointError
+from echoavatar.whole_file import whole_file
 
 from .processes import full_tensor, placed_like
 
@@ -38,11 +39,15 @@ def has_state(folder: Path) -> bool:
 
 
 def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]) -> None:
-    """Write the file; `facts` must be JSON."""
+    """Write the file; `facts` must be JSON.
+
+    Raises:
+        CheckpointError: it cannot be written.
+    """
     stored = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
-    partial = path.with_name(path.name + ".partial")
-    save_file(stored, partial, metadata={"format": _FORMAT, "facts": json.dumps(dict(facts))})
-    partial.replace(path)
+    metadata = {"format": _FORMAT, "facts": json.dumps(dict(facts))}
+    with whole_file(path, error=CheckpointError, failures=(SafetensorError,), is_flushed=True) as partial:
+        save_file(stored, partial, metadata=metadata)
 
 
 def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:

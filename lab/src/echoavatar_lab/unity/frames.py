@@ -24,6 +24,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES as OURS
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.whole_file import whole_file
 
 BLOCK_FRAMES = 12  # 0.4 s at 30 fps, the content of one message
 BLEND_FRAMES = 3  # first frames of a block, blended with the last face of the previous block
@@ -98,10 +99,8 @@ def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> N
     """
     times = np.arange(len(curves))[:, None] / fps
     table = np.concatenate([times, face47(curves)], 1)
-    try:
-        np.savetxt(path, table, "%.6f", ",", header=",".join(("time", *FACE47_NAMES)), comments="")
-    except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another path") from error
+    with whole_file(path, error=MotionError) as partial:
+        np.savetxt(partial, table, "%.6f", ",", header=",".join(("time", *FACE47_NAMES)), comments="")
 
 
 def smoothed(block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None) -> Float[np.ndarray, "t c"]:

@@ -5,7 +5,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from echoavatar.motion.kinematics.forward import forward_kinematics
+from echoavatar.motion.kinematics.motion import forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.kinematics.skeleton import HUMANOID
 from echoavatar_lab.corpora.controls import neutral

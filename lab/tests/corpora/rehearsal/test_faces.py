@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.arkit import index_of
+from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar_lab.corpora.rehearsal.faces import TEST_EVERY, rehearse_clip, rehearse_faces
 from echoavatar_lab.models.face.clip import load_clips
 
@@ -13,7 +13,7 @@ def test_lips_move_with_the_voice_and_a_clip_is_the_same_whoever_makes_it():
     assert np.array_equal(clip.audio, again.audio)
     assert np.array_equal(clip.curves, again.curves)
     loud = np.square(clip.audio.reshape(-1, 800)).mean(1)
-    jaw = clip.curves[:, index_of("jawOpen")]
+    jaw = clip.curves[:, ARKIT_NAMES.index("jawOpen")]
     assert jaw.max() > 0.2
     assert jaw[loud > np.quantile(loud, 0.8)].mean() > 2 * jaw[loud < 1e-7].mean()
 

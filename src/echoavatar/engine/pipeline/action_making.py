@@ -20,7 +20,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.motion.kinematics import Motion, Skeleton, from_features, to_features
 from echoavatar.motion.kinematics.easing import smootherstep
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import (
     axis_angle_from_quaternion,

@@ -15,6 +15,7 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.stages.post import SWITCHES
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar.whole_file import write_whole
 
 from .foreign_rig import RigConfig
 
@@ -92,9 +93,7 @@ class Runtime(Config):
 
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""
-        partial = folder / f"{FILE}.partial"
-        partial.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        partial.replace(folder / FILE)
+        write_whole(folder / FILE, self.model_dump_json(indent=1) + "\n")
 
     @classmethod
     def load(cls, folder: Path, *, is_leveled: bool = True) -> "Runtime":

@@ -3,9 +3,8 @@
 May import `kinematics` and below. Metres, Y up, facing +Z, quaternions `wxyz`; colours sRGB.
 """
 
-from .character import CHARACTERS, LEVELS, MATERIALS, Character, Material, level_file, load_character
+from .character import CHARACTERS, LEVELS, MATERIALS, Character, Material, Textures, level_file, load_character
 from .skinning import skin
-from .textures import Textures
 
 __all__ = [
     "CHARACTERS",

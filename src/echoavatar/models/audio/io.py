@@ -18,6 +18,7 @@ from jaxtyping import Float, Shaped
 from echoavatar.errors import AudioError
 from echoavatar.limits import check_file
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.whole_file import whole_file
 
 Mono = Float[np.ndarray, " s"]
 _LOUDEST = 64.0  # larger floats are integers that were not scaled
@@ -174,14 +175,8 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
     Raises:
         AudioError: the place cannot be written.
     """
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
+    with whole_file(path, error=AudioError, failures=(soundfile.SoundFileError,)) as partial:
         soundfile.write(partial, np.clip(audio, -1, 1), rate, subtype="PCM_16", format="WAV")
-        partial.replace(path)
-    except (OSError, soundfile.SoundFileError) as error:
-        partial.unlink(missing_ok=True)
-        raise AudioError(f"cannot write {path} ({error}); choose a folder that exists and can be written") from error
 
 
 def open_sound(path: Path) -> InputContainer:

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_6d, matrix_to_6d
 from echoavatar.timing import FRAME_RATE_HZ

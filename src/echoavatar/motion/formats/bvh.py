@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import BVH_BYTES, DEPTH, JOINTS, ROTATIONS, check_file
+from echoavatar.whole_file import write_whole
 
 from ..kinematics.motion import Motion
 from ..kinematics.rotations import euler_from_matrix, matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
-from .tables import write_whole
 
 _log = logging.getLogger(__name__)
 _RIGID_M = 1e-3  # a bone that changes its length by more is reported
@@ -90,7 +90,7 @@ def write_bvh(
     row = " ".join(["%.6f"] * table.shape[1])
     lines = ["HIERARCHY", *_hierarchy(skeleton, scale, order), "MOTION", f"Frames: {motion.frames}"]
     lines += [f"Frame Time: {1 / fps:.9f}", *(row % tuple(frame) for frame in table.tolist())]
-    write_whole(path, ("\n".join(lines) + "\n").encode())
+    write_whole(path, "\n".join(lines) + "\n", error=MotionError)
 
 
 class _Header:

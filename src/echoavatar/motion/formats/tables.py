@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.limits import ARRAYS_BYTES, check_file
+from echoavatar.whole_file import write_whole
 
 from ..kinematics.motion import Motion
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
@@ -26,7 +27,7 @@ def write_csv(path: Path | str, motion: Motion) -> None:
     table = np.concatenate([times, motion.root, motion.rotations.reshape(motion.frames, -1)], 1)
     row = ",".join(["%.6f"] * table.shape[1])
     text = "\n".join([",".join(head), *(row % tuple(frame) for frame in table.tolist())])
-    write_whole(path, (text + "\n").encode())
+    write_whole(path, text + "\n", error=MotionError)
 
 
 def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
@@ -36,7 +37,7 @@ def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
     """
     packed = io.BytesIO()
     np.savez_compressed(packed, **(_arrays(motion) | beside))
-    write_whole(path, packed.getvalue())
+    write_whole(path, packed.getvalue(), error=MotionError)
 
 
 def read_npz(path: Path | str) -> Motion:
@@ -129,16 +130,3 @@ def _arrays(motion: Motion) -> dict[str, Any]:
         "fps": np.array(motion.fps),
         "skeleton": np.array(motion.skeleton.config.model_dump_json()),
     }
-
-
-def write_whole(path: Path | str, data: bytes) -> None:
-    """Write a file completely or not at all; raises MotionError where it cannot be written."""
-    path = Path(path)
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)

@@ -8,9 +8,9 @@ Each kind of array has one arithmetic:
 | | whole clips, torch: batched, differentiable | live stages, compiled loops: one rotation at a time |
 |---|---|---|
 | rotations | `rotations` | `quaternions` |
-| forward kinematics | `forward` | `ik.chains`, for the few joints that the stages need |
-| two-bone IK | `two_bone`, about a given hinge | `ik.leg` (knee about X), `ik.arm` (elbow in its own plane) |
-| retargeting | `retarget`, measured on the clip | `live_retarget`, in torch too, measured on the two rest poses |
+| forward kinematics | `motion` | `ik.limbs`, for the few joints that the stages need |
+| two-bone IK | `two_bone`, about a given hinge | `ik.limbs` (knee about X, elbow in its own plane) |
+| retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, measured on two rest poses |
 """
 
 from .features import (
@@ -22,8 +22,7 @@ from .features import (
     split_parts,
     to_features,
 )
-from .forward import Pose, forward_kinematics
-from .motion import Motion
+from .motion import Motion, Pose, forward_kinematics
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig
 
 __all__ = [

@@ -19,13 +19,14 @@ from scipy.signal import butter, sosfiltfilt
 from echoavatar.errors import MotionError
 from echoavatar.limits import ARRAYS_BYTES, check_file
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of, write_whole
+from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.kinematics.resample import align_signs, resample
+from echoavatar.motion.kinematics.motion import align_signs, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import known_bones
 from echoavatar.nn.kernels import user_cache
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.corpora.controls import Array, Controls, concatenated, moved, wander
 
 from .catalogue import Entry, Kind, entry_of
@@ -98,7 +99,7 @@ class CapturedLibrary:
             frames=np.array([len(clip.controls) for clip in self.clips]),
             clips=np.array(json.dumps(about)),
         )
-        write_whole(path, packed.getvalue())
+        write_whole(path, packed.getvalue(), error=MotionError)
 
 
 def open_library(path: Path) -> CapturedLibrary:

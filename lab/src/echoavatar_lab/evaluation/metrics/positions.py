@@ -11,7 +11,7 @@
   all joints of our rig here. Frames of all clips count equally (N is their total). The published code overwrites its
   input positions with |p - mean|; scripts that score beats afterwards score that instead of the motion.
 - Physical plausibility: jerk, floor penetration, and EDGE's foot contact score. Sliding feet are measured by
-  `kinematics.contact.skate`, hands inside the body by `ik.measure`.
+  `data.faults.skate`, hands inside the body by `data.faults.penetration_depth_m`.
 
 Names carry the units; without one it is metres.
 """

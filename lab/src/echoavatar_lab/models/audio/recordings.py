@@ -10,7 +10,6 @@ the whole. `AudioPool` holds groups of recordings in memory and draws from them 
 
 import csv
 import hashlib
-import os
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -19,9 +18,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int16
 
-from echoavatar.errors import AudioError
+from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import read_audio
 from echoavatar.nn.kernels import user_cache
+from echoavatar.whole_file import whole_file
 
 AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 MANIFEST = "manifest.csv"
@@ -79,14 +79,12 @@ def _opened(path: Path, size: int, changed: int) -> Int16[np.ndarray, " s"]:
     kept = user_cache() / "sound" / f"{name}.npy"
     if not kept.is_file():
         samples = to_int16(read_audio(path))
-        partial = kept.with_suffix(f".{os.getpid()}.part")
         try:
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            with partial.open("wb") as file:
-                np.save(file, samples)
-            partial.replace(kept)
-        except OSError:  # no cache can be written
-            partial.unlink(missing_ok=True)
+            with whole_file(kept) as partial:
+                kept.parent.mkdir(parents=True, exist_ok=True)
+                with partial.open("wb") as file:
+                    np.save(file, samples)
+        except EchoAvatarError:  # no cache can be written
             return samples
     return np.asarray(np.load(kept, mmap_mode="r", allow_pickle=False))
 

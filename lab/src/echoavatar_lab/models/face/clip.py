@@ -23,6 +23,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, HEAD_AND_EYES, reorder
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import whole_file
 
 _PCM = 32767.0
 SPLITS = ("train", "test")
@@ -62,8 +63,7 @@ class FaceClip:
     def save(self, path: Path) -> None:
         """Write the clip, whole or not at all; sound as 16-bit PCM, curves as float16."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(".partial")
-        with partial.open("wb") as file:
+        with whole_file(path, error=MotionError) as partial, partial.open("wb") as file:
             np.savez_compressed(
                 file,
                 name=np.array(self.name),
@@ -72,7 +72,6 @@ class FaceClip:
                 channels=np.array(ARKIT_NAMES),
                 split=np.array(self.split),
             )
-        partial.replace(path)
 
     @classmethod
     def load(cls, path: Path) -> Self:

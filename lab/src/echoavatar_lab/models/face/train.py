@@ -33,7 +33,7 @@ from echoavatar.models.face.config import FaceConfig
 from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.face.flow import FULL_NOISE
 from echoavatar.models.face.model import FaceModel
-from echoavatar.motion.arkit import index_of
+from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, has_state, train
 
@@ -275,7 +275,7 @@ def lip_error(seen: Float[Tensor, "n b t c"], curves: Float[Tensor, "b t c"]) ->
 
 
 def _apart(curves: Float[Tensor, "*b c"]) -> Float[Tensor, "*b"]:
-    return curves[..., index_of("jawOpen")] - curves[..., index_of("mouthClose")]
+    return curves[..., ARKIT_NAMES.index("jawOpen")] - curves[..., ARKIT_NAMES.index("mouthClose")]
 
 
 class FaceLesson(NamedTuple):

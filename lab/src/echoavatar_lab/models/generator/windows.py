@@ -27,6 +27,7 @@ from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER, Exemplar
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar.whole_file import whole_file
 
 DOMAINS = ("silence", "speech", "music")
 CUES = ("beat", "stress")
@@ -87,8 +88,7 @@ class TokenClip:
 
     def save(self, path: Path) -> None:
         """Write a token file, whole or not at all."""
-        partial = path.with_name(path.name + ".part")
-        with partial.open("wb") as file:
+        with whole_file(path, error=MotionError) as partial, partial.open("wb") as file:
             np.savez_compressed(
                 file,
                 audio_codes=self.audio.astype(np.int16),
@@ -100,7 +100,6 @@ class TokenClip:
                 has_truth=np.array(self.has_truth),
                 is_leveled=np.array(self.is_leveled),
             )
-        partial.replace(path)
 
 
 def patience_of(clips: Sequence[TokenClip]) -> float:

@@ -1,11 +1,13 @@
+import numpy as np
 import pytest
 import torch
 from tests.motion.ik.poses import left_wrist_at
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.ik import BodyProfile, RoundedPart, penetration_depth_m
+from echoavatar.motion.ik import BodyProfile, RoundedPart
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar_lab.data.faults import penetration_depth_m, skate
 
 REST = HUMANOID.rest_positions
 
@@ -39,3 +41,23 @@ def test_frames_that_are_not_finite_are_refused() -> None:
     rotations[1, 3, 0, 0] = torch.inf
     with pytest.raises(MotionError, match="not finite"):
         penetration_depth_m(HUMANOID, rotations)
+
+
+def one_foot(height, x):
+    """Places (t, 1, 3)."""
+    return np.stack([np.asarray(x, float), np.asarray(height, float), np.zeros(len(height))], -1)[:, None]
+
+
+def test_a_sliding_foot_cannot_hide():
+    """Half a metre per second along the floor is 50 cm/s of skate, however fast that is."""
+    place = one_foot(np.full(30, 0.08), np.arange(30) * 0.5 / 30)
+    assert skate(place, 30) == pytest.approx(50)
+
+
+def test_one_of_two_feet_sliding_is_half():
+    still, sliding = one_foot(np.full(30, 0.08), np.zeros(30)), one_foot(np.full(30, 0.08), np.arange(30) * 0.2 / 30)
+    assert skate(np.concatenate([still, sliding], 1), 30) == pytest.approx(10)
+
+
+def test_no_contact_is_no_skate():
+    assert skate(one_foot(np.full(10, 0.5), np.arange(10)), 30, standing_height=0.08) == 0

@@ -13,7 +13,7 @@ HELP = "studio (default), dusk, plain, or a colour such as #00ff00"
 
 
 @dataclass(frozen=True)
-class Stage:
+class Backdrop:
     """Light and backdrop.
 
     Attributes:
@@ -30,22 +30,22 @@ class Stage:
     shadow: tuple[float, float]
 
     @classmethod
-    def of(cls, background: str) -> "Stage":
-        """The stage of this name, or one colour: `#rrggbb`.
+    def of(cls, background: str) -> "Backdrop":
+        """The backdrop of this name, or one colour: `#rrggbb`.
 
         Raises:
-            MotionError: there is no such stage.
+            MotionError: there is no such backdrop.
         """
-        if background in STAGES:
-            return STAGES[background]
+        if background in BACKDROPS:
+            return BACKDROPS[background]
         if not re.fullmatch("#[0-9a-fA-F]{6}", background):
             raise MotionError(f"there is no background {background!r}; choose {HELP}")
         red, green, blue = bytes.fromhex(background[1:])
         flat = (red, green, blue)
-        return cls(_DAY, flat, flat, flat, STAGES["plain"].shadow)
+        return cls(_DAY, flat, flat, flat, BACKDROPS["plain"].shadow)
 
     def picture(self, width: int, height: int) -> UInt8[np.ndarray, "h w 3"]:
-        """The empty stage: a soft wall that turns into the floor without an edge, with the light in its middle."""
+        """A soft wall that turns into the floor without an edge, with the light in its middle."""
         y = np.linspace(0, 1, height)[:, None, None]
         x = np.linspace(-1, 1, width)[None, :, None]
         top, horizon, bottom = (np.array(colour, float) for colour in (self.top, self.horizon, self.bottom))
@@ -82,8 +82,8 @@ _EVENING = _look(
     (1.6, 2.4, 2.6), (0.86, 0.68, 0.50), (0.24, 0.26, 0.40), (0.15, 0.11, 0.12),
     (-2.2, 2.0, -2.4), (0.42, 0.40, 0.72),
 )  # fmt: skip
-STAGES: dict[str, Stage] = {
-    "studio": Stage(_DAY, (222, 226, 231), (238, 240, 242), (214, 216, 219), (0.30, 0.45)),
-    "dusk": Stage(_EVENING, (28, 30, 48), (74, 62, 82), (44, 38, 50), (0.45, 0.55)),
-    "plain": Stage(_DAY, (255, 255, 255), (255, 255, 255), (255, 255, 255), (0.22, 0.40)),
+BACKDROPS: dict[str, Backdrop] = {
+    "studio": Backdrop(_DAY, (222, 226, 231), (238, 240, 242), (214, 216, 219), (0.30, 0.45)),
+    "dusk": Backdrop(_EVENING, (28, 30, 48), (74, 62, 82), (44, 38, 50), (0.45, 0.55)),
+    "plain": Backdrop(_DAY, (255, 255, 255), (255, 255, 255), (255, 255, 255), (0.22, 0.40)),
 }

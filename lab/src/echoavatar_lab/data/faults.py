@@ -1,17 +1,34 @@
-"""How deep hands are inside a body, frame by frame; measures what `hand_collisions` leaves."""
+"""Two faults of motion, measured: planted feet that slide, and hands inside the body."""
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import NDArray
 from torch import Tensor
 
 from echoavatar.errors import MotionError
+from echoavatar.motion.ik import BodyProfile, body_of_rig
+from echoavatar.motion.ik.hand_collisions import Body, hand_points
+from echoavatar.motion.kinematics import Skeleton, forward_kinematics
+from echoavatar.motion.kinematics.foot_planting import planted
+from echoavatar.motion.kinematics.rigs import bone_map
 
-from ..kinematics import Skeleton, forward_kinematics
-from ..kinematics.rigs import bone_map
-from .body import Body
-from .hand import hand_points
-from .profile import BodyProfile, body_of_rig
+
+def skate(
+    positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
+) -> float:
+    """Mean horizontal speed of planted feet, centimetres per second; 0 if no foot is ever planted.
+
+    The mean is over all pairs of neighbouring frames in which a foot is planted both times. One still foot and one
+    sliding foot give half the sliding foot's speed.
+    """
+    place = np.asarray(positions, np.float64)
+    is_planted = planted(place, fps, standing_height=standing_height)
+    stays = is_planted[1:] & is_planted[:-1]
+    if not stays.any():
+        return 0.0
+    speed = np.linalg.norm(np.diff(place[..., [0, 2]], axis=0), axis=-1) * fps
+    return float(speed[stays].mean() * 100)
 
 
 def penetration_depth_m(
