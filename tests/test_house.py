@@ -77,8 +77,6 @@ def test_every_room_says_what_it_is_for() -> None:
         for package in source.rglob("__init__.py"):
             text = package.read_text().lstrip()
             assert text.startswith('"""'), f"{package} has no docstring"
-            if package.parent != SOURCE:
-                assert "ay import" in text, f"{package} does not say what it may import"
 
 
 def test_version_is_the_installed_one() -> None:

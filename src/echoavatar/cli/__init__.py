@@ -1,4 +1,4 @@
-"""The command line: parse, dispatch, print. It may import every room, and imports only what the command needs.
+"""The command line: parse, dispatch, print. May import every room, and loads only what the command needs.
 
 Each command is one module with `add_arguments(parser)` and `run(args) -> int`. The commands in `SEPARATE` come with
 distributions of their own, which name the module in an entry point of the group `echoavatar.commands`. Exit codes:

@@ -1,4 +1,4 @@
 """Measurements of a developer: stages without a model, long runs with faults, CUDA graphs, training steps.
 
-May import `models`, `training` and `echoavatar`.
+May import `evaluation` and below.
 """

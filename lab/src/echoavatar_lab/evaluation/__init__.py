@@ -1,4 +1,4 @@
 """Evaluates bundles: reconstruction, audio reliance, behaviour, alignment with audio, latency.
 
-May import `engine` and below.
+May import `corpora` and below.
 """

@@ -1,6 +1,6 @@
 """A server for the authors' Unity projects: their motion messages out, audio and actions in, over TCP.
 
-May import `engine`, `reference` and below.
+May import `reference` and below.
 """
 
 from .serve import UnitySettings, serve_unity

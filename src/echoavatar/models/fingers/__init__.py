@@ -1,6 +1,6 @@
 """Fingers for motion without them (paper, Motion Refinement): an inpainting model of the hands given the body.
 
-May import `metrics`, `kinematics`, `nn`, `checkpoint` and below.
+May import `motion` and below.
 """
 
 from .model import FingerConfig, FingerModel, load_shipped

@@ -1,6 +1,6 @@
 """Live motion to other programs: VMC (OSC), Live Link Face and JSON over UDP, each at its own rate.
 
-May import `face`, `kinematics`, `wire` and below. Every sink has a thread of its own. The code that feeds a sink never
+May import `wire`, `models`, `motion` and below. Every sink has a thread of its own. The code that feeds a sink never
 waits for it, and a receiver that is slow or gone affects nothing here.
 """
 
