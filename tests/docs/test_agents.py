@@ -17,10 +17,10 @@ from pathlib import Path
 
 import pytest
 from tests.agents.proxy.places import avatar_server, proxied, tone
+from tests.agents.proxy.scripted import ScriptedSession
 from tests.server.fakes import RunningServer, serving
 
 from echoavatar.agents.proxy import avatar_events, events
-from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.cli import COMMANDS, command_module
 from echoavatar.wire import ActionStatus, Hello, Ready
 
