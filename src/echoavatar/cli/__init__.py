@@ -97,11 +97,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
-        from .doctor import EXTRA_OF
+        from .doctor import missing_package
 
-        if (missing := (error.name or "").partition(".")[0]) not in EXTRA_OF:
+        if (missing := missing_package(error)) is None:
             raise
-        print(f"echoavatar: this needs {missing}: pip install 'echoavatar[{EXTRA_OF[missing]}]'", file=sys.stderr)
+        print(f"echoavatar: this needs {missing[0]}: {missing[1]}", file=sys.stderr)
         return 1
     except BrokenPipeError:  # whoever read our output has gone, as `head` does
         if argv is None:

@@ -15,19 +15,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .options import (
-    DEVICE_HELP,
-    FORMATS,
-    RIG_HELP,
-    RUNTIME_HELP,
-    VIEWS,
-    WITHOUT_HELP,
-    add_model,
-    add_picture,
-    advance,
-    local_path,
-    size,
-)
+from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, size
 
 STDIN = Path("-")
 EXAMPLES = """examples:
@@ -65,8 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SUFFIX",
         help="of the files in a folder (default: %(default)s)",
     )
-    add_model(parser)
-    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
+    add_pipeline(parser)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
@@ -79,8 +66,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_picture(parser)
     parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
-    parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
-    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -181,7 +166,7 @@ def _readable(sound: Path) -> Iterator[Path]:
 
 
 def _suffix(text: str) -> str:
-    return text if text.startswith(".") else f".{text}"
+    return f".{text.removeprefix('.')}"
 
 
 def _rate(text: str) -> float:

@@ -40,8 +40,10 @@ from echoavatar.wire import (
     Sound,
     decode_server,
     encode,
+    pack_audio,
     subprotocol,
 )
+from echoavatar.wire.messages import Role
 
 BLOCK_BYTES = 1 << 16
 AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's queue is bounded
@@ -207,13 +209,15 @@ class Avatar:
 
     async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> str:
         """Request an action; its id comes back in `ActionStatus` messages."""
-        await self.send(Action(id=self._next_id(), name=name, intensity=intensity, hold=hold))
-        return f"py-{self._requests}"
+        request = Action(id=self._next_id(), name=name, intensity=intensity, hold=hold)
+        await self.send(request)
+        return request.id
 
     async def play_music(self, title: str = "") -> str:
         """Play one of `ready.tracks`."""
-        await self.send(Music(id=self._next_id(), op="play", title=title))
-        return f"py-{self._requests}"
+        request = Music(id=self._next_id(), op="play", title=title)
+        await self.send(request)
+        return request.id
 
     async def stop_music(self) -> None:
         """Fade the music out."""
@@ -352,17 +356,20 @@ class Avatar:
 
 @asynccontextmanager
 async def connect(
-    url: str, *, token: str = "", rate: int = 24_000, seed: int = 0, body: BodyOptions | None = None
+    url: str, *, token: str = "", rate: int = 24_000, seed: int = 0, body: BodyOptions | None = None, watch: str = ""
 ) -> AsyncIterator[Avatar]:
     """Open a session at a server such as `http://127.0.0.1:8765`.
 
     `body` keeps the avatar near its place, such as `BodyOptions(leash_m=0.5)` before a camera that does not follow.
+    `watch` is the public name of a running session to watch instead.
 
     Raises:
         ConnectionLostError: no server answers there.
         ProtocolError: the server refused the session: wrong token, or no free seat.
     """
-    hello = Hello(token=token, audio=AudioFormat(rate=rate), seed=seed, body=body or BodyOptions())
+    role: Role = "viewer" if watch else "source"
+    form = AudioFormat(rate=rate)
+    hello = Hello(token=token, audio=form, seed=seed, body=body or BodyOptions(), role=role, session=watch)
     avatar = Avatar(stream_url(url), hello)
     await avatar.open()
     alive = asyncio.create_task(avatar.keep_alive())
@@ -393,7 +400,7 @@ def _pcm(samples: np.ndarray) -> bytes:
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             raise EchoAvatarError("the samples are not all finite; replace NaN and infinity by 0")
-        return bytes(np.rint(np.clip(samples, -1, 1) * 32_767).astype("<i2").data)
+        return pack_audio(samples)
     if samples.dtype == np.int16:
         return bytes(samples.astype("<i2").data)
     raise EchoAvatarError(f"samples of type {samples.dtype}; give floats in -1..1 or int16")

@@ -104,7 +104,9 @@ class Recorder:
         Raises:
             MotionError: no motion has arrived.
         """
-        start, end = (0, self.end) if seg is None else self._range(seg)
+        start, end = 0, self.end
+        if seg is not None:  # from its first chunk to its last sample
+            start, end = self._began.get(seg, end), self._finished.get(seg, end)
         at = [at for at in sorted(self._frames) if start <= at < end]
         if not at:
             raise MotionError("the server has sent no motion")
@@ -123,10 +125,6 @@ class Recorder:
             face=np.concatenate(faces),
             audio=audio,
         )
-
-    def _range(self, seg: int) -> tuple[int, int]:
-        """The clock from the first chunk of the utterance to its last sample."""
-        return self._began.get(seg, self.end), self._finished.get(seg, self.end)
 
 
 def read_sound(path: str | Path) -> tuple[Float[np.ndarray, " s"], int]:
