@@ -46,7 +46,7 @@ from echoavatar.wire import (
     unpack_pose,
 )
 from echoavatar.wire.messages import CLOSE_CODES, ENCODINGS, MAX_MESSAGE_BYTES
-from echoavatar.wire.typescript import Schema, interface
+from echoavatar_studio.typescript import Schema, interface
 
 ROOT = Path(__file__).parents[1]
 _HEADER = "// Made from src/echoavatar/wire/messages.py by scripts/make_protocol.py; do not edit."

@@ -100,7 +100,8 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
 
             async def hear(audio: bytes) -> None:
                 await input_callback(audio)
-                await self._listen(audio)
+                if not self._has_failed:
+                    await self._try(self.bridge.hear_user(np.frombuffer(audio, "<i2"), DEVICE_RATE))
 
             def hear_in_thread(audio: bytes) -> None:
                 asyncio.run_coroutine_threadsafe(hear(audio), loop)
@@ -177,10 +178,6 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
             pcm = soxr.resample(pcm, rate, DEVICE_RATE)
         await _maybe(self._device.output(pcm.astype("<i2").tobytes()))
 
-    async def _listen(self, audio: bytes) -> None:
-        if not self._has_failed:
-            await self._try(self.bridge.hear_user(np.frombuffer(audio, "<i2"), DEVICE_RATE))
-
     async def _try(self, work: Awaitable[object]) -> bool:
         try:
             await work
@@ -194,10 +191,10 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
 
     def __init__(self, where: str | Path | Engine = "default", **options: Any) -> None:
         """As `AsyncAvatarAudioInterface`; `device` may be `DefaultAudioInterface()`."""
+        self.avatar = AsyncAvatarAudioInterface(where, **options)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="echoavatar audio", daemon=True)
         self._thread.start()
-        self.avatar = self._run(self._make(where, options))
 
     @property
     def page(self) -> str:
@@ -234,9 +231,6 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
     def interrupt(self) -> None:
         """Stop speaking at once: the user spoke."""
         self._run(self.avatar.interrupt())
-
-    async def _make(self, where: str | Path | Engine, options: dict[str, Any]) -> AsyncAvatarAudioInterface:
-        return AsyncAvatarAudioInterface(where, **options)
 
     def _run(self, work: Coroutine[Any, Any, _Result]) -> _Result:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
