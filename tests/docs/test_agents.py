@@ -22,7 +22,7 @@ from tests.server.fakes import RunningServer, serving
 
 from echoavatar.agents.proxy import avatar_events, events
 from echoavatar.cli import COMMANDS, command_module
-from echoavatar.wire import ActionStatus, Hello, Ready
+from echoavatar.wire.messages import ActionStatus, Hello, Ready
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("openai_realtime", "mcp", "local_agent")

@@ -1,7 +1,8 @@
 import asyncio
 
 from echoavatar.server.outbox import MOST_MOTION, MOST_SOUND, Outbox
-from echoavatar.wire import Error, Motion, Pong, ProtocolError, Sound
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import Error, Motion, Pong, Sound
 
 
 def motion(at: int) -> Motion:

@@ -14,7 +14,7 @@ from tests.server.sinks.receiving import Receiver
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import sink_router
 from echoavatar.server.sink_router import SinkRouter
-from echoavatar.wire import Flush, Hello, Interrupt, Motion, Rig, State
+from echoavatar.wire.messages import Flush, Hello, Interrupt, Motion, Rig, State
 
 
 def heights(receiver: Receiver, count: int) -> list[float]:

@@ -23,7 +23,7 @@ from echoavatar.files.avatar.avatar_renderer import RENDERERS
 from echoavatar.files.avatar.render import Renderer, Surface
 from echoavatar.server import ServerSettings
 from echoavatar.server.whep import ViewerOutbox
-from echoavatar.wire import Flush, Hello
+from echoavatar.wire.messages import Flush, Hello
 
 ENOUGH_HZ = 15  # pictures a second below which flashes are not judged
 AT_ONCE = 20  # flashes in one message, which has a limit

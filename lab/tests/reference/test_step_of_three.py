@@ -20,7 +20,8 @@ from echoavatar.engine import Engine, animate, animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.stages.modes import MotionOptions
-from echoavatar.wire import Flush, Hello, Interrupt, Motion, Sound, unpack_pose
+from echoavatar.wire.blobs import unpack_pose
+from echoavatar.wire.messages import Flush, Hello, Interrupt, Motion, Sound
 from echoavatar_lab.unity import UnitySettings, serve_unity
 
 STEP = 9_600

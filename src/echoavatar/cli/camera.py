@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from echoavatar.engine import Playhead
     from echoavatar.server.video import LiveStream, VideoSource
     from echoavatar.server.video.broadcast import Output
-    from echoavatar.wire import Ready
+    from echoavatar.wire.messages import Ready
 
 RATE_HZ = 25
 RETRY_S = 2.0
@@ -109,7 +109,8 @@ class _Show:
     async def _watch(self) -> None:
         """Take the messages of one session after another."""
         from echoavatar.agents.client import ConnectionLostError, RemoteTools, connect
-        from echoavatar.wire import Flush, ProtocolError
+        from echoavatar.wire.codec import ProtocolError
+        from echoavatar.wire.messages import Flush
 
         args, tools = self._args, RemoteTools(self._args.server, token=self._args.token)
         while True:
@@ -139,7 +140,7 @@ class _Show:
         from echoavatar.engine import Playhead
         from echoavatar.files.avatar.avatar_renderer import Shot
         from echoavatar.server.video import LiveStream, VideoSource
-        from echoavatar.wire import Flush
+        from echoavatar.wire.messages import Flush
 
         args, self._is_waiting = self._args, False
         self._playhead = Playhead()

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import msgspec
 
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire import Error, Motion, PackedSound, ProtocolError, ServerMessage, Sound
-from echoavatar.wire.messages import SoundFormat, Stream
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import Error, Motion, PackedSound, ServerMessage, Sound, SoundFormat, Stream
 
 MOST_MOTION = 16  # messages, 4 s
 MOST_SOUND = 128  # messages, 34 s

@@ -18,8 +18,8 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.frames import Frame
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import MAX_MESSAGE_BYTES
 from echoavatar.wire.guard import check_certificate
+from echoavatar.wire.messages import MAX_MESSAGE_BYTES
 from echoavatar.wire.sockets import SPARE_FILES, ConnectionGuard, hurry_handshakes, listen, log_less, raise_file_limit
 
 CLOSE_S = 3.0  # for a client's answer to our close

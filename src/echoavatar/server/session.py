@@ -18,7 +18,9 @@ from jaxtyping import Float
 from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
 from echoavatar.errors import QueueFullError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose, unpack_audio
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import (
     Action,
     ActionState,
     ActionStatus,
@@ -31,15 +33,10 @@ from echoavatar.wire import (
     Interrupt,
     Music,
     Played,
-    Pose,
-    ProtocolError,
     ServerMessage,
     Sound,
     State,
     Stats,
-    pack_audio,
-    pack_pose,
-    unpack_audio,
 )
 
 from .opus import OpusPacker

@@ -26,9 +26,9 @@ from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar.wire import VERSIONS, Flush, Hello, Latency, ProtocolError, Ready, Rig
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import Admission
-from echoavatar.wire.messages import SoundFormat
+from echoavatar.wire.messages import VERSIONS, Flush, Hello, Latency, Ready, Rig, SoundFormat
 
 from .metrics import Metrics
 from .outbox import Outbox

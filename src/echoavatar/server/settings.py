@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from echoavatar.wire import MAX_MESSAGE_BYTES, Limits
+from echoavatar.wire.messages import MAX_MESSAGE_BYTES, Limits
 
 
 @dataclass(frozen=True)

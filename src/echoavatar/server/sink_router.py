@@ -6,7 +6,7 @@ threads of their own; nothing here waits for them.
 
 from collections.abc import Iterable, Sequence
 
-from echoavatar.wire import Rig, ServerMessage
+from echoavatar.wire.messages import Rig, ServerMessage
 
 from .outbox import Outbox
 from .session import ServerSession

@@ -15,8 +15,9 @@ from starlette.routing import BaseRoute, Route
 from echoavatar.engine import ActStatus
 from echoavatar.engine.tools import Schema, Style
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import Action, Music, ProtocolError
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin, has_token
+from echoavatar.wire.messages import Action, Music
 
 from .session import ServerSession
 from .session_manager import SessionManager

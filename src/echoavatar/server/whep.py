@@ -28,8 +28,9 @@ from echoavatar.files.avatar.avatar_renderer import VIEWS, Shot, View
 from echoavatar.server.video.live_stream import LiveStream, doubled
 from echoavatar.server.video.video_source import VideoSource, prepare
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import ProtocolError, ServerMessage
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin
+from echoavatar.wire.messages import ServerMessage
 
 from .outbox import Outbox
 from .session import ServerSession

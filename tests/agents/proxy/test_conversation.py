@@ -11,7 +11,7 @@ from echoavatar.agents.proxy import conversation as room
 from echoavatar.agents.proxy.conversation import Conversation, Decoder, SpeechItem, SpeechItems
 from echoavatar.agents.proxy.events import Event
 from echoavatar.timing import CHUNK_SAMPLES, ChunkSize
-from echoavatar.wire import Audio, Sound
+from echoavatar.wire.messages import Audio, Sound
 
 
 class Avatar:

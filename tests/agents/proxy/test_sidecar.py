@@ -15,7 +15,9 @@ from websockets.typing import Subprotocol
 
 from echoavatar.agents.proxy import ProxySettings
 from echoavatar.timing import ChunkSize
-from echoavatar.wire import Latency, Limits, Motion, Ready, Rig, Sound, encode, subprotocol, unpack_pose
+from echoavatar.wire.blobs import unpack_pose
+from echoavatar.wire.codec import encode, subprotocol
+from echoavatar.wire.messages import Latency, Limits, Motion, Ready, Rig, Sound
 
 BODY, FACE, FLUSH = ("echoavatar.animation_body.delta", "response.animation_blendshapes.delta", "echoavatar.flush")
 DONE = "response.animation_blendshapes.done"

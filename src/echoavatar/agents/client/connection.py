@@ -18,7 +18,9 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
+from echoavatar.wire.blobs import pack_audio
+from echoavatar.wire.codec import ProtocolError, decode_server, encode, subprotocol
+from echoavatar.wire.messages import (
     CLOSE_CODES,
     MAX_MESSAGE_BYTES,
     Action,
@@ -34,16 +36,11 @@ from echoavatar.wire import (
     Music,
     Ping,
     Played,
-    ProtocolError,
     Ready,
+    Role,
     ServerMessage,
     Sound,
-    decode_server,
-    encode,
-    pack_audio,
-    subprotocol,
 )
-from echoavatar.wire.messages import Role
 
 BLOCK_BYTES = 1 << 16
 AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's queue is bounded

@@ -9,18 +9,8 @@ from jaxtyping import Float
 
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import (
-    AudioFormat,
-    Flush,
-    Motion,
-    Pose,
-    Ready,
-    ServerMessage,
-    Sound,
-    State,
-    unpack_audio,
-    unpack_pose,
-)
+from echoavatar.wire.blobs import Pose, unpack_audio, unpack_pose
+from echoavatar.wire.messages import AudioFormat, Flush, Motion, Ready, ServerMessage, Sound, State
 
 
 @dataclass(frozen=True)

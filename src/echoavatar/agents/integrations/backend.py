@@ -18,7 +18,8 @@ from echoavatar.engine import Engine, load
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server, configure
-from echoavatar.wire import Hello, subprotocol
+from echoavatar.wire.codec import subprotocol
+from echoavatar.wire.messages import Hello
 from echoavatar.wire.sockets import listen
 
 Message = MutableMapping[str, Any]

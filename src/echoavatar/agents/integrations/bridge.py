@@ -20,7 +20,7 @@ from jaxtyping import Shaped
 from echoavatar.agents.client import Avatar
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
+from echoavatar.wire.messages import (
     ActionStatus,
     Audio,
     BodyOptions,

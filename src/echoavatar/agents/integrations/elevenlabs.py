@@ -19,7 +19,7 @@ import soxr
 from echoavatar.engine import Engine
 from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import BodyOptions
+from echoavatar.wire.messages import BodyOptions
 
 from .backend import find_backend
 from .bridge import AvatarBridge

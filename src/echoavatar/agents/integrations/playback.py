@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from echoavatar.engine import Playhead
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import ActionStatus, Flush, Motion, Ready, Sound, State
+from echoavatar.wire.messages import ActionStatus, Flush, Motion, Ready, Sound, State
 
 _FRAME_BYTES = 2 * SAMPLES_PER_FRAME
 GRACE_S = 0.1  # a framework writes in blocks; after a block it is assumed to play on for this long

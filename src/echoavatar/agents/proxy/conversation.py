@@ -21,7 +21,7 @@ import soxr
 from jaxtyping import Int16, UInt8
 
 from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
-from echoavatar.wire import Audio, Sound
+from echoavatar.wire.messages import Audio, Sound
 
 from ..client import Avatar
 from .events import AUDIO_DELTA, AUDIO_DONE, SESSION, Event, audio_format, inside, interrupts, sound

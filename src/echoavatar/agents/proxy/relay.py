@@ -21,7 +21,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ProtocolError
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin
 
 from .sidecar import AvatarSidecar

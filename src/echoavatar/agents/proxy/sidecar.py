@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import ChunkSize
-from echoavatar.wire import Ready, Sound
+from echoavatar.wire.messages import Ready, Sound
 
 from ..client import Avatar, RemoteTools, connect
 from . import avatar_events

@@ -5,7 +5,7 @@ from typing import cast
 from urllib.parse import parse_qsl, urlsplit
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import Rig
+from echoavatar.wire.messages import Rig
 
 from .encoders import NAMES, JsonEncoder, LiveLinkEncoder, Names, VmcEncoder
 from .sink import Encoder, Sink, UdpSink

@@ -24,7 +24,7 @@ from jaxtyping import Float
 
 from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES, HEAD_AND_EYES, VRM_NAMES, reorder, to_live_link, to_vrm
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import Rig
+from echoavatar.wire.messages import Rig
 
 from .sink import Frame
 

@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import Flush, Motion, Pose, Rig, ServerMessage, unpack_pose
+from echoavatar.wire.blobs import Pose, unpack_pose
+from echoavatar.wire.messages import Flush, Motion, Rig, ServerMessage
 
 from .address import make_sink
 from .sink import Frame, Sink

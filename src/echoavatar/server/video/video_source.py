@@ -16,7 +16,8 @@ from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.server.sinks.player import PoseTrack
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import Flush, Motion, Rig, ServerMessage, Sound, unpack_pose
+from echoavatar.wire.blobs import unpack_pose
+from echoavatar.wire.messages import Flush, Motion, Rig, ServerMessage, Sound
 
 FOLLOW_S = 0.5  # the camera reaches 63 % of a new place in this time
 KEPT_S = 2.0  # of sound behind the newest reading
