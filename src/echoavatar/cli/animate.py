@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.models.audio import stream_audio
     from echoavatar.motion.stages.modes import MotionOptions
 
-    outputs = _outputs(args, SUFFIXES)
+    outputs, is_quiet = _outputs(args, SUFFIXES), not sys.stderr.isatty()
     for output in outputs:
         check_output(output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
@@ -95,14 +95,12 @@ def run(args: argparse.Namespace) -> int:
     fps = args.fps or bundle.runtime.fps
     options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
     for sound, output in zip(args.audio, outputs, strict=True):
-        bar = tqdm(
-            unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
-        )
+        bar = tqdm(unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=is_quiet)
         with bar, _readable(sound) as path:
             done = animate(
                 pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(advance, bar)
             )
-        is_hidden = _is_quiet() or output.suffix.lower() not in FILMS
+        is_hidden = is_quiet or output.suffix.lower() not in FILMS
         with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
             Animation(*done).save(
                 output,
@@ -174,7 +172,3 @@ def _rate(text: str) -> float:
     if not 1 <= rate <= 1000:
         raise argparse.ArgumentTypeError(f"{text} is not a frame rate; choose 1 to 1000")
     return rate
-
-
-def _is_quiet() -> bool:
-    return not sys.stderr.isatty()

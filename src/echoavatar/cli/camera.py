@@ -155,7 +155,7 @@ class _Show:
         return source
 
     def _heard(self) -> int:
-        """The sample that is heard now: nobody reports to a viewer, so its clock is the wall's."""
+        """The sample that is heard now, by the wall clock, because a viewer gets no reports of playback."""
         assert self._source is not None
         self._playhead.advance(time.monotonic(), self._source.end)
         return self._playhead.sample

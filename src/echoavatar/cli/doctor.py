@@ -1,6 +1,6 @@
-"""`echoavatar doctor`: what works on this machine, and what to do about the rest.
+"""`echoavatar doctor`: tells what works on this machine, and how to repair the rest.
 
-Nothing is called well that was not tried: every module is imported, and one second of motion is made and written.
+It reports only what it tried: it imports every module, and makes and writes one second of motion.
 """
 
 import argparse
@@ -110,7 +110,7 @@ def missing_package(error: ModuleNotFoundError) -> tuple[str, str] | None:
 
 
 def _failure(module: str, error: Exception) -> Finding:
-    """Packages that only an extra brings may be absent; any other reason not to load is a fault."""
+    """The finding for a module that does not load: a fault, unless a package of an extra is absent."""
     room = module.split(".")[1]
     if isinstance(error, ModuleNotFoundError) and (missing := missing_package(error)):
         return OPTIONAL, room, f"needs {missing[0]}; {missing[1]}"

@@ -19,8 +19,8 @@ SINK_HELP = (
 )
 
 VIDEO_HELP = (
-    "serve sessions as WebRTC video and sound (WHEP), drawn here, to so many viewers at once; without a number one for "
-    "two processors. Each takes most of a processor (docs/video.md)"
+    "serve sessions as WebRTC video and sound (WHEP), drawn here, to at most this many viewers at once; without a "
+    "number, one for two processors. Each takes most of a processor (docs/video.md)"
 )
 
 
@@ -173,7 +173,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _viewers(asked: int) -> int:
-    """How many viewers of video there may be; -1 asks for as many as the processors can draw."""
+    """The largest number of video viewers; `asked` is -1 for as many as the processors can draw."""
     if not asked:
         return 0
     import aiortc  # noqa: F401  # an absent package is reported before the bundle is loaded
@@ -183,6 +183,7 @@ def _viewers(asked: int) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     from echoavatar.server.sinks import check_address
+    from echoavatar.wire.guard import check_certificate
 
     for text in args.sink:
         check_address(text)
@@ -198,6 +199,4 @@ def _check(args: argparse.Namespace) -> None:
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
     if args.certificate:
-        from echoavatar.wire.guard import check_certificate
-
         check_certificate(args.certificate, args.key)

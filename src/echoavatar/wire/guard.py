@@ -105,7 +105,7 @@ def check_certificate(certificate: str, key: str | None) -> None:
 
 
 class Waiting(Protocol):
-    """The hello of a connection, as far as it can be called off: a cancel scope."""
+    """A connection that waits for its hello: the cancel scope of that wait."""
 
     def cancel(self) -> None:
         """Stop waiting."""
@@ -113,8 +113,8 @@ class Waiting(Protocol):
 
 
 class Admission:
-    """Open WebSockets, at most `limit`. Each is known by the scope in which it waits for its hello; it may have to give
-    way to a new one until then.
+    """Open WebSockets, at most `limit`. Each is known by the cancel scope in which it waits for its hello. Until the
+    hello it may have to give way to a new connection.
     """
 
     def __init__(self, limit: int, per_address: int | None = None) -> None:
@@ -128,8 +128,8 @@ class Admission:
     def enter(self, scope: Waiting, address: str) -> bool:
         """Admit a connection; returns False if there is no room.
 
-        If an address has as many as it may, it gives up its own oldest silent connection; if all are taken, the address
-        with the most silent connections does.
+        An address that is at its own limit gives up its oldest connection without hello. If all places are taken, the
+        address with the most connections without hello gives one up.
         """
         address = network_of(address)
         own = [*self._waiting.values(), *self._greeted.values()].count(address)

@@ -122,7 +122,7 @@ class UtteranceQueue:
         self.received = min(self.received, flush.at)
 
     def interrupt(self) -> None:
-        """Drop everything that was said."""
+        """Drop all utterances; the server discards them too."""
         self._utterances.clear()
         self._sent_s = self.received / SAMPLE_RATE_HZ
 
@@ -150,7 +150,7 @@ class ConnectionLostError(EchoAvatarError):
 
 
 class MessageSocket(Protocol):
-    """What carries the messages: a WebSocket, or anything with these three methods."""
+    """The connection that carries the messages: a WebSocket, or anything with these three methods."""
 
     async def send(self, message: bytes) -> None:
         """Send one frame; raises `ConnectionClosed` once the connection is broken."""
@@ -277,22 +277,18 @@ class Avatar:
             ProtocolError: the server refused the session.
         """
         try:
-            await self._handshake()
-        except BaseException:
-            await self.close()
-            raise
-
-    async def _handshake(self) -> None:
-        try:
             self._socket = await self._dial()
             await self._socket.send(encode(self._hello))
             ready = await asyncio.wait_for(self.receive(), TIMEOUT_S)
-        except (OSError, TimeoutError, InvalidHandshake, ConnectionClosed) as error:
-            raise ConnectionLostError(
-                f"no server answers at {self._url} ({type(error).__name__}); start one with `echoavatar serve`"
-            ) from error
-        if not isinstance(ready, Ready):
-            raise ProtocolError("bad_order", "the server's first message was not `ready`")
+            if not isinstance(ready, Ready):
+                raise ProtocolError("bad_order", "the server's first message was not `ready`")
+        except BaseException as error:
+            await self.close()
+            if isinstance(error, OSError | TimeoutError | InvalidHandshake | ConnectionClosed):
+                raise ConnectionLostError(
+                    f"no server answers at {self._url} ({type(error).__name__}); start one with `echoavatar serve`"
+                ) from error
+            raise
         self.ready, self.epoch = ready, ready.epoch
 
     async def _dial_websocket(self) -> MessageSocket:

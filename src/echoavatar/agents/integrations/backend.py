@@ -33,11 +33,11 @@ Schema = dict[str, Any]
 class InProcessSocket:
     """The client's side of one WebSocket connection to an ASGI application."""
 
-    def __init__(self, app: Application, path: str = "/v1/stream") -> None:
+    def __init__(self, app: Application) -> None:
         scope = {
             "type": "websocket",
             "asgi": {"version": "3.0"},
-            "path": path,
+            "path": "/v1/stream",
             "headers": [],
             "subprotocols": [subprotocol("msgpack")],
         }

@@ -87,7 +87,19 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
 
     async def register(self, client_tools: ClientTools) -> tuple[str, ...]:
         """Register the avatar's tools with the agent's client tools; returns their names."""
-        return register_tools(client_tools, await self.prepare(), asyncio.get_running_loop())
+        tools, loop = await self.prepare(), asyncio.get_running_loop()  # the SDK may call from another loop
+
+        def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:
+            async def handle(parameters: dict[str, Any]) -> str:
+                arguments = {key: value for key, value in parameters.items() if key != "tool_call_id"}
+                calling = asyncio.run_coroutine_threadsafe(tools.call(name, arguments), loop)
+                return json.dumps(await asyncio.wrap_future(calling))
+
+            return handle
+
+        for name in tools.names:
+            client_tools.register(name, handler(name), is_async=True)
+        return tools.names
 
     # ---- called by the SDK
 
@@ -234,22 +246,6 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
 
     def _run(self, work: Coroutine[Any, Any, _Result]) -> _Result:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
-
-
-def register_tools(client_tools: ClientTools, tools: AvatarTools, loop: asyncio.AbstractEventLoop) -> tuple[str, ...]:
-    """Register the avatar's tools; `loop` is the bridge's and may differ from that of `client_tools`."""
-
-    def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:
-        async def handle(parameters: dict[str, Any]) -> str:
-            arguments = {key: value for key, value in parameters.items() if key != "tool_call_id"}
-            calling = asyncio.run_coroutine_threadsafe(tools.call(name, arguments), loop)
-            return json.dumps(await asyncio.wrap_future(calling))
-
-        return handle
-
-    for name in tools.names:
-        client_tools.register(name, handler(name), is_async=True)
-    return tools.names
 
 
 async def _maybe(result: object) -> None:

@@ -40,11 +40,9 @@ class Decoder:
     def __init__(self, kind: str = "pcm", rate: int = SAMPLE_RATE_HZ) -> None:
         self._kind = kind
         self._rest = b""  # an incomplete sample at the end of the last block
-        self._stream = (
-            None
-            if rate == SAMPLE_RATE_HZ
-            else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16", quality="HQ")
-        )
+        self._stream = None
+        if rate != SAMPLE_RATE_HZ:
+            self._stream = soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16", quality="HQ")
 
     def push(self, data: bytes, *, is_last: bool = False) -> Pcm:
         """Decode the next bytes; `is_last` also flushes the resampler."""
@@ -192,10 +190,8 @@ class SpeechItems:
 
     def find(self, item_id: str | None, content_index: int = 0) -> SpeechItem | None:
         """Find an item by its id."""
-        for item in reversed(self._items):
-            if item.item_id == item_id and item.content_index == content_index:
-                return item
-        return None
+        wanted = item_id, content_index
+        return next((item for item in reversed(self._items) if (item.item_id, item.content_index) == wanted), None)
 
     def of(self, seg: int) -> SpeechItem | None:
         """Find an item by the avatar's utterance number."""
@@ -253,7 +249,7 @@ class Conversation:
     # ---- the model
 
     async def on_server_event(self, event: Event, avatar: Avatar | None, now: float) -> None:
-        """Handle an event of the model's."""
+        """Handle an event of the model."""
         if event.type in AUDIO_DELTA:
             await self._speak(event, avatar, now)
         elif event.type in AUDIO_DONE:
@@ -332,7 +328,7 @@ class Conversation:
 
     @property
     def is_cutting(self) -> bool:
-        """Whether it is still open how much was heard."""
+        """Whether an interruption waits for the client's report of how much was heard."""
         return self._pending_cut is not None
 
     async def _truncate(self, event: Event, avatar: Avatar | None) -> None:
@@ -342,7 +338,9 @@ class Conversation:
             return
         heard = max(0, round(event.audio_end_ms * SAMPLE_RATE_HZ / 1000))
         estimate, item.cut = item.cut, heard
-        self._cut_after(item)
+        items = list(self.items)
+        for later in items[items.index(item) + 1 :]:  # they will not be heard either
+            later.cut = 0 if later.cut is None else later.cut
         if self._pending_cut is not None:
             self._pending_cut.cancel()
             self._pending_cut = None
@@ -353,18 +351,10 @@ class Conversation:
         if avatar is not None and item.seg:
             await avatar.interrupt(item.clock_at(heard))
 
-    def _cut_after(self, item: SpeechItem) -> None:
-        """Items that follow a truncated one will not be heard either."""
-        is_after = False
-        for other in self.items:
-            if is_after and other.cut is None:
-                other.cut = 0
-            is_after = is_after or other is item
-
     # ---- the client
 
     async def on_client_event(self, event: Event, avatar: Avatar | None, now: float) -> None:
-        """Handle an event of the client's."""
+        """Handle an event of the client."""
         if event.type == "input_audio_buffer.append":
             await self._send_user_audio(sound(event.audio), avatar)
         elif event.type == "conversation.item.truncate":
