@@ -74,5 +74,5 @@ def size(text: str) -> tuple[int, int]:
 
 
 def advance(bar: "tqdm[object]", to: float, _: float = 0) -> None:
-    """Move a bar to a place; it knows the third number, the length, already."""
+    """Move a bar to a position. The total, which some callers pass as well, is ignored."""
     bar.update(to - bar.n)

@@ -1,4 +1,4 @@
-"""Defaults of options from a file and from the environment, which wins over the file; what is typed wins over both.
+"""Defaults of options from a file and from the environment, which wins over the file; typed options win over both.
 
     # ~/.config/echoavatar/config.toml, or the file that $ECHOAVATAR_CONFIG names
     model = "bundles/mine"    # for every command that has --model
