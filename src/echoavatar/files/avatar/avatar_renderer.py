@@ -1,4 +1,4 @@
-"""The one way from a pose to a picture: films, live video and virtual cameras all draw through it."""
+"""Draw a pose as a picture; films, live video and virtual cameras all use this module."""
 
 import math
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ CLOSE: tuple[View, ...] = ("bust", "face")
 
 @dataclass(frozen=True)
 class Shot:
-    """How an avatar is pictured: size in pixels, view, background, and samples a pixel along each axis.
+    """The settings of a picture: size in pixels, view, background, and samples a pixel along each axis.
 
     With `alpha` pictures have a fourth channel and no backdrop. `renderer` is our rasteriser on the processor, or
     OpenGL on a graphics card.

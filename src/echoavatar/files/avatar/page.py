@@ -11,23 +11,13 @@ from typing import NamedTuple
 from echoavatar.errors import MotionError
 from echoavatar.whole_file import write_whole
 
-MIME_TYPES = {
-    ".ogg": "audio/ogg",
-    ".opus": "audio/ogg",
-    ".mp3": "audio/mpeg",
-    ".wav": "audio/wav",
-    ".m4a": "audio/mp4",
-    ".webm": "audio/webm",
-}
-
 
 class PageClip(NamedTuple):
-    """One entry of the page: a title, the name of an animation in the GLB, and encoded sound."""
+    """One entry of the page: a title, the name of an animation in the GLB, and its sound as an Ogg file."""
 
     title: str
     animation: str
     audio: bytes
-    suffix: str = ".ogg"  # a key of MIME_TYPES
     note: str = ""
 
 
@@ -56,7 +46,5 @@ def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
         raise MotionError(
             f"clip {clip.title!r} names the animation {clip.animation!r}, which is not in the GLB; name one that is"
         )
-    if clip.suffix not in MIME_TYPES:
-        raise MotionError(f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}")
-    sound = f"data:{MIME_TYPES[clip.suffix]};base64,{base64.b64encode(clip.audio).decode()}"
+    sound = f"data:audio/ogg;base64,{base64.b64encode(clip.audio).decode()}"
     return {"title": clip.title, "animation": clip.animation, "audio": sound, "note": clip.note}
