@@ -72,8 +72,8 @@ def test_arrays_that_unpack_to_too_much_are_refused_before_they_do(tmp_path, mon
     ids=["rate", "root", "texts", "nested", "joints"],
 )
 def test_arrays_that_are_no_motion_are_refused(tmp_path, change):
-    motion = swaying(2)
-    np.savez(tmp_path / "a.npz", **(tables._arrays(motion) | change))
+    write_npz(tmp_path / "a.npz", swaying(2))
+    np.savez(tmp_path / "a.npz", **(tables.arrays_of(tmp_path / "a.npz") | change))
     with pytest.raises(MotionError):
         read_npz(tmp_path / "a.npz")
 

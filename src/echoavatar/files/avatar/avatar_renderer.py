@@ -1,7 +1,7 @@
 """Draw a pose as a picture; films, live video and virtual cameras all use this module."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -63,7 +63,7 @@ class AvatarRenderer:
 
     def twin(self) -> "AvatarRenderer":
         """Another renderer of the same character, for another thread."""
-        return AvatarRenderer(self._character, replace(self.shot), self.paint)
+        return AvatarRenderer(self._character, self.shot, self.paint)
 
 
 def followed_joint(view: View) -> int:

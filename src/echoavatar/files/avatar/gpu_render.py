@@ -174,8 +174,8 @@ void main() {
 class GpuRenderer(Renderer):
     """Draws what `Renderer` draws; any thread may draw, one at a time.
 
-    A context of OpenGL is current in one thread: `draw` takes it and releases it. The context ends with the renderer. moderngl
-    holds the interpreter's lock while the card draws.
+    A context of OpenGL is current in one thread: `draw` takes it and releases it. The context ends with the renderer.
+    moderngl holds the interpreter's lock while the card draws.
 
     Attributes:
         card: the driver's name of the renderer; `llvmpipe` in it means software instead of a card.

@@ -45,7 +45,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Paint:
-    """The parts of a picture that all frames share: colours, triangles, pictures, and highlights (strength, exponent)."""
+    """What all frames share: colours, triangles, pictures, and highlights (strength, exponent)."""
 
     colours: Float[np.ndarray, "v 3"]  # linear factors on the pictures
     triangles: Integer[np.ndarray, "f 3"]  # unsigned, or the kernels ask whether each counts from the end
@@ -75,7 +75,7 @@ class Paint:
 
 
 def _glosses(character: Character, material: Integer[np.ndarray, " f"]) -> Float[np.ndarray, "f 2"]:
-    """Each triangle's highlight is its material's; hair painted on skin, where skin's roughness map is high, has none."""
+    """Each triangle's highlight is its material's; hair painted on skin (by the roughness map) has none."""
     glosses: Float[np.ndarray, "f 2"] = np.array([_gloss(m.roughness) for m in MATERIALS], np.float32)[material]
     if character.textures.skin_roughness:
         skin = [m.name for m in MATERIALS].index("skin")

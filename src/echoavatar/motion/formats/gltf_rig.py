@@ -192,14 +192,12 @@ def _humanoid(document: dict[str, Any]) -> dict[str, int]:
         bones = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
         return {bone: int(entry["node"]) for bone, entry in bones.items()}
     if "VRM" in extensions:
-        found = {e["bone"]: int(e["node"]) for e in extensions["VRM"]["humanoid"]["humanBones"]}
-        return {_renamed(bone): node for bone, node in found.items()}
+        found: dict[str, int] = {}
+        for entry in extensions["VRM"]["humanoid"]["humanBones"]:
+            stem, thumb, part = entry["bone"].partition("Thumb")
+            found[stem + thumb + (_OLD_THUMB[part] if thumb else part)] = int(entry["node"])
+        return found
     return {}
-
-
-def _renamed(bone: str) -> str:
-    stem, thumb, part = bone.partition("Thumb")
-    return stem + thumb + _OLD_THUMB[part] if thumb else bone
 
 
 def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:

@@ -251,52 +251,43 @@ class HandCollisions:
     """Moves arms so that no hand is inside the body. The motion of a rig whose arms are not known passes unchanged."""
 
     def __init__(self, skeleton: Skeleton, profile: BodyProfile | None = None) -> None:
-        self.is_able = _has_arms(skeleton)
-        self.joints: list[int] = []
+        """`chains` holds the hips and the feet too, so that other stages can share its pose."""
+        self.is_able, ends = _has_arms(skeleton), [0, *skeleton.config.feet]
         if not self.is_able:
+            self.chains = Chains(skeleton, ends)
             return
         self.profile = profile or body_of_rig(skeleton)
         bones, body = bone_map(skeleton), Body(skeleton, self.profile)
-        self._body, self._hands = body, _common_points(skeleton, bones)
-        self.joints = body.joints + [point.joint for hand in self._hands for point in hand]
+        self._hands = _common_points(skeleton, bones)
+        carriers = [[point.joint for point in hand] for hand in self._hands]
+        self.chains = Chains(skeleton, [*ends, *body.joints, *carriers[0], *carriers[1]])
         own = [self.profile.palm if point.is_palm else self.profile.finger for point in self._hands[0]]
-        self._thicker = np.array(own, np.float32) - np.float32(min(own))
-        self._radii = body.radii + np.float32(min(own) + CLEARANCE)
-        self._zone = _zone(self._radii, _span(skeleton, self._hands[0]) + SHELL + float(self._thicker.max()))
-        self._arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
-        self._skeleton = skeleton
-        self.use_chains(Chains(skeleton, self.joints))
-
-    def use_chains(self, chains: Chains) -> None:
-        """Use the caller's chains, which must hold `joints`, so that their pose is computed only once."""
-        if not self.is_able:
-            return
+        thicker = np.array(own, np.float32) - np.float32(min(own))
+        radii = body.radii + np.float32(min(own) + CLEARANCE)
+        arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
 
         def slots(joints: list[list[int]]) -> Array:
-            return np.array([[chains.slot[joint] for joint in row] for row in joints], np.int64)
+            return np.array([[self.chains.slot[joint] for joint in row] for row in joints], np.int64)
 
-        parents = self._skeleton.parents
-        is_head = [part.bone == "head" for part in self._body.parts]
-        self._chains = chains
         self._tables = Tables(
-            carriers=slots([self._body.joints])[0],
-            centres=self._body.centres,
-            radii=self._radii,
-            zone=self._zone,
-            starts=_starts(self._body),
-            is_head=np.array(is_head),
-            points=slots([[point.joint for point in hand] for hand in self._hands]),
+            carriers=slots([body.joints])[0],
+            centres=body.centres,
+            radii=radii,
+            zone=_zone(radii, _span(skeleton, self._hands[0]) + SHELL + float(thicker.max())),
+            starts=_starts(body),
+            is_head=np.array([part.bone == "head" for part in body.parts]),
+            points=slots(carriers),
             offsets=np.array([[point.offset for point in hand] for hand in self._hands], np.float32),
-            thicker=self._thicker,
-            arms=slots(self._arms),
-            above=slots([[parents[joint] for joint in arm] for arm in self._arms]),
-            joints=np.array(self._arms, np.int64),
+            thicker=thicker,
+            arms=slots(arms),
+            above=slots([[skeleton.parents[joint] for joint in arm] for arm in arms]),
+            joints=np.array(arms, np.int64),
         )
 
     def resolve(self, rotations: Float[Array, "b t j 4"], chains: ChainPose | None = None) -> None:
         """Correct upper arms, forearms and hands in place where a hand is inside; `chains` is the pose's, if known."""
         if self.is_able:
-            keep_off(self._tables, chains or self._chains.pose(rotations), rotations)
+            keep_off(self._tables, chains or self.chains.pose(rotations), rotations)
 
 
 def _has_arms(skeleton: Skeleton) -> bool:
