@@ -45,7 +45,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Paint:
-    """What all frames share: colours, triangles, pictures, and highlights (strength, exponent)."""
+    """Data that all frames share: colours, triangles, pictures, and highlights (strength, exponent)."""
 
     colours: Float[np.ndarray, "v 3"]  # linear factors on the pictures
     triangles: Integer[np.ndarray, "f 3"]  # unsigned, or the kernels ask whether each counts from the end
