@@ -46,16 +46,18 @@ def page_routes() -> list[BaseRoute]:
     routes += [Route(f"/sounds/{name}", _file(assets / name)) for name in SOUNDS]
     if (static / "index.html").is_file():
         routes.append(Route("/", _index((static / "index.html").read_text("utf-8"))))
-        return [*routes, Mount("/", GZipMiddleware(_Static(directory=static, html=True), compresslevel=6))]
+        built = _Built(directory=static / "assets", packages=[("echoavatar", "assets/shared")])
+        routes.append(Mount("/assets", GZipMiddleware(built, compresslevel=6)))
+        return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static), compresslevel=6))]
     return [*routes, Route("/", _plain)]
 
 
-class _Static(StaticFiles):
-    """Built files. The names of those in assets/ hold a hash of what is in them, so they never change."""
+class _Built(StaticFiles):
+    """Built files, whose addresses in the page hold a hash of what is in them, so that they never change."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         answer = await super().get_response(path, scope)
-        if path.startswith("assets/") and answer.status_code == 200:
+        if answer.status_code == 200:
             answer.headers["cache-control"] = "public, max-age=31536000, immutable"
         return answer
 

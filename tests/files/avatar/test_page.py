@@ -37,11 +37,12 @@ def make_page(path: Path, wave: Wave) -> None:
 def test_the_page_stands_alone(tmp_path: Path, wave: Wave) -> None:
     make_page(tmp_path / "page.html", wave)
     text = (tmp_path / "page.html").read_text("utf-8")
-    assert text.count("</script>") == 2  # nothing inside closes a script early
+    assert text.count("</script>") == 3  # nothing inside closes a script early
     assert not re.search(r"""(src|href)=["']?https?:""", text)
     assert "@TITLE@" not in text
     assert "<h1>Echo &amp; co</h1>" in text
-    assert "The MIT License" in text
+    assert "three.js authors" in text
+    assert "pixiv Inc." in text
     data = json.loads(re.search(r'type="application/json">(.*?)</script>', text, re.S)[1])  # type: ignore[index]
     assert [clip["title"] for clip in data["clips"]] == ["Speech <1>", "Music"]
     assert data["clips"][0]["audio"].startswith("data:audio/ogg;base64,")

@@ -3,6 +3,7 @@
 import base64
 import html
 import json
+import re
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -32,13 +33,14 @@ def page_text(glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar
     """The page's HTML. All clips share the mesh in `glb` (`gltf.pack_glb`) and name one of its animations."""
     assets = files("echoavatar") / "assets"
     data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
-    viewer = (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script")
-    filled = (assets / "page.html").read_text("utf-8")
-    for mark, text in (("@TITLE@", html.escape(title)), ("@NOTE@", html.escape(note))):
-        filled = filled.replace(mark, text)
-    start, rest = filled.split("@DATA@")
-    middle, end = rest.split("@VIEWER@")
-    return start + json.dumps(data).replace("<", "\\u003c") + middle + viewer + end
+    filled = {
+        "@TITLE@": html.escape(title),
+        "@NOTE@": html.escape(note),
+        "@DATA@": json.dumps(data).replace("<", "\\u003c"),
+        "@THREE@": (assets / "shared" / "three.js").read_text("utf-8").replace("</script", "<\\/script"),
+        "@VIEWER@": (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script"),
+    }
+    return re.sub("@[A-Z]+@", lambda mark: filled[mark[0]], (assets / "page.html").read_text("utf-8"))
 
 
 def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
