@@ -32,7 +32,7 @@ from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 from .corruption import (
     CLEAN,
@@ -234,15 +234,16 @@ class QualityTask(TrainingTask[ScoredWindows]):
         levels: CorruptedWindows,
         config: QualityConfig,
         training: QualityTraining,
-        scores: Mapping[str, float],
+        scores: Mapping[str, float] | None = None,
         card: Mapping[str, object] | None = None,
     ) -> None:
+        """`scores` of levels are the paper's where none are given."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = QualityReward(config)
         self.model.set_statistics(levels.tokenizer.statistics)
         super().__init__(training, {"model": self.model})
-        self._levels, self._scores, self._card = levels, dict(scores), dict(card or {})
+        self._levels, self._scores, self._card = levels, dict(scores or paper_scores()), dict(card or {})
         self._pool: dict[int, ScoredWindows] = {}
 
     def identity(self) -> Mapping[str, Config]:
@@ -279,23 +280,6 @@ class QualityTask(TrainingTask[ScoredWindows]):
         """Write the reward."""
         about = {"kind": "quality_reward", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about | {"scores": self._scores})
-
-
-def train_quality(
-    levels: CorruptedWindows,
-    folder: Path,
-    training: QualityTraining,
-    *,
-    config: QualityConfig | None = None,
-    scores: Mapping[str, float] | None = None,
-    card: Mapping[str, object] | None = None,
-    progress: Progress | None = None,
-) -> QualityReward:
-    """Train into a checkpoint folder, or resume the run in it."""
-    config = config or QualityConfig(features=levels.tokenizer.mean.numel())
-    task = QualityTask(levels, config, training, scores or paper_scores(), card)
-    train(task, folder, progress=progress)
-    return task.model.eval()
 
 
 @torch.no_grad()

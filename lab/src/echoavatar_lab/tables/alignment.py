@@ -31,17 +31,18 @@ from echoavatar_lab.align.audio_reward import AudioMotion
 from echoavatar_lab.align.audio_reward_train import (
     WINDOW_CHUNKS,
     AudioMotionWindows,
+    AudioRewardTask,
     AudioRewardTraining,
     embed,
-    train_audio_reward,
 )
 from echoavatar_lab.align.prompts import read_token_clips, train_and_test
-from echoavatar_lab.align.quality import CorruptedWindows, QualityConfig, QualityReward, QualityTraining, train_quality
+from echoavatar_lab.align.quality import CorruptedWindows, QualityConfig, QualityReward, QualityTask, QualityTraining
 from echoavatar_lab.align.rewards import ReferenceStatistics, RewardMix
 from echoavatar_lab.align.start import AlignmentSetup, make_pairs, training_task, tune
 from echoavatar_lab.align.trainer import AlignTraining, Method, fingerprint, recipe
 from echoavatar_lab.evaluation.metrics.retrieval import PAPER_GALLERY, Retrieval, chance, gallery, retrieval, similarity
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.training import train
 
 from .experiment import Experiment, make_once, motion_of
 from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
@@ -192,7 +193,7 @@ def _quality(experiment: Experiment, clips: dict[str, TokenClip]) -> QualityRewa
     levels = CorruptedWindows(tokenizer, list(clips.values()), seed=experiment.seed, chunks=reward_window(clips))
     settings = _reward_settings(experiment, training, budget)
     config = QualityConfig(features=tokenizer.mean.numel(), width=budget.width)
-    make_once(folder, settings, lambda: train_quality(levels, folder, training, config=config))
+    make_once(folder, settings, lambda: train(QualityTask(levels, config, training), folder).model)
     return QualityReward.load(folder)
 
 
@@ -208,7 +209,7 @@ def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> Aud
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(experiment.seed)
             model = AudioMotion.from_codebooks(*books, width=budget.width)
-        train_audio_reward(model, pairs, folder, training)
+        train(AudioRewardTask(model, pairs, training), folder)
 
     make_once(folder, settings, work)
     return AudioMotion.load(folder)

@@ -37,6 +37,7 @@ from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 from echoavatar_lab.evaluation.report import fid_row
 from echoavatar_lab.evaluation.table import Row, row_of_means
+from echoavatar_lab.training import train
 
 from .baselines import Baselines, Kind
 from .experiment import Experiment, Sources, want_test_clips
@@ -46,9 +47,9 @@ from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
 from .skeleton_convolution import (
     SkeletonConvolution,
     SkeletonConvolutionConfig,
+    SkeletonConvolutionTask,
     SkeletonConvolutionTraining,
     extractor_input,
-    train_skeleton_convolution,
 )
 from .table import Cell, Column, Line, Table, Wanted, cells
 
@@ -145,13 +146,10 @@ class Beat2Experiment(Experiment):
         def make() -> None:
             names = self.corpus.names("train", has_mirrored=False)
             clips = [extractor_input(torch.from_numpy(self.corpus.motion(name).rotations)) for name in names]
-            train_skeleton_convolution(
-                config,
-                training,
-                clips,
+            train(
+                SkeletonConvolutionTask(config, training, clips, card=self._card("extractor")),
                 folder,
                 device=self.device,
-                card=self._card("extractor"),
                 progress=self.progress,
             )
 

@@ -32,7 +32,7 @@ from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 Edge = tuple[int, int]
 
@@ -318,19 +318,3 @@ class SkeletonConvolutionTask(TrainingTask[Tensor]):
         """Write the extractor."""
         about = {"kind": "beat2-extractor", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
-
-
-def train_skeleton_convolution(
-    config: SkeletonConvolutionConfig,
-    training: SkeletonConvolutionTraining,
-    clips: Sequence[Float[Tensor, "_ c"]],
-    folder: Path,
-    *,
-    device: str = "cpu",
-    card: Mapping[str, object] | None = None,
-    progress: Progress | None = None,
-) -> SkeletonConvolution:
-    """Train on clips of `extractor_input`, with checkpoints in `folder`; resumes the run in it."""
-    task = SkeletonConvolutionTask(config, training, clips, card=card)
-    train(task, folder, device=device, progress=progress)
-    return SkeletonConvolution.load(folder)
