@@ -13,7 +13,7 @@ from clips of another split.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, Self, cast, get_args
+from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from pydantic import Field
 from scipy.stats import pearsonr, spearmanr
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
+from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import FeatureStatistics
@@ -66,8 +66,10 @@ class QualityConfig(Config):
     differences: bool = Field(default=True, description="whether differences in time are read too (paper: false)")
 
 
-class QualityReward(nn.Module):
+class QualityReward(Checkpointed):
     """Motion features in; a score from 0 (noise) to 1 (true motion) out."""
+
+    config_type = QualityConfig
 
     mean: Tensor
     std: Tensor
@@ -106,19 +108,6 @@ class QualityReward(nn.Module):
                 x = self.down[level](pairs) + (pairs.unflatten(2, (2, -1)).mean(2) if is_dual else 0)
         y: Tensor = torch.sigmoid(self.head(x.mean(1)))
         return y[:, 0]
-
-    def save(self, folder: Path, card: Mapping[str, object]) -> None:
-        """Write a checkpoint folder."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: the folder holds no quality reward.
-        """
-        return checkpoint.load(folder, QualityConfig, cls).eval()
 
     @torch.no_grad()
     def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:

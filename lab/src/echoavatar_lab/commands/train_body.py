@@ -25,6 +25,7 @@ from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTr
 from echoavatar_lab.models.tokenizer.train import TokenizerTask, TokenizerTraining, bundle_training, continued
 from echoavatar_lab.training import train
 
+from .config_options import add_minutes
 from .recipe import Given, Options, Settings, Stage, shipped
 
 
@@ -67,7 +68,7 @@ def _train_codec(given: Given) -> None:
 def _add_tokenizer(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--steps", "training.steps")
     parser.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to start from")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_tokenizer(given: Given) -> None:
@@ -123,7 +124,7 @@ def _add_decoder(parser: argparse.ArgumentParser, options: Options) -> None:
     parser.add_argument("--tokenizer", type=Path, required=True, help="trained tokenizer; its codes keep their meaning")
     options.add("--steps", "training.steps")
     options.add("--patience", "training.patience")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_decoder(given: Given) -> None:
@@ -179,7 +180,7 @@ def _add_generator(parser: argparse.ArgumentParser, options: Options) -> None:
         "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to initialise a new run's transformer"
     )
     options.add("--seed", "training.seed")
-    options.add_minutes()
+    add_minutes(parser)
     parser.add_argument(
         "--sharded", action="store_true", help="each of several processes holds a share of the weights (FSDP2)"
     )

@@ -34,6 +34,7 @@ from echoavatar_lab.models.fingers import FingerTask, FingerTraining
 from echoavatar_lab.models.published import read_hubert
 from echoavatar_lab.training import train
 
+from .config_options import add_minutes
 from .recipe import Given, Options, Stage, shipped
 
 _log = logging.getLogger(__name__)
@@ -55,7 +56,7 @@ def _add_face(parser: argparse.ArgumentParser, options: Options) -> None:
         "multilingual, with 768 channels. Goes with --recipe lab/recipes/paper/face.yaml or --paper",
     )
     parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_face(given: Given) -> None:
@@ -88,7 +89,7 @@ def _add_fingers(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--rate", "training.learning_rate")
     options.add("--width", "model.width")
     options.add("--layers", "model.layers")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_fingers(given: Given) -> None:
@@ -140,7 +141,7 @@ def _add_fid_encoder(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--steps", "training.steps")
     options.add("--width", "model.width")
     options.add("--latent", "model.latent")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_fid_encoder(given: Given) -> None:

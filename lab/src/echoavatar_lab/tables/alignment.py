@@ -13,7 +13,6 @@ one gallery of 300: all their entries are multiples of 1/300.
 """
 
 import copy
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,7 +20,6 @@ from operator import methodcaller
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import torch
 
 from echoavatar.errors import EchoAvatarError
@@ -43,6 +41,7 @@ from echoavatar_lab.align.trainer import AlignTraining, Method, fingerprint, rec
 from echoavatar_lab.evaluation.metrics.retrieval import PAPER_GALLERY, Retrieval, chance, gallery, retrieval, similarity
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import train
+from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
 from .experiment import Experiment, make_once, motion_of
 from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
@@ -152,8 +151,7 @@ def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
 
 def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
     """Both rewards and the KL divergence on held-out prompts, from the last measurement of a run or from the first."""
-    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()]
-    probe = [line["held_out"] for line in lines if "held_out" in line][0 if is_first else -1]
+    probe = [line["held_out"] for line in read_metrics(folder / FILE) if "held_out" in line][0 if is_first else -1]
     found = {name: probe["rewards"][name] for name in REWARDS}
     made = {name: Cell(mean, mean - NORMAL * error, mean + NORMAL * error) for name, (mean, error) in found.items()}
     return made | {"kl": Cell(probe["kl"])}
@@ -304,7 +302,7 @@ def make_retrieval(experiment: Experiment) -> Table:
     lines = [Line(f"{one.name} (quoted)", _quoted(one)) for one in QUOTED]
     lines += _retrieval_lines(f"all ({len(toward)})", retrieval(toward, KS), retrieval(back, KS))
     if len(toward) > PAPER_GALLERY:
-        both = (_gallery(matrix, experiment.seed) for matrix in (toward, back))
+        both = (gallery(matrix, PAPER_GALLERY, seed=experiment.seed) for matrix in (toward, back))
         lines += _retrieval_lines(f"{PAPER_GALLERY}", *both)
     notes = (
         f"Windows of {chunks} chunks of 0.267 s that do not overlap, of the clips that are not for training; the"
@@ -319,10 +317,6 @@ def make_retrieval(experiment: Experiment) -> Table:
         lines,
         notes,
     )
-
-
-def _gallery(matrix: np.ndarray, seed: int) -> Retrieval:
-    return gallery(matrix, PAPER_GALLERY, seed=seed)
 
 
 def _retrieval_lines(protocol: str, toward: Retrieval, back: Retrieval) -> list[Line]:
