@@ -289,7 +289,7 @@ def measure_quality(
         "pearson_levels": float(pearsonr(wanted, [means[name] for name in by_level])[0]),
         "pearson_windows": float(pearsonr(np.repeat(wanted, windows), single)[0]),
         "spearman_windows": float(spearmanr(np.repeat(wanted, windows), single)[0]),
-        "is_ordered": {kind: _falls(means, kind) for kind in _kinds(scores)},
+        "is_ordered": {kind: bool((np.diff(_course(means, kind)[1]) < 0).all()) for kind in _kinds(scores)},
         "levels": means,
     }
     unseen, motion = {}, levels.tokenizer.decode(clean)
@@ -314,11 +314,6 @@ def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[f
     """Severities of a kind with the clean level as 0, and the value of each."""
     found = {float(name.split()[1]): value for name, value in levels.items() if name.split()[0] == kind}
     return [0.0, *sorted(found)], [levels[CLEAN], *(found[rate] for rate in sorted(found))]
-
-
-def _falls(means: Mapping[str, float], kind: str) -> bool:
-    """Whether the mean falls with every step in severity."""
-    return bool(np.all(np.diff(_course(means, kind)[1]) < 0))
 
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:

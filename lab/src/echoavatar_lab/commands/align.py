@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import write_whole
 
 from . import align_rewards
 from .config_options import add_fields, add_minutes, add_track, given_fields
@@ -282,8 +283,8 @@ def _compare(args: argparse.Namespace, ready: "AlignmentSetup") -> int:
         for folders in args.beside
     }
     told = {"prompts": len(prompts), "group": args.group, "seed": args.seed, "found": found, "over_seeds": lines}
-    args.output.write_text(json.dumps(told) + "\n", encoding="utf-8")
-    args.output.with_suffix(".md").write_text(as_markdown(found, lines), encoding="utf-8")
+    write_whole(args.output, json.dumps(told) + "\n")
+    write_whole(args.output.with_suffix(".md"), as_markdown(found, lines))
     print(json.dumps(told))
     return 0
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import write_whole
 
 from .config_options import add_fields, given_fields
 from .progress import progress_bar
@@ -148,7 +149,7 @@ def _calibrate(
     fid = calibrate(levels, load_shipped(), windows=args.windows)
     found = {"fid": fid, "scores": scores_from_fid(fid)}
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_whole(args.output, json.dumps(found, indent=1) + "\n")
     return found
 
 
@@ -182,7 +183,7 @@ def _quality(
     ).model
     held_out = CorruptedWindows(bundle.tokenizer, list(asked.values()), seed=args.seed + 1)
     found = measure_quality(model, held_out, scores, windows=args.windows)
-    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_whole(args.output / "held_out.json", json.dumps(found, indent=1) + "\n")
     draw_quality(found, scores, args.output / "held_out.png")
     return found
 
@@ -218,7 +219,7 @@ def _alignment(
         AudioRewardTask(model, pairs(taught), training, card=_card(args)), args.output, progress=progress
     ).model
     found = retrieval_tables(model, pairs(asked))
-    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_whole(args.output / "held_out.json", json.dumps(found, indent=1) + "\n")
     return found
 
 

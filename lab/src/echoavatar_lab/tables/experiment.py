@@ -20,6 +20,7 @@ from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, as
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
@@ -55,7 +56,7 @@ def make_once(folder: Path, settings: Mapping[str, object], make: Callable[[], o
 
 
 def _write_stamp(stamp: Path, settings: object, *, is_finished: bool) -> None:
-    stamp.write_text(json.dumps({"asked": settings, "is_finished": is_finished}, indent=1) + "\n", encoding="utf-8")
+    write_whole(stamp, json.dumps({"asked": settings, "is_finished": is_finished}, indent=1) + "\n")
 
 
 BATCH = 16  # sounds per batch

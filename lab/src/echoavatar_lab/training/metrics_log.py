@@ -106,7 +106,7 @@ class _Wandb:
         mark = folder / "wandb-run"  # a resumed run continues the same W&B run
         name = mark.read_text(encoding="utf-8").strip() if mark.exists() else None
         self._run: Any = wandb.init(project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder)
-        mark.write_text(f"{self._run.id}\n", encoding="utf-8")
+        write_whole(mark, f"{self._run.id}\n")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
         self._run.log(dict(values), step=step)
