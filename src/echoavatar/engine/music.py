@@ -153,17 +153,18 @@ class Tracks:
         """All titles."""
         return tuple(self._paths)
 
-    def find(self, title: str) -> str:
-        """The exact title; case and underscores do not matter.
+    def find(self, title: str | None) -> str:
+        """The exact title; case and underscores do not matter. Without a title (None or empty) the first one.
 
         Raises:
             EchoAvatarError: no such title; the message lists all titles.
         """
-        wanted = title.replace("_", " ").strip().lower()
+        wanted = (title or next(iter(self._paths), "")).replace("_", " ").strip().lower()
         for own in self._paths:
             if own.lower() == wanted:
                 return own
-        raise EchoAvatarError(f"no music {title!r}; there is: {', '.join(self._paths) or 'none'}")
+        has = f"no music {title!r}; there is: {', '.join(self._paths)}" if self._paths else "there is no music"
+        raise EchoAvatarError(has)
 
     def load(self, title: str) -> Float[np.ndarray, " s"]:
         """A track, 24 kHz mono. Decoding it takes a while, so call this on a thread of its own.

@@ -22,7 +22,7 @@ from .metrics import CONTENT_TYPE
 from .page import PageHeaders, page_routes
 from .session_manager import SessionManager
 from .settings import ServerSettings
-from .tool_routes import locked, tool_routes
+from .tool_routes import answering, tool_routes
 from .voice import voice_route
 
 if TYPE_CHECKING:
@@ -80,16 +80,16 @@ def _routes(manager: SessionManager, desk: "VideoDesk | None") -> list[BaseRoute
             facts["video"] = {"viewers": manager.settings.video, "free": desk.free}
         return JSONResponse(facts, 200 if is_ready else 503)
 
-    async def metrics(request: Request) -> Response:
-        return locked(manager, request) or Response(manager.metrics.text(), media_type=CONTENT_TYPE)
+    async def metrics(_: Request) -> Response:
+        return Response(manager.metrics.text(), media_type=CONTENT_TYPE)
 
     return [
         WebSocketRoute("/v1/stream", stream),
         *tool_routes(manager),
         *chat_routes(manager),
         Route("/health", health),
-        Route("/metrics", metrics),
-        voice_route(manager.settings.token),
+        Route("/metrics", answering(manager, metrics)),
+        voice_route(manager),
         *(desk.routes() if desk is not None else ()),
         *page_routes(),
     ]
