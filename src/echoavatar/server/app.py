@@ -36,7 +36,11 @@ def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starle
     """
     manager = SessionManager(engine, settings or ServerSettings())
     guards = [Middleware(PageHeaders), Middleware(OneBodyLength)]
-    desk = _video(manager)
+    desk = None
+    if manager.settings.video:
+        from .whep import VideoDesk  # loads aiortc
+
+        desk = VideoDesk(manager)
     app = Starlette(routes=_routes(manager, desk), lifespan=_lifespan, middleware=guards)
     app.state.manager, app.state.video = manager, desk
     return app
@@ -50,15 +54,6 @@ async def _lifespan(app: Starlette) -> AsyncIterator[None]:
         if app.state.video is not None:
             await app.state.video.close()
         tasks.cancel_scope.cancel()
-
-
-def _video(manager: SessionManager) -> "VideoDesk | None":
-    """The desk of WebRTC viewers, where the operator wants them; aiortc is read only then."""
-    if not manager.settings.video:
-        return None
-    from .whep import VideoDesk
-
-    return VideoDesk(manager)
 
 
 def _routes(manager: SessionManager, desk: "VideoDesk | None") -> list[BaseRoute]:

@@ -7,7 +7,7 @@ the viewer, DELETE that to end it. Each viewer has a renderer of its own; there 
 import asyncio
 import logging
 import secrets
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
 from importlib.resources import files
@@ -30,6 +30,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.guard import check_origin
 
 from .outbox import Relay
+from .page import file_answer
 from .session import ServerSession
 from .session_manager import SessionManager
 from .tool_routes import answering, asked_session, read_body
@@ -42,7 +43,6 @@ NTP_EPOCH_S = 2_208_988_800  # 1970, in the seconds of reports, which count from
 _FRESH = ("new", "connecting")
 MOST_BYTES = 65_536
 RETRY_S = 5
-PAGE = ("video.html", "video.js")
 
 
 try:
@@ -227,13 +227,14 @@ class VideoDesk:
             allow_headers=("authorization", "content-type"),
             expose_headers=("location",),
         )
+        assets = Path(str(files("echoavatar"))) / "assets"
         begin, end = answering(self._manager, self._begin), answering(self._manager, self._end)
         return [
             Route("/v1/whep", begin, methods=["POST", "OPTIONS"], middleware=[cors]),
             Route("/v1/sessions/{session}/whep", begin, methods=["POST", "OPTIONS"], middleware=[cors]),
             Route("/v1/whep/{viewer}", end, methods=["DELETE", "OPTIONS"], middleware=[cors]),
-            Route("/video", _asset(PAGE[0], "text/html")),
-            Route("/video.js", _asset(PAGE[1], "text/javascript")),
+            Route("/video", file_answer(assets / "video.html", "text/html")),
+            Route("/video.js", file_answer(assets / "video.js", "text/javascript")),
         ]
 
     async def _begin(self, request: Request) -> Response:
@@ -300,11 +301,3 @@ class VideoDesk:
 
 def _refusal(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:
     return JSONResponse({"error": reason}, status, headers)
-
-
-def _asset(name: str, kind: str) -> Callable[[Request], Awaitable[Response]]:
-    async def answer(_: Request) -> Response:
-        path = Path(str(files("echoavatar"))) / "assets" / name
-        return Response(await anyio.to_thread.run_sync(path.read_bytes), media_type=kind)
-
-    return answer

@@ -16,7 +16,7 @@ import math
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic
+from typing import Any, ClassVar
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -35,7 +35,6 @@ from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import compilations
-from echoavatar.nn.stream import StateT
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
@@ -47,20 +46,6 @@ OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
-
-
-class WarmStart(Generic[StateT]):
-    """The state of one row after silence, made on first use; safe to call from any thread."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._made: StateT | None = None
-
-    def state(self, make: Callable[[], StateT]) -> StateT:
-        """The row, to be copied and not changed. `Pipeline.warm_up` makes it, so that no session waits for it."""
-        with self._lock:
-            self._made = self._made or make()
-            return self._made
 
 
 def copy_row(state: StreamState, rows: Bool[Tensor, " b"], source: StreamState) -> None:
@@ -162,19 +147,10 @@ class Pipeline:
         self.directive_codes = len(config.directed) * config.layout.motion_codes
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
-        self.on_stage: OnStage = _ignore
+        self.on_stage: OnStage = lambda stage: None
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
-        self._warm_start: WarmStart[PipelineState] = WarmStart()
-
-    @property
-    def chunk_samples(self) -> int:
-        """Samples of sound per step, 24 kHz."""
-        return self.chunk.samples
-
-    @property
-    def chunk_frames(self) -> int:
-        """Frames of motion per step, 30 fps."""
-        return self.chunk.frames
+        self._warm_start: PipelineState | None = None
+        self._warm_lock = threading.Lock()
 
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""
@@ -198,15 +174,16 @@ class Pipeline:
         state.post.modes.choose(rows, options)
 
     def _warm_row(self) -> PipelineState:
-        # Handed over at each call: kept, the method would tie the pipeline into a cycle, and one that a fault replaces
-        # would stay in memory, with its weights.
-        return self._warm_start.state(self._after_silence)
+        """The state of a new session, to be copied and not changed. `warm_up` makes it, so that no session waits."""
+        with self._warm_lock:
+            self._warm_start = self._warm_start or self._after_silence()
+            return self._warm_start
 
     def _after_silence(self) -> PipelineState:
         """One row that has heard the lead-in silence. The state of what was shown, position included, is reset."""
         state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
         for _ in range(self._lead_in):
-            self.step(torch.zeros(1, self.chunk_samples), state, everyone)
+            self.step(torch.zeros(1, self.chunk.samples), state, everyone)
         state.post.reset(everyone)
         return state
 
@@ -222,7 +199,7 @@ class Pipeline:
         everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
         state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
         with compilations(lambda: _LOG.warning("compiling for this processor, once; up to a minute")):
-            self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
+            self.step(torch.zeros(1, self.chunk.samples), state, ~everyone)
             self._warm_row()
 
     def encode_audio(
@@ -246,8 +223,8 @@ class Pipeline:
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; ignore what inactive rows return.
 
-        A chunk is `chunk_samples` long (6,400 in our bundles and the paper) and gives `chunk_frames` frames (8). The
-        smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
+        A chunk has `chunk.samples` samples (6,400 in our bundles and the paper) and gives `chunk.frames` frames (8).
+        The smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
         `directive` is what actions ask for, row by row. `on_stage(name)` is called after each stage, for benchmarks.
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
@@ -277,7 +254,3 @@ class Pipeline:
         if self.cylinder:
             motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
         return motion.split(face)
-
-
-def _ignore(stage: str) -> None:
-    del stage

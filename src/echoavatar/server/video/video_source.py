@@ -112,7 +112,8 @@ class VideoSource:
         self._hear()
         pose = self._poses.read(at)
         if pose is None:
-            rotations, root, face = np.tile(np.array([1, 0, 0, 0], np.float32), (HUMANOID.joints, 1)), _hips(), None
+            rotations = np.tile(np.array([1, 0, 0, 0], np.float32), (HUMANOID.joints, 1))
+            root, face = HUMANOID.rest_positions.numpy()[0], None
         else:
             rotations, root, face = pose.rotations.astype(np.float32), pose.root, pose.face
         world = forward_kinematics(
@@ -157,7 +158,3 @@ def prepare(shot: Shot, character: str = "") -> None:
 def _painted(name: str) -> tuple[Character, Paint]:
     character = load_character(name or None)
     return character, Paint.of(character)
-
-
-def _hips() -> Float[np.ndarray, " 3"]:
-    return np.asarray(HUMANOID.rest_positions.numpy()[0], np.float32)
