@@ -135,19 +135,13 @@ def _folder(name: str | Path) -> Iterator[Path]:
     yield folder
 
 
-def lookahead_refusal(bundle: Bundle) -> str:
-    """The message for a generator that hears ahead and so cannot run live."""
-    chunks = bundle.generator.config.ahead_chunks
-    return (
-        f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
-        " before it is due, so it is an offline reference and cannot stream; train one with ahead_chunks 0"
-        " (`echoavatar reproduce main` runs such a reference on whole files)"
-    )
-
-
 def _check(bundle: Bundle) -> None:
-    if bundle.generator.config.ahead_chunks:
-        raise CheckpointError(lookahead_refusal(bundle))
+    if chunks := bundle.generator.config.ahead_chunks:
+        raise CheckpointError(
+            f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
+            " before it is due, so it is an offline reference and cannot stream; train one with ahead_chunks 0"
+            " (`echoavatar reproduce main` runs such a reference on whole files)"
+        )
     layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
     pairs = [
         ("audio codes", layout.audio_codes, bundle.codec.config.codes),

@@ -16,13 +16,13 @@ import math
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import LevelControl, LevelState, NetworkState
 from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
@@ -38,7 +38,7 @@ from echoavatar.nn.kernels import compilations
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
-from .bundle import Bundle, lookahead_refusal
+from .bundle import Bundle
 from .foreign_rig import Output, RigAdapter, RigState
 
 _LOG = logging.getLogger(__name__)
@@ -97,8 +97,6 @@ class PipelineState(StreamState):
 class Pipeline:
     """The trained parts of a bundle as one streaming machine."""
 
-    has_lookahead: ClassVar[bool] = False  # whether sound is known before it is due, see `lookahead`
-
     def __init__(
         self,
         bundle: Bundle,
@@ -121,11 +119,8 @@ class Pipeline:
                 decoder are compiled loops on the host.
 
         Raises:
-            CheckpointError: the generator hears ahead, which a stream cannot provide.
             EchoAvatarError: there is no such device.
         """
-        if bundle.generator.config.ahead_chunks and not self.has_lookahead:
-            raise CheckpointError(lookahead_refusal(bundle))
         runtime = bundle.runtime
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
