@@ -104,8 +104,7 @@ class SessionCore:
         self._heard_user = 0  # the next chunk when the user's sound came last
         self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
         self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
-        self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
-        self._plan: ChunkPlan | None = None  # of the chunk in the making
+        self._making: tuple[int, Heard, ChunkPlan] | None = None  # the chunk in the making, its sound and its plan
 
     # ---- sound in
 
@@ -332,7 +331,7 @@ class SessionCore:
     @property
     def is_making(self) -> bool:
         """Whether a chunk was begun and not ended."""
-        return self._plan is not None
+        return self._making is not None
 
     def fail(self, error: Exception) -> None:
         """A fault ends the session: no more chunks are made. Its owner sees `error` and closes it."""
@@ -346,22 +345,22 @@ class SessionCore:
         All of it under one lock: if the session went back in between, it would hear old sound in a later state.
         """
         with self._lock, self._or_fail():
-            if self._plan is not None:  # its step failed
-                return self._plan
+            if self._making is not None:  # its step failed
+                return self._making[2]
             chunk, undone = self._barge_in.begin()
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
-            self._making = chunk, heard
             members = self._actions.members(chunk, codes) if codes else None
             forgets = "settling" in self._host.additions and self._settling.must_forget(chunk, heard.audio)
-            self._plan = ChunkPlan(heard.audio, members, forgets, undone)
-            return self._plan
+            plan = ChunkPlan(heard.audio, members, forgets, undone)
+            self._making = chunk, heard, plan
+            return plan
 
     def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
         """The chunk is made: add what no sound asks for, and show it unless it was taken back meanwhile."""
         with self._lock, self._or_fail():
             assert self._making is not None
-            (chunk, heard), self._making, self._plan = self._making, None, None
+            (chunk, heard, _), self._making = self._making, None
             if not (np.isfinite(motion.root).all() and np.isfinite(motion.rotations).all()):
                 raise FloatingPointError("the motion is not finite")
             if not self._barge_in.end(patches):

@@ -275,7 +275,9 @@ class SessionManager:
                     tasks.start_soon(_every, STATS_S, self._tell_stats)
                     tasks.start_soon(_every, TRIM_S, _trim)
                     if self.settings.sinks:
-                        tasks.start_soon(_every, SINK_S, self._show_sinks)
+                        tasks.start_soon(
+                            _every, SINK_S, lambda: self._sinks.show(self._sessions.values())
+                        )
             finally:
                 self._sinks.close()
                 for session in list(self._sessions.values()):
@@ -296,7 +298,9 @@ class SessionManager:
         try:
             if session.core.error is not None:
                 raise session.core.error
-            self._collect(session)
+            for seconds in session.collect():
+                self.metrics.chunks.inc()
+                self.metrics.latency.observe(seconds)
             is_due = session.keep_pace()
             deadline = session.deadline
         except Exception:
@@ -304,7 +308,10 @@ class SessionManager:
             return
         if is_due and self.engine.is_batched:
             for other in [each for each in self._sessions.values() if each is not session]:
-                self._go_along(other)
+                try:
+                    other.keep_pace(early=True)  # goes along; its alarm stays
+                except Exception:
+                    self._lose(other)
         if session.left_at is not None:
             expiry = session.left_at + self.settings.resume_seconds
             if time.monotonic() >= expiry:
@@ -314,18 +321,6 @@ class SessionManager:
         if deadline is not None:
             loop = asyncio.get_running_loop()
             self._set_alarm(session, loop.call_later(max(0.0, deadline - time.monotonic()), self._advance, session))
-
-    def _go_along(self, session: ServerSession) -> None:
-        """Another session is due, so this one may go along; its alarm stays."""
-        try:
-            session.keep_pace(early=True)
-        except Exception:
-            self._lose(session)
-
-    def _collect(self, session: ServerSession) -> None:
-        for seconds in session.collect():
-            self.metrics.chunks.inc()
-            self.metrics.latency.observe(seconds)
 
     def _lose(self, session: ServerSession) -> None:
         """A fault ends a session; called while it is handled."""
@@ -356,9 +351,6 @@ class SessionManager:
         for session in self._sessions.values():
             for outbox in session.listeners:
                 outbox.put(session.stats(step_s=step_s, sessions=self.sessions, dropped=outbox.dropped))
-
-    def _show_sinks(self) -> None:
-        self._sinks.show(self._sessions.values(), time.monotonic())
 
     async def drain(self) -> None:
         """Admit no more clients; end all sessions once their speech is played, or after `drain_seconds`."""

@@ -4,6 +4,7 @@ The router shows the oldest session, as one more listener of it, and turns to th
 threads of their own; nothing here waits for them.
 """
 
+import time
 from collections.abc import Iterable
 
 from echoavatar.wire.messages import Rig, ServerMessage
@@ -22,8 +23,8 @@ class SinkRouter:
         self._players = [SinkPlayer(sink, rig, name=text) for text, sink in made]
         self._shown: ServerSession | None = None
 
-    def show(self, sessions: Iterable[ServerSession], now: float) -> None:
-        """Go on with the session that is shown, or turn to the first; called with the server's clock."""
+    def show(self, sessions: Iterable[ServerSession]) -> None:
+        """Report the playhead of the session that is shown; show the first session once that one is over."""
         if not self._players:
             return
         there = list(sessions)
@@ -32,7 +33,7 @@ class SinkRouter:
             if there:
                 self._begin(there[0])
         if self._shown is not None:
-            sample = self._shown.place
+            sample, now = self._shown.place, time.monotonic()
             for player in self._players:
                 player.tell(sample, now)
 

@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -50,7 +51,7 @@ class UdpSink:
 
     def __init__(self, encoder: Encoder, host: str, port: int, rate: float) -> None:
         """Raises EchoAvatarError if the host cannot be resolved."""
-        self.rate, self.dropped, self.sent = rate, 0, 0
+        self.rate = rate
         self._encoder = encoder
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -71,15 +72,8 @@ class UdpSink:
     def send(self, frame: Frame) -> None:
         """Encode and send a frame."""
         for packet in self._encoder(frame):
-            try:
+            with suppress(BlockingIOError):
                 self._socket.sendto(packet, self._address)
-            except BlockingIOError:
-                self.dropped += 1
-            except OSError:
-                self.dropped += 1
-                raise
-            else:
-                self.sent += 1
 
     def close(self) -> None:
         """Close the socket."""
