@@ -2,9 +2,9 @@
 
 A worker claims a session's seat before it steps it, so several threads may call either at once.
 
-A step that fails leaves each row as it was before. `tick` raises the fault. `work` finds out whose it is. If the
-pipeline cannot step silence either, `fault` holds it, and nobody is stepped until `restart`. Else each session is tried
-once more by itself, and one that fails again has an `error` and takes no further part.
+A step that fails leaves each row as it was before. `tick` raises the fault. `work` finds the session that causes it.
+If the pipeline cannot step silence either, `fault` holds it, and no session is stepped until `restart`. Else each
+session is tried once more by itself; one that fails again gets an `error` and is not stepped any more.
 """
 
 import logging
@@ -67,7 +67,7 @@ class Engine:
         self.chunk, self.actions, self.additions = pipeline.chunk, pipeline.actions, pipeline.additions
         self.step_seconds = 0.0  # duration of the last step
         self.busy_seconds = 0.0  # duration of all steps
-        self.fault: Exception | None = None  # why the pipeline steps nobody any more
+        self.fault: Exception | None = None  # why the pipeline cannot make a step any more
         self.restarts = self.wakes = 0
         self.on_step: Callable[[Pipeline], None] = lambda pipeline: None  # called when a step begins, in its thread
         self._reload = reload or (lambda: pipeline)
@@ -148,7 +148,7 @@ class Engine:
             self._awake.notify_all()
 
     def wait(self, wakes: int, seconds: float) -> None:
-        """Sleep until `wake` is called, for so long at most; at once if it was, since `wakes` had this value."""
+        """Sleep until `wake` is called, at most `seconds`; not at all if `wake` was called since `wakes` was read."""
         with self._awake:
             self._awake.wait_for(lambda: self.wakes != wakes, seconds)
 
@@ -186,12 +186,12 @@ class Engine:
 
     @property
     def longest_step_s(self) -> float:
-        """How long the oldest step that is not over has lasted; 0 if nobody is stepped."""
+        """How long the oldest step that is not over has lasted; 0 if no session is stepped."""
         with self._lock:
             return max((time.monotonic() - since for since in self._claimed.values()), default=0.0)
 
     def restart(self) -> None:
-        """Load the pipeline again after a `fault`, while nobody steps.
+        """Load the pipeline again after a `fault`, while no thread steps.
 
         Sessions go on from the last state of their rows; those whose rows cannot be read have an `error`. Raises what
         loading raises.
@@ -236,7 +236,7 @@ class Engine:
                 self.step_seconds = time.perf_counter() - began
                 self.busy_seconds += self.step_seconds
             if self._workers > 1:
-                self.wake()  # what this thread does not go on with, another may
+                self.wake()  # another thread may step the next session
 
     def _make_or_contain(self, ready: list[SessionCore]) -> None:
         """Make a chunk of each session; a fault ends the session that causes it, or stops the engine."""

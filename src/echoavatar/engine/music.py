@@ -66,7 +66,7 @@ class MusicPlayer:
         return self.now.track is not None
 
     def play(self, title: str, track: Samples) -> None:
-        """Play a track (24 kHz mono) from the next chunk on, instead of what plays now."""
+        """Play a track (24 kHz mono) from the next chunk on, instead of the one that plays."""
         self._obey(title, track)
 
     def stop(self) -> None:

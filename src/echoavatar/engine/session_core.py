@@ -1,8 +1,8 @@
-"""The inside of a session: what the engine, the server and the benches call. Users call `Session`.
+"""The inside of a session, for the engine, the server and the benches. Users call `Session`.
 
 The session's clock counts samples at 24 kHz from its opening. Silence that was made for a late source counts; sound
-that was cut by a barge-in does not. Calls may come from any thread and only change queues and notes; what concerns the
-model happens when the engine makes the session's next chunk.
+that was cut by a barge-in does not. Calls may come from any thread and only change queues and notes; the
+model's state changes when the engine makes the session's next chunk.
 """
 
 import threading
@@ -43,7 +43,7 @@ class Host(Protocol):
 
     chunk: ChunkSize
     actions: ActionLibrary
-    additions: frozenset[str]  # of `Runtime.session`: what sessions add to the models' motion
+    additions: frozenset[str]  # `Runtime.session`: additions of sessions to the models' motion
     step_seconds: float  # duration of the last step
 
     @property
@@ -65,7 +65,7 @@ class ChunkPlan(NamedTuple):
 
     audio: Float[np.ndarray, " s"]
     members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
-    forgets: bool  # whether the model must forget what it did
+    forgets: bool  # whether the model must forget its past motion
     undone: list[list[Patch]]  # steps to undo before it, latest first
 
 
@@ -181,7 +181,7 @@ class SessionCore:
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = "") -> ActStatus:
         """Begin an action of the bundle's library with the next chunk. Never raises: it may be rejected.
 
-        Motion that was made far ahead of the player is made again. `take_statuses` reports what becomes of the action.
+        Motion that was made far ahead of the player is made again. `take_statuses` reports its progress.
         """
         with self._lock:
             if self._actions.knows(name):
@@ -228,7 +228,7 @@ class SessionCore:
         return delivery
 
     def take_statuses(self) -> list[ActStatus]:
-        """What became of actions since the last call."""
+        """Changes in the state of actions since the last call."""
         with self._lock:
             return self._actions.take()
 
@@ -273,7 +273,7 @@ class SessionCore:
 
     @property
     def source(self) -> str:
-        """What the latest motion stems from: "action", "speech", "music" or "idle"."""
+        """The cause of the latest motion: "action", "speech", "music" or "idle"."""
         return self._playout.source
 
     @property
@@ -326,7 +326,7 @@ class SessionCore:
                 return True
             return self._music.is_playing and (self._barge_in.played is None or ahead < self.music_ahead)
 
-    # ---- what the engine calls
+    # ---- for the engine
 
     @property
     def is_making(self) -> bool:
@@ -340,7 +340,7 @@ class SessionCore:
             tell()
 
     def begin_chunk(self, codes: int) -> ChunkPlan:
-        """Take the sound of the next chunk, and what is asked of it; the same again until `end_chunk`.
+        """Take the sound of the next chunk, and its action; returns the same plan until `end_chunk`.
 
         All of it under one lock: if the session went back in between, it would hear old sound in a later state.
         """
@@ -357,7 +357,7 @@ class SessionCore:
             return plan
 
     def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
-        """The chunk is made: add what no sound asks for, and show it unless it was taken back meanwhile."""
+        """The chunk is made: add idle motion, gaze and expression; show it unless it was taken back meanwhile."""
         with self._lock, self._or_fail():
             assert self._making is not None
             (chunk, heard, _), self._making = self._making, None
@@ -437,7 +437,7 @@ class SessionCore:
         return "music" if heard.music is not None else "idle"
 
     def _wake_if_ahead(self) -> None:
-        """The player or the reader went on: what is bound to them may be made now."""
+        """The player or the reader moved on, so chunks that wait for them may be made now."""
         if self._look_ahead is not None or self._music.is_playing:
             self._host.wake()
 

@@ -31,7 +31,7 @@ class Outbox:
 
     @property
     def plays(self) -> bool:
-        """Whether the client shows or plays what is sent to it."""
+        """Whether the client plays the motion or sound that it receives."""
         return bool(self._wants)
 
     def __len__(self) -> int:
@@ -82,7 +82,7 @@ class Outbox:
         self.close()
 
     def close(self) -> None:
-        """Send what is queued, and no more."""
+        """Send the queued messages, and no more."""
         self._closed = True
         self._filled.set()
 

@@ -51,7 +51,7 @@ def page_routes() -> list[BaseRoute]:
 
 
 class _Static(StaticFiles):
-    """Built files. The names of those in assets/ hold a hash of what is in them, so they never change."""
+    """Built files. Names in assets/ hold a hash of the content, so these files never change."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         answer = await super().get_response(path, scope)
@@ -61,7 +61,7 @@ class _Static(StaticFiles):
 
 
 def _index(text: str) -> Callable[[Request], Awaitable[Response]]:
-    """The page, which asks for the avatar that its address names before its script runs."""
+    """The page. It requests the character of its address before its script runs."""
 
     async def answer(request: Request) -> Response:
         name = request.query_params.get("character", "")

@@ -1,7 +1,7 @@
-"""All sessions of a server: admission, resumption, expiry, and what wakes them.
+"""All sessions of a server: admission, resumption, expiry, and the alarms that advance them.
 
-A session is advanced after an event of its own (what a client said, motion that was made, a fault) and at the deadline
-that follows from its playhead. Nothing is asked in between.
+A session is advanced after an event of its own (a client's message, new motion, a fault) and at the deadline that
+follows from its playhead. It is not polled in between.
 """
 
 import asyncio
@@ -191,7 +191,7 @@ class SessionManager:
         return session
 
     def _trace(self, session: ServerSession, collect: Callable[[], None]) -> Callable[[], None]:
-        """Trace a session; returns what to do after each of its chunks."""
+        """Trace a session; returns the callback for its new motion."""
         from .tracing import SessionTrace, Tracing
 
         self._tracing = self._tracing or Tracing(self.engine, self.settings.tracer)
@@ -264,7 +264,7 @@ class SessionManager:
         rig = self.engine.skeleton.config
         return Rig(names=rig.names, parents=rig.parents, rest=rig.offsets)
 
-    # ---- what wakes a session
+    # ---- alarms
 
     async def run(self) -> None:
         """Serve until cancelled; starts and stops the engine's threads."""
@@ -294,7 +294,7 @@ class SessionManager:
         self._alarms[session.name] = alarm
 
     def _advance(self, session: ServerSession) -> None:
-        """Bring a session to the present: send what was made, schedule what is due, and set the next alarm."""
+        """Bring a session to the present: send new motion, schedule the chunks that are due, set the next alarm."""
         try:
             if session.core.error is not None:
                 raise session.core.error
@@ -331,7 +331,7 @@ class SessionManager:
         self.end(session)
 
     def _watch(self) -> None:
-        """See what became of the engine: it was restarted, or it ended for good and all sessions with it."""
+        """Tell clients of a restart of the engine; fail all sessions if it ended for good."""
         self._thread.watch()
         if self.engine.restarts > self._restarts:
             self.metrics.restarts.inc(self.engine.restarts - self._restarts)

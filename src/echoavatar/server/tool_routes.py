@@ -47,7 +47,7 @@ async def read_body(request: Request, most: int, *, seconds: float = SECONDS) ->
 
 
 class ToolActor:
-    """A session as the tools see it: every client is told what they do."""
+    """A session as the tools see it; all clients receive the statuses of their calls."""
 
     def __init__(self, session: ServerSession) -> None:
         self._session = session

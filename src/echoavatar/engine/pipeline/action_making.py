@@ -46,9 +46,9 @@ def action_from_motion(
     about: str = "",
     guides: bool | None = None,
 ) -> Action:
-    """An action of a clip on any rig; `hold_s` is what repeats when it is held (default: the middle half).
+    """An action of a clip on any rig; `hold_s` is the part that repeats when it is held (default: the middle half).
 
-    Without `guides`, the codes are asked for unless the clip has one only: then they say nothing but "stand".
+    Without `guides`, the generator is asked for the codes, unless the clip has a single code: that only means "stand".
 
     Raises:
         MotionError: the clip is too short or too long, or the name is not a name.
@@ -101,7 +101,7 @@ def set_from_motion(
 
 @torch.inference_mode()
 def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...], Overlay | None]:
-    """First-layer upper-body codes of a clip, whole chunks, and what of torso and head they do not say.
+    """First-layer upper-body codes of a clip, whole chunks, and the motion of torso and head that they do not express.
 
     The last pose is held to fill the last chunk.
 

@@ -133,7 +133,7 @@ class Pipeline:
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
-        self.additions = frozenset(runtime.session)  # what sessions add, see `SessionCore`
+        self.additions = frozenset(runtime.session)  # additions of sessions, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
         self.face = FaceStream(bundle.face, has_idle="blinks" in self.additions) if bundle.face else None
         self.actions = bundle.actions
@@ -175,7 +175,7 @@ class Pipeline:
             return self._warm_start
 
     def _after_silence(self) -> PipelineState:
-        """One row that has heard the lead-in silence. The state of what was shown, position included, is reset."""
+        """One row that has heard the lead-in silence. Stages behind the decoder, and the position, are reset."""
         state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
         for _ in range(self._lead_in):
             self.step(torch.zeros(1, self.chunk.samples), state, everyone)
@@ -220,7 +220,7 @@ class Pipeline:
 
         A chunk has `chunk.samples` samples (6,400 in our bundles and the paper) and gives `chunk.frames` frames (8).
         The smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
-        `directive` is what actions ask for, row by row. `on_stage(name)` is called after each stage, for benchmarks.
+        `directive` holds the requests of actions, row by row. Benchmarks set `on_stage`, called after each stage.
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")

@@ -17,7 +17,7 @@ FORMATS = {".flv": "flv", ".mp4": "mp4", ".mkv": "matroska", ".ts": "mpegts"}
 SCHEMES = {"rtmp": "flv", "rtmps": "flv"}
 SOUND_RATE_HZ = 2 * SAMPLE_RATE_HZ
 CLOCK_HZ = 1_000  # of pictures: FLV counts milliseconds
-KEY_S = 2  # between whole pictures, which is what streaming servers ask for
+KEY_S = 2  # between key frames, as streaming servers require
 
 
 class Output(Protocol):
@@ -99,7 +99,7 @@ class Broadcast:
         self._mux(self._sound, frame)
 
     def close(self) -> None:
-        """Send what is left, and end the file or connection."""
+        """Send the rest, and end the file or connection."""
         try:
             for stream in (self._video, self._sound):
                 self._mux(stream, None)

@@ -1,4 +1,4 @@
-"""What a session looks and sounds like at any moment of its clock."""
+"""Pictures and sound of a session at any moment of its clock."""
 
 import math
 from collections import deque
@@ -25,7 +25,7 @@ MOST_MOTION = 1_000  # messages that wait to be drawn
 
 
 class SoundTrack:
-    """Samples on the session's clock. The writer bounds its length; what lies far behind the reader is dropped."""
+    """Samples on the session's clock. The writer bounds its length; samples far behind the reader are dropped."""
 
     def __init__(self) -> None:
         self._blocks: deque[tuple[int, Int16[np.ndarray, " s"]]] = deque()
@@ -36,7 +36,7 @@ class SoundTrack:
         return self._blocks[-1][0] + len(self._blocks[-1][1]) if self._blocks else 0
 
     def put(self, at: int, samples: Int16[np.ndarray, " s"]) -> None:
-        """Add samples from `at` on; they replace what was there from that moment on."""
+        """Add samples from `at` on; they replace existing samples from that moment on."""
         self.cut(at)
         self._blocks.append((at, samples))
 
