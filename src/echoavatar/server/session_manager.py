@@ -275,9 +275,7 @@ class SessionManager:
                     tasks.start_soon(_every, STATS_S, self._tell_stats)
                     tasks.start_soon(_every, TRIM_S, _trim)
                     if self.settings.sinks:
-                        tasks.start_soon(
-                            _every, SINK_S, lambda: self._sinks.show(self._sessions.values())
-                        )
+                        tasks.start_soon(_every, SINK_S, lambda: self._sinks.show(self._sessions.values()))
             finally:
                 self._sinks.close()
                 for session in list(self._sessions.values()):

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
-from torch import Tensor
 
 from echoavatar.engine.pipeline.actions import Action
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter, RigConfig
@@ -124,7 +123,7 @@ def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...]
     coarse = torch.full_like(codes, -1)
     coarse[:, :, UPPER, 0] = codes[:, :, UPPER, 0]
     said = from_features(skeleton, tokenizer.decode(coarse)[0]).rotations
-    turns = _turn(said.transpose(-1, -2) @ rotations)[lead:]
+    turns = axis_angle_from_quaternion(quaternion_from_matrix(said.transpose(-1, -2) @ rotations))[lead:].numpy()
     first = codes[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
     return tuple(first.tolist()), _overlay(skeleton, turns)
 
@@ -152,7 +151,3 @@ def _plain(name: str, motion: Motion) -> str:
             f"a clip of {motion.seconds:.1f} s cannot be an action; cut it to {SHORTEST_S:g} to {LONGEST_S:g} s"
         )
     return plain
-
-
-def _turn(rotations: Float[Tensor, "t j 3 3"]) -> Float[np.ndarray, "t j 3"]:
-    return axis_angle_from_quaternion(quaternion_from_matrix(rotations)).numpy()

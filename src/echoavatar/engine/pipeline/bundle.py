@@ -12,8 +12,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Literal
 
-from torch import nn
-
 from echoavatar import hub
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, EchoAvatarError
@@ -61,10 +59,8 @@ class Bundle:
     @property
     def parameters(self) -> int:
         """The number of weights of all parts."""
-        parts: tuple[nn.Module | None, ...]
         parts = (self.codec, self.tokenizer, self.generator, self.face)
-        modules = [part for part in parts if part is not None]
-        return sum(weight.numel() for module in modules for weight in module.parameters())
+        return sum(weight.numel() for part in parts if part is not None for weight in part.parameters())
 
     def running(self, runtime: str) -> "Bundle":
         """The same bundle run as `paper`, `default` or with some of our additions, see `Runtime.chosen`.
