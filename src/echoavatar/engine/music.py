@@ -147,8 +147,8 @@ class Tracks:
         for own in self._paths:
             if own.lower() == wanted:
                 return own
-        has = f"no music {title!r}; there is: {', '.join(self._paths)}" if self._paths else "there is no music"
-        raise EchoAvatarError(has)
+        why = f"no music {title!r}; there is: {', '.join(self._paths)}" if self._paths else "there is no music"
+        raise EchoAvatarError(why)
 
     def load(self, title: str) -> Float[np.ndarray, " s"]:
         """A track, 24 kHz mono. Decoding it takes a while, so call this on a thread of its own.
