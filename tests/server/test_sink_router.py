@@ -89,17 +89,6 @@ def test_sinks_that_hang_or_are_gone_change_nothing(kind: str, monkeypatch: pyte
     Stuck.let_go.set()
 
 
-def test_a_lost_source_finds_its_session_where_it_left_it() -> None:
-    class Lost:
-        source: object = object()
-
-    session = Lost()
-    box = sink_router.SinkOutbox((), session)  # type: ignore[arg-type]
-    assert box.plays
-    session.source = None
-    assert not box.plays
-
-
 def test_an_address_that_is_none_is_refused_at_once() -> None:
     with pytest.raises(EchoAvatarError, match="no known kind"):
         SinkRouter(["ftp://there"], Rig(names=("hips",), parents=(-1,), rest=((0.0, 0.0, 0.0),)))

@@ -38,7 +38,7 @@ def row(engine: Engine) -> list[torch.Tensor]:
 
 def test_its_parts_step_alike(pipeline: Pipeline) -> None:
     """Three motion tokens, thirty audio frames, and a face whose past is four frames shorter than the paper's."""
-    assert (pipeline.chunk_samples, pipeline.chunk_frames) == (STEP, 12)
+    assert (pipeline.chunk.samples, pipeline.chunk.frames) == (STEP, 12)
     assert pipeline.face is not None
     assert (pipeline.face.model.config.step, pipeline.face.model.config.context) == (12, 52)
     assert pipeline.actions["stand"].seconds == pytest.approx(4.0)

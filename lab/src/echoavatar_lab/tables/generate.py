@@ -9,7 +9,6 @@ is due, as live. Not in the paper.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import torch
@@ -102,8 +101,6 @@ class LookaheadState(PipelineState):
 
 class LookaheadPipeline(Pipeline):
     """A pipeline of sessions whose whole sound is known. With `ahead_chunks` 0 it equals `Pipeline`."""
-
-    has_lookahead: ClassVar[bool] = True
 
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]], *, device: str = "cpu") -> None:
         """`sounds` (24 kHz) are keyed by the seed of the session that will hear them; silence follows each."""

@@ -25,10 +25,6 @@ class Address:
     port: int
     options: dict[str, str] = field(default_factory=dict)
 
-    def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.scheme}://{host}:{self.port}"
-
 
 def parse_address(text: str) -> Address:
     """Parse an address; the default port is that of its protocol.

@@ -1,4 +1,4 @@
-"""What a session looks and sounds like at any moment of its clock."""
+"""Pictures and sound of a session at any moment of its clock."""
 
 import math
 from collections import deque
@@ -25,7 +25,7 @@ MOST_MOTION = 1_000  # messages that wait to be drawn
 
 
 class SoundTrack:
-    """Samples on the session's clock. The writer bounds its length; what lies far behind the reader is dropped."""
+    """Samples on the session's clock. The writer bounds its length; samples far behind the reader are dropped."""
 
     def __init__(self) -> None:
         self._blocks: deque[tuple[int, Int16[np.ndarray, " s"]]] = deque()
@@ -36,7 +36,7 @@ class SoundTrack:
         return self._blocks[-1][0] + len(self._blocks[-1][1]) if self._blocks else 0
 
     def put(self, at: int, samples: Int16[np.ndarray, " s"]) -> None:
-        """Add samples from `at` on; they replace what was there from that moment on."""
+        """Add samples from `at` on; they replace existing samples from that moment on."""
         self.cut(at)
         self._blocks.append((at, samples))
 
@@ -112,7 +112,8 @@ class VideoSource:
         self._hear()
         pose = self._poses.read(at)
         if pose is None:
-            rotations, root, face = np.tile(np.array([1, 0, 0, 0], np.float32), (HUMANOID.joints, 1)), _hips(), None
+            rotations = np.tile(np.array([1, 0, 0, 0], np.float32), (HUMANOID.joints, 1))
+            root, face = HUMANOID.rest_positions.numpy()[0], None
         else:
             rotations, root, face = pose.rotations.astype(np.float32), pose.root, pose.face
         world = forward_kinematics(
@@ -157,7 +158,3 @@ def prepare(shot: Shot, character: str = "") -> None:
 def _painted(name: str) -> tuple[Character, Paint]:
     character = load_character(name or None)
     return character, Paint.of(character)
-
-
-def _hips() -> Float[np.ndarray, " 3"]:
-    return np.asarray(HUMANOID.rest_positions.numpy()[0], np.float32)
