@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from echoavatar.config import Config
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
 
-from ..tokens import SequenceOrder, TokenLayout, sequence_order
+from ..tokens import ORDERS, SequenceOrder, TokenLayout
 
 AUDIO_FRAMES_PER_TOKEN = exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK)  # 10
 
@@ -157,7 +157,7 @@ class GeneratorConfig(Config):
     @property
     def order(self) -> SequenceOrder:
         """The sequence order this generator was trained for."""
-        return sequence_order(self.sequence, self.layout, self.window_chunks)
+        return ORDERS[self.sequence](self.layout, self.window_chunks)
 
 
 def qwen_half_billion(
