@@ -57,7 +57,7 @@ class GeneratorConfig(Config):
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
     patience: float = Field(
-        default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steadiest`)"
+        default=0.0, ge=0, description="price of a change in the codes of motion that it was trained on; 0: the nearest"
     )
     is_leveled: bool = Field(
         default=True, description="whether the sound it was trained on was brought to one loudness (paper: no)"

@@ -112,7 +112,7 @@ def stream_nll(generator: Generator, window: Window) -> StreamNll:
     head = generator.lm_head.weight[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
     logits = torch.einsum(
         "bflc,lac->bfla",
-        hidden.unflatten(1, (-1, layout.audio_layers)),
+        hidden.reshape(len(hidden), -1, layout.audio_layers, hidden.shape[2]),
         head.to(hidden.dtype).view(layout.audio_layers, layout.audio_codes, -1),
     )
     audio = _nll(logits, window.audio)
