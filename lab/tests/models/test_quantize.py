@@ -69,12 +69,6 @@ def test_gumbel_choice_follows_the_softmax_of_distances():
     assert (drawn == 0).float().mean() == pytest.approx(0.731, abs=0.015)
 
 
-def test_a_code_of_minus_one_is_the_zero_vector():
-    book = LearningCodebook(codes=2, width=3)
-    book.initialise(torch.ones(2, 3))
-    assert torch.equal(book.lookup(torch.tensor([0, -1])), torch.tensor([[1.0, 1, 1], [0, 0, 0]]))
-
-
 def test_a_loaded_codebook_is_not_initialised_again():
     source, target = LearningCodebook(codes=4, width=2), LearningCodebook(codes=4, width=2)
     source.initialise(torch.randn(4, 2))
@@ -143,14 +137,6 @@ def test_patience_changes_codes_less_often_and_costs_little():
     assert changes(patient) < 0.7 * changes(plain)
     assert missed(patient) < 1.6 * missed(plain)
     assert torch.equal(patient[1:], _steady_layers(quantizer, x[1:], 0.5))
-
-
-def test_missing_trailing_layers_equal_layers_of_minus_one():
-    quantizer, generator = trained()
-    codes = quantizer.eval().encode(torch.randn(2, 5, 8, generator=generator))
-    masked = codes.clone()
-    masked[..., 1:] = -1
-    assert torch.equal(quantizer.decode(codes[..., :1]), quantizer.decode(masked))
 
 
 def test_the_gradient_passes_straight_through_once():
@@ -223,10 +209,3 @@ def test_codebooks_taken_from_many_latents_halve_the_error_layer_by_layer():
     assert errors[0] < 0.6
     assert errors[1] < 0.6 * errors[0]
     assert errors[2] < 0.6 * errors[1]
-
-
-def test_state_dict_has_the_released_names_only():
-    assert list(LearningQuantizer(codes=4, width=2, layers=2).state_dict()) == [
-        "layers.0.codebook",
-        "layers.1.codebook",
-    ]

@@ -27,7 +27,7 @@ from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from .quantize import ResidualVectorQuantizer
 
-Block = Callable[[Tensor], Tensor]  # what looks back at one level
+Block = Callable[[Tensor], Tensor]  # a layer that looks back, of one level
 LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()  # 3: every level but the last halves the rate
 
 
@@ -44,7 +44,7 @@ class MotionTokenizerConfig(Config):
     dead_below: float = Field(default=1.0, ge=0, description="average use per step under which a code is replaced")
     kmeans_steps: int = Field(default=0, ge=0, le=10000, description="k-means steps when the codebooks are initialised")
     blocks: Literal["attention", "convolution"] = Field(
-        default="attention", description="what looks back; convolutions are the paper's baseline"
+        default="attention", description="layers that look back; convolutions are the paper's baseline"
     )
     resampling: Literal["dual", "learned", "strided"] = Field(
         default="dual",

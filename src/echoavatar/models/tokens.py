@@ -97,12 +97,8 @@ class TokenLayout(Config):
         layer = torch.arange(self.audio_layers, device=codes.device) * self.audio_codes + self.audio_base
         return (codes.long() + layer).flatten(1)
 
-    def flatten(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
-        """Motion codes (b, n, 3, Q) to codes (b, n x 3 Q) in grammar order (codes, not ids)."""
-        return codes.flatten(1)
-
     def unflatten(self, flat: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
-        """The inverse of `flatten`."""
+        """Codes (b, n x 3 Q) in grammar order (codes, not ids) to motion codes (b, n, 3, Q)."""
         return flat.reshape(len(flat), -1, self.parts, self.motion_layers)
 
     def motion_ids(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:

@@ -78,7 +78,7 @@ class GeneratorConfig(Config):
         description="motion tokens of a step: 2 (paper, 0.27 s); other numbers (release: 3) in the prefix order only",
     )
     opening: Opening | None = Field(
-        default=None, description="prefix order: what precedes a session; None: a window that grows"
+        default=None, description="prefix order: codes that fill the window before a session; None: a window that grows"
     )
     steered: tuple[int, ...] = Field(
         default=(), description="segments whose codes a directive may name; (): the upper body's first layer"

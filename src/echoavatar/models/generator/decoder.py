@@ -74,15 +74,10 @@ class Decoder:
         if self._control is not None:
             self._gate = ((self._control.gate_proj.weight * scale).detach().float(), self._control.gate_proj.bias)
         self._directed = config.directed
-        self._members = member_rows(self._embedding, config.layout)
+        self._hinted = self._embedding  # whose rows make the hint of a set
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
         self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
         self._graphs = GraphCache[Sequence[KeyValueRing]](self._generate, _tensors)
-
-    def keep_compiled(self) -> None:
-        """Drop the layers that `run` reads prompts with, where the compiled loop reads every position."""
-        if self._compiled is not None:
-            self._layers.clear()
 
     @property
     def device(self) -> torch.device:
@@ -114,18 +109,19 @@ class Decoder:
         return Places(rotations[:, :, None], slots, bias[:, None, None])
 
     def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
-        """The effect of a set of codes and of a bias on their logits; without exemplar control the set has none."""
+        """The effect of a set of codes and of a bias on their logits.
+
+        Without exemplar control the set has no effect, except on a prompt that shows it.
+        """
         if self._control is None and not self.config.layout.before_example:
             exemplar = None
-        if exemplar is None:
-            if bias is None:
-                return None
-            return Steer(bias.new_zeros(len(bias), self.config.width), torch.zeros_like(bias), bias)
-        if self._control is None:  # the prompt shows the set, if anything does
-            hint = exemplar.new_zeros(len(exemplar), self.config.width)
-        else:
-            hint = self._control.hint(exemplar, self._members)
-        return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
+        given = bias if exemplar is None else exemplar
+        if given is None:
+            return None
+        hint, nothing = given.new_zeros(len(given), self._hinted.shape[1]), torch.zeros_like(given)
+        if exemplar is not None and self._control is not None:
+            hint = self._control.hint(exemplar, member_rows(self._hinted, self.config.layout))
+        return Steer(hint, nothing if exemplar is None else exemplar, nothing if bias is None else bias)
 
     def generate(
         self,
@@ -177,7 +173,7 @@ class Decoder:
         return self.read(x, places, rings)
 
     def read(self, x: Float[Tensor, "n c"], places: Places, rings: Sequence[KeyValueRing]) -> Float[Tensor, "b c"]:
-        """The same for what is embedded already, row by row; a single position takes the compiled way."""
+        """`run` for inputs that are embedded already, row by row; a single position takes the compiled loop."""
         rows, length = places.slots.shape
         if self._compiled is not None and length == 1:
             hidden = compiled.read_position(self._compiled, x.numpy(), *_arrays(rings), _positions(places))
@@ -296,24 +292,14 @@ class DepthDecoder(Decoder):
         config, depth = generator.config, generator.depth
         super().__init__(depth.body, generator.segment_head(), generator.exemplar, precision)
         self.backbone = Decoder(generator.model, depth.condition.weight[None], None, precision)
-        self._table = generator.model.embed_tokens.weight.detach().float()
+        self._table = self._hinted = generator.model.embed_tokens.weight.detach().float()
         layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)
         sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
         self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)
         for part in (self, self.backbone):
-            part.keep_compiled()
+            if part._compiled is not None:  # it reads every position, so the layers that read prompts are not needed
+                part._layers.clear()
         self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, _tensors)
-
-    def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
-        """See `Decoder.steer`; the hint is the backbone's."""
-        exemplar = None if self._control is None else exemplar
-        given = bias if exemplar is None else exemplar
-        if given is None:
-            return None
-        if exemplar is None or self._control is None:
-            return Steer(given.new_zeros(len(given), self._table.shape[1]), torch.zeros_like(given), given)
-        hint = self._control.hint(exemplar, member_rows(self._table, self.config.layout))
-        return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
 
     def embed(
         self, sound: Int[Tensor, "b i"], last: Int[Tensor, "b k"], is_first: Bool[Tensor, " b"]

@@ -185,7 +185,7 @@ class Body(nn.Module):
 
 
 class DepthReader(nn.Module):
-    """What a generator of the depth order has beside its backbone and its heads."""
+    """The parts of a depth-order generator besides its backbone and its heads."""
 
     def __init__(self, config: GeneratorConfig, body: Body) -> None:
         """`body` is the transformer over codes, with an embedding table of its own."""

@@ -3,7 +3,7 @@
 `InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids
 in one pass, then decodes 6 Q ids one by one. `DepthStream` keeps such a ring for the backbone, one slot a motion frame.
 `PrefixStream` is the paper's sliding window: its state is the code history and every step reads the whole window again.
-Callers cannot tell which.
+All three have one interface.
 """
 
 from abc import abstractmethod
