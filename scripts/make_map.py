@@ -1,7 +1,7 @@
 """Draw the picture that opens docs/architecture.md: both houses' rooms in the order of the import contracts, and the
 way of one chunk.
 
-    python scripts/make_map.py          # writes docs/img/map.svg
+    python scripts/make_map.py          # writes docs/img/map.svg, and the list of files in docs/architecture.md
 
 Rooms and their order come from pyproject.toml, their purpose from their docstrings. tests/docs/test_map.py fails when
 the picture is out of date.
@@ -17,6 +17,8 @@ ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "echoavatar"
 LAB = ROOT / "lab" / "src" / "echoavatar_lab"
 SHIPPED = ROOT / "docs" / "img" / "map.svg"
+PAGE = ROOT / "docs" / "architecture.md"
+FILES = "## Every file\n", "\n## One chunk\n"  # the list stands between these headings
 CHUNK = [
     ("sound", "any rate, any cutting: speech, music, silence"),
     ("engine.AudioQueue", "24 kHz, 6,400 samples to a chunk, bounded"),
@@ -109,6 +111,27 @@ def drawing() -> str:
     return "\n".join([*out, "</svg>", ""])
 
 
+def listing() -> str:
+    """Every file of both houses, by room: names only, which are chosen to tell."""
+    lines = []
+    for source in (SOURCE, LAB):
+        lines += ["", f"`{source.relative_to(ROOT)}`", ""]
+        for room in [source, *sorted(path.parent for path in source.rglob("__init__.py") if path.parent != source)]:
+            names = ", ".join(path.stem for path in sorted(room.glob("*.py")) if not path.stem.startswith("__"))
+            if names:
+                where = f"`{room.relative_to(source)}/`" if room != source else "top"
+                lines += textwrap.wrap(f"- {where}: {names}", 120, subsequent_indent="  ", break_on_hyphens=False)
+    return "\n".join(lines) + "\n"
+
+
+def page() -> str:
+    """docs/architecture.md with the present list of files."""
+    text = PAGE.read_text("utf-8")
+    before, rest = text.split(FILES[0])
+    return before + FILES[0] + listing() + FILES[1] + rest.split(FILES[1])[1]
+
+
 if __name__ == "__main__":
     SHIPPED.write_text(drawing())
+    PAGE.write_text(page(), "utf-8")
     print(f"wrote {SHIPPED.relative_to(ROOT)}")
