@@ -1,15 +1,13 @@
 """A turn that is too fast takes the frames it needs; others are not touched."""
 
-import math
 
 import numpy as np
 
 from echoavatar.motion.stages.pose import Pose
-from echoavatar.motion.stages.smoother import FASTEST
 from echoavatar.motion.stages.speed_limit import SpeedLimit
 
 FPS = 30.0
-MOST = math.degrees(FASTEST) / FPS
+MOST = 1000 / FPS  # degrees
 
 
 def pose(degrees) -> Pose:
