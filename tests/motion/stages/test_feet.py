@@ -169,7 +169,7 @@ def test_a_foot_steps_higher_the_faster_it_goes() -> None:
 
 
 def test_a_foot_that_is_held_too_long_steps_to_its_place_within_half_a_second() -> None:
-    """A body that glides on at 10 cm/s: its feet step after 12 cm, and land a centimetre or so from where they belong."""
+    """A body that glides at 10 cm/s: its feet step after 12 cm, and land a centimetre or so from where they belong."""
     shown, decoded = glide([0.0] * 60, 0.1)
     speed, away = speed_of(shown), np.abs(shown - decoded)[:, 0, 0]
     on_its_way = np.flatnonzero(speed > 0.05)

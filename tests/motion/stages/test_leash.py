@@ -5,7 +5,7 @@ import pytest
 import torch
 from tests.motion.stages.poses import everyone
 
-from echoavatar.motion.stages.leash import EDGE, LEAN, NEAR, PULL_SPEED, Leash, LeashState
+from echoavatar.motion.stages.leash import EDGE, NEAR, PULL_SPEED, Leash, LeashState
 from echoavatar.motion.stages.pose import Pose
 
 

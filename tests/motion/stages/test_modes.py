@@ -86,7 +86,7 @@ def test_in_place_feet_step_no_more_often_and_trail_by_less_than_a_third_of_a_me
 
 
 def test_an_idle_stance_bends_the_knees_and_sways_slowly_from_the_start() -> None:
-    """The hips are a centimetre lower than at rest; they go to and fro four times in 30 s, and start without a lurch."""
+    """The hips are a centimetre lower than at rest; they sway four times in 30 s, and start without a lurch."""
     rest = HUMANOID.offsets[0].numpy()
     unit = np.tile(np.float32([1, 0, 0, 0]), (900, HUMANOID.joints, 1))
     still = Motion(HUMANOID, unit, np.tile(rest, (900, 1)).astype(np.float32), 30.0)

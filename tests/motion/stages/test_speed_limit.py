@@ -1,6 +1,5 @@
 """A turn that is too fast takes the frames it needs; others are not touched."""
 
-
 import numpy as np
 
 from echoavatar.motion.stages.pose import Pose
