@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numba
@@ -7,7 +8,9 @@ import torch
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.pipeline import STAGES
-from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.motion.motion_chunk import MotionChunk, join
 
 
 @pytest.fixture(scope="module")
@@ -91,3 +94,48 @@ def test_it_says_that_it_compiles_only_when_it_compiles(
     monkeypatch.setattr(pipeline, "step", lambda *told: (twice(1.0), step(*told))[1])
     pipeline.warm_up()
     assert caplog.text.count("compiling for this processor") == 1
+
+
+@pytest.fixture(scope="module")
+def default() -> Pipeline:
+    return Pipeline(replace(load_bundle("default"), face=None))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_hand_rises_over_the_head_as_far_as_it_is_asked_to(default: Pipeline, seed: int) -> None:
+    """By its codes alone, in silence: asked with intensity 1 the hand is raised, asked with a fifth it stays down."""
+    action, highest = default.actions["raise_left_hand"], {}
+    for intensity in (1.0, 0.2):
+        state, everyone = default.init_state(1), torch.ones(1, dtype=torch.bool)
+        default.reset(state, everyone, seed=seed)
+        made = []
+        for chunk in range(8):
+            members = intensity * action.members(chunk, action.chunks, default.directive_codes)[None]
+            made += default.step(torch.zeros(1, 6400), state, everyone, directive=default.directive(members))
+        motion = join(made)
+        turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
+        pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root))
+        highest[intensity] = float(pose.positions[:, HUMANOID.index("leftHand"), 1].max())
+    assert highest[1.0] > 1.6
+    assert highest[0.2] < 1.2
+
+
+def test_a_generator_that_knows_no_exemplars_is_asked_by_its_logits_alone(
+    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Random weights, eight codes: at intensity 1 the asked one is always drawn, at 0.15 about half the time."""
+    seen, step = [], pipeline.generator.step
+    monkeypatch.setattr(pipeline.generator, "step", lambda *x, **named: (seen.append(step(*x, **named)), seen[-1])[1])
+    shares = []
+    for intensity in (1.0, 0.15):
+        state, everyone = pipeline.init_state(8), torch.ones(8, dtype=torch.bool)
+        for row in range(8):
+            pipeline.reset(state, torch.arange(8) == row, seed=row)
+        seen.clear()
+        members = torch.zeros(8, pipeline.directive_codes)
+        members[:, 3] = intensity
+        for _ in range(40):
+            pipeline.step(torch.zeros(8, 6400), state, everyone, directive=pipeline.directive(members))
+        shares.append(float((torch.stack(seen)[..., 1, 0] == 3).float().mean()))
+    assert shares[0] > 0.98
+    assert 0.35 < shares[1] < 0.7

@@ -20,16 +20,16 @@ from echoavatar.nn import StreamState
 EVERYONE = torch.ones(1, dtype=torch.bool)
 
 
-def pipeline_of(folder: Path, lead_in_s: float) -> Pipeline:
-    """The tiny bundle with a face."""
+def pipeline_of(folder: Path, **settings: float) -> Pipeline:
+    """The tiny bundle with a face, and the default settings but for these."""
     torch.manual_seed(2)
-    bundle = replace(load_bundle(folder), face=make().float(), runtime=Runtime(lead_in_s=lead_in_s))
+    bundle = replace(load_bundle(folder), face=make().float(), runtime=Runtime(**settings))
     return Pipeline(bundle, precision="float32")
 
 
 @pytest.fixture(scope="module")
 def pipeline(tiny_bundle: Path) -> Pipeline:
-    return pipeline_of(tiny_bundle, 2.0)
+    return pipeline_of(tiny_bundle)
 
 
 def opened(pipeline: Pipeline, seed: int, options: MotionOptions = FREE) -> PipelineState:
@@ -65,7 +65,7 @@ def test_it_decodes_and_speaks_as_one_that_has_heard_two_seconds_of_silence(
 ) -> None:
     """Eight chunks of it, as seven are less; seed 0 is the one that the silence was heard with."""
     pipeline.warm_up()
-    cold = pipeline_of(tiny_bundle, 0.0)
+    cold = pipeline_of(tiny_bundle, lead_in_s=0.0)
     waited, at_once = decoded(monkeypatch, cold), decoded(monkeypatch, pipeline)
     silence = np.zeros(8 * 6400, np.float32)
     witness = heard(cold, opened(cold, 0), np.concatenate([silence, voice]))[8:]
@@ -93,7 +93,7 @@ def test_it_begins_over_the_spot_whatever_was_asked_of_it(
 
 def test_motion_is_the_seeds_own_whoever_came_before(tiny_bundle: Path, voice: np.ndarray) -> None:
     """In the first session of a pipeline, in a used row, and in another row beside a stranger's."""
-    pipeline = pipeline_of(tiny_bundle, 2.0)
+    pipeline = pipeline_of(tiny_bundle)
     first = shown(heard(pipeline, opened(pipeline, 3), voice))
     used = opened(pipeline, 9)
     other = shown(heard(pipeline, used, voice))
@@ -112,14 +112,14 @@ def test_motion_is_the_seeds_own_whoever_came_before(tiny_bundle: Path, voice: n
 
 
 def test_after_the_warm_up_nobody_waits(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pipeline = pipeline_of(tiny_bundle, 2.0)
+    pipeline = pipeline_of(tiny_bundle)
     pipeline.warm_up()
     monkeypatch.setattr(pipeline, "step", lambda *args: pytest.fail("a session waits"))
     assert int(opened(pipeline, 1).seeds) == 1
 
 
 def test_without_a_lead_in_it_has_heard_nothing(tiny_bundle: Path) -> None:
-    pipeline = pipeline_of(tiny_bundle, 0.0)
+    pipeline = pipeline_of(tiny_bundle, lead_in_s=0.0)
     state, fresh = opened(pipeline, 0), pipeline.init_state(1)
     assert all(torch.equal(a, b) for a, b in zip(state.tensors(), fresh.tensors(), strict=True))
 
