@@ -72,7 +72,7 @@ CONSTANTS = [
         ("motion/ik/hand_shift.py", "motion/ik/test_hand_shift.py motion/ik/test_hand_collisions.py", "SHELL"),
         (
             "motion/inertial.py",
-            "motion/test_inertial.py engine/test_interruptions.py",
+            "motion/test_inertial.py",
             "SHORTEST_S LONGEST_S FASTEST GREATEST_START ROOT_FASTEST FACE_SECONDS",
         ),
         ("motion/expression.py", "motion/test_expression.py", "RISE_S FALL_S SPEAKING_JAW LIPS_KEPT:share"),
@@ -90,19 +90,19 @@ CONSTANTS = [
         ("engine/settling.py", "engine/test_settling.py", "SILENCE STANDING DANCES DANCES_S RECENT_S AGAIN_S"),
         (
             "engine/listener.py",
-            "engine/test_listener.py engine/test_behaviour.py",
+            "engine/test_listener.py",
             "SOUND_DB:dB OVER_FLOOR_DB PAUSE_S TURN_S LEAST_SPEECH_S LEAST_GAP_S NOD_S NOD_SHARE:share",
         ),
         ("engine/music.py", "engine/test_music.py", "DUCKED:share DUCK_S FADE_S AUDIBLE HOLD_FRAMES"),
-        ("engine/playout.py", "engine/test_playout.py engine/test_interruptions.py", "COASTING:share"),
+        ("engine/playout.py", "engine/test_playout.py", "COASTING:share"),
         (
             "engine/session_core.py",
-            "engine/test_session_core.py engine/test_session.py engine/test_behaviour.py",
+            "engine/test_session_core.py engine/test_listener.py",
             "LISTEN_S MUSIC_AHEAD_S REPLAN_AHEAD",
         ),
         ("engine/action_scheduler.py", "engine/test_action_scheduler.py", "STRONGEST"),
-        ("engine/audio_queue.py", "engine/test_audio_queue.py", "QUEUE_SECONDS MAX_UTTERANCES"),
-        ("engine/engine.py", "engine/test_engine.py engine/test_interruptions.py", "REWIND"),
+        ("engine/audio_queue.py", "engine/test_audio_queue.py engine/test_session.py", "QUEUE_SECONDS MAX_UTTERANCES"),
+        ("engine/engine.py", "engine/test_session_core.py", "REWIND"),
         (
             "engine/pipeline/pipeline.py",
             "engine/pipeline/test_pipeline.py engine/pipeline/test_actions.py",
