@@ -116,20 +116,20 @@ CONSTANTS = [
         ("engine/pipeline/actions.py", "engine/pipeline/test_actions.py", "REACH LONGEST_S"),
         (
             "models/generator/config.py",
-            "models/generator/test_config.py models/generator/test_sampling.py",
+            "models/generator/test_stream.py",
             "GeneratorConfig.temperature GeneratorConfig.top_p:share",
         ),
         (
             "models/audio/level.py",
             "models/audio/test_level.py",
-            "_TARGET_DB:dB _GAIN_DB[0] _GAIN_DB[1] _WINDOW _DECAY_DB _FLOOR_RISE_DB _FAINTEST_DB:dB _SURELY_SOUND_DB:dB"
+            "_TARGET_DB:dB _DECAY_DB _FLOOR_RISE_DB _FAINTEST_DB:dB _SURELY_SOUND_DB:dB"
             " _ABOVE_FLOOR_DB _HOLD_BLOCKS _GATE_STEP_DB _GATE_DB _KNEE:share",
         ),
         (
             "models/face/idle.py",
             "models/face/test_idle.py",
             "_BLINK_EVERY _BLINKS:share _DOUBLES:share _GAZE_EVERY _GAZE_HOME:share _GAZE_YAW _GAZE_PITCH _GAZE_FRAMES"
-            " _BROW_GATE_EVERY _RISE:share _FALL:share _FAST:share _SLOW:share _FAINTEST_DB",
+            " _RISE:share _FALL:share _FAST:share _SLOW:share _FAINTEST_DB",
         ),
         ("server/session.py", "server/test_session.py server/test_session_manager.py", "MARGIN_S KEPT_S"),
         ("server/playhead.py", "server/test_playhead.py", "PATIENCE_S"),

@@ -53,7 +53,7 @@ def speaking(seconds: float) -> SessionCore:
 
 def test_an_action_begins_soon_although_motion_was_made_ahead() -> None:
     """Within half a second; and nothing is made again for what would begin as soon by itself."""
-    session = speaking(4.0)
+    session = speaking(2.0)
     assert session.act("wave").at / 24_000 < 0.6
     session = speaking(0.54)
     assert session.made == 12_800
