@@ -43,6 +43,27 @@ def test_a_jump_is_made_at_once_in_both_directions() -> None:
         assert np.abs(settled - expected).max() < 0.02
 
 
+def test_an_error_of_a_fifth_of_a_second_is_made_up_within_one_without_a_jump() -> None:
+    """The other clock is 0.2 s further at once, as after a pause of a player."""
+    readings = followed(lambda now: now if now < 2 else now + 0.2)
+    assert np.diff(readings).max() * 60 < 2.1
+    assert readings[120] < 2.05
+    assert 0.1 < readings[int(2.12 * 60)] - 2.12 + 0.02 < 0.2
+    assert abs(readings[int(2.6 * 60)] - int(2.6 * 60) / 60 - 0.2) < 0.02
+
+
+def test_rare_reports_are_followed_evenly() -> None:
+    """A player that reports its place eleven times a second."""
+    clock, readings = FollowingClock(), []
+    for frame in range(240):
+        if frame % 5 == 0:
+            clock.tell(frame / 60 * RATE, frame / 60)
+        readings.append(clock.read(frame / 60))
+    speed = np.diff(np.array(readings, float)) / RATE * 60
+    assert speed.min() > 0.9
+    assert speed.max() < 1.1
+
+
 def test_without_reports_the_clock_stops() -> None:
     clock = FollowingClock()
     clock.tell(0, 0.0)
