@@ -2,7 +2,7 @@
 
 from tests.agents.client.test_recording import READY
 
-from echoavatar.agents.client.utterances import KEPT_UTTERANCES, UtteranceQueue
+from echoavatar.agents.client.utterances import UtteranceQueue
 from echoavatar.wire import Audio, AudioFormat, End, Flush, Sound
 
 
@@ -65,4 +65,4 @@ def test_old_utterances_are_forgotten() -> None:
     for _ in range(20):
         queue.add(bytes(2), end=True)
         list(queue.due())
-    assert len(queue._utterances) == KEPT_UTTERANCES
+    assert 1 < len(queue._utterances) < 10
