@@ -127,11 +127,12 @@ def mutated(constant: Constant, *, down: bool) -> tuple[str, str, str]:
         raise SystemExit(f"{constant.file} has no {constant.name} any more: bring CONSTANTS up to date")
     if isinstance(place, ast.Call):  # Field(default=...), math.radians(...)
         place = next((word.value for word in place.keywords if word.arg == "default"), place)
-    if isinstance(place, ast.Call) and ast.unparse(place.func) == "math.radians":
-        place = place.args[0]
+    is_angle = isinstance(place, ast.Call) and ast.unparse(place.func) == "math.radians"
+    place = place.args[0] if is_angle else place  # type: ignore[attr-defined]
     was = ast.unparse(place)
     try:
-        became = repr(constant.changed(eval(was, {"__builtins__": {}}), down=down))
+        value = eval(was, {"__builtins__": {}})
+        became = repr(constant.changed(float(value) if is_angle else value, down=down))
     except NameError:  # an array
         became = f"{1 / FACTOR if down else FACTOR} * {was}"
     lines = source.splitlines(keepends=True)

@@ -21,6 +21,7 @@ class Scene:
     def __init__(self) -> None:
         self.bridge = AvatarBridge(LocalBackend(engine()), body=BodyOptions(leash_m=0.5))
         self.events: list[tuple[float, Event]] = []
+        self.early: list[float] = []  # seconds by which each chunk comes before it is due
 
     def of(self, kind: type) -> list:  # type: ignore[type-arg]
         return [event for _, event in self.events if isinstance(event, kind)]
@@ -37,7 +38,10 @@ class Scene:
 
     async def watch(self) -> None:
         async for event in self.bridge:
-            self.events.append((time.monotonic(), event))
+            now = time.monotonic()
+            self.events.append((now, event))
+            if isinstance(event, AvatarChunk):
+                self.early.append((event.at - self.bridge.playback.position(now)) / 24_000)
 
 
 @contextlib.asynccontextmanager
@@ -63,6 +67,7 @@ async def test_chunks_leave_in_order_shortly_before_they_are_due() -> None:
     assert [chunk.at for _, chunk in chunks] == list(range(0, 6_400 * len(chunks), 6_400))
     spoken = [(when, chunk) for when, chunk in chunks if chunk.seg]
     took = spoken[-1][0] - spoken[0][0]
+    assert 0.1 < max(scene.early) < 0.26
     assert took > (spoken[-1][1].at - spoken[0][1].at) / 24_000 - 0.4, "it ran ahead of playback"
     said = scene.of(UtteranceDone)[-1]
     assert said.at == spoken[0][1].at + 48_000
