@@ -9,11 +9,13 @@ CPU_TORCH = $(shell [ "$$(uname -s)" = Linux ] && $(PYTHON) -c 'import urllib.re
     u.urlopen("$(CPU_INDEX)/torch/", timeout=3)' 2>/dev/null && echo --extra-index-url $(CPU_INDEX))
 # These run a second time with annotated shapes checked (conftest.py): every streaming class steps in tests/laws.
 # The functions in test_kernels.py have no annotations to check.
-SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/quantize tests/models/tokens --ignore tests/nn/test_kernels.py
+SHAPED = tests/test_shapes.py tests/laws tests/nn tests/models/test_quantize.py tests/models/test_tokens.py --ignore tests/nn/test_kernels.py
+# How uv installs the lowest versions; the CPU build of torch where its index answers.
+LOWEST = --python .venv-lowest --resolution lowest-direct $(if $(CPU_TORCH),--torch-backend cpu)
 # Packages of their own beside the main one.
-DISTRIBUTIONS = studio research tools/character
+DISTRIBUTIONS = lab studio tools/character
 
-.PHONY: demo test audit release-check pictures docs integration-test web web-test browser-test lint clean
+.PHONY: demo test lowest-check audit release-check pictures docs integration-test web web-test browser-test lint clean
 
 demo: .venv-demo/ready
 	.venv-demo/bin/echoavatar demo
@@ -62,9 +64,20 @@ integration-test: .venv-integrations/ready
 
 .venv-test/ready: pyproject.toml constraints.txt $(DISTRIBUTIONS:%=%/pyproject.toml)
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,evaluate,rehearse,train,usd,dev]' \
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,usd,dev]' './lab[train,pretrained]' \
 	    $(DISTRIBUTIONS:%=-e ./%)
 	touch $@
+
+# The lowest versions that the pyproject.toml files allow: the avatar alone, then with the lab, which asks for more.
+lowest-check:
+	$(PYTHON) -m venv .venv-lowest
+	.venv-lowest/bin/pip install $(PIP_FLAGS) uv
+	.venv-lowest/bin/uv pip install $(LOWEST) -e '.[serve]' 'pytest>=8.3'
+	.venv-lowest/bin/echoavatar doctor
+	.venv-lowest/bin/echoavatar animate src/echoavatar/assets/speech.ogg --seed 3 -o build/lowest.bvh
+	.venv-lowest/bin/uv pip install $(LOWEST) -e '.[serve,dev]' -e ./lab
+	.venv-lowest/bin/echoavatar doctor
+	.venv-lowest/bin/pytest tests/test_house.py lab/tests/test_imports.py lab/tests/training/test_muon.py
 
 # What the demo's environment is made of (sbom.json, CycloneDX), and whether a known weakness is in it. Needs PyPI: where it
 # does not answer, the audit fails. The CPU build of torch is looked up by the number of its version.

@@ -13,7 +13,7 @@ if os.environ.get("CHECK_SHAPES"):
     import tests.shapes  # noqa: F401  the hook looks its checker up by name
     from jaxtyping import install_import_hook
 
-    install_import_hook(["echoavatar", "echoavatar_studio", "echoavatar_research"], "tests.shapes.checked")
+    install_import_hook(["echoavatar", "echoavatar_studio", "echoavatar_lab"], "tests.shapes.checked")
 
 
 @pytest.fixture(autouse=True)

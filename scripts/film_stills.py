@@ -3,9 +3,9 @@
     python scripts/film_stills.py --recordings RECORDINGS -o stills                  # a picture for each sound
     python scripts/film_stills.py --recordings RECORDINGS -o stills --grid docs/results/img/films.webp
 
-RECORDINGS is a folder as `echoavatar evaluate --alive` reads it (docs/metrics.md); only its test split is heard. Each
-`NN_kind_name.webp` has four rows of ten stills, half a second apart; the camera follows the hips. `--grid` also writes
-twelve stills of each sound.
+RECORDINGS is a folder as `echoavatar evaluate BUNDLE alive` reads it (docs/metrics.md); only its test split is heard.
+Each `NN_kind_name.webp` has four rows of ten stills, half a second apart; the camera follows the hips. `--grid` also
+writes twelve stills of each sound.
 """
 
 import argparse
@@ -20,10 +20,10 @@ from tqdm import tqdm
 
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.evaluation.alive import Sound, read_sounds
-from echoavatar.evaluation.captured_people import MUSIC, SPEECH
-from echoavatar.files.avatar.sheet import contact_sheet
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH
+from echoavatar_lab.evaluation.pictures import contact_sheet
+from echoavatar_lab.evaluation.takes import Sound, read_sounds
 
 SECONDS, MIXED_LEVEL = 20.0, 0.35  # music under speech
 SIZE, SMALL = (150, 210), (90, 126)

@@ -3,9 +3,9 @@
     python scripts/judge_bundles.py OLD NEW --recordings RECORDINGS --quality runs/quality --alignment runs/alignment \
         -o judgements.csv
 
-Both bundles perform the same sounds of RECORDINGS' test split (read as by `echoavatar evaluate --alive`), with the same
-seeds. Each reward (`echoavatar align reward-quality`, `reward-alignment`) prefers the performance whose windows of 4 s
-have the higher mean. No reward knows which bundle made a motion: codes for the alignment reward are made from the
+Both bundles perform the same sounds of RECORDINGS' test split (read as by `echoavatar evaluate BUNDLE alive`), with the
+same seeds. Each reward (`echoavatar align reward-quality`, `reward-alignment`) prefers the performance whose windows of
+4 s have the higher mean. No reward knows which bundle made a motion: codes for the alignment reward are made from the
 finished motion of both, with the tokenizer of `--model`. The table has the columns of the studio's `judgements.csv`;
 `overall_preference` is 2 for the first system, -2 for the second. The last line is JSON with shares and 95 % intervals.
 """
@@ -22,17 +22,17 @@ from jaxtyping import Float
 from scipy.stats import binomtest
 from torch import Tensor
 
-from echoavatar.align.audio_reward import WINDOW_TOKENS, AudioMotion
-from echoavatar.align.quality import QualityReward
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.engine.pipeline.tokenize import audio_codes
-from echoavatar.evaluation.alive import Sound, read_sounds
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.align.audio_reward import WINDOW_TOKENS, AudioMotion
+from echoavatar_lab.align.quality import QualityReward
+from echoavatar_lab.evaluation.takes import Sound, read_sounds
+from echoavatar_lab.models.tokenize import audio_codes
 
 AUDIO_PER_TOKEN = AUDIO_FRAMES_PER_CHUNK // MOTION_TOKENS_PER_CHUNK
 WINDOW_FRAMES = WINDOW_TOKENS * FRAMES_PER_MOTION_TOKEN

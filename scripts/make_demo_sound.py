@@ -3,7 +3,7 @@
     python scripts/make_demo_sound.py 6064-300880-0000.flac        (of LibriSpeech; NOTICE has the credit)
 
 Writes src/echoavatar/assets/speech.ogg and music.ogg, mono 24 kHz Vorbis. The music is composed and rendered by
-`echoavatar.corpora.rehearsal`.
+`echoavatar_lab.corpora.rehearsal`.
 """
 
 import sys
@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from echoavatar.corpora.rehearsal.augment import set_loudness
-from echoavatar.corpora.rehearsal.instruments import render
-from echoavatar.corpora.rehearsal.music import compose_piece
-from echoavatar.corpora.rehearsal.sound import whole_frames
 from echoavatar.models.audio import read_audio
+from echoavatar_lab.corpora.music.instruments import render
+from echoavatar_lab.corpora.music.music import compose_piece
+from echoavatar_lab.corpora.rehearsal.augment import set_loudness
+from echoavatar_lab.corpora.sound import whole_frames
 
 ASSETS = Path(__file__).parents[1] / "src" / "echoavatar" / "assets"
 RATE = 24_000

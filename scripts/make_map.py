@@ -1,4 +1,5 @@
-"""Draw the picture that opens docs/architecture.md: the rooms in the order of the import contract, and one chunk's way.
+"""Draw the picture that opens docs/architecture.md: both houses' rooms in the order of the import contracts, and the
+way of one chunk.
 
     python scripts/make_map.py          # writes docs/img/map.svg
 
@@ -14,6 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "echoavatar"
+LAB = ROOT / "lab" / "src" / "echoavatar_lab"
 SHIPPED = ROOT / "docs" / "img" / "map.svg"
 CHUNK = [
     ("sound", "any rate, any cutting: speech, music, silence"),
@@ -30,23 +32,23 @@ WIDTH, ROW, LEFT, RIGHT = 1180, 50, 20, 800
 FONT = 'font-family="system-ui, sans-serif"'
 
 
-def layers() -> list[list[str]]:
-    """Rows of rooms, highest first."""
+def layers(house: str) -> list[list[str]]:
+    """Rows of a package's rooms, highest first."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    return [[room.strip(" ()") for room in row.split("|")] for row in contracts[0]["layers"]]
+    contract = next(each for each in contracts if each.get("containers") == [house])
+    return [[room.strip(" ()") for room in row.split("|")] for row in contract["layers"]]
 
 
-def purpose(room: str) -> str:
+def purpose(source: Path, room: str) -> str:
     """The first sentence of a room's docstring."""
-    path = SOURCE / room / "__init__.py"
-    path = path if path.exists() else SOURCE / f"{room}.py"
+    path = source / room / "__init__.py"
+    path = path if path.exists() else source / f"{room}.py"
     text = ast.get_docstring(ast.parse(path.read_text())) or ""
     return " ".join(text.split("\n\n")[0].split()).split(". ")[0].rstrip(".")
 
 
-def inside(room: str) -> str:
+def inside(folder: Path) -> str:
     """The packages inside a room."""
-    folder = SOURCE / room
     return ", ".join(sorted(path.parent.name for path in folder.glob("*/__init__.py"))) if folder.is_dir() else ""
 
 
@@ -61,28 +63,37 @@ def words(x: float, y: float, text: str, *, size: int = 12, bold: bool = False, 
     return f'<text x="{x}" y="{y}" font-size="{size}"{weight} fill="{fill}" {FONT}>{escape(text)}</text>'
 
 
+def rooms(source: Path, top: int, fill: str) -> list[str]:
+    """A house: a row of boxes for each layer, from `top` downwards."""
+    out = []
+    for index, row in enumerate(layers(source.name)):
+        y, width = top + ROW * index, (RIGHT - LEFT - 60) / len(row)
+        for place, room in enumerate(row):
+            x = LEFT + place * width
+            out.append(box(x, y, width - 8, ROW - 8, fill if (source / room).is_dir() else "#f6f4ec"))
+            out.append(words(x + 10, y + 18, room, size=14, bold=True))
+            if len(row) == 1 and (packages := inside(source / room)):
+                out.append(words(x + 10 + 9 * len(room) + 12, y + 18, packages, fill="#4a5a70"))
+            shown = textwrap.shorten(purpose(source, room), round((width - 30) / 5.8), placeholder=" ...")
+            out.append(words(x + 10, y + 34, shown, size=11, fill="#4a5a70"))
+    return out
+
+
 def drawing() -> str:
     """The whole picture."""
-    rows = layers()
-    height = 70 + ROW * len(rows) + 20
+    below = 50 + ROW * len(layers(LAB.name))
+    height = below + 50 + ROW * len(layers(SOURCE.name)) + 20
     out = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}">',
         '<defs><marker id="tip" markerWidth="8" markerHeight="8" refX="4" refY="4" orient="auto">'
         '<path d="M1 1 L7 4 L1 7 z" fill="#4a5a70"/></marker></defs>',
         f'<rect width="{WIDTH}" height="{height}" fill="#ffffff"/>',
-        words(LEFT, 32, "Rooms: each uses rooms below it only", size=16, bold=True),
+        words(LEFT, 32, "The lab makes what runs (echoavatar_lab)", size=16, bold=True),
+        *rooms(LAB, 50, "#f3eaf6"),
+        words(LEFT, below + 32, "The avatar runs (echoavatar); it knows nothing of the lab", size=16, bold=True),
+        *rooms(SOURCE, below + 50, "#e8eef6"),
         words(RIGHT, 32, "One chunk (267 ms)", size=16, bold=True),
     ]
-    for index, row in enumerate(rows):
-        y, width = 50 + ROW * index, (RIGHT - LEFT - 60) / len(row)
-        for place, room in enumerate(row):
-            x = LEFT + place * width
-            out.append(box(x, y, width - 8, ROW - 8, "#e8eef6" if (SOURCE / room).is_dir() else "#f6f4ec"))
-            out.append(words(x + 10, y + 18, room, size=14, bold=True))
-            if len(row) == 1 and (packages := inside(room)):
-                out.append(words(x + 10 + 9 * len(room) + 12, y + 18, packages, fill="#4a5a70"))
-            shown = textwrap.shorten(purpose(room), round((width - 30) / 5.8), placeholder=" ...")
-            out.append(words(x + 10, y + 34, shown, size=11, fill="#4a5a70"))
     step = (height - 90) / len(CHUNK)
     for index, (name, what) in enumerate(CHUNK):
         top = 50 + step * index

@@ -3,7 +3,7 @@
     python scripts/make_music.py
 
 Writes src/echoavatar/assets/music/*.ogg, mono 24 kHz Vorbis. They are composed by rule and rendered by our own
-synthesiser (`echoavatar.corpora.rehearsal`) without samples or a soundfont, so the project's licence covers them.
+synthesiser (`echoavatar_lab.corpora.rehearsal`) without samples or a soundfont, so the project's licence covers them.
 """
 
 from pathlib import Path
@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from echoavatar.corpora.rehearsal.augment import set_loudness
-from echoavatar.corpora.rehearsal.instruments import render
-from echoavatar.corpora.rehearsal.music import compose_piece
-from echoavatar.corpora.rehearsal.sound import whole_frames
+from echoavatar_lab.corpora.music.instruments import render
+from echoavatar_lab.corpora.music.music import compose_piece
+from echoavatar_lab.corpora.rehearsal.augment import set_loudness
+from echoavatar_lab.corpora.sound import whole_frames
 
 FOLDER = Path(__file__).parents[1] / "src" / "echoavatar" / "assets" / "music"
 SECONDS = 42.0

@@ -1,16 +1,16 @@
-"""Write web/packages/client/src/drivers/stages.generated.ts: the film's stages, as numbers for the pages.
+"""Write web/packages/client/src/drivers/stages.generated.ts: the film's backdrops, as numbers for the pages.
 
-python scripts/make_stages.py           # after a change of src/echoavatar/files/avatar/stage.py; then `make web`
+python scripts/make_stages.py           # after a change of src/echoavatar/files/avatar/backdrop.py; then `make web`
 """
 
 import json
 from pathlib import Path
 
-from echoavatar.files.avatar.stage import STAGES, TONE
+from echoavatar.files.avatar.backdrop import BACKDROPS, TONE
 
 TARGET = Path(__file__).parents[1] / "web" / "packages" / "client" / "src" / "drivers" / "stages.generated.ts"
 ROWS = ("direction", "key", "sky", "ground", "behind", "rim")
-HEAD = """/** The stages of the film. Do not edit: scripts/make_stages.py makes it of the film's stage.py. */
+HEAD = """/** The backdrops of the film. Do not edit: scripts/make_stages.py makes it of the film's backdrop.py. */
 
 export type Triple = readonly [number, number, number];
 
@@ -35,12 +35,12 @@ def text() -> str:
     """The file."""
     lines = [HEAD, f"export const TONE = {json.dumps(TONE)} as const; // x (a x + b) / (x (c x + d) + e)\n\n"]
     lines += ["export const STAGES = {\n"]
-    for name, stage in STAGES.items():
-        rows = zip(ROWS, stage.look, strict=True)
+    for name, backdrop in BACKDROPS.items():
+        rows = zip(ROWS, backdrop.look, strict=True)
         numbers = {row: [round(float(value), 4) for value in values] for row, values in rows}
         for part in ("top", "horizon", "bottom"):
-            numbers[part] = [round(value / 255, 4) for value in getattr(stage, part)]
-        numbers["shadow"] = list(stage.shadow)
+            numbers[part] = [round(value / 255, 4) for value in getattr(backdrop, part)]
+        numbers["shadow"] = list(backdrop.shadow)
         lines += [
             f"  {name}: {{\n",
             *(f"    {key}: {json.dumps(value)},\n" for key, value in numbers.items()),

@@ -18,10 +18,8 @@ import torch
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio.io import stream_audio
-from echoavatar.motion.ik import penetration_depth_m
 from echoavatar.motion.interpolate import StreamInterpolator
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.rotations import (
     angle_between,
     axis_angle_from_quaternion,
@@ -33,6 +31,7 @@ from echoavatar.motion.motion_chunk import MotionChunk, join_batches
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import SWITCHES, Post
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_lab.data.faults import penetration_depth_m, skate
 
 SECONDS = 60.0
 BALLS = list(HUMANOID.config.feet)[1::2]

@@ -1,4 +1,4 @@
-"""Measure live video: what a viewer costs the server, and the pictures that arrive (docs/results/video.md).
+"""Measure live video: what a viewer costs the server, and the pictures that arrive (docs/video.md).
 
     python scripts/measure_video.py                 # starts a server of its own; about a minute and a half
     python scripts/measure_video.py --view bust
@@ -7,7 +7,7 @@
 
 Needs the extra `video` (`--renderers` needs `gpu` instead), and Linux, which tells processor time by process. The
 viewer decodes in this process, on the same processors. How far pictures and sound are apart is measured by
-`pytest -m slow -s tests/server/video/test_whep.py`.
+`pytest -m slow -s tests/server/test_whep.py`.
 """
 
 import argparse
@@ -96,8 +96,8 @@ def compare(size: int, count: int = 10) -> None:
     from echoavatar import animate
     from echoavatar.files.avatar import load_character
     from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, RendererName, Shot, View
+    from echoavatar.files.avatar.backdrop import Backdrop
     from echoavatar.files.avatar.gpu_render import GpuRenderer
-    from echoavatar.files.avatar.stage import Stage
 
     made, character = animate(SPEECH), load_character()
     views: tuple[View, ...] = ("front", "bust", "face")
@@ -119,7 +119,7 @@ def compare(size: int, count: int = 10) -> None:
                 shots.append(np.stack([drawer.draw(*pose) for pose in zip(rotations, positions, strict=True)]))
                 times.append(1e3 * (time.perf_counter() - began) / count)
             off = np.abs(shots[0].astype(int) - shots[1])
-            body = np.abs(shots[0].astype(int) - Stage.of(background).picture(size, size)).max(-1) > 8
+            body = np.abs(shots[0].astype(int) - Backdrop.of(background).picture(size, size)).max(-1) > 8
             print(f"| {view} | {background} | {times[0]:.1f} | {times[1]:.1f} | {off.mean():.2f} "
                   f"| {off[body].mean():.2f} | {100 * (off.max(-1) > 8).mean():.1f} % |")  # fmt: skip
 

@@ -34,18 +34,21 @@ class Distribution(NamedTuple):
     folder: str
     tries: tuple[str, ...]
     needs: tuple[str, ...] = ()
+    extras: str = ""
 
 
 _MAIN = (
     "echoavatar --version",
     "echoavatar doctor",
-    "echoavatar animate speech.ogg -o speech.glb",
     "python -c \"import echoavatar; echoavatar.animate('speech.ogg').save('speech.bvh')\"",
+    f"python {ROOT / 'scripts/try_avatar.py'} speech.ogg",
 )
 DISTRIBUTIONS = (
-    Distribution("echoavatar", ".", _MAIN),
-    Distribution("echoavatar-studio", "studio", ("echoavatar studio --help",), ("echoavatar",)),
-    Distribution("echoavatar-research", "research", ("echoavatar reproduce --help",), ("echoavatar",)),
+    Distribution("echoavatar", ".", _MAIN, extras="serve,mcp"),
+    Distribution("echoavatar-studio", "studio", ("echoavatar studio --help",), ("echoavatar", "echoavatar-lab")),
+    Distribution(
+        "echoavatar-lab", "lab", ("echoavatar train --help", "echoavatar evaluate default --help"), ("echoavatar",)
+    ),
     Distribution(
         "pipecat-echoavatar",
         "integrations/pipecat-echoavatar",
@@ -118,7 +121,8 @@ def check(each: Distribution, tools: Path, work: Path, built: dict[str, list[Pat
     lacks = [line for line in said.splitlines() if line.startswith(("Your", "The", "You")) and line.endswith(".")]
     problems += [line for line in lacks if not any(owed in line for owed in OWED)]
     environment = make_environment(work / f"env-{each.name}", python)
-    wheels = [built[name][0] for name in (*each.needs, each.name)]
+    wheels = [str(built[name][0]) for name in (*each.needs, each.name)]
+    wheels[-1] += f"[{each.extras}]" if each.extras else ""
     problems += failed("install", run([environment / "pip", "install", "-q", "-c", ROOT / "constraints.txt", *wheels]))
     folder = work / f"try-{each.name}"
     folder.mkdir(exist_ok=True)

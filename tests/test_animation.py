@@ -10,7 +10,6 @@ import soundfile
 
 import echoavatar
 from echoavatar.files.exports import read_take
-from echoavatar.motion.kinematics import read_bvh
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +56,3 @@ def test_a_notebook_shows_a_page_of_its_own(animation: echoavatar.Animation) -> 
     assert re.match(r'<iframe [^>]*srcdoc="', shown)
     assert "&lt;script" in shown
     assert not re.search(r"(src|href)=&quot;https?:", shown)
-
-
-def test_motion_saves_what_needs_no_mesh(animation: echoavatar.Animation, tmp_path: Path) -> None:
-    for suffix in (".bvh", ".npz", ".csv"):
-        animation.motion.save(tmp_path / f"motion{suffix}")
-    np.testing.assert_allclose(read_bvh(tmp_path / "motion.bvh").root, animation.motion.root, atol=1e-4)
-    with pytest.raises(echoavatar.EchoAvatarError, match="Animation.save"):
-        animation.motion.save(tmp_path / "motion.glb")

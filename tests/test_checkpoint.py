@@ -7,6 +7,7 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from echoavatar import checkpoint
+from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError
 
@@ -138,3 +139,32 @@ def test_a_card_that_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "card.json").write_text(text)
     with pytest.raises(CheckpointError, match="card"):
         checkpoint.read_card(tmp_path)
+
+
+class SizeConfig(Config):
+    width: int = 3
+
+
+class Scale(Checkpointed):
+    config_type = SizeConfig
+
+    def __init__(self, config: SizeConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.factor = nn.Parameter(torch.zeros(config.width))
+
+
+def test_a_saved_model_is_loaded_with_its_config_and_weights(tmp_path):
+    model = Scale(SizeConfig(width=2))
+    model.factor.data.fill_(0.1)
+    model.save(tmp_path, {"licence": "Apache-2.0"}, dtype=torch.float16)
+    loaded = Scale.load(tmp_path)
+    assert (loaded.config, loaded.training, loaded.factor.dtype) == (model.config, False, torch.float32)
+    torch.testing.assert_close(loaded.factor, model.factor, atol=1e-4, rtol=0)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    Scale(SizeConfig()).save(tmp_path, {})
+    (tmp_path / "model.safetensors").unlink()
+    with pytest.raises(CheckpointError, match=r"model\.safetensors is missing"):
+        Scale.load(tmp_path)

@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SOURCES = [ROOT / name for name in ("src", "studio/src", "research/src", "tools/character/src")]
+SOURCES = [ROOT / name for name in ("src", "studio/src", "lab/src", "tools/character/src")]
 JAXTYPES = {"Bool", "Complex", "Float", "Int", "Int8", "Int16", "Int32", "Int64", "Num", "Shaped", "UInt8"}
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SOURCES = [ROOT / name for name in ("src", "studio/src", "research/src")]
+SOURCES = [ROOT / name for name in ("src", "studio/src", "lab/src")]
 ABSENT = """
 import importlib, os, pkgutil, signal, sys
 for name in ("resource", "fcntl", "termios", "pwd", "grp", "tty", "pty"):
@@ -29,7 +29,7 @@ for module in pkgutil.walk_packages(echoavatar.__path__, "echoavatar."):
         pass
     except Exception as error:
         failed.append(f"{module.name}: {type(error).__name__}: {error}")
-from echoavatar.evaluation.stream_bench import resident_mb
+from echoavatar.bench.stream import resident_mb
 print(failed, resident_mb() >= 0)
 """
 

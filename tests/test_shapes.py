@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float, TypeCheckError, jaxtyped
 from tests.shapes import checked
 
-from echoavatar.models.quantize.codebook import Codebook
+from echoavatar.models.quantize import Codebook
 from echoavatar.nn import lookback_mask, write_rows
 
 hooked = pytest.mark.skipif(not os.environ.get("CHECK_SHAPES"), reason="needs CHECK_SHAPES=1, as in `make test`")

@@ -7,8 +7,7 @@ import torch
 from echoavatar import checkpoint
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
-from echoavatar.models.tokenizer.body import body_config
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, to_features
 

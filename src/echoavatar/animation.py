@@ -10,30 +10,30 @@ May import `files`, `engine` and below.
 import functools
 import html
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import soundfile
 from jaxtyping import Float
 
-from echoavatar.engine import Animation as Made
+from echoavatar.engine import AnimatedSound, in_blocks
 from echoavatar.engine import animate as animate_blocks
-from echoavatar.engine import in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.gltf import Animation as GltfAnimation
-from echoavatar.files.avatar.gltf import pack_glb
+from echoavatar.files.avatar import Character, load_character
+from echoavatar.files.avatar.avatar_renderer import RendererName
+from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
 from echoavatar.files.avatar.page import PageClip, page_text
-from echoavatar.files.avatar.video import Shot, View, write_film
-from echoavatar.files.exports import Take, read_rig, writer
+from echoavatar.files.avatar.video import Shot, View, default_size
+from echoavatar.files.exports import Rig, Take, read_rig, write_take
 from echoavatar.models.audio import stream_audio
-from echoavatar.models.audio.resample import StreamResampler
+from echoavatar.models.audio.io import StreamResampler
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
 
-class Animation(Made):
-    """Motion, face and the sound that drove them; see the fields of `engine.Animation`."""
+class Animation(AnimatedSound):
+    """Motion, face and the sound that drove them; see the fields of `engine.AnimatedSound`."""
 
     __slots__ = ()
 
@@ -46,31 +46,35 @@ class Animation(Made):
         self,
         path: str | Path,
         *,
-        rig: str | Path | None = None,
-        size: tuple[int, int] = (1280, 720),
+        rig: Rig | str | Path | None = None,
+        size: tuple[int, int] | None = None,
         view: View = "front",
+        character: Character | str | None = None,
+        background: str = "studio",
+        alpha: bool = False,
+        renderer: RendererName = "cpu",
+        progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Write a file; its suffix is its format (.glb, .vrma, .bvh, .mp4, .npz, .csv, .usdz, .fbx ...).
 
         Args:
             path: where to write.
             rig: your own character or skeleton (.vrm, .glb or .bvh), which then moves.
-            size: width and height of a film (.mp4, .webm), in pixels.
+            size: width and height of a film (.mp4, .webm), in pixels; None is 1280x720, or 720x720 of bust and face.
             view: of a film: front, left, right or back of the body, bust, or the face alone.
+            character: who is filmed: maya (None), theo or amara.
+            background: of a film: studio, dusk, plain, or a colour such as #00ff00.
+            alpha: a film without a background (.webm).
+            renderer: what draws a film: cpu, or gpu.
+            progress: receives the frames filmed, and all frames.
 
         Raises:
             EchoAvatarError: the suffix is unknown, the rig does not fit it, or the file cannot be written there.
         """
-        path = Path(path)
-        write = writer(path, has_rig=rig is not None)
-        if path.suffix.lower() in (".mp4", ".webm"):
-            take = self.take.on_humanoid()
-            write_film(path, take.motion, self.audio, face=self.face, shot=Shot(size, view))
-        elif rig is None:
-            write(path, self.take, None)
-        else:
-            own = read_rig(Path(rig))
-            write(path, own.retarget(self.take), own)
+        own = read_rig(Path(rig)) if isinstance(rig, str | Path) else rig
+        who = load_character(character) if isinstance(character, str) else character
+        shot = Shot(size or default_size(view), view, background, alpha, renderer=renderer)
+        write_take(Path(path), self.take, rig=own, character=who, shot=shot, progress=progress)
 
     def to_numpy(self) -> dict[str, np.ndarray]:
         """`Motion.to_numpy`, and `audio` (s) at 24 kHz and, where there is a face, `face` (t, 52) ARKit curves 0..1."""

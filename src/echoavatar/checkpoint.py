@@ -1,7 +1,7 @@
 """A checkpoint is a folder: `config.json`, `model.safetensors`, `card.json`. Loading is strict and says what is wrong.
 
 Nothing is ever unpickled, and no module is built that is larger than the weights stored for it. Uses `config`,
-`limits` and `errors` only.
+`limits`, `whole_file` and `errors` only.
 """
 
 import json
@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import torch
 from jaxtyping import Float, Int8
@@ -23,6 +23,7 @@ from torch.overrides import TorchFunctionMode
 from .config import Config
 from .errors import CheckpointError
 from .limits import CONFIG_BYTES, check_file
+from .whole_file import whole_file, write_whole
 
 ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
@@ -201,6 +202,9 @@ def save(
     """Write a checkpoint folder whole or not at all; `dtype` stores floating weights in that precision.
 
     With `torch.int8` matrices are stored as integers with one scale per row, and vectors in half precision.
+
+    Raises:
+        CheckpointError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     stored = {}
@@ -211,14 +215,28 @@ def save(
         elif dtype is not None and kept.is_floating_point():
             kept = kept.to(torch.float16 if dtype == torch.int8 else dtype)
         stored[key] = kept.contiguous()
-    partial = folder / "model.safetensors.partial"
-    save_file(stored, partial)
-    partial.replace(folder / "model.safetensors")
-    _write_text(folder / "config.json", config.model_dump_json(indent=2))
-    _write_text(folder / "card.json", json.dumps(dict(card), indent=2))
+    path = folder / "model.safetensors"
+    with whole_file(path, error=CheckpointError, failures=(SafetensorError,), is_flushed=True) as partial:
+        save_file(stored, partial)
+    for name, text in (("config", config.model_dump_json(indent=2)), ("card", json.dumps(dict(card), indent=2))):
+        write_whole(folder / f"{name}.json", text + "\n", error=CheckpointError, is_flushed=True)
 
 
-def _write_text(path: Path, text: str) -> None:
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(text + "\n", encoding="utf-8")
-    partial.replace(path)
+class Checkpointed(nn.Module):
+    """A model that is made from its config alone."""
+
+    config_type: ClassVar[type[Config]]
+    config: Any  # of `config_type`
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        """Read a checkpoint folder; the model is ready for use (eval mode).
+
+        Raises:
+            CheckpointError: a file is missing, damaged or of another shape.
+        """
+        return load(folder, cls.config_type, cls).eval()
+
+    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = None) -> None:
+        """Write a checkpoint folder, with weights in `dtype` where it is given."""
+        save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=dtype)

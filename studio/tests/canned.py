@@ -14,9 +14,9 @@ import numpy as np
 import torch
 import yaml
 
+from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
-from echoavatar.motion.kinematics.tables import write_npz
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_studio import making
 from echoavatar_studio.app import create_app

@@ -14,9 +14,9 @@ from studio.tests.people import RaterPerson, app_of, tokens
 from echoavatar.cli import main
 from echoavatar.engine import animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.engine.pipeline.tokenize import audio_codes
 from echoavatar.errors import AudioError
-from echoavatar.models.generator import TokenClip
+from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.tokenize import audio_codes
 from echoavatar_studio.candidates import candidates, decode, starts, token_file
 from echoavatar_studio.clips import save_sound
 from echoavatar_studio.export import export

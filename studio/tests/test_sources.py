@@ -5,8 +5,8 @@ import pytest
 from studio.tests import canned
 
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
-from echoavatar.motion.kinematics import write_bvh
-from echoavatar.motion.kinematics.tables import write_npz
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.tables import write_npz
 from echoavatar_studio.clips import save_sound
 from echoavatar_studio.settings import SoundChoice, SystemChoice
 from echoavatar_studio.sources import FolderPerformer, inside, perform, read_sounds

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from echoavatar.models.face import FaceConfig, FaceModel, MelConfig
+from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.tables import write_npz
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.corpora.rehearsal.action_clips import SCRIPTS, clip
 from echoavatar.engine.pipeline import Action, ActionLibrary
-from echoavatar.motion.kinematics import write_bvh
+from echoavatar.motion.formats import write_bvh
+from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
 
 
 @pytest.fixture

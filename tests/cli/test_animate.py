@@ -11,10 +11,10 @@ import soundfile
 from echoavatar.cli import main
 from echoavatar.files.avatar.avatar_renderer import RENDERERS
 from echoavatar.files.avatar.render import Renderer, Surface
-from echoavatar.models.face.livelink import read_live_link
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.kinematics import read_bvh
-from echoavatar.motion.kinematics.tables import read_npz
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.tables import read_npz
+from echoavatar_lab.models.face.clip import read_live_link
 
 
 @pytest.fixture

@@ -38,7 +38,7 @@ def test_errors_are_one_line(
         ([], "pyvirtualcam"),
         (["--to", "a.avi"], "neither rtmp"),
         (["--to", str(tmp_path / "a.flv"), "--server", "http://127.0.0.1:9"], "echoavatar serve"),
-        (["--to", str(tmp_path / "a.flv"), "--size", "10x10"], "64x64"),
+        (["--to", str(tmp_path / "a.flv"), "--size", "32x32"], "64x64"),
         (["--renderer", "gpu"], "echoavatar[gpu]"),
     ):
         assert main(["camera", *words]) == 1

@@ -54,7 +54,19 @@ def test_a_module_that_does_not_load_is_a_fault(monkeypatch: pytest.MonkeyPatch)
 def test_only_packages_of_an_extra_may_be_absent() -> None:
     absent = doctor._failure("echoavatar.server.run", ModuleNotFoundError(name="starlette.routing"))
     assert absent == (doctor.OPTIONAL, "server", "needs starlette; pip install 'echoavatar[serve]'")
-    assert doctor._failure("echoavatar.models.audio.stream", ModuleNotFoundError(name="soxr"))[0] == doctor.BROKEN
-    assert doctor._failure("echoavatar.agents.mcp.server", DependencyError("x"))[0] == doctor.OPTIONAL
+    assert doctor._failure("echoavatar.models.audio.network", ModuleNotFoundError(name="soxr"))[0] == doctor.BROKEN
+    assert doctor._failure("echoavatar.agents.mcp", DependencyError("x"))[0] == doctor.OPTIONAL
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     assert set(doctor.EXTRA_OF.values()) <= set(project["optional-dependencies"])
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_what_the_lab_and_the_studio_add_is_said(monkeypatch: pytest.MonkeyPatch, is_there: bool) -> None:
+    monkeypatch.setattr(doctor.importlib.util, "find_spec", lambda name: name if is_there else None)
+    found = {what: (mark, remark) for mark, what, remark in doctor._separate()}
+    mark, remark = found["echoavatar-lab"]
+    assert "`train`" in remark
+    assert "`studio`" not in remark
+    assert ("pip install ./lab" not in remark) == is_there == (mark == doctor.OK)
+    assert ("flite" in found) == is_there
+    assert "`studio`" in found["echoavatar-studio"][1]

@@ -4,7 +4,7 @@ import pytest
 from tests.files.exports.bodies import make_rigs
 
 from echoavatar.cli import main
-from echoavatar.motion.kinematics import read_bvh
+from echoavatar.motion.formats import read_bvh
 
 
 def test_a_recording_becomes_a_file(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,8 @@ from importlib import import_module
 import pytest
 
 from echoavatar import __version__, cli
-from echoavatar.cli import COMMANDS, SEPARATE, build_parser, main, plot
+from echoavatar.cli import COMMANDS, SEPARATE, build_parser, main
+from echoavatar_lab.commands import plot
 
 
 @pytest.mark.parametrize("command", COMMANDS)

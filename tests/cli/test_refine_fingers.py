@@ -6,7 +6,7 @@ from tests.models.fingers.moving import TINY, waving, without
 
 from echoavatar.cli import main
 from echoavatar.models.fingers import FingerModel
-from echoavatar.motion.kinematics import read_bvh, write_bvh
+from echoavatar.motion.formats import read_bvh, write_bvh
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_errors_are_one_line(take: Path, tmp_path: Path, capsys: pytest.CaptureF
         ([str(tmp_path / "bare.bvh"), str(tmp_path / "o.bvh")], "no finger bones"),
         ([str(tmp_path / "none.bvh"), str(tmp_path / "o.bvh")], "does not exist"),
         ([str(take), str(tmp_path / "o.fbx")], "the output must be BVH"),
-        ([str(take), str(tmp_path / "no" / "o.bvh")], "cannot be written"),
+        ([str(take), str(tmp_path / "no" / "o.bvh")], "cannot write"),
         ([str(take), str(tmp_path / "o.bvh"), "--model", str(tmp_path)], "is not a checkpoint"),
     ]
     for words, complaint in cases:

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-from echoavatar.cli.serve import TOKEN, add_arguments
+from echoavatar.cli.options import TOKEN
+from echoavatar.cli.serve import add_arguments
 
 ROOT = Path(__file__).parents[2]
 DOCKER = (ROOT / "Dockerfile").read_text()

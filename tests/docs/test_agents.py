@@ -61,7 +61,7 @@ def test_every_event_that_is_added_is_on_the_page() -> None:
 
 
 def test_every_variable_of_the_companion_is_on_its_page() -> None:
-    source = (ROOT / "src/echoavatar/server/companion/environment.py").read_text()
+    source = (ROOT / "src/echoavatar/server/companion.py").read_text()
     names = set(re.findall(r'"(ECHOAVATAR_\w+)"', source))
     assert len(names) == 5
     assert [name for name in names if name not in PAGES["local_agent"]] == []

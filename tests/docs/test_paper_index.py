@@ -5,10 +5,10 @@ import re
 from pathlib import Path
 
 import numpy as np
-from tests.recipes.paper_numbers import number, rows
+from lab.tests.recipes.paper_numbers import number, rows
 
 from echoavatar.engine.pipeline.runtime import ADDITIONS
-from echoavatar.evaluation.metrics.retrieval import chance
+from echoavatar_lab.evaluation.metrics.retrieval import chance
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/paper_index.md").read_text(encoding="utf-8")
@@ -23,35 +23,43 @@ def test_every_module_and_name_exists() -> None:
     others = re.compile(r"model\.|.*\.(json|yaml|csv|md)$")  # keys of a recipe, files
     names = [name for name in NAME.findall(PAGE) if not others.match(name)]
     assert len(names) > 60
-    for name in names:
-        parts = name.split(".") if name.startswith("echoavatar_") else ["echoavatar", *name.split(".")]
-        for cut in range(len(parts), 0, -1):
-            try:
-                value = importlib.import_module(".".join(parts[:cut]))
-            except ModuleNotFoundError:
-                continue
-            for attribute in parts[cut:]:
-                fields = getattr(value, "model_fields", {})
-                value = fields[attribute] if attribute in fields else getattr(value, attribute)
-            break
+    lost = [name for name in names if not any(exists(house + name) for house in ("echoavatar.", "echoavatar_lab.", ""))]
+    assert not lost
+
+
+def exists(name: str) -> bool:
+    """Whether a module, or a name or a config's field in a module, is there."""
+    parts = name.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            value = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for attribute in parts[cut:]:
+            fields = getattr(value, "model_fields", {})
+            if attribute not in fields and not hasattr(value, attribute):
+                return False
+            value = fields[attribute] if attribute in fields else getattr(value, attribute)
+        return True
+    return False
 
 
 def test_every_recipe_and_page_exists() -> None:
-    for path in re.findall(r"`((?:recipes|tests)/[\w/.{},]+)`", PAGE):
+    for path in re.findall(r"`((?:lab/recipes|lab/tests|tests)/[\w/.{},]+)`", PAGE):
         found = list(ROOT.glob(re.sub(r"\{.*?\}", "*", path)))
         assert found, path
 
 
 def test_every_field_of_a_config_exists() -> None:
     """`SomeConfig.field`, and `.field` after it."""
-    from echoavatar.align.audio_reward import AudioMotionConfig
-    from echoavatar.align.config import AlignTraining
-    from echoavatar.align.quality import QualityConfig
     from echoavatar.models.face import FaceConfig
     from echoavatar.models.generator import GeneratorConfig
-    from echoavatar.models.generator.recipe import GeneratorTraining
     from echoavatar.models.tokenizer import MotionTokenizerConfig
-    from echoavatar.models.tokenizer.recipe import TokenizerTraining
+    from echoavatar_lab.align.audio_reward import AudioMotionConfig
+    from echoavatar_lab.align.quality import QualityConfig
+    from echoavatar_lab.align.trainer import AlignTraining
+    from echoavatar_lab.models.generator.train import GeneratorTraining
+    from echoavatar_lab.models.tokenizer.train import TokenizerTraining
 
     configs = {
         config.__name__: config.model_fields

@@ -8,21 +8,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from research.tests.datasets.samples import (
-    gesture,
-    motorica_names,
-    renamed,
-    speech,
-    write_beat2,
-    write_lda,
-    write_motion,
-)
-from tests.evaluation.clips import clicks
+from lab.tests.datasets.samples import gesture, motorica_names, renamed, speech, write_beat2, write_lda, write_motion
+from lab.tests.evaluation.clips import clicks
 
 from echoavatar.cli import COMMANDS, command_module, main
-from echoavatar.data import Corpus
 from echoavatar.models.audio import write_wav
-from echoavatar_research.datasets.motorica import TEST
+from echoavatar_lab.data import Corpus
+from echoavatar_lab.datasets.layouts import MOTORICA_TEST
 from echoavatar_studio.settings import read_study
 
 ROOT = Path(__file__).parents[2]
@@ -88,7 +80,7 @@ def write_copies(place: Path) -> None:
         path = place / f"Zeggs_data/clean/{number:03}_{style}_{number % 3}_x_1_0.bvh"
         write_motion(path, renamed(gesture(4.5 + number % 4 / 2, 60.0), motorica_names()))
         write_wav(path.with_suffix(".wav"), speech(4.5 + number % 4 / 2, 16_000), rate=16_000)
-    dances = [name for name in TEST if "misc" not in name and "_mLH_" in name or "_mKR_" in name]
+    dances = [name for name in MOTORICA_TEST if "misc" not in name and "_mLH_" in name or "_mKR_" in name]
     for number in range(4):
         dances.append(f"kthstreet_gPO_sFM_cAll_d0{number + 1}_mPO_ch02_song_00{number}")
     for number, name in enumerate(dances):

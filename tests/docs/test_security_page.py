@@ -20,7 +20,9 @@ def test_limits_are_those_of_the_code(number: str, unit: str, name: str) -> None
     if place.endswith("ServerSettings"):
         value = getattr(ServerSettings(), last)
     else:
-        value = getattr(importlib.import_module(f"echoavatar.{place}"), last)
+        value = getattr(
+            importlib.import_module(place if place.startswith("echoavatar_lab.") else f"echoavatar.{place}"), last
+        )
     assert value == int(number.replace(",", "")) << (20 if unit else 0)
 
 

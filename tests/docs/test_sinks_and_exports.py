@@ -13,8 +13,8 @@ from tests.server.sinks.receiving import Receiver
 
 from echoavatar.cli import COMMANDS, command_module, main
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.kinematics import write_bvh
-from echoavatar.motion.kinematics.tables import write_npz
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.tables import write_npz
 from echoavatar.server.sinks import check_address, parse_address
 
 ROOT = Path(__file__).parents[2]

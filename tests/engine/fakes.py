@@ -6,6 +6,8 @@ import numpy as np
 import torch
 
 from echoavatar.engine import Engine
+from echoavatar.engine.pipeline import ActionLibrary
+from echoavatar.engine.pipeline.runtime import SESSION
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.nn import StreamState
@@ -21,6 +23,11 @@ class Heard(StreamState):
 class FakePipeline:
     skeleton = HUMANOID
     chunk: ChunkSize = CHUNK
+    actions = ActionLibrary()
+    additions = frozenset(SESSION)
+    directive_codes = 0
+    device = torch.device("cpu")
+    face = None
 
     def init_state(self, rows: int) -> Heard:
         return Heard(torch.zeros(rows), torch.zeros(rows, dtype=torch.int64))

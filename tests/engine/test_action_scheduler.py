@@ -71,8 +71,8 @@ def test_intensity_scales_the_set_and_edges_are_softer(actions: ActionScheduler)
     edge, inside = actions.members(0, 8), actions.members(1, 8)
     assert edge is not None
     assert inside is not None
-    assert edge.nonzero().flatten().tolist() == [1, 2]
-    assert inside.nonzero().flatten().tolist() == [1, 2, 3]
+    assert np.flatnonzero(edge).tolist() == [1, 2]
+    assert np.flatnonzero(inside).tolist() == [1, 2, 3]
     assert inside.max() == 0.5 > edge.max()
 
 

@@ -15,10 +15,10 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.gaze import off_viewer
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_lab.data.faults import skate
 
 _log = logging.getLogger(__name__)
 pytestmark = pytest.mark.slow

@@ -1,7 +1,11 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
+import soundfile
 
-from echoavatar.engine.music import MusicPlayer
+from echoavatar.engine.music import MusicPlayer, Tracks
+from echoavatar.errors import EchoAvatarError
 
 QUIET, LOUD = np.zeros(6_400, np.float32), np.full(6_400, 0.3, np.float32)
 TRACK = np.linspace(0.1, 0.9, 20_000, dtype=np.float32)
@@ -70,3 +74,25 @@ def test_going_back_plays_the_same_again_and_keeps_what_was_asked_since() -> Non
     player.stop()
     player.rewind(1, before)
     assert player.next_chunk(QUIET)[-1] < TRACK[12_799] / 2  # the stop still holds
+
+
+def test_what_ships_is_there_small_and_loud_enough() -> None:
+    tracks = Tracks()
+    assert len(tracks.titles) >= 3
+    shipped = Path(__file__).parents[2] / "src" / "echoavatar" / "assets" / "music"
+    assert sum(path.stat().st_size for path in shipped.iterdir()) < 1.5e6
+    sound = tracks.load(tracks.titles[0])
+    assert len(sound) > 30 * 24_000
+    assert 0.05 < np.sqrt(np.mean(sound**2)) < 0.3
+
+
+def test_a_folder_adds_to_it_and_unknown_titles_answer_with_the_list(tmp_path: Path) -> None:
+    soundfile.write(tmp_path / "Own_Song.wav", np.zeros(2_400), 24_000)
+    (tmp_path / "notes.txt").write_text("not music")
+    tracks = Tracks(tmp_path)
+    assert tracks.titles[-1] == "Own Song"
+    assert len(tracks.load("own song")) == 2_400
+    with pytest.raises(EchoAvatarError, match="there is: .*Own Song"):
+        tracks.load("notes")
+    with pytest.raises(EchoAvatarError, match="no folder"):
+        Tracks(tmp_path / "none")

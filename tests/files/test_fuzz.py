@@ -21,16 +21,15 @@ from tests.files.exports.bodies import child
 
 from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
 from echoavatar.files.exports import read_rig
-from echoavatar.files.foreign_files import read_pickled_array, read_tensors
 from echoavatar.models.audio.io import read_audio, write_wav
-from echoavatar.motion.ik.gltf_rig import read_gltf_rig
-from echoavatar.motion.ik.skinned import read_skinned
+from echoavatar.motion.formats.bvh import read_bvh, write_bvh
+from echoavatar.motion.formats.gltf_rig import read_gltf_rig, read_skinned
+from echoavatar.motion.formats.tables import read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.bvh import read_bvh, write_bvh
-from echoavatar.motion.kinematics.tables import read_npz, write_npz
 from echoavatar.wire import Audio, ProtocolError, decode_client, decode_server, encode
+from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
+from echoavatar_lab.foreign.foreign_files import read_pickled_array, read_tensors
 
 FINDINGS = sorted((Path(__file__).parent / "findings").iterdir())
 MOST_S, MOST_MB = 10, 1_000

@@ -15,7 +15,7 @@ import torch
 from scripts.synthetic_release import skeleton
 from tests.models.face import tiny as face
 from tests.models.generator import tiny as generators
-from tests.models.tokenizer.fixtures import fill, small_body
+from tests.models.motion_tokens import fill, small_body
 from tests.tiny_bundle import write_bundle
 from torch import Tensor
 
@@ -23,13 +23,11 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
 from echoavatar.models.face import FaceStream, HubertConfig
-from echoavatar.models.face.encoder import MelEncoder
+from echoavatar.models.face.encoder import HubertEncoder, MelEncoder
 from echoavatar.models.face.gpt import FaceGpt
-from echoavatar.models.face.hubert import HubertEncoder
 from echoavatar.models.face.idle import IdleFace
 from echoavatar.models.generator import open_stream
-from echoavatar.models.generator.depth_stream import DepthStream
-from echoavatar.models.generator.stream import InterleavedStream, PrefixStream
+from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, to_features
 from echoavatar.motion.kinematics.features import REFERENCE
@@ -40,12 +38,11 @@ from echoavatar.motion.stages.ground import Ground
 from echoavatar.motion.stages.leash import Leash
 from echoavatar.motion.stages.modes import FREE, IdleLegs, MotionOptions
 from echoavatar.motion.stages.post import Post
-from echoavatar.motion.stages.smoother import Smoother
-from echoavatar.motion.stages.speed_limit import SpeedLimit
+from echoavatar.motion.stages.smoother import Smoother, SpeedLimit
 from echoavatar.nn import CausalAttention, CausalBlock
-from echoavatar.nn.convolution import CausalConvBlock, CausalConvolution
+from echoavatar.nn.blocks import CausalConvBlock, CausalConvolution
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
-from echoavatar_research.reference.release_rig import rig_config, skeleton_config
+from echoavatar_lab.reference.release_rig import rig_config, skeleton_config
 
 Cuts = Sequence[Sequence[int]]
 TOKENIZER = MotionTokenizerConfig(features=10, width=16, heads=2, layers=3, codes=24)

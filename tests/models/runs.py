@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import load_file
 from torch import nn
 
-from echoavatar.training import Loop, TrainingTask
+from echoavatar_lab.training import Loop, TrainingTask
 
 
 class KilledError(Exception):

@@ -3,16 +3,16 @@
 import pytest
 from pydantic import ValidationError
 
-from echoavatar.align.audio_reward import AudioMotionConfig
 from echoavatar.config import Config
-from echoavatar.evaluation.metrics.motion_encoder import MotionEncoderConfig
-from echoavatar.models.audio.config import CodecConfig
+from echoavatar.models.audio.network import CodecConfig
 from echoavatar.models.face.config import FaceConfig, MelConfig
-from echoavatar.models.fingers.config import FingerConfig
+from echoavatar.models.fingers.model import FingerConfig
 from echoavatar.models.generator.config import GeneratorConfig
-from echoavatar.models.tokenizer.model import MotionTokenizerConfig
-from echoavatar.models.tokens.layout import TokenLayout
-from echoavatar_research.skeleton_convolution import SkeletonConvolutionConfig
+from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokens import TokenLayout
+from echoavatar_lab.align.audio_reward import AudioMotionConfig
+from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig
+from echoavatar_lab.tables.skeleton_convolution import SkeletonConvolutionConfig
 
 SIZES: list[tuple[type[Config], str]] = [
     *((GeneratorConfig, name) for name in ("window_chunks", "ahead_chunks", "layers", "step")),

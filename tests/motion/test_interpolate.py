@@ -7,7 +7,7 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.interpolate import StreamInterpolator
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.rotations import (
     axis_angle_from_quaternion,
     quaternion_conjugate,

@@ -101,3 +101,17 @@ def test_only_what_the_cache_lacks_counts_as_compiled(tmp_path: Path) -> None:
         for _ in range(2)
     ]
     assert runs == ["['one'] ['compiling']\n", "[] []\n"]
+
+
+def test_an_argument_whose_class_moved_to_another_module_is_compiled_for_anew(tmp_path: Path) -> None:
+    """Numba alone ends in ModuleNotFoundError: its cache names the old module."""
+    pair = "from typing import NamedTuple\nclass Pair(NamedTuple):\n    a: float\n    b: float\n"
+    (tmp_path / "total.py").write_text(
+        "from echoavatar.nn.kernels import kernel\n@kernel()\ndef total(pair):\n    return pair.a + pair.b\n"
+    )
+    for module in ("old", "new"):
+        (tmp_path / f"{module}.py").write_text(pair)
+        code = f"from {module} import Pair\nfrom total import total\nprint(total(Pair(1.0, 2.0)))"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+        assert done.stdout == "3.0\n"
+        (tmp_path / f"{module}.py").unlink()

@@ -10,8 +10,8 @@ from tests import golden as fixtures
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
-from echoavatar.models.quantize.usage import code_usage
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
+from echoavatar_lab.models.tokenizer.measure import code_usage
 
 
 def told() -> dict:

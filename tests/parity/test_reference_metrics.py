@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 from tests import golden as fixtures
 
-from echoavatar.evaluation.metrics.audio_events import EMAGE_RATE_HZ, speech_onsets
-from echoavatar.evaluation.metrics.beat_alignment import hit_rate
-from echoavatar.evaluation.metrics.diversity import l1_diversity
-from echoavatar.evaluation.metrics.frechet import frechet_distance
-from echoavatar.evaluation.metrics.gesture_alignment import (
+from echoavatar_lab.evaluation.metrics.beat_alignment import (
+    EMAGE_RATE_HZ,
     GESTURE_RULES,
     SMPLX_UPPER_BODY,
     gesture_alignment,
     gesture_beat_frames,
+    hit_rate,
+    speech_onsets,
 )
+from echoavatar_lab.evaluation.metrics.distributions import frechet_distance
+from echoavatar_lab.evaluation.metrics.positions import l1_diversity
 
 
 def stored(name: str) -> dict[str, np.ndarray]:

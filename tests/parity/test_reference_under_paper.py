@@ -14,13 +14,13 @@ from tests.golden import golden
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
-from echoavatar.models.tokenizer.body import body_config
-from echoavatar.motion.kinematics import Skeleton, read_bvh, to_features
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import Skeleton, to_features
 from echoavatar.motion.kinematics.features import REFERENCE
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import CHUNK_SAMPLES
-from echoavatar_research.reference.release_rig import AXES, rig_config, skeleton_config
+from echoavatar_lab.reference.release_rig import AXES, rig_config, skeleton_config
 
 CHUNKS = 3  # 24 frames
 C = torch.tensor(AXES)

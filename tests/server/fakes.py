@@ -61,9 +61,10 @@ def serving(
     settings: ServerSettings = FAST,
     step_s: float = 0.0,
     pipeline: Any = None,
+    workers: int | None = None,
     tls: tuple[Path, Path] | None = None,
 ) -> Iterator["RunningServer"]:
-    engine = Engine(pipeline or Body(step_s), seats=seats)
+    engine = Engine(pipeline or Body(step_s), seats=seats, workers=workers)
     app = create_app(engine, settings)
     with listen("127.0.0.1", 0) as listener:
         begun = threading.Event()

@@ -16,8 +16,8 @@ from typing import Any
 from echoavatar import engine as engines
 from echoavatar.engine import thread as engine_thread
 from echoavatar.errors import EchoAvatarError
-from echoavatar.evaluation.soak_bench import Watcher, _Client
 from echoavatar.server import ServerSettings, create_app, serve
+from echoavatar_lab.bench.soak import Watcher, _Client
 
 SESSIONS, WARM_S, WATCH_S, STUCK_S = 4, 8.0, 7.0, 3.0
 HEALED = (

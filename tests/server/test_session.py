@@ -8,13 +8,14 @@ from tests.server.fakes import Body
 
 from echoavatar.engine import Engine, load
 from echoavatar.server.outbox import Outbox
-from echoavatar.server.session import ServerSession
+from echoavatar.server.session import ServerSession, TrackWatch, UtteranceReader, answer
 from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar.wire import (
     Action,
     ActionStatus,
     Audio,
+    AudioFormat,
     End,
     Flush,
     Hello,
@@ -58,10 +59,11 @@ class Room:
             hello=Hello(),
             settings=ServerSettings(**settings),  # type: ignore[arg-type]
             actions=("wave", "bow"),
+            clock=lambda: self.now,
         )
         self.box = Told()
-        self.session.join(self.box, received=None)
         self.now = 0.0
+        self.session.join(self.box, received=None)
 
     def go(self, seconds: float, step: float = 0.05) -> None:
         for _ in range(max(1, round(seconds / step))):
@@ -69,8 +71,7 @@ class Room:
             self.beat()
 
     def beat(self) -> None:
-        self.session.is_due(self.now, 0.02)
-        self.session.pump(self.now, 0.02)
+        self.session.keep_pace()
         while self.engine.tick():
             pass
         self.session.collect()
@@ -179,7 +180,7 @@ def test_a_viewer_who_comes_late_is_shown_what_is_being_played() -> None:
     at = room.session.first_for(None)
     room.session.join(late, received=None)
     assert late.of(Motion)[0].at == at
-    assert at <= room.session.playhead.sample < at + CHUNK_SAMPLES
+    assert at <= room.session.place < at + CHUNK_SAMPLES
     assert late.of(Motion)[-1].at == room.session.end - CHUNK_SAMPLES
 
 
@@ -228,7 +229,7 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     room.go(before)
     room.speak(1, length, level=0.5)
     room.go(after)
-    played = room.session.playhead.sample
+    played = room.session.place
     heard = round(played + share * (room.session.end - played))
     first = next((m.at for m in room.box.of(Sound) if m.seg == 1), None)
     room.session.interrupt(Interrupt(heard=heard))
@@ -246,7 +247,7 @@ def test_nothing_after_an_interruption_stems_from_unheard_sound(
     height = unpack_pose(later[-1]).root[-1, 1]
     assert height == pytest.approx(0.5e-5 * np.count_nonzero(room.sound()[:heard]), abs=2e-4)
     assert np.count_nonzero(room.sound()[flush.at :]) == 0
-    assert room.session.playhead.sample >= heard
+    assert room.session.place >= heard
 
 
 def test_an_interruption_is_answered_before_anything_new_is_needed() -> None:
@@ -350,10 +351,10 @@ def test_a_report_from_before_a_flush_says_nothing() -> None:
     room.speak(1, 5.0)
     room.go(1.0)
     room.session.interrupt(Interrupt(heard=12_000))
-    room.session.played(Played(at=40_000, epoch=0), room.now)
-    assert room.session.playhead.sample == 12_000
-    room.session.played(Played(at=12_100, epoch=1), room.now)
-    assert room.session.playhead.sample <= 12_100
+    room.session.played(Played(at=40_000, epoch=0))
+    assert room.session.place == 12_000
+    room.session.played(Played(at=12_100, epoch=1))
+    assert room.session.place <= 12_100
 
 
 def test_a_flood_is_refused_and_changes_nothing() -> None:
@@ -369,7 +370,7 @@ def test_what_is_kept_does_not_grow() -> None:
     room = Room()
     room.go(30.0, step=0.1)
     assert len(room.session.sent) < 40
-    assert len(room.session._scheduled_at) < 40
+    assert len(room.session.pacer._scheduled) < 40
     assert len(room.session.core._queue._spans) < 80
 
 
@@ -377,12 +378,12 @@ def test_early_sessions_go_with_one_that_is_due() -> None:
     """A step of the engine moves everyone; one who is not due yet goes along."""
     room = Room()
     room.go(3.0)
-    while room.session.is_due(room.now, 0.02):
+    while room.session.keep_pace():
         room.beat()
     end = room.session.end
     room.beat()
     assert room.session.end == end
-    room.session.pump(room.now, 0.02, early=True)
+    room.session.keep_pace(early=True)
     while room.engine.tick():
         pass
     room.session.collect()
@@ -395,7 +396,12 @@ def default_room() -> Room:
     room = Room()
     room.engine = load("default")
     room.session = ServerSession(
-        room.engine.open_core(seed=1, is_paced=True), name="s", key="k", hello=Hello(), settings=ServerSettings()
+        room.engine.open_core(seed=1, is_paced=True),
+        name="s",
+        key="k",
+        hello=Hello(),
+        settings=ServerSettings(),
+        clock=lambda: room.now,
     )
     room.session.join(room.box, received=None)
     return room
@@ -415,3 +421,83 @@ def test_the_default_bundle_speaks_is_interrupted_and_stays_small(default_room: 
     turns = np.concatenate([pose.rotations for pose in poses])
     np.testing.assert_allclose(np.linalg.norm(turns, axis=-1), 1, atol=1e-3)
     assert 0.5 < np.concatenate([pose.root for pose in poses])[:, 1].mean() < 1.5
+
+
+def audio(seg: int, start: int, count: int) -> Audio:
+    return Audio(seg=seg, start=start, pcm=(np.arange(start, start + count) % 30_000).astype("<i2").tobytes())
+
+
+def took(reader: UtteranceReader, message: Audio) -> int | None:
+    """How many samples of a message are new; they are accepted."""
+    new = reader.read(message)
+    if new is None:
+        return None
+    reader.accept(message.seg, len(new))
+    return len(new)
+
+
+@pytest.fixture
+def reader() -> UtteranceReader:
+    return UtteranceReader(AudioFormat(rate=24_000))
+
+
+def test_what_was_sent_twice_is_taken_once(reader: UtteranceReader) -> None:
+    assert took(reader, audio(1, 0, 100)) == 100
+    assert took(reader, audio(1, 40, 100)) == 40
+    assert (reader.seg, reader.received) == (1, 140)
+
+
+def test_a_message_that_is_not_accepted_can_be_sent_again(reader: UtteranceReader) -> None:
+    assert reader.read(audio(1, 0, 100)) is not None
+    assert took(reader, audio(1, 0, 100)) == 100
+
+
+def test_a_gap_is_refused_and_can_be_filled(reader: UtteranceReader) -> None:
+    with pytest.raises(ProtocolError, match="expected 0") as caught:
+        reader.read(audio(1, 5, 10))
+    assert caught.value.code == "bad_order"
+    assert not caught.value.fatal
+    assert took(reader, audio(1, 0, 10)) == 10
+
+
+def test_sound_after_the_end_is_refused(reader: UtteranceReader) -> None:
+    took(reader, audio(1, 0, 10))
+    assert reader.end(1)
+    assert not reader.end(1)
+    with pytest.raises(ProtocolError, match="has ended"):
+        reader.read(audio(1, 10, 10))
+
+
+def test_cut_utterances_are_ignored_from_then_on(reader: UtteranceReader) -> None:
+    took(reader, audio(3, 0, 500))
+    reader.cut(4)
+    for message in (audio(3, 500, 500), audio(2, 0, 500), audio(4, 0, 500)):
+        assert took(reader, message) is None
+    assert not reader.end(4)
+    assert took(reader, audio(5, 0, 500)) == 500
+
+
+def test_a_track_is_followed_from_the_asking_to_its_end() -> None:
+    watch = TrackWatch()
+    told: list[ActionStatus] = watch.follow(0, has_music=False)
+    told += watch.ask("a", "Evening", 0)
+    told += watch.follow(6_400, has_music=False)  # made before it was asked for
+    for at in (12_800, 19_200):
+        told += watch.follow(at, has_music=True)
+    assert watch.title == "Evening"
+    told += watch.ask("b", "Morning", 25_600)
+    told += watch.follow(25_600, has_music=True)
+    told += watch.follow(32_000, has_music=False)
+    assert [(s.id, s.status, s.at) for s in told] == [
+        ("a", "accepted", 0),
+        ("a", "started", 12_800),
+        ("a", "done", 25_600),
+        ("b", "accepted", 25_600),
+        ("b", "started", 25_600),
+        ("b", "done", 32_000),
+    ]
+    assert watch.title == ""
+
+
+def test_a_rejection_names_the_choices() -> None:
+    assert answer("x", "fly", "rejected", 0, reason="no", choices=("wave",)).choices == ("wave",)

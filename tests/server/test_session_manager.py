@@ -4,18 +4,23 @@ import asyncio
 import contextlib
 import dataclasses
 import gc
+import platform
+import resource
 import threading
 import time
 import weakref
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from tests.engine.fakes import Heard
 from tests.server.fakes import FAST, Body, serving
 from websockets.exceptions import ConnectionClosed
 
 from echoavatar.engine import Engine
-from echoavatar.server import memory, session_manager
+from echoavatar.server import session_manager
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
 from echoavatar.server.settings import ServerSettings
@@ -187,6 +192,75 @@ def test_a_flood_of_one_sample_utterances_holds_nobody_up() -> None:
 def test_freed_memory_is_given_back_while_the_server_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     given = threading.Event()
     monkeypatch.setattr(session_manager, "TRIM_S", 0.1)
-    monkeypatch.setattr(memory, "give_back", given.set)
+    monkeypatch.setattr(session_manager, "give_back", given.set)
     with serving():
         assert given.wait(5)
+
+
+def test_a_session_is_advanced_for_a_reason_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its chunk is made, and its next one is due: twice a chunk, and once more for each thing that is said."""
+    advanced, advance = [], SessionManager._advance
+
+    def counted(manager: SessionManager, session: Any) -> None:
+        advanced.append(session)
+        advance(manager, session)
+
+    monkeypatch.setattr(SessionManager, "_advance", counted)
+    with serving() as server, server.call(Hello()) as caller:
+        last = caller.until(Motion, lambda motion: motion.at >= 48_000)
+        count = len(advanced)
+    assert count <= 2 * (last.at // 6_400 + 1) + 5
+
+
+def test_speech_in_silence_is_answered_before_the_silence_that_is_scheduled_has_been_played() -> None:
+    """Its sound wakes the session; no clock has to tick first."""
+    with serving() as server, server.call(Hello()) as caller:
+        at = caller.until(Motion, lambda motion: motion.at >= 12_800).at
+        caller.speak(1, np.full(12_800, 0.2, np.float32))
+        began = time.monotonic()
+        caller.until(Sound, lambda sound: sound.seg == 1)
+        assert time.monotonic() - began < 0.5
+        assert [message.at for message in caller.heard if isinstance(message, Sound) and message.seg == 1][
+            0
+        ] <= at + 12_800
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc keeps what is freed")
+def test_free_pages_between_blocks_in_use_go_back() -> None:
+    blocks = [np.ones(12_000, np.uint8) for _ in range(10_000)]
+    kept = blocks[::5]
+    before = resident()
+    del blocks
+    session_manager.give_back()
+    assert before - resident() > 40e6
+    assert len(kept) == 2_000
+
+
+def test_another_c_library_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    session_manager._malloc_trim.cache_clear()
+    monkeypatch.setattr(session_manager.ctypes, "CDLL", lambda name: object())
+    session_manager.give_back()
+    session_manager._malloc_trim.cache_clear()
+
+
+def resident() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+def test_in_a_batch_all_go_with_the_one_that_is_due() -> None:
+    """Sessions that began at different moments are made in the same steps."""
+
+    class Counting(Body):
+        active: list[int] = []
+
+        def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> Any:
+            self.active.append(int(active.sum()))
+            return super().step(audio, state, active)
+
+    pipeline = Counting()
+    with serving(pipeline=pipeline, workers=0) as server, server.call(Hello()) as first:
+        first.until(Motion, lambda motion: motion.at >= 6_400)
+        time.sleep(0.1)
+        with server.call(Hello()) as second:
+            second.until(Motion, lambda motion: motion.at >= 48_000)
+    assert np.mean(np.array(pipeline.active[-8:]) == 2) > 0.5

@@ -1,14 +1,19 @@
 """Tools over HTTP: who may, and what is refused."""
 
+import asyncio
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from starlette.requests import Request
+from starlette.types import Message
 from tests.server.fakes import FAST, RunningServer, serving
 
+from echoavatar.errors import EchoAvatarError
+from echoavatar.server.tool_routes import read_body
 from echoavatar.wire import Hello
 
 
@@ -86,3 +91,25 @@ def test_a_number_that_no_float_holds_is_rejected_in_words(server: RunningServer
         status, answer = server.http("/v1/tools/send_action", body)
     assert (status, answer["status"]) == (200, "rejected")
     assert "must be a number" in answer["reason"]
+
+
+def request(parts: Iterable[bytes], pause: float = 0.0) -> Request:
+    left = list(parts)
+
+    async def receive() -> Message:
+        await asyncio.sleep(pause)
+        part = left.pop(0)
+        return {"type": "http.request", "body": part, "more_body": bool(left)}
+
+    return Request({"type": "http", "method": "POST", "headers": []}, receive)
+
+
+def test_a_body_is_read_whole() -> None:
+    assert asyncio.run(read_body(request([b"one ", b"two"]), 7)) == b"one two"
+
+
+def test_a_body_is_bounded_in_size_and_time() -> None:
+    with pytest.raises(EchoAvatarError, match="more than 6 bytes"):
+        asyncio.run(read_body(request([b"one ", b"two"]), 6))
+    with pytest.raises(EchoAvatarError, match="did not come within 0.05 s"):
+        asyncio.run(read_body(request([b"x"] * 100, pause=0.02), 1_000, seconds=0.05))

@@ -48,7 +48,8 @@ def test_each_chunk_is_a_trace_from_its_sound_to_its_pose_with_its_stages() -> N
         caller.until(Motion)
         before = time.time_ns()
         caller.speak(1, np.full(3 * 6_400, 0.2, np.float32))
-        caller.until(Motion, lambda motion: motion.state == "speaking")
+        for _ in range(2):
+            caller.until(Motion, lambda motion: motion.state == "speaking")
         caller.say(Interrupt(seg=1))
         caller.until(Motion, lambda motion: motion.epoch > 0)
         name = caller.ready.session

@@ -11,7 +11,8 @@ from tests.web.test_page_in_browser import record_motion
 
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.kinematics import HUMANOID, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import CHUNK_SAMPLES
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]

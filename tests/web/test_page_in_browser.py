@@ -10,8 +10,9 @@ import pytest
 import soundfile
 from tests.web.make_vrm import make_vrm
 
-from echoavatar.files.avatar.stage import STAGES
-from echoavatar.motion.kinematics import HUMANOID, read_bvh
+from echoavatar.files.avatar.backdrop import BACKDROPS
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.voice import find_voice
 
 pytestmark = pytest.mark.browser
@@ -239,7 +240,7 @@ def test_a_stage_is_chosen_by_name_and_clear_has_alpha(new_page, mock_url, backg
     if background == "clear":
         assert seen == [0, 0, 0, 0]
     else:
-        assert seen == pytest.approx([*STAGES[background].top, 255], abs=2)
+        assert seen == pytest.approx([*BACKDROPS[background].top, 255], abs=2)
         assert driver.ask("document.documentElement.dataset.theme") == ("dark" if background == "dusk" else "light")
     assert driver.problems == []
 
@@ -255,7 +256,7 @@ def test_low_quality_has_the_light_of_high_quality_and_no_shadow_map(new_page, m
       ));
       return found;
     })()"""
-    look, found = STAGES["studio"].look, driver.ask(lights)
+    look, found = BACKDROPS["studio"].look, driver.ask(lights)
     np.testing.assert_allclose(found["HemisphereLight"][0], np.concatenate([look[2], look[3]]), atol=1e-3)
     np.testing.assert_allclose(found["DirectionalLight"], look[[1, 5]], atol=1e-3)
     assert driver.ask("__echo.viewport.renderer.shadowMap.enabled") is False

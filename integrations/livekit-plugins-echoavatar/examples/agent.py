@@ -12,7 +12,7 @@ from livekit.agents import Agent, AgentSession, JobContext, WorkerOptions, cli
 from livekit.agents.voice.room_io import RoomOptions
 from livekit.plugins.echoavatar import AvatarSession
 
-from echoavatar.agents.integrations.persona import persona
+from echoavatar.agents.integrations.tools import persona
 
 
 async def entrypoint(ctx: JobContext) -> None:

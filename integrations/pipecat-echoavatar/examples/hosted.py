@@ -23,7 +23,7 @@ from pipecat.services.openai.tts import OpenAITTSService
 from pipecat.workers.runner import WorkerRunner
 from pipecat_echoavatar import EchoAvatarProcessor
 
-from echoavatar.agents.integrations.persona import persona
+from echoavatar.agents.integrations.tools import persona
 
 
 async def build(source: FrameProcessor, sink: FrameProcessor, avatar: EchoAvatarProcessor) -> PipelineWorker:

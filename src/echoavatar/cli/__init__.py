@@ -1,4 +1,4 @@
-"""The command line: parse, dispatch, print. It may import every room, and imports only what the command needs.
+"""The command line: parse, dispatch, print. May import every room, and loads only what the command needs.
 
 Each command is one module with `add_arguments(parser)` and `run(args) -> int`. The commands in `SEPARATE` come with
 distributions of their own, which name the module in an entry point of the group `echoavatar.commands`. Exit codes:
@@ -54,14 +54,24 @@ COMMANDS = {
     "refine-fingers": "add plausible fingers to motion that was captured without them",
 }
 SEPARATE = {
-    "align targets": "research",
-    "baseline": "research",
-    "bench train": "research",
-    "data prepare": "research",
-    "data rl-corpus": "research",
-    "import": "research",
-    "reproduce": "research",
+    "actions build": "lab",
+    "align": "lab",
+    "baseline": "lab",
+    "bench graphs": "lab",
+    "bench post": "lab",
+    "bench soak": "lab",
+    "bench train": "lab",
+    "bundle": "lab",
+    "data": "lab",
+    "evaluate": "lab",
+    "import": "lab",
+    "plot": "lab",
+    "pull": "lab",
+    "reproduce": "lab",
+    "score": "lab",
+    "serve unity": "lab",
     "studio": "studio",
+    "train": "lab",
 }  # command -> distribution echoavatar-NAME, folder ./NAME
 
 

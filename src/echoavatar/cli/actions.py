@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
 
+from . import command_module
+
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline.actions import ActionLibrary
     from echoavatar.timing import ChunkSize
@@ -55,7 +57,9 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"{args.model} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
         )
-    {"add": _add, "remove": _remove, "build": _build}[args.kind](args, folder)
+    if args.kind == "build":
+        return int(command_module("actions build").run(args))
+    {"add": _add, "remove": _remove}[args.kind](args, folder)
     return 0
 
 
@@ -71,10 +75,10 @@ def _list(bundle: str) -> int:
 
 
 def _add(args: argparse.Namespace, folder: Path) -> None:
-    from echoavatar.corpora.rehearsal.action_making import action_from_motion, set_from_motion
+    from echoavatar.engine.pipeline.action_making import action_from_motion, set_from_motion
     from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar.models.tokenizer import BodyTokenizer
-    from echoavatar.motion.kinematics import read_bvh
+    from echoavatar.motion.formats import read_bvh
 
     library, chunk = _library(folder)
     tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig
@@ -95,21 +99,6 @@ def _remove(args: argparse.Namespace, folder: Path) -> None:
     gone = library.find(args.name)
     ActionLibrary({name: action for name, action in library.items() if action is not gone}).save(folder)
     print(f"{gone.name} removed from {folder / 'actions.json'}")
-
-
-def _build(args: argparse.Namespace, folder: Path) -> None:
-    from echoavatar.corpora.rehearsal.action_making import own_actions
-    from echoavatar.engine.pipeline.runtime import Runtime
-    from echoavatar.models.tokenizer import BodyTokenizer
-
-    if Runtime.load(folder).rig is not None:
-        raise EchoAvatarError(
-            f"{args.model} has another rig, for which the built-in actions cannot be made; add clips one by one with "
-            "`echoavatar actions add`"
-        )
-    library = own_actions(BodyTokenizer.load(folder / "tokenizer").eval())
-    library.save(folder)
-    print(f"{len(library)} actions in {folder / 'actions.json'}")
 
 
 def _library(folder: Path) -> "tuple[ActionLibrary, ChunkSize]":

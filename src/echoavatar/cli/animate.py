@@ -10,24 +10,26 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .serve import DEVICE_HELP, RENDERER_HELP, RENDERER_NAMES, RUNTIME_HELP, WITHOUT_HELP
-
-if TYPE_CHECKING:
-    from echoavatar.files.avatar import Character
-    from echoavatar.files.avatar.video import View
-    from echoavatar.files.exports import Take
+from .options import (
+    DEVICE_HELP,
+    FORMATS,
+    RIG_HELP,
+    RUNTIME_HELP,
+    VIEWS,
+    WITHOUT_HELP,
+    add_model,
+    add_picture,
+    advance,
+    local_path,
+    size,
+)
 
 STDIN = Path("-")
-VIEWS = ("front", "left", "right", "back", "bust", "face")
-FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4, .webm; .vrm with --rig"
-RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -47,13 +49,6 @@ anything that FFmpeg reads, at any rate and with any number of channels. More: d
 """
 
 
-def local_path(text: str) -> Path:
-    """A path; addresses are refused in plain words."""
-    if "://" in text:
-        raise argparse.ArgumentTypeError(f"{text} is an address; download it first, then name the file")
-    return Path(text)
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
@@ -70,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SUFFIX",
         help="of the files in a folder (default: %(default)s)",
     )
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
@@ -80,33 +75,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
     parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
     parser.add_argument(
-        "--size", type=_size, metavar="WxH", help="pixels of the film (default: 1280x720, bust and face 720x720)"
+        "--size", type=size, metavar="WxH", help="pixels of the film (default: 1280x720, bust and face 720x720)"
     )
-    parser.add_argument("--character", metavar="NAME", help="who is filmed: maya (default), theo or amara")
-    parser.add_argument(
-        "--background",
-        default="studio",
-        metavar="WHAT",
-        help="behind the character in a film: studio (default), dusk, plain, or a colour such as #00ff00",
-    )
+    add_picture(parser)
     parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
-    parser.add_argument("--renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
     parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
     """Animate every sound, write the motion, print the real-time factor."""
+    from echoavatar.animation import Animation
     from echoavatar.engine import animate
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.files.avatar import load_character
-    from echoavatar.files.exports import Take, read_rig, writer
-    from echoavatar.files.exports.formats import FORMATS as SUFFIXES
+    from echoavatar.files.exports import check_output, read_rig
+    from echoavatar.files.exports.formats import FILMS, SUFFIXES
     from echoavatar.models.audio import stream_audio
     from echoavatar.motion.stages.modes import MotionOptions
 
     outputs = _outputs(args, SUFFIXES)
-    writers = [writer(output, has_rig=args.rig is not None) for output in outputs]
+    for output in outputs:
+        check_output(output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     character = load_character(args.character)
     _check_film(args, outputs)
@@ -119,21 +109,29 @@ def run(args: argparse.Namespace) -> int:
     pipeline.warm_up()
     fps = args.fps or bundle.runtime.fps
     options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
-    for sound, output, write in zip(args.audio, outputs, writers, strict=True):
+    for sound, output in zip(args.audio, outputs, strict=True):
         bar = tqdm(
             unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
         )
         with bar, _readable(sound) as path:
             done = animate(
-                pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(_advance, bar)
+                pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(advance, bar)
             )
-        motion, take = done.motion, Take(done.motion, done.face, done.audio)
-        if output.suffix.lower() in (".mp4", ".webm"):
-            _film(output, take, character, args)
-        else:
-            write(output, take if rig is None else rig.retarget(take), rig)
+        is_hidden = _is_quiet() or output.suffix.lower() not in FILMS
+        with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
+            Animation(*done).save(
+                output,
+                rig=rig,
+                size=args.size,
+                view="face" if args.close_up else args.camera,
+                character=character,
+                background=args.background,
+                alpha=args.alpha,
+                renderer=args.renderer,
+                progress=partial(advance, bar),
+            )
         print(
-            f"{output}: {motion.frames} frames at {fps:g} fps, {motion.seconds:.2f} s; "
+            f"{output}: {done.motion.frames} frames at {fps:g} fps, {done.motion.seconds:.2f} s; "
             f"real-time factor {done.real_time_factor:.2f}; runtime: {bundle.runtime.label}"
         )
     return 0
@@ -182,23 +180,6 @@ def _readable(sound: Path) -> Iterator[Path]:
         yield kept
 
 
-def _film(path: Path, take: "Take", character: "Character", args: argparse.Namespace) -> None:
-    from echoavatar.files.avatar.video import Shot, default_size, write_film
-
-    audio = np.zeros(0, np.float32) if take.audio is None else take.audio
-    view: View = "face" if args.close_up else args.camera
-    with tqdm(total=take.motion.frames, unit="frame", desc="filming", disable=_is_quiet()) as bar:
-        write_film(
-            path,
-            take.motion,
-            audio,
-            face=take.face,
-            character=character,
-            shot=Shot(args.size or default_size(view), view, args.background, args.alpha, renderer=args.renderer),
-            progress=lambda made, _: _advance(bar, made),
-        )
-
-
 def _suffix(text: str) -> str:
     return text if text.startswith(".") else f".{text}"
 
@@ -208,20 +189,6 @@ def _rate(text: str) -> float:
     if not 1 <= rate <= 1000:
         raise argparse.ArgumentTypeError(f"{text} is not a frame rate; choose 1 to 1000")
     return rate
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 1280x720")
-    size = int(width), int(height)
-    if any(side % 2 or not 16 <= side <= 4096 for side in size):
-        raise argparse.ArgumentTypeError(f"{text}: width and height are even, 16 to 4096")
-    return size
-
-
-def _advance(bar: "tqdm[object]", to: float) -> None:
-    bar.update(to - bar.n)
 
 
 def _is_quiet() -> bool:

@@ -6,7 +6,6 @@ import statistics
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
@@ -14,11 +13,18 @@ from tqdm import tqdm
 from echoavatar.errors import DependencyError, EchoAvatarError
 
 from . import command_module
-from .serve import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP
+from .options import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP, add_model
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar.models.generator.linear import Precision
+
+DEVELOPERS = {
+    "post": "smoothing, root, feet and hands",
+    "soak": "does a server stay whole and flat under load and faults",
+    "graphs": "a bundle's live step on a GPU, its generator a captured CUDA graph",
+    "train": "training steps against the machine's matrix rate",
+}  # with echoavatar-lab
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,17 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="precision of the generator's weights (default: int8 on a CPU, bfloat16 on a GPU, as everywhere)",
     )
     stream.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
-    post = kinds.add_parser(
-        "post",
-        help="smoothing, root, feet and hands",
-        description="Time what follows the decoder, stage by stage, for one session and for a batch, without a model.",
-    )
-    post.add_argument("--chunks", type=int, default=600, help="chunks to time (default: %(default)s)")
-    post.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
     face = kinds.add_parser(
         "face", help="the face model", description="Time the face model for one session and for a batch."
     )
-    face.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(face)
     face.add_argument("--chunks", type=int, default=200, help="chunks to time (default: %(default)s)")
     face.add_argument("--sessions", type=int, default=64, help="sessions in the batch (default: %(default)s)")
     face.add_argument("--threads", type=int, help="torch threads for the batch (default: torch's own choice)")
@@ -82,52 +81,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     proxy.add_argument("--model", default="default", help="bundle of the avatar (default: %(default)s)")
     proxy.add_argument("--avatar", metavar="URL", help="a running server instead of a new one")
 
-    soak = kinds.add_parser(
-        "soak",
-        help="does a server stay whole and flat under load and faults",
-        description=(
-            "Serve sessions and a coming and going visitor from a process of its own; check that nothing is missing, "
-            "doubled or stale, and that memory stays flat. Fails if something is. Linux only."
-        ),
-        epilog="example: echoavatar bench soak --sessions 4 --minutes 60 --faults --picture soak.png",
-    )
-    soak.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
-    soak.add_argument("--sessions", type=int, default=4, help="speaking sessions (default: %(default)s)")
-    soak.add_argument("--visitors", type=int, default=1, help="who come, speak and leave (default: %(default)s)")
-    soak.add_argument("--minutes", type=float, default=5.0, help="length (default: %(default)s)")
-    soak.add_argument(
-        "--faults", action="store_true", help="clients drop, stall, flood and vanish; the engine breaks once a minute"
-    )
-    soak.add_argument("--picture", type=Path, metavar="PNG", help="draw memory over time")
-    soak.add_argument(
-        "--of", type=Path, nargs="+", default=[], metavar="FILE", help="draw what earlier runs printed; run nothing"
-    )
-    graphs = kinds.add_parser(
-        "graphs",
-        help="a bundle's live step on a GPU, its generator a captured CUDA graph",
-        description=(
-            "Time encoder, generator, decoder and rig of the live step, beside the paper's table. With --device cuda "
-            "the generator's step is a captured graph; on a CPU it is not."
-        ),
-    )
-    graphs.add_argument("--model", required=True, help="bundle name or folder")
-    graphs.add_argument("--device", default="cuda", help="cuda, or cpu to try it (default: %(default)s)")
-    graphs.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
-    graphs.add_argument("--chunks", type=int, default=100, help="chunks to time (default: %(default)s)")
     start = kinds.add_parser(
         "start",
         help="from the command to the first motion",
         description="Time fresh processes until an avatar answers: imports, loading, warm-up, five seconds of sound.",
     )
-    start.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(start)
     start.add_argument("--runs", type=int, default=4, help="processes; the first is shown apart (default: %(default)s)")
-    train = kinds.add_parser("train", help="training steps against the machine's matrix rate")
-    with suppress(DependencyError):
-        command_module("bench train").add_arguments(train)
+    for kind, summary in DEVELOPERS.items():
+        child = kinds.add_parser(kind, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter)
+        with suppress(DependencyError):
+            command_module(f"bench {kind}").add_arguments(child)
 
 
 def _models(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument(
         "--size",
         choices=("bundle", "paper"),
@@ -136,9 +104,10 @@ def _models(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--sequence",
-        choices=("interleaved", "depth"),
-        default="interleaved",
-        help="order of that generator; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
+        choices=("prefix", "interleaved", "depth"),
+        default="prefix",
+        help="order of that generator; prefix: the paper's own, which prefills its window at every step; interleaved: "
+        "only what is new; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
     )
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
@@ -168,8 +137,25 @@ def _counts(text: str) -> tuple[int, ...]:
     return counts
 
 
+def _stream(args: argparse.Namespace) -> int:
+    from echoavatar.bench.stream import bench_stream
+
+    pipeline = _pipeline(args, args.precision, args.without)
+    with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
+        report = bench_stream(
+            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
+        )
+    print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
+    for stage, values in report.stages_ms.items():
+        print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
+    verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
+    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
+    print(json.dumps(report.summary))
+    return 0
+
+
 def _sessions(args: argparse.Namespace) -> int:
-    from echoavatar.evaluation.sessions_bench import bench_neighbour, bench_sessions, summary
+    from echoavatar.bench.sessions import bench_neighbour, bench_sessions, summary
 
     pipeline = _pipeline(args)
     with tqdm(total=len(args.counts), unit="load", leave=False) as bar:
@@ -184,36 +170,6 @@ def _sessions(args: argparse.Namespace) -> int:
     if args.neighbours:
         report["p99_ms_beside"] = bench_neighbour(pipeline, seconds=args.seconds)
     print(json.dumps(report))
-    return 0
-
-
-def _post(args: argparse.Namespace) -> int:
-    import torch
-
-    from echoavatar.evaluation.post_bench import bench_post
-
-    torch.set_num_threads(1)  # the stages use no more
-    report = bench_post(chunks=args.chunks, sessions=args.sessions)
-    print(f"{'ms a chunk':<12}{'1 session':>12}{f'each of {args.sessions}':>14}")
-    for stage, one in report.one_ms.items():
-        print(f"{stage:<12}{one:>12.3f}{report.many_ms[stage]:>14.3f}")
-    print(json.dumps(report.summary))
-    return 0
-
-
-def _graphs(args: argparse.Namespace) -> int:
-    from echoavatar.engine.pipeline import load_bundle
-    from echoavatar.evaluation.graph_bench import GOALS_MS, PAPER_MS, bench_graphs
-
-    bundle = load_bundle(args.model).running(args.runtime)
-    print(f"runtime: {bundle.runtime.label}")
-    report = bench_graphs(bundle, device=args.device, chunks=args.chunks)
-    print(f"{'stage':<12}{'p50 ms':>10}{'p95 ms':>10}{'goal ms':>10}{'paper ms':>10}")
-    for stage, (p50, p95) in report.stages_ms.items():
-        print(f"{stage:<12}{p50:>10.2f}{p95:>10.2f}{GOALS_MS[stage]:>10.1f}{PAPER_MS[stage]:>10.1f}")
-    how = "captured as a graph" if report.is_captured else "not captured: plain calls, not real time"
-    print(f"{report.device}, {how}; a chunk is {report.chunk_ms:.1f} ms of sound")
-    print(json.dumps({stage: values[0] for stage, values in report.stages_ms.items()}))
     return 0
 
 
@@ -238,39 +194,11 @@ def _proxy(args: argparse.Namespace) -> int:
     return 0
 
 
-def _soak(args: argparse.Namespace) -> int:
-    from echoavatar.evaluation.soak_bench import bench_soak
-    from echoavatar.evaluation.soak_picture import draw, read_report
-
-    if args.of:
-        draw({path.stem: read_report(path) for path in args.of}, args.picture or Path("soak.png"))
-        return 0
-    with tqdm(total=args.minutes, unit="min", leave=False) as bar:
-        report = bench_soak(
-            args.model,
-            sessions=args.sessions,
-            visitors=args.visitors,
-            minutes=args.minutes,
-            faults=args.faults,
-            progress=lambda minutes: bar.update(minutes - bar.n) and None,
-        )
-    if args.picture:
-        draw({f"{args.sessions} sessions": report}, args.picture)
-    is_whole = not any(report[name] for name in ("stale", "doubled", "missing"))
-    is_whole = is_whole and report["lost"] <= report["failed_by_us"]
-    for name, value in report.items():
-        if name != "memory_mb":
-            print(f"{name:<20}{value}")
-    print(f"the sessions {'stayed whole' if is_whole else 'did NOT stay whole'}")
-    print(json.dumps(report))
-    return 0 if is_whole else 1
-
-
 def _face(args: argparse.Namespace) -> int:
     import torch
 
+    from echoavatar.bench.face import bench_face
     from echoavatar.engine.pipeline import load_bundle
-    from echoavatar.evaluation.face_bench import bench_face
 
     torch.set_num_threads(args.threads or torch.get_num_threads())
     report = bench_face(load_bundle(args.model).face, chunks=args.chunks, sessions=args.sessions)
@@ -281,14 +209,14 @@ def _face(args: argparse.Namespace) -> int:
 
 
 def _start(args: argparse.Namespace) -> int:
-    from echoavatar.evaluation.start_bench import bench_start
+    from echoavatar.bench.start import bench_start
 
     if args.runs < 2:
         raise EchoAvatarError("--runs needs two or more: the first run is not a warm start")
     with tqdm(total=args.runs, unit="start", leave=False, disable=not sys.stderr.isatty()) as bar:
         report = bench_start(args.model, runs=args.runs, progress=lambda done: bar.update(done - bar.n) and None)
     print(f"{'s':<10}{'first':>8}{'warm':>8}{'least':>8}")
-    for name, values in (report.stages | {"animate": report.animate, "--help": report.help}).items():
+    for name, values in (report.phases | {"animate": report.animate, "--help": report.help}).items():
         print(f"{name:<10}{values[0]:>8.2f}{statistics.median(values[1:]):>8.2f}{min(values):>8.2f}")
     print(f"loops compiled in each run: {' '.join(map(str, report.compiled))}")
     print(json.dumps(report.summary))
@@ -297,33 +225,6 @@ def _start(args: argparse.Namespace) -> int:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
-    if args.kind == "soak":
-        return _soak(args)
-    if args.kind == "start":
-        return _start(args)
-    if args.kind == "train":
-        return int(command_module("bench train").run(args))
-    if args.kind == "face":
-        return _face(args)
-    if args.kind == "graphs":
-        return _graphs(args)
-    if args.kind == "post":
-        return _post(args)
-    if args.kind == "sessions":
-        return _sessions(args)
-    if args.kind == "proxy":
-        return _proxy(args)
-    from echoavatar.evaluation.stream_bench import bench_stream
-
-    pipeline = _pipeline(args, args.precision, args.without)
-    with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
-        report = bench_stream(
-            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
-        )
-    print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
-    for stage, values in report.stages_ms.items():
-        print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
-    verdict = "" if report.summary["rtf"] < 1 else " (not real time)"
-    print(f"real-time factor {report.summary['rtf']:.3f} with {report.summary['threads']:.0f} threads{verdict}")
-    print(json.dumps(report.summary))
-    return 0
+    if args.kind in DEVELOPERS:
+        return int(command_module(f"bench {args.kind}").run(args))
+    return {"stream": _stream, "face": _face, "sessions": _sessions, "proxy": _proxy, "start": _start}[args.kind](args)

@@ -2,7 +2,6 @@
 
 import argparse
 import asyncio
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -11,15 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 
-from .animate import VIEWS
-from .serve import RENDERER_HELP, RENDERER_NAMES
+from .options import VIEWS, add_picture, add_server, size
 
 if TYPE_CHECKING:
-    from echoavatar.server.playhead import Playhead
+    from echoavatar.engine import Playhead
     from echoavatar.server.video import LiveStream, VideoSource
     from echoavatar.server.video.broadcast import Output
 
-TOKEN = "ECHOAVATAR_TOKEN"
 RATE_HZ = 25
 RETRY_S = 2.0
 
@@ -37,17 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "It draws here; the server needs no --video. A virtual camera carries no sound: share that of the page.\n"
         "Linux needs v4l2loopback, Windows and macOS the virtual camera of OBS. More: docs/video.md\n"
     )
-    parser.add_argument("--server", default="http://127.0.0.1:8765", metavar="URL", help="default: %(default)s")
-    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+    add_server(parser)
     parser.add_argument("--session", default="", metavar="NAME", help="the session to show (default: the newest)")
     parser.add_argument("--to", metavar="WHERE", help="rtmp://HOST/APP/KEY, or a file: .flv, .mp4, .mkv, .ts")
     parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
-    parser.add_argument("--size", type=_size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
-    parser.add_argument("--character", default="", metavar="NAME", help="maya (default), theo or amara")
-    parser.add_argument(
-        "--background", default="studio", metavar="WHAT", help="studio (default), dusk, plain, or #rrggbb"
-    )
-    parser.add_argument("--renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
+    parser.add_argument("--size", type=size, default=(1280, 720), metavar="WxH", help="pixels (default: 1280x720)")
+    add_picture(parser)
     parser.add_argument("--seconds", type=float, metavar="N", help="stop after so long (default: Ctrl-C)")
 
 
@@ -59,6 +51,9 @@ def run(args: argparse.Namespace) -> int:
         raise DependencyError(f"this needs {error.name}: pip install 'echoavatar[camera]'") from error
     from echoavatar.files.avatar.avatar_renderer import RENDERERS
 
+    width, height = args.size
+    if not (64 <= width <= 3840 and 64 <= height <= 2160):
+        raise EchoAvatarError(f"--size {width}x{height} is not between 64x64 and 3840x2160")
     RENDERERS[args.renderer](8, 8, background=args.background)  # finds what is missing at once
     if args.to:
         container_of(args.to)
@@ -154,8 +149,8 @@ class _Show:
 
     async def _begin(self, ready: Any) -> None:
         """Show a session from its present moment on."""
+        from echoavatar.engine import Playhead
         from echoavatar.files.avatar.avatar_renderer import Shot
-        from echoavatar.server.playhead import Playhead
         from echoavatar.server.video import LiveStream, VideoSource
         from echoavatar.wire import Flush
 
@@ -180,12 +175,3 @@ class _Show:
         if not self._is_waiting:
             self._is_waiting = True
             print("no session there; waiting for one (open the server's page, or `echoavatar say`)", file=sys.stderr)
-
-
-def _size(text: str) -> tuple[int, int]:
-    wide, _, high = text.partition("x")
-    if not (wide.isdigit() and high.isdigit() and int(wide) % 2 == int(high) % 2 == 0):
-        raise argparse.ArgumentTypeError(f"{text} is not a size of even numbers such as 1280x720")
-    if not (64 <= int(wide) <= 3840 and 64 <= int(high) <= 2160):
-        raise EchoAvatarError(f"--size {text} is not between 64x64 and 3840x2160")
-    return int(wide), int(high)

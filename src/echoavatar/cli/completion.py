@@ -3,8 +3,6 @@
 import argparse
 from importlib.metadata import entry_points
 
-from echoavatar.errors import DependencyError
-
 EXAMPLES = """examples:
   echoavatar completion bash > ~/.local/share/bash-completion/completions/echoavatar
   echoavatar completion zsh > ~/.zfunc/_echoavatar          (with fpath+=~/.zfunc before compinit)
@@ -19,12 +17,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print the script."""
+    import shtab
+
     from . import COMMANDS, SEPARATE, build_parser
 
-    try:
-        import shtab
-    except ModuleNotFoundError as error:
-        raise DependencyError("completion needs shtab: pip install 'echoavatar[completion]'") from error
     there = [name for name in COMMANDS if name not in SEPARATE or entry_points(group="echoavatar.commands", name=name)]
     print(shtab.complete(build_parser(there), args.shell))
     return 0

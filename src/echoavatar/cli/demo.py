@@ -14,6 +14,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from . import serve
+from .options import DEVICE_HELP, add_model, advance
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
 
@@ -31,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--port", type=int, default=8765, help="port of the live page; 0 takes any free one (default: %(default)s)"
     )
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
-    parser.add_argument("--device", default="cpu", help=serve.DEVICE_HELP)
+    add_model(parser)
+    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=int, default=0, help="seed of the motion in the files (default: %(default)s)")
     parser.add_argument("--no-video", action="store_true", help="do not write the MP4s, which take the most time")
     parser.add_argument("--no-browser", action="store_true", help="print the address of the page without opening it")
@@ -52,51 +53,39 @@ def _live(args: argparse.Namespace) -> int:
 
 
 def _files(args: argparse.Namespace) -> int:
+    from echoavatar.animation import Animation
     from echoavatar.engine import animate, in_blocks
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.files.avatar import load_character
-    from echoavatar.files.avatar.gltf import Animation, pack_glb, write_glb
+    from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
     from echoavatar.files.avatar.page import PageClip, write_page
-    from echoavatar.files.avatar.video import Shot, write_film
     from echoavatar.models.audio import read_audio
 
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
-    pipeline, character = Pipeline(load_bundle(args.model), device=args.device), load_character()
+    pipeline = Pipeline(load_bundle(args.model), device=args.device)
     pipeline.warm_up()
-    clips, animations = [], []
+    clips, moving = [], []
     for name, title in CLIPS:
         with as_file(files("echoavatar") / "assets" / f"{name}.ogg") as source:
             sound = source.read_bytes()
             audio = read_audio(source)
         print(f"{title}: {len(audio) / 24_000:.1f} s of sound")
         with tqdm(unit="s", desc="  animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]") as bar:
-            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=partial(_advance, bar))
+            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=partial(advance, bar))
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
-        motion, face = done.motion, done.face
-        write_glb(args.output / f"{name}.glb", character, motion.rotations, motion.root, face=face)
+        animation, motion = Animation(*done), done.motion
+        animation.save(args.output / f"{name}.glb")
         if not args.no_video:
             with tqdm(total=motion.frames, unit="frame", desc="  filming") as bar:
-                write_film(
-                    args.output / f"{name}.mp4",
-                    motion,
-                    done.audio,
-                    face=face,
-                    shot=Shot((960, 540)),
-                    progress=partial(_advance, bar),
-                )
-        animations.append(Animation(name, motion.rotations, motion.root, face=face))
+                animation.save(args.output / f"{name}.mp4", size=(960, 540), progress=partial(advance, bar))
+        moving.append(GltfAnimation(name, motion.rotations, motion.root, face=done.face))
         clips.append(PageClip(title, name, sound))
     page = args.output / "index.html"
-    write_page(page, pack_glb(character, animations, compact=True), clips)
+    write_page(page, pack_glb(load_character(), moving, compact=True), clips)
     print(f"open {page.resolve().as_uri()}")
     if not args.no_browser:
         webbrowser.open(page.resolve().as_uri())
     return 0
-
-
-def _advance(bar: "tqdm[object]", to: float, total: int = 0) -> None:
-    del total
-    bar.update(to - bar.n)

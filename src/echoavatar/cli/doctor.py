@@ -16,37 +16,29 @@ import warnings
 from collections.abc import Callable
 from ctypes.util import find_library
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 
-if TYPE_CHECKING:
-    from echoavatar.files.exports import Take
+from . import SEPARATE
 
 OK, OPTIONAL, BROKEN = "ok", "--", "!!"
 Finding = tuple[str, str, str]  # mark, what, remark
 EXTRA_OF = {  # packages that come with an extra, by the name they are imported under
-    "accelerate": "train",
     "aiortc": "video",
     "anyio": "serve",
     "elevenlabs": "elevenlabs",
-    "filelock": "evaluate",
     "huggingface_hub": "hub",
-    "librosa": "evaluate",
-    "matplotlib": "evaluate",
     "mcp": "mcp",
     "mcp_types": "mcp",
     "moderngl": "gpu",
     "msgspec": "serve",
     "opentelemetry": "traces",
-    "pretty_midi": "rehearse",
     "prometheus_client": "serve",
     "pxr": "usd",
     "pyvirtualcam": "camera",
     "ray": "ray",
     "shtab": "completion",
     "starlette": "serve",
-    "transformers": "pretrained",
     "uvicorn": "serve",
     "websockets": "serve",
 }
@@ -61,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print one line for each finding."""
     del args
-    checks: list[Callable[[], list[Finding]]] = [_python, _torch, _forbidden, _modules, _extras, _programs, _motion]
+    checks: list[Callable[[], list[Finding]]] = [_python, _torch, _forbidden, _modules, _extras, _separate, _motion]
     findings = [finding for check in checks for finding in check()]
     for mark, what, remark in findings:
         print(f"{mark}  {what:<22} {remark}")
@@ -121,13 +113,7 @@ def _failure(module: str, error: Exception) -> Finding:
 
 
 def _extras() -> list[Finding]:
-    uses = {
-        "huggingface_hub": "models from the hub",
-        "librosa": "beat alignment scores",
-        "pretty_midi": "music rendered with a soundfont",
-        "pxr": "USD files",
-        "transformers": "published weights of Qwen2, EnCodec and HuBERT",
-    }
+    uses = {"huggingface_hub": "models from the hub", "pxr": "USD files"}
     rows = []
     for name, use in uses.items():
         is_there = importlib.util.find_spec(name) is not None
@@ -136,21 +122,20 @@ def _extras() -> list[Finding]:
     return rows
 
 
-def _programs() -> list[Finding]:
-    flite = find_library("flite") is not None
-    fluid = shutil.which("fluidsynth") is not None
-    return [
-        (
-            OK if flite else OPTIONAL,
-            "flite",
-            "speech for the corpus" if flite else "absent; our own voice is used instead",
-        ),
-        (
-            OK if fluid else OPTIONAL,
-            "fluidsynth",
-            "music for the corpus" if fluid else "absent; our own synthesiser is used",
-        ),
-    ]
+def _separate() -> list[Finding]:
+    """The distributions beside this one, what they add, and the programs that the lab uses."""
+    rows, there = [], {name: importlib.util.find_spec(f"echoavatar_{name}") is not None for name in ("lab", "studio")}
+    for name, is_there in there.items():
+        added = ", ".join(f"`{command}`" for command, home in SEPARATE.items() if home == name)
+        remark = added if is_there else f"absent, for {added}; in a clone of the repository: pip install ./{name}"
+        rows.append((OK if is_there else OPTIONAL, f"echoavatar-{name}", remark))
+    if there["lab"]:
+        has_flite, has_fluidsynth = find_library("flite") is not None, shutil.which("fluidsynth") is not None
+        speech = "speech for the corpus" if has_flite else "absent; our own voice is used instead"
+        music = "music for the corpus" if has_fluidsynth else "absent; our own synthesiser is used"
+        rows += [(OK if has_flite else OPTIONAL, "flite", speech)]
+        rows += [(OK if has_fluidsynth else OPTIONAL, "fluidsynth", music)]
+    return rows
 
 
 def _motion() -> list[Finding]:
@@ -159,9 +144,9 @@ def _motion() -> list[Finding]:
 
     what = "default bundle"
     try:
+        from echoavatar.animation import Animation
         from echoavatar.engine import animate
         from echoavatar.engine.pipeline import Pipeline, load_bundle
-        from echoavatar.files.exports import Take, writer
         from echoavatar.timing import SAMPLE_RATE_HZ
 
         bundle = load_bundle("default")
@@ -173,21 +158,14 @@ def _motion() -> list[Finding]:
         with tempfile.TemporaryDirectory() as folder:
             for suffix in (".glb", ".bvh", ".npz", ".csv", ".vrma"):
                 what, path = suffix, Path(folder) / f"motion{suffix}"
-                writer(path, has_rig=False)(path, Take(done.motion, done.face, done.audio), None)
-            what = ".mp4"
-            _film(Path(folder) / "motion.mp4", Take(done.motion.cut(0, 3), None, done.audio))
+                Animation(*done).save(path)
+            what, film = ".mp4", Animation(done.motion.cut(0, 3), done.audio, done.seconds)
+            film.save(Path(folder) / "motion.mp4", size=(160, 90))
         return [*found, (OK, "files", "GLB, BVH, NPZ, CSV, VRMA and MP4 are written")]
     except EchoAvatarError as error:
         return [(BROKEN, what, str(error))]
     except Exception as error:  # the point is to find out whether `animate` would end in a traceback
         return [(BROKEN, what, f"fails ({_said(error)}); install the package again in a fresh environment")]
-
-
-def _film(path: Path, take: "Take") -> None:
-    from echoavatar.files.avatar.video import Shot, write_film
-
-    assert take.audio is not None
-    write_film(path, take.motion, take.audio, shot=Shot((160, 90), samples=1))
 
 
 def _said(error: Exception) -> str:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
+from .options import TOKEN
+
 EXAMPLES = """examples:
   echoavatar elevenlabs setup --dry-run                     (print the requests; needs no key and no network)
   echoavatar elevenlabs setup --name "My idol"              (needs ELEVENLABS_API_KEY)
@@ -39,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = setup.add_mutually_exclusive_group()
     where.add_argument("--model", default="default", help="bundle whose actions are offered (default: %(default)s)")
     where.add_argument("--server", metavar="URL", help="offer the actions and music of a running server instead")
-    setup.add_argument("--token", default=os.environ.get("ECHOAVATAR_TOKEN", ""), help="the server's token")
+    setup.add_argument("--token", default=os.environ.get(TOKEN, ""), help="the server's token")
     setup.add_argument(
         "--base-url", default="", metavar="URL", help="address of their API, for other regions and tests"
     )
@@ -49,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Create or update the agent."""
     from echoavatar.agents.integrations.elevenlabs_setup import BASE_URL, carry_out, make_plan
-    from echoavatar.agents.integrations.persona import persona
+    from echoavatar.agents.integrations.tools import persona
 
     key = os.environ.get("ELEVENLABS_API_KEY", "")
     if not key and not args.dry_run:
@@ -77,9 +79,9 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
         from echoavatar.agents.integrations import find_backend
 
         return asyncio.run(find_backend(args.server, token=args.token).tools())
+    from echoavatar.engine.music import Tracks
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Toolbox
-    from echoavatar.engine.tracks import Tracks
 
     return Toolbox(load_bundle(args.model).actions, Tracks()).schemas()
 

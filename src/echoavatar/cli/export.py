@@ -5,7 +5,7 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
-from .animate import FORMATS, RIG_HELP, local_path
+from .options import FORMATS, RIG_HELP, local_path
 
 EXAMPLES = """examples:
   echoavatar say talk.wav -o talk.npz                  record a session of a running server
@@ -28,14 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read the recording, retarget it, write it."""
-    from echoavatar.files.exports import read_rig, read_take, writer
+    from echoavatar.files.exports import check_output, read_rig, read_take, write_take
 
     if args.output.resolve() == args.recording.resolve():
         raise EchoAvatarError(f"-o {args.output} is the recording itself; choose another name")
-    write = writer(args.output, has_rig=args.rig is not None)
+    check_output(args.output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     take = read_take(args.recording)
-    write(args.output, take if rig is None else rig.retarget(take), rig)
+    write_take(args.output, take, rig=rig)
     motion = take.motion
     print(f"{args.output}: {motion.frames} frames at {motion.fps:g} fps, {motion.seconds:.2f} s")
     return 0

@@ -2,12 +2,11 @@
 
 import argparse
 import asyncio
-import os
 import sys
 
 from echoavatar.errors import DependencyError
 
-TOKEN = "ECHOAVATAR_TOKEN"
+from .options import add_server
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,10 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar mcp --http --port 8767     over streamable HTTP, at http://127.0.0.1:8767/mcp\n"
         "Calls act on a session of a running `echoavatar serve`: the newest, or --session.\n"
     )
-    parser.add_argument(
-        "--server", default="http://127.0.0.1:8765", metavar="URL", help="the avatar's server (default: %(default)s)"
-    )
-    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+    add_server(parser)
     parser.add_argument(
         "--session", default="", metavar="NAME", help="the session to act on, by its public name (default: the newest)"
     )

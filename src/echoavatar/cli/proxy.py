@@ -9,9 +9,9 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
-TOKEN = "ECHOAVATAR_TOKEN"
+from .options import TOKEN
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,10 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the proxy until stopped."""
-    try:
-        from echoavatar.agents.proxy import ProxySettings
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"the proxy needs {error.name}: pip install 'echoavatar[serve]'") from error
+    from echoavatar.agents.proxy import ProxySettings
+
     settings = ProxySettings(
         args.upstream,
         avatar=args.avatar or "http://to.be.started",

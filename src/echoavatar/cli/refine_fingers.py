@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output.suffix.lower() != ".bvh":
         raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
     from echoavatar.models.fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
-    from echoavatar.motion.kinematics import read_bvh, write_bvh
+    from echoavatar.motion.formats import read_bvh, write_bvh
 
     motion = read_bvh(args.motion)
     frozen = frozen_hands(motion)

@@ -25,15 +25,12 @@ def run(args: argparse.Namespace) -> int:
     """Read the character, measure it, write the profile and print its parts."""
     if not args.output.parent.is_dir():
         raise EchoAvatarError(f"cannot write {args.output}: {args.output.parent} is not a folder; make it first")
+    from echoavatar.motion.formats.gltf_rig import read_skinned
     from echoavatar.motion.ik import measure_body
-    from echoavatar.motion.ik.skinned import read_skinned
 
     skeleton, vertices, weights = read_skinned(args.character)
     profile = measure_body(skeleton, vertices, weights)
-    try:
-        profile.save(args.output)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write {args.output}: {error.strerror}; choose another -o") from error
+    profile.save(args.output)
     print(f"{'part':<12}{'width':>8}{'height':>8}{'depth':>8}  cm")
     for part in profile.parts:
         print(f"{part.bone:<12}" + "".join(f"{200 * radius:>8.1f}" for radius in part.radii))

@@ -3,7 +3,6 @@
 import argparse
 import asyncio
 import json
-import os
 import sys
 import time
 from contextlib import AsyncExitStack
@@ -11,12 +10,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
-from .animate import local_path
+from .options import add_server, local_path
 from .play import SINK_HELP
-
-TOKEN = "ECHOAVATAR_TOKEN"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,10 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "The last line is JSON: seconds of motion, of work and until the first motion, and bytes."
     )
     parser.add_argument("audio", type=local_path, help="WAV, FLAC, OGG or MP3")
-    parser.add_argument(
-        "--server", default="http://127.0.0.1:8765", metavar="URL", help="the server (default: %(default)s)"
-    )
-    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+    add_server(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
     parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
     parser.add_argument("--seed", type=int, default=0, help="seed of the motion (default: %(default)s)")
@@ -43,10 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Send the file."""
-    try:
-        from echoavatar.agents import client  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"the client needs {error.name}: pip install 'echoavatar[serve]'") from error
     if args.output and not args.output.parent.is_dir():
         raise EchoAvatarError(f"folder {args.output.parent} does not exist; create it first")
     print(json.dumps(asyncio.run(_say(args))))

@@ -11,25 +11,18 @@ from pathlib import Path
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 
-TOKEN = "ECHOAVATAR_TOKEN"
+from . import command_module
+from .options import DEVICE_HELP, RENDERER_HELP, RENDERER_NAMES, RUNTIME_HELP, TOKEN, WITHOUT_HELP, add_model
+
 SINK_HELP = (
     "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
     "unity://HOST[:PORT] serves a Unity project of the paper's authors; it needs an imported bundle and no other sink"
 )
 
-RENDERER_NAMES = ("cpu", "gpu")
-RENDERER_HELP = "what draws: cpu (default), or gpu, a graphics card (extra gpu)"
 VIDEO_HELP = (
     "serve sessions as WebRTC video and sound (WHEP), drawn here, to so many viewers at once; without a number one for "
     "two processors. Each takes most of a processor (docs/video.md)"
 )
-
-DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
-RUNTIME_HELP = (
-    "how the models run: paper (bare decoding, the paper's cylinder for hands, files at 60 fps), default (the bundle's"
-    " own), bare (no cylinder, 30 fps), or what to keep of ours on top of paper, such as ground,feet"
-)
-WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet or hands; may be repeated"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar serve --model reference --sink unity://192.168.1.7\n"
         "                                               one session for a Unity project of the paper's authors\n"
     )
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
@@ -126,16 +119,13 @@ def run(args: argparse.Namespace) -> int:
     if legacy := [text for text in args.sink if text.startswith("unity:")]:
         if len(args.sink) > 1:
             raise EchoAvatarError(f"--sink {legacy[0]} excludes other sinks; leave them out")
-        return _unity(args, legacy[0])
-    try:
-        from echoavatar.server import ServerSettings, create_app, serve
-        from echoavatar.server.log_format import log_json
-        from echoavatar.wire.guard import is_loopback
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"the server needs {error.name}: pip install 'echoavatar[serve]'") from error
+        return int(command_module("serve unity").run(args))
     import torch
 
     from echoavatar.engine import load
+    from echoavatar.server import ServerSettings, create_app, serve
+    from echoavatar.server.run import log_json
+    from echoavatar.wire.guard import is_loopback
 
     _check(args)
     if args.log == "json":
@@ -201,46 +191,6 @@ def _tracer(address: str | None) -> object | None:
         return tracer
     except ModuleNotFoundError as error:
         raise DependencyError(f"traces need {error.name}: pip install 'echoavatar[traces]'") from error
-
-
-def _unity(args: argparse.Namespace, sink: str) -> int:
-    """Serve one session whose motion goes to a Unity project in its own format."""
-    import asyncio
-    import contextlib
-
-    import torch
-
-    from echoavatar.engine import Engine
-    from echoavatar.engine.pipeline import Pipeline, load_bundle
-    from echoavatar.server.sinks import parse_address
-    from echoavatar.server.unity import UnitySettings, serve_unity
-
-    address = parse_address(sink)
-    if args.threads:
-        torch.set_num_threads(args.threads)
-    settings = UnitySettings(
-        host=args.host,
-        audio_port=args.audio_port,
-        action_port=args.action_port,
-        unity_host=address.host,
-        unity_port=address.port,
-    )
-    bundle = load_bundle(args.model).running(args.runtime).without(args.without)
-    if bundle.runtime.rig is None:
-        raise EchoAvatarError(
-            f"{args.model} is not made for that Unity project's rig; see `echoavatar import reference`"
-        )
-    pipeline = Pipeline(bundle, stages=(), output="native", device=args.device)
-    pipeline.warm_up()
-
-    def ready(audio: int, action: int) -> None:
-        print(f"audio on {args.host}:{audio}, actions on {args.host}:{action}, motion to {address}", flush=True)
-
-    served = serve_unity(Engine(pipeline, rewind=0), bundle.runtime.rig, settings, on_ready=ready)
-    with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(served)
-    print("echoavatar: stopped", file=sys.stderr)
-    return 0
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -5,6 +5,8 @@ import json
 from pathlib import Path
 from typing import cast, get_args
 
+from .options import add_model
+
 FORMS = ("openai", "openai-chat", "gemini", "anthropic", "elevenlabs", "pipecat", "livekit", "mcp", "plain")
 
 
@@ -17,15 +19,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "A running server returns the same at /v1/tools?style=openai, with its own music.\n"
     )
     parser.add_argument("--format", choices=FORMS, default="openai", help="framework (default: %(default)s)")
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument("--music", type=Path, metavar="FOLDER", help="more tracks for play_music")
 
 
 def run(args: argparse.Namespace) -> int:
     """Print the tools as JSON."""
+    from echoavatar.engine.music import Tracks
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Style, Toolbox
-    from echoavatar.engine.tracks import Tracks
 
     assert set(FORMS) == set(get_args(Style))
     toolbox = Toolbox(load_bundle(args.model).actions, Tracks(args.music))

@@ -5,7 +5,8 @@ May import `pipeline` and below.
 
 from .action_scheduler import ActStatus
 from .engine import Engine, load
-from .offline import Animation, animate, animate_many, in_blocks
+from .offline import AnimatedSound, animate, animate_many, in_blocks
+from .pacing import Pacer, Playhead
 from .playout import Delivery
 from .session import Session, SessionStatus
 from .session_core import SessionCore
@@ -13,10 +14,12 @@ from .thread import EngineThread
 
 __all__ = [
     "ActStatus",
-    "Animation",
+    "AnimatedSound",
     "Delivery",
     "Engine",
     "EngineThread",
+    "Pacer",
+    "Playhead",
     "Session",
     "SessionCore",
     "SessionStatus",

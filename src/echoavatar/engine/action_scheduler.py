@@ -8,9 +8,8 @@ from collections import deque
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.action_overlay import Overlay, bridge
@@ -112,13 +111,13 @@ class ActionScheduler:
         """The action that runs during a chunk."""
         return next((act for act in reversed(self._actions) if act.begin <= chunk < act.end), None)
 
-    def members(self, chunk: int, codes: int) -> Float[Tensor, " K"] | None:
+    def members(self, chunk: int, codes: int) -> Float[np.ndarray, " K"] | None:
         """The intensity of each motion code that the action asks for in a chunk."""
         act = self.running(chunk)
         if act is None:
             return None
         edge = 0.7 if chunk in (act.begin, act.end - 1) and act.length > 2 else 1.0
-        return act.action.members(chunk - act.begin, act.length, codes) * torch.tensor(act.intensity * edge)
+        return act.action.members(chunk - act.begin, act.length, codes).numpy() * np.float32(act.intensity * edge)
 
     def overlay(self, chunk: int) -> Overlay | None:
         """The clip to lay on a chunk's motion, joined to that of the chunk before."""

@@ -36,8 +36,8 @@ from echoavatar.timing import SAMPLES_PER_FRAME, ChunkSize
 
 from .audio_queue import AudioQueue
 from .music import MusicPlayer, Playing
+from .pipeline.undo import Patch
 from .playout import PlayoutBuffer, first_frame_after
-from .undo import Patch
 
 
 class Interruption(NamedTuple):

@@ -24,17 +24,14 @@ from echoavatar.models.generator.linear import Precision
 from echoavatar.motion.idle_motion import warm_up
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
-from echoavatar.timing import CHUNK, ChunkSize
 
 from .audio_queue import QUEUE_SECONDS
-from .pipeline import ActionLibrary, Pipeline, load_bundle
-from .pipeline.runtime import SESSION
+from .pipeline import Pipeline, load_bundle
+from .pipeline.undo import changes, undo
 from .session import Session
 from .session_core import SessionCore
-from .undo import changes, undo
 
 _LOG = logging.getLogger(__name__)
-_HOST = torch.device("cpu")
 REWIND = 15  # chunks, 4 s at the paper's step: how far a session can go back
 
 
@@ -67,29 +64,32 @@ class Engine:
         if look_ahead is not None and look_ahead < 1:
             raise EchoAvatarError(f"look_ahead must be at least one chunk, got {look_ahead}")
         self.pipeline = pipeline
-        self.chunk: ChunkSize = getattr(pipeline, "chunk", CHUNK)  # what a step of every session takes
-        self.actions: ActionLibrary = getattr(pipeline, "actions", ActionLibrary())
-        self.additions: frozenset[str] = getattr(pipeline, "additions", frozenset(SESSION))
+        self.chunk, self.actions, self.additions = pipeline.chunk, pipeline.actions, pipeline.additions
         self.step_seconds = 0.0  # duration of the last step
         self.busy_seconds = 0.0  # duration of all steps
         self.fault: Exception | None = None  # why the pipeline steps nobody any more
-        self.restarts = 0
+        self.restarts = self.wakes = 0
         self.on_step: Callable[[Pipeline], None] = _ignore  # called when a step begins, in its thread
         self._reload = reload or (lambda: pipeline)
-        self._codes: int = getattr(pipeline, "directive_codes", 0)
+        self._codes = pipeline.directive_codes
         self._state = pipeline.init_state(seats)
         self._sessions: dict[int, SessionCore] = {}  # by seat, the session that was stepped last at the end
         self._claimed: dict[int, float] = {}  # seats that a thread works on, and since when
         self._seats, self._look_ahead, self._rewind = seats, look_ahead, rewind
-        is_on_host = getattr(pipeline, "device", _HOST).type == _HOST.type
-        self._workers = (torch.get_num_threads() if is_on_host else 0) if workers is None else workers
+        own_workers = torch.get_num_threads() if pipeline.device.type == "cpu" else 0
+        self._workers = own_workers if workers is None else workers
         self._pool = ThreadPoolExecutor(self._workers, "worker", _in_one_thread) if self._workers > 1 else None
-        self._lock, self._awake = threading.RLock(), threading.Event()
+        self._lock, self._awake = threading.RLock(), threading.Condition()
 
     @property
     def skeleton(self) -> Skeleton:
         """The rig of all sessions."""
         return self.pipeline.skeleton
+
+    @property
+    def has_face(self) -> bool:
+        """Whether motion has a face."""
+        return self.pipeline.face is not None
 
     @property
     def seats(self) -> int:
@@ -147,12 +147,19 @@ class Engine:
 
     def wake(self) -> None:
         """Tell waiting threads that a chunk may be due; sessions call this."""
-        self._awake.set()
+        with self._awake:
+            self.wakes += 1
+            self._awake.notify_all()
 
-    def wait(self, seconds: float) -> None:
-        """Sleep until a chunk may be due, for so long at most."""
-        self._awake.wait(seconds)
-        self._awake.clear()
+    def wait(self, wakes: int, seconds: float) -> None:
+        """Sleep until `wake` is called, for so long at most; at once if it was, since `wakes` had this value."""
+        with self._awake:
+            self._awake.wait_for(lambda: self.wakes != wakes, seconds)
+
+    @property
+    def is_batched(self) -> bool:
+        """Whether sessions are stepped together, so that one more in a step costs hardly more."""
+        return self._workers == 0
 
     @property
     def workers(self) -> int:
@@ -232,6 +239,8 @@ class Engine:
                     del self._claimed[session.seat]
                 self.step_seconds = time.perf_counter() - began
                 self.busy_seconds += self.step_seconds
+            if self._workers > 1:
+                self.wake()  # what this thread does not go on with, another may
 
     def _make_or_contain(self, ready: list[SessionCore]) -> None:
         """Make a chunk of each session; a fault ends the session that causes it, or stops the engine."""
@@ -281,7 +290,7 @@ class Engine:
                 undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
             if plan.members is not None:
-                members[row], is_asked = plan.members, True
+                members[row], is_asked = torch.from_numpy(plan.members), True
         state = self._state.rows(seats)
         before = state.snapshot() if self._rewind else []
         try:

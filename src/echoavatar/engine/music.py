@@ -1,14 +1,20 @@
 """Music that a session hears and plays: one track at a time, quieter under speech, faded out when stopped.
 
-Everything is counted in samples of the session's clock, so a session that goes back plays the same music again.
+`Tracks` is the library: tracks that ship with the package, and a folder of the user's. Everything is counted in samples
+of the session's clock, so a session that goes back plays the same music again.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.resources import as_file, files
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio import read_audio
 from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
@@ -17,6 +23,7 @@ DUCK_S = 0.25  # from full level to ducked, and back
 FADE_S = 0.4
 AUDIBLE = 1e-3  # a frame with this peak counts as speech
 HOLD_FRAMES = 12  # 0.4 s: pauses between words do not bring the music back
+KINDS = (".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav")
 
 
 class Heard(NamedTuple):
@@ -123,3 +130,55 @@ def _ducking(speech: Samples, now: Playing) -> tuple[Float[np.ndarray, " s"], in
         levels.append(np.linspace(duck, target, SAMPLES_PER_FRAME + 1)[1:])
         duck = target
     return np.concatenate(levels), quiet
+
+
+class Tracks:
+    """Tracks by title. A title is a file's name without its suffix, with blanks for underscores."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        """A track in `folder` replaces a shipped one of the same title.
+
+        Raises:
+            EchoAvatarError: the folder does not exist.
+        """
+        with as_file(files("echoavatar") / "assets" / "music") as shipped:
+            self._paths = _found(shipped) if shipped.is_dir() else {}
+        if folder is not None:
+            if not folder.is_dir():
+                raise EchoAvatarError(f"no folder {folder} with music; make it, or name another")
+            self._paths |= _found(folder)
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """All titles."""
+        return tuple(self._paths)
+
+    def find(self, title: str) -> str:
+        """The exact title; case and underscores do not matter.
+
+        Raises:
+            EchoAvatarError: no such title; the message lists all titles.
+        """
+        wanted = title.replace("_", " ").strip().lower()
+        for own in self._paths:
+            if own.lower() == wanted:
+                return own
+        raise EchoAvatarError(f"no music {title!r}; there is: {', '.join(self._paths) or 'none'}")
+
+    def load(self, title: str) -> Float[np.ndarray, " s"]:
+        """A track, 24 kHz mono. Decoding it takes a while, so call this on a thread of its own.
+
+        Raises:
+            EchoAvatarError: no such title, or a file that cannot be read.
+        """
+        return _read(self._paths[self.find(title)])
+
+
+def _found(folder: Path) -> dict[str, Path]:
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in KINDS)
+    return {path.stem.replace("_", " ")[:128]: path for path in paths}
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path) -> Float[np.ndarray, " s"]:
+    return read_audio(path)

@@ -19,7 +19,7 @@ from .engine import Engine
 from .pipeline import Pipeline
 
 
-class Animation(NamedTuple):
+class AnimatedSound(NamedTuple):
     """Motion beside the sound that drove it."""
 
     motion: Motion
@@ -41,7 +41,7 @@ def animate(
     fps: float = FRAME_RATE_HZ,
     options: MotionOptions = FREE,
     progress: Callable[[float], None] | None = None,
-) -> Animation:
+) -> AnimatedSound:
     """Motion for a stream of 24 kHz blocks, of exactly the sound's length (rounded up to a frame).
 
     Frame k shows second k / `fps`, interpolated between the model's 30 frames a second. `progress` receives the seconds
@@ -73,7 +73,7 @@ def animate_many(
     *,
     seeds: Sequence[int],
     progress: Callable[[int, int], None] | None = None,
-) -> list[Animation]:
+) -> list[AnimatedSound]:
     """Motion and face for several sounds (24 kHz) in one batch: the same as one by one, in less time.
 
     `progress` receives the chunks done and the chunks in all. The seconds of work are shared out by length of sound.
@@ -111,13 +111,13 @@ def _at_rate(chunks: Sequence[MotionChunk], fps: float) -> MotionChunk:
 
 def _animation(
     pipeline: Pipeline, whole: MotionChunk, audio: Float[np.ndarray, " s"], fps: float, seconds: float
-) -> Animation:
+) -> AnimatedSound:
     """Cut the motion to the sound's length, and pad the sound to whole frames."""
     frames = math.ceil(len(audio) * fps / SAMPLE_RATE_HZ)
     motion = Motion(pipeline.skeleton, whole.rotations[:frames], whole.root[:frames], float(fps))
     padded = np.pad(audio, (0, max(0, math.ceil(frames * SAMPLE_RATE_HZ / fps) - len(audio))))
     face = None if whole.face is None else whole.face[:frames]
-    return Animation(motion, padded.astype(np.float32), seconds, face)
+    return AnimatedSound(motion, padded.astype(np.float32), seconds, face)
 
 
 def in_blocks(audio: Float[np.ndarray, " s"], seconds: float = 2.0) -> Iterable[Float[np.ndarray, " s"]]:

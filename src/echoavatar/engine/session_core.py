@@ -12,7 +12,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import StreamResampler
@@ -30,9 +29,9 @@ from .barge_in import BargeIn, Interruption
 from .listener import TURN_S, Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline import ActionLibrary
+from .pipeline.undo import Patch
 from .playout import Delivery, PlayoutBuffer
 from .settling import Settling
-from .undo import Patch
 
 LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
@@ -45,30 +44,27 @@ class Host(Protocol):
     chunk: ChunkSize
     actions: ActionLibrary
     additions: frozenset[str]  # of `Runtime.session`: what sessions add to the models' motion
+    step_seconds: float  # duration of the last step
 
     @property
     def skeleton(self) -> Skeleton:
         """The rig of all sessions."""
-        ...
 
     def wake(self) -> None:
         """Tell the workers that a chunk may be due."""
-        ...
 
     def tick(self) -> int:
         """Make every chunk that is due, in the calling thread."""
-        ...
 
     def release(self, core: "SessionCore") -> None:
         """Free the session's seat."""
-        ...
 
 
 class ChunkPlan(NamedTuple):
     """A chunk that is to be made."""
 
     audio: Float[np.ndarray, " s"]
-    members: Float[Tensor, " K"] | None  # intensities of the codes that an action asks for
+    members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
     forgets: bool  # whether the model must forget what it did
     undone: list[list[Patch]]  # steps to undo before it, latest first
 
@@ -88,13 +84,14 @@ class SessionCore:
         queue_seconds: float = QUEUE_SECONDS,
         is_paced: bool = False,
     ) -> None:
-        """A paced session makes no chunk of speech before `schedule` has put it on the clock."""
+        """A paced session makes no chunk of speech before `schedule` has put it on the clock, see `Pacer`."""
         self.seat, self.seed, self.options = seat, seed, options
         self.chunk = host.chunk
+        self.music_ahead = self.chunk.within(MUSIC_AHEAD_S)  # chunks of music that are made ahead of the player
         self.is_new = True  # its row is not reset yet; the engine's note
         self.is_closed = False
         self.error: Exception | None = None  # the fault that ended the session
-        self.on_motion: Callable[[], None] | None = None  # called after each chunk, from an engine's thread
+        self.on_motion: Callable[[], None] | None = None  # called from an engine's thread after each chunk, or a fault
         self.late = 0  # chunks that were made after their time had come
         self._host, self._look_ahead, self._rewind = host, look_ahead, rewind
         self._lock = threading.RLock()
@@ -180,7 +177,7 @@ class SessionCore:
         """The player shows this sample now; motion is made ahead of it within the engine's bound only."""
         with self._lock:
             self._barge_in.played = max(self._barge_in.played or 0, sample)
-        self._host.wake()
+        self._wake_if_ahead()
 
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = "") -> ActStatus:
         """Begin an action of the bundle's library with the next chunk. Never raises: it may be rejected.
@@ -228,7 +225,7 @@ class SessionCore:
         with self._lock:
             delivery = self._playout.take()
         if delivery is not None:
-            self._host.wake()
+            self._wake_if_ahead()
         return delivery
 
     def take_statuses(self) -> list[ActStatus]:
@@ -308,9 +305,14 @@ class SessionCore:
             return -((played - self._playout.end) // self.chunk.samples)
 
     @property
-    def music_ahead(self) -> int:
-        """Chunks of music that are made ahead of the player."""
-        return self.chunk.within(MUSIC_AHEAD_S)
+    def has_music(self) -> bool:
+        """Whether the next chunk will hold music."""
+        return self._music.is_playing
+
+    @property
+    def step_seconds(self) -> float:
+        """How long the engine's last step took."""
+        return self._host.step_seconds
 
     @property
     def is_ready(self) -> bool:
@@ -335,6 +337,8 @@ class SessionCore:
     def fail(self, error: Exception) -> None:
         """A fault ends the session: no more chunks are made. Its owner sees `error` and closes it."""
         self.error = self.error or error
+        if (tell := self.on_motion) is not None:
+            tell()
 
     def begin_chunk(self, codes: int) -> ChunkPlan:
         """Take the sound of the next chunk, and what is asked of it; the same again until `end_chunk`.
@@ -432,6 +436,11 @@ class SessionCore:
         if float(np.abs(heard.speech).max(initial=0)) > AUDIBLE:
             return "speech"
         return "music" if heard.music is not None else "idle"
+
+    def _wake_if_ahead(self) -> None:
+        """The player or the reader went on: what is bound to them may be made now."""
+        if self._look_ahead is not None or self._music.is_playing:
+            self._host.wake()
 
     def _check_open(self) -> None:
         if self.is_closed:

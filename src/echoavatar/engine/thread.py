@@ -3,6 +3,7 @@
 import logging
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -11,7 +12,8 @@ import torch
 from .engine import Engine
 
 _LOG = logging.getLogger(__name__)
-NAP_S = 0.05
+IDLE_S = 1.0  # most that an idle worker sleeps; `Engine.wake` ends it at once
+NAP_S = 0.05  # between looks at threads that are to end
 MOST_FAULTS, WITHIN_S = 3, 60.0  # the last of so many faults of the engine within a minute ends it
 STUCK_S = 60.0  # a step that lasts so long never ends: a chunk of sound is less than a second
 
@@ -27,6 +29,7 @@ class EngineThread:
         self.engine = engine
         self.error: BaseException | None = None
         self.is_stuck = False  # in a step that never ends
+        self.on_change: Callable[[], None] = lambda: None  # called from a thread after a restart, or when all end
         self._stopping = threading.Event()
         self._healing = threading.Lock()
         self._faults: list[float] = []  # when the engine failed, within the last minute
@@ -76,12 +79,15 @@ class EngineThread:
     def _run(self) -> None:
         if self.engine.workers > 1:
             torch.set_num_threads(1)  # of this thread
-        while not self._stopping.is_set():
+        while True:
+            wakes = self.engine.wakes
+            if self._stopping.is_set():
+                return
             try:
                 if self.engine.fault is not None:
                     self._heal()
                 elif not self.engine.work():
-                    self.engine.wait(NAP_S)
+                    self.engine.wait(wakes, IDLE_S)
             except Exception as error:
                 _LOG.exception("the engine failed")
                 self.engine.fault = error
@@ -99,6 +105,8 @@ class EngineThread:
                 self.error = fault
                 self._stopping.set()
                 _LOG.error("the engine stopped: %d faults within %g s", MOST_FAULTS, WITHIN_S)
-                return
-            self.engine.restart()
-            _LOG.warning("the engine was restarted in %.1f s after a fault: %s", time.monotonic() - now, fault)
+                self.engine.wake()
+            else:
+                self.engine.restart()
+                _LOG.warning("the engine was restarted in %.1f s after a fault: %s", time.monotonic() - now, fault)
+            self.on_change()

@@ -3,24 +3,30 @@
 The schemas' enums come from the live libraries, so a model is only offered gestures and tracks that exist. A tool that
 is asked for another one answers "rejected" with the list; it never raises. All tools are silent: the model need not say
 anything about the result.
+
+`render` makes the declarations in the form that each framework takes. Fields that a framework does not know are left
+out (`additionalProperties` for Gemini, bounds for ElevenLabs); only fields that it requires are added. A gesture needs
+no comment by the model, so ElevenLabs is told to expect a response from the tools in `TELLING` only.
 """
 
-from collections.abc import Awaitable, Callable, Mapping
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.engine.pipeline.actions import LONGEST_S, ActionLibrary
 from echoavatar.errors import EchoAvatarError
 
 from .action_scheduler import STRONGEST, ActStatus
-from .pipeline.actions import LONGEST_S, ActionLibrary
-from .tool_forms import Schema, Style, render
-from .tracks import Tracks
+from .music import Tracks
 
 __all__ = ["HIDDEN", "Actor", "Schema", "Style", "Tool", "Toolbox"]
 TrackLoader = Callable[[str], Awaitable[Float[np.ndarray, " s"]]]
 HIDDEN = ("listen", "nod")  # actions that the avatar does by itself
+Schema = dict[str, Any]
+Style = Literal["plain", "openai", "openai-chat", "anthropic", "gemini", "mcp", "elevenlabs", "pipecat", "livekit"]
+TELLING = ("list_actions",)  # tools whose answer the model needs
 
 
 class Actor(Protocol):
@@ -146,7 +152,7 @@ class Toolbox:
         return tools[name], _checked(tools[name], arguments)
 
     def schemas(self, style: Style = "plain") -> list[Schema]:
-        """Declarations in a framework's form; see `tool_forms`."""
+        """Declarations in a framework's form; see `render`."""
         keys = ("name", "description", "parameters")
         return render(style, [{key: getattr(tool, key) for key in keys} for tool in self.tools])
 
@@ -175,3 +181,70 @@ def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:
         if not isinstance(value, kinds) or isinstance(value, bool) or is_huge:
             raise EchoAvatarError(f"{tool.name}: {name} is {repr(value)[:20]}; it must be a {known[name]['type']}")
     return given
+
+
+def render(style: Style, plain: Sequence[Schema]) -> list[Schema]:
+    """Declarations (`name`, `description`, `parameters`) in a framework's form.
+
+    plain: as given; openai: Realtime and Responses; openai-chat: Chat Completions; anthropic: Messages; gemini: one
+    tool with its function declarations; mcp: Model Context Protocol; elevenlabs: requests that create client tools;
+    pipecat: arguments of `FunctionSchema`; livekit: `raw_schema` of `function_tool`.
+    """
+    if style == "gemini":
+        return [{"function_declarations": [_gemini(tool) for tool in plain]}]
+    return [_FORMS[style](tool) for tool in plain]
+
+
+def _gemini(tool: Schema) -> Schema:
+    """Gemini takes no `additionalProperties`, and no empty `parameters`."""
+    if not tool["parameters"]["properties"]:
+        return {"name": tool["name"], "description": tool["description"]}
+    kept = {key: value for key, value in tool["parameters"].items() if key != "additionalProperties"}
+    return tool | {"parameters": kept}
+
+
+def _elevenlabs(tool: Schema) -> Schema:
+    """ElevenLabs takes no bounds, so the description states them."""
+    parameters = tool["parameters"]
+    config = {
+        "type": "client",
+        "name": tool["name"],
+        "description": tool["description"],
+        "expects_response": tool["name"] in TELLING,
+    }
+    if parameters["properties"]:
+        properties = {name: _literal(what) for name, what in parameters["properties"].items()}
+        config["parameters"] = {"type": "object", "required": parameters["required"], "properties": properties}
+    return {"tool_config": config}
+
+
+def _literal(what: Mapping[str, Any]) -> Schema:
+    kept = {key: what[key] for key in ("type", "description", "enum") if key in what}
+    if "maximum" in what:
+        kept["description"] += f" From {what['minimum']:g} to {what['maximum']:g}."
+    return kept
+
+
+def _pipecat(tool: Schema) -> Schema:
+    return {
+        "name": tool["name"],
+        "description": tool["description"],
+        "properties": tool["parameters"]["properties"],
+        "required": tool["parameters"]["required"],
+    }
+
+
+def _renamed(key: str) -> Callable[[Schema], Schema]:
+    return lambda tool: {"name": tool["name"], "description": tool["description"], key: tool["parameters"]}
+
+
+_FORMS: Mapping[str, Callable[[Schema], Schema]] = {
+    "plain": dict,
+    "openai": lambda tool: {"type": "function", **tool},
+    "openai-chat": lambda tool: {"type": "function", "function": dict(tool)},
+    "anthropic": _renamed("input_schema"),
+    "mcp": _renamed("inputSchema"),
+    "elevenlabs": _elevenlabs,
+    "pipecat": _pipecat,
+    "livekit": dict,
+}

@@ -7,7 +7,7 @@ headers and alphabetical lists use other orders, so curves are always stored wit
 All maps take curves (t, 52) in canonical order, 0 (rest) to 1 (full).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -30,7 +30,6 @@ HEAD_AND_EYES: tuple[str, ...] = (
     "rightEyeYaw", "rightEyePitch", "rightEyeRoll",
 )  # fmt: skip
 LIVE_LINK_NAMES = ARKIT_NAMES + HEAD_AND_EYES  # the 61 columns of a Live Link Face take
-ALPHABETICAL_NAMES = tuple(sorted(ARKIT_NAMES))
 _SWAPPED = {"jawRight": "jawLeft", "jawLeft": "jawRight", "mouthRight": "mouthLeft", "mouthLeft": "mouthRight"}
 APPLE_NAMES = tuple(_SWAPPED.get(name, name) for name in ARKIT_NAMES)  # also the released model's 52 channels
 
@@ -40,26 +39,6 @@ VRM_NAMES = (
 Curves = Float[np.ndarray, "t 52"]
 _INDEX = {name: index for index, name in enumerate(ARKIT_NAMES)}
 _EYE_RADIANS = 0.6  # rotation of an eye at a look curve of 1, as in takes of Live Link Face
-
-
-def index_of(name: str) -> int:
-    """Index of a blendshape in the canonical order.
-
-    Raises:
-        MotionError: there is no such blendshape.
-    """
-    try:
-        return _INDEX[name]
-    except KeyError as error:
-        raise MotionError(f"{name!r} is not an ARKit blendshape; one of {', '.join(ARKIT_NAMES)}") from error
-
-
-def assemble(channels: Mapping[str, Float[np.ndarray, " t"]], frames: int) -> Curves:
-    """Curves from named channels (t,); the other blendshapes are 0."""
-    curves = np.zeros((frames, len(ARKIT_NAMES)), np.float32)
-    for name, values in channels.items():
-        curves[:, index_of(name)] = values
-    return curves
 
 
 def reorder(

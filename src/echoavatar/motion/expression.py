@@ -12,9 +12,8 @@ from jaxtyping import Float
 from echoavatar.timing import CHUNK, ChunkSize
 
 from .arkit import ARKIT_NAMES
-from .chunk_fade import ChunkFade
 from .kinematics.easing import smootherstep
-from .motion_chunk import MotionChunk
+from .motion_chunk import ChunkFade, MotionChunk
 
 RISE_S, FALL_S = 0.4, 0.7  # to a mood, and out of it
 RESTING, DANCING = "resting", "dancing"

@@ -16,11 +16,10 @@ from echoavatar.timing import CHUNK, ChunkSize
 
 from .action_overlay import Overlay, apply_overlay
 from .arkit import ARKIT_NAMES
-from .chunk_fade import ChunkFade
 from .kinematics import Skeleton
 from .kinematics.easing import smootherstep
 from .kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
-from .motion_chunk import MotionChunk
+from .motion_chunk import ChunkFade, MotionChunk
 
 RISE_S, FALL_S = 0.5, 0.8  # to eye contact, and out of it
 HEAD_SHARE, NECK_SHARE = 0.8, 0.35  # of the rotation: head and neck together; of that, the neck alone

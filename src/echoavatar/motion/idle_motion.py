@@ -15,7 +15,6 @@ import numpy as np
 from echoavatar.nn.kernels import kernel
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, ChunkSize
 
-from .chunk_fade import ChunkFade
 from .kinematics import Skeleton
 from .kinematics.quaternions import (
     conjugate,
@@ -28,7 +27,7 @@ from .kinematics.quaternions import (
     rotate,
     write_quaternion,
 )
-from .motion_chunk import MotionChunk
+from .motion_chunk import ChunkFade, MotionChunk
 from .stages.modes import FREE, MotionOptions
 
 UPPER = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")

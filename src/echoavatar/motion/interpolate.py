@@ -16,7 +16,7 @@ import numpy as np
 from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .kinematics.resample import align_signs, catmull_rom, frame_ratio
+from .kinematics.motion import align_signs, catmull_rom, frame_ratio
 from .motion_chunk import MotionChunk, join
 
 

@@ -1,10 +1,7 @@
 """Building blocks of the networks: the streaming contract and causal attention. May import `checkpoint` and below."""
 
-from .attention import AttentionState, CausalAttention, lookback_mask
-from .blocks import CausalBlock, FullBlock, Mlp
-from .checkpointed import Checkpointed
-from .convolution import CausalConvBlock
-from .rotary import rotary
+from .attention import AttentionState, CausalAttention, lookback_mask, rotary
+from .blocks import CausalBlock, CausalConvBlock, FullBlock, Mlp
 from .stream import StateT, StreamingModule, StreamState, write_rows
 
 __all__ = [
@@ -12,7 +9,6 @@ __all__ = [
     "CausalAttention",
     "CausalBlock",
     "CausalConvBlock",
-    "Checkpointed",
     "FullBlock",
     "Mlp",
     "StateT",

@@ -57,9 +57,24 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
         finally:
             numba.config.CACHE_DIR = folder
         made.fingerprint = digest
+        _forget_the_unreadable(made._cache)
         return made
 
     return compile_lazily
+
+
+def _forget_the_unreadable(cache: Any) -> None:
+    """Compile anew where a cache's entries name the class of an argument that has since moved to another module."""
+    load = cache.load_overload
+
+    def loaded(*asked: Any) -> Any:
+        try:
+            return load(*asked)
+        except (ImportError, AttributeError):
+            cache.flush()
+            return None
+
+    cache.load_overload = loaded
 
 
 def fingerprint(function: Callable[..., Any], options: object = None) -> str:

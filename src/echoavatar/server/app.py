@@ -26,7 +26,7 @@ from .tool_routes import locked, tool_routes
 from .voice import voice_route
 
 if TYPE_CHECKING:
-    from .video.whep import VideoDesk
+    from .whep import VideoDesk
 
 
 def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starlette:
@@ -56,7 +56,7 @@ def _video(manager: SessionManager) -> "VideoDesk | None":
     """The desk of WebRTC viewers, where the operator wants them; aiortc is read only then."""
     if not manager.settings.video:
         return None
-    from .video.whep import VideoDesk
+    from .whep import VideoDesk
 
     return VideoDesk(manager)
 

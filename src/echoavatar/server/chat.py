@@ -7,13 +7,12 @@ from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.server.companion import MAX_HISTORY_TURNS
 from echoavatar.wire.guard import check_origin
 
-from .body import read_body
 from .companion import ChatTurn, Companion, ToolAccess, from_environment
-from .companion.talk import MAX_HISTORY_TURNS
 from .session_manager import SessionManager
-from .tool_routes import answering, asked_session, call_tool, read_json
+from .tool_routes import answering, asked_session, call_tool, read_body, read_json
 
 MOST_LETTERS = 2_000
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz

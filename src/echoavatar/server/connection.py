@@ -1,6 +1,5 @@
 """One WebSocket connection: hello, then messages in both directions until one side closes it."""
 
-import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
@@ -30,10 +29,9 @@ from echoavatar.wire import (
 )
 from echoavatar.wire.guard import check_origin, check_token
 
-from .answers import answer
 from .opus import choose
 from .outbox import Outbox
-from .session import ServerSession
+from .session import ServerSession, answer
 from .session_manager import SessionManager
 
 STRIKES = 100  # errors that do not end the connection
@@ -146,7 +144,7 @@ class Connection:
                     raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
                 session.hear(message) if isinstance(message, Audio) else session.finish(message)
             case Played():
-                session.played(message, time.monotonic())
+                session.played(message)
             case Interrupt():
                 self._manager.metrics.interrupts.inc()
                 session.interrupt(message)

@@ -3,7 +3,11 @@
 import asyncio
 from collections import deque
 from collections.abc import Iterable
+from typing import NamedTuple
 
+import msgspec
+
+from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar.wire import Error, Motion, PackedSound, ProtocolError, ServerMessage, Sound
 from echoavatar.wire.messages import SoundFormat, Stream
 
@@ -92,3 +96,27 @@ class Outbox:
         if len(motions) >= MOST_MOTION:
             self._queue.remove(motions[0])
             self.dropped += 1
+
+
+class Sent(NamedTuple):
+    """One chunk as it was sent."""
+
+    motion: Motion
+    sound: Sound
+    packed: PackedSound | None  # the same sound, if a client took it so
+
+    @property
+    def end(self) -> int:
+        """First sample after it."""
+        return self.motion.at + self.motion.frames * SAMPLES_PER_FRAME
+
+    def as_of(self, epoch: int) -> "Sent":
+        """The same for a client that joins in a later epoch: nothing has taken it back."""
+        renew = msgspec.structs.replace
+        packed = None if self.packed is None else renew(self.packed, epoch=epoch)
+        return Sent(renew(self.motion, epoch=epoch), renew(self.sound, epoch=epoch), packed)
+
+    def put_into(self, outbox: Outbox) -> None:
+        """Send to a client, the sound in the form that it takes."""
+        outbox.put(self.motion)
+        outbox.put(self.packed if self.packed is not None and outbox.sound == "opus" else self.sound)

@@ -1,21 +1,102 @@
-"""The process: uvicorn with our limits, and a shutdown that lets speech end."""
+"""The process: uvicorn with our limits, a shutdown that lets speech end, and logs as JSON (`serve --log json`).
+
+`GuardedWebSocket` bounds what the application never sees: control frames and fragments.
+"""
 
 import asyncio
 import gc
+import json
+import logging
 import socket
+import time
 from collections.abc import Callable
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import Frame
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import MAX_MESSAGE_BYTES
 from echoavatar.wire.guard import check_certificate
 from echoavatar.wire.sockets import SPARE_FILES, ConnectionGuard, hurry_handshakes, listen, log_less, raise_file_limit
 
-from .transport import GuardedWebSocket
-
+CLOSE_S = 3.0  # for a client's answer to our close
+CONTROL_FRAMES_A_SECOND = 10.0  # pings and pongs of one WebSocket
+CONTROL_FRAMES_AT_ONCE = 50.0
+MAX_UNREAD_BYTES = 1 << 20  # pongs that a client does not read
+MAX_FRAGMENTS = 4_096  # of one message; empty fragments escape the limit on its size
 HTTP_CONNECTIONS = 4_096  # beside the WebSockets
+
+
+class GuardedWebSocket(WebSocketsSansIOProtocol):
+    """uvicorn's WebSocket within these bounds."""
+
+    def __init__(self, *args: Any, **more: Any) -> None:
+        super().__init__(*args, **more)
+        self.close_timeout = CLOSE_S
+        self._allowance, self._counted_at = CONTROL_FRAMES_AT_ONCE, time.monotonic()
+
+    async def send(self, message: Any) -> None:
+        """Send, unless the client is gone: each write to a lost socket would be logged."""
+        await self.writable.wait()
+        if message["type"] != "websocket.send" or not self.transport.is_closing():
+            await super().send(message)
+
+    def handle_ping(self) -> None:
+        """Answer a ping, unless the client sends too many or does not read the answers."""
+        if self._is_allowed():
+            super().handle_ping()
+
+    def handle_pong(self, event: Frame) -> None:
+        """Take note of a pong, unless the client sends too many."""
+        if self._is_allowed():
+            super().handle_pong(event)
+
+    def handle_cont(self, event: Frame) -> None:
+        """A fragment of a message."""
+        if len(self.frames) < MAX_FRAGMENTS:
+            super().handle_cont(event)
+        else:
+            self.transport.abort()
+
+    def _is_allowed(self) -> bool:
+        now = time.monotonic()
+        earned = (now - self._counted_at) * CONTROL_FRAMES_A_SECOND
+        self._allowance, self._counted_at = min(CONTROL_FRAMES_AT_ONCE, self._allowance + earned) - 1, now
+        is_read = self.transport.get_write_buffer_size() < MAX_UNREAD_BYTES
+        if self._allowance >= 0 and is_read:
+            return True
+        if not self.transport.is_closing():
+            self.transport.abort()
+        return False
+
+
+class JsonFormatter(logging.Formatter):
+    """One object a line: time in UTC, level, logger, message, and where there are any, session and traceback."""
+
+    converter = staticmethod(time.gmtime)
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line of a record; `extra={"session": name}` names a session."""
+        line = {
+            "time": f"{self.formatTime(record, '%Y-%m-%dT%H:%M:%S')}.{record.msecs:03.0f}Z",
+            "level": record.levelname,
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        if isinstance(session := getattr(record, "session", None), str):
+            line["session"] = session
+        if record.exc_info:
+            line["trace"] = self.formatException(record.exc_info)
+        return json.dumps(line)
+
+
+def log_json() -> None:
+    """Log in JSON from now on."""
+    for handler in logging.getLogger().handlers:
+        handler.setFormatter(JsonFormatter())
 
 
 class Server(uvicorn.Server):

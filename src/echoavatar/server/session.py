@@ -1,32 +1,35 @@
 """A session of the server: utterances in, one clock, and the clients that watch.
 
-The engine's clock is the protocol's. The engine makes a chunk only after the server has scheduled it: speech up to
-`ahead_seconds` ahead of playback, silence just in time, so that speech is answered soon. All methods are called on the
-event loop and do not block; the model runs elsewhere.
+The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk is to be made. A session turns what
+clients say into calls of its `SessionCore`, and deliveries into messages. `UtteranceReader` keeps one speaker's `audio`
+messages in order: new samples are taken, repeats dropped, gaps refused. All methods are called on the event loop and
+do not block; the model runs elsewhere.
 """
 
 import time
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.engine import ActStatus, Delivery, SessionCore
+from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
 from echoavatar.errors import QueueFullError
-from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import (
     Action,
+    ActionState,
+    ActionStatus,
     Audio,
+    AudioFormat,
     AvatarState,
     End,
     Flush,
     Hello,
     Interrupt,
-    Motion,
     Music,
-    PackedSound,
     Played,
     Pose,
     ProtocolError,
@@ -36,47 +39,109 @@ from echoavatar.wire import (
     Stats,
     pack_audio,
     pack_pose,
+    unpack_audio,
 )
 
-from .answers import TrackWatch, answer
 from .opus import OpusPacker
-from .outbox import Outbox
-from .playhead import Playhead
+from .outbox import Outbox, Sent
 from .settings import ServerSettings
-from .utterances import UtteranceReader
 
 if TYPE_CHECKING:
     from .tracing import SessionTrace
 
-MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
+Samples = Float[np.ndarray, " s"]
 MOST_FLUSHES = 64  # that are kept for clients that resume
 KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
-
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
 
 
-class Sent(NamedTuple):
-    """One chunk as it was sent."""
+class UtteranceReader:
+    """Tracks one speaker's current utterance and how much of it was received."""
 
-    motion: Motion
-    sound: Sound
-    packed: PackedSound | None  # the same sound, if a client took it so
+    def __init__(self, form: AudioFormat) -> None:
+        self.seg = 0  # the newest utterance
+        self.received = 0  # samples of it, at the source's rate
+        self._form = form
+        self._is_ended = True
+        self._cut = 0  # utterances up to this one are ignored
 
-    @property
-    def end(self) -> int:
-        """First sample after it."""
-        return self.motion.at + self.motion.frames * SAMPLES_PER_FRAME
+    def read(self, message: Audio) -> Samples | None:
+        """The new samples of a message, at the source's rate; None if its utterance is over. Changes nothing.
 
-    def as_of(self, epoch: int) -> "Sent":
-        """The same for a client that joins in a later epoch: nothing has taken it back."""
-        renew = msgspec.structs.replace
-        packed = None if self.packed is None else renew(self.packed, epoch=epoch)
-        return Sent(renew(self.motion, epoch=epoch), renew(self.sound, epoch=epoch), packed)
+        Raises:
+            ProtocolError: a gap, sound after the end of its utterance, or invalid samples; none of them fatal.
+        """
+        if self._is_past(message.seg):
+            return None
+        samples = unpack_audio(message.pcm, self._form)
+        expected = self.received if message.seg == self.seg else 0
+        if message.start > expected:
+            raise ProtocolError(
+                "bad_order",
+                f"audio of utterance {message.seg} starts at {message.start}; expected {expected}: send that first",
+                fatal=False,
+            )
+        new = samples[expected - message.start :]
+        if message.seg == self.seg and len(new) and self._is_ended:
+            raise ProtocolError("bad_order", f"utterance {message.seg} has ended; begin another", fatal=False)
+        return new
 
-    def put_into(self, outbox: Outbox) -> None:
-        """Send to a client, the sound in the form that it takes."""
-        outbox.put(self.motion)
-        outbox.put(self.packed if self.packed is not None and outbox.sound == "opus" else self.sound)
+    def accept(self, seg: int, count: int) -> None:
+        """Count new samples of an utterance as received."""
+        if seg > self.seg:
+            self.seg, self.received, self._is_ended = seg, 0, False
+        self.received += count
+
+    def end(self, seg: int) -> bool:
+        """Mark an utterance as complete; returns False if it was already."""
+        if self._is_past(seg):
+            return False
+        self.accept(seg, 0)
+        is_news = seg == self.seg and not self._is_ended
+        self._is_ended = self._is_ended or is_news
+        return is_news
+
+    def cut(self, seg: int) -> None:
+        """Ignore whatever still arrives of utterances up to this one."""
+        self._cut = max(self._cut, seg)
+        self._is_ended = self._is_ended or self.seg <= self._cut
+
+    def _is_past(self, seg: int) -> bool:
+        return seg < self.seg or seg <= self._cut
+
+
+def answer(
+    id: str, name: str, status: ActionState, at: int, *, reason: str = "", choices: tuple[str, ...] = ()
+) -> ActionStatus:
+    """A status of something that was asked for."""
+    return ActionStatus(id=id, name=name, status=status, at=at, reason=reason, choices=choices)
+
+
+class TrackWatch:
+    """Follows the track that plays: accepted, started, done. Each method returns the statuses to send."""
+
+    def __init__(self) -> None:
+        self.title = ""  # empty: nothing plays
+        self._id = ""
+        self._is_heard = False
+
+    def ask(self, id: str, title: str, at: int) -> list[ActionStatus]:
+        """A track is to play, in place of the one that plays."""
+        ended = self._end(at, "another track was asked for")
+        self.title, self._id, self._is_heard = title, id, False
+        return [*ended, answer(id, title, "accepted", at)]
+
+    def follow(self, at: int, *, has_music: bool) -> list[ActionStatus]:
+        """A chunk was sent, with music in it or without."""
+        if has_music and self.title and not self._is_heard:
+            self._is_heard = True
+            return [answer(self._id, self.title, "started", at)]
+        return self._end(at, "") if self._is_heard and not has_music else []
+
+    def _end(self, at: int, reason: str) -> list[ActionStatus]:
+        statuses = [answer(self._id, self.title, "done", at, reason=reason)] if self.title else []
+        self.title, self._is_heard = "", False
+        return statuses
 
 
 class ServerSession:
@@ -91,13 +156,14 @@ class ServerSession:
         hello: Hello,
         settings: ServerSettings,
         actions: tuple[str, ...] = (),
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """`core` must be paced (`Engine.open_core`)."""
         self.core = core
         self.name, self.key = name, key
         self.is_renewed = False  # the key is new, and the one before it is not spent yet
         self.speech = UtteranceReader(hello.audio)
-        self.playhead = Playhead()
+        self.pacer = Pacer(core, settings.ahead_seconds)
         self.listeners: list[Outbox] = []
         self.source: Outbox | None = None
         self.left_at: float | None = None  # when the source was lost
@@ -107,23 +173,23 @@ class ServerSession:
         self.sent: deque[Sent] = deque()
         self._flushes: deque[Flush] = deque(maxlen=MOST_FLUSHES)
         self.trace: SessionTrace | None = None
+        self.on_change: Callable[[], None] = lambda: None  # called when `keep_pace` has a reason to be
+        self._clock = clock
         self._actions, self._size = actions, core.chunk.samples
         self._user_speech = UtteranceReader(hello.audio)
-        self._settings = settings
         self._state = State(state="idle", at=0, seg=0, finished=0)  # as clients know it
         self._rate = hello.audio.rate
         self._running: set[str] = set()  # ids of actions that were accepted and are not done
         self._track = TrackWatch()
         self._packer = OpusPacker()
-        self._scheduled_at: dict[int, float] = {}  # by chunk: when it was scheduled
 
     def close(self) -> None:
         """Free the seat and end all connections."""
         self.core.close()
         for outbox in self.listeners:
             outbox.close()
-        self.listeners.clear()  # a listener may refer back to this session
-        self.source = None
+        self.listeners.clear()  # a listener may refer back to this session, and so may `on_change`
+        self.source, self.on_change = None, lambda: None
 
     # ---- clients
 
@@ -142,17 +208,21 @@ class ServerSession:
             sent.put_into(outbox)
         outbox.put(self._state)
         self.listeners.append(outbox)
+        self.on_change()
 
     def _missed(self, received: int | None) -> list[Sent]:
-        start = self.playhead.sample if received is None else received
+        start = self.place if received is None else received
         return [sent.as_of(self.epoch) for sent in self.sent if sent.end > start]
 
     def leave(self, outbox: Outbox) -> None:
         """Remove a client."""
+        self._follow_player()
         if outbox in self.listeners:
             self.listeners.remove(outbox)
         if self.source is outbox:
-            self.source, self.left_at = None, time.monotonic()
+            self.source, self.left_at = None, self._clock()
+        self._follow_player()
+        self.on_change()
 
     def tell(self, message: ServerMessage) -> None:
         """Send to all clients."""
@@ -184,6 +254,8 @@ class ServerSession:
             raise ProtocolError("inbox_full", str(error), fatal=False, retry_after=1.0) from error
         if self.trace:
             self.trace.heard(len(samples), self._rate)
+        if self.core.waiting >= self._size:
+            self.on_change()
 
     def finish(self, message: End) -> None:
         """An utterance is complete."""
@@ -193,21 +265,24 @@ class ServerSession:
         elif self.speech.end(message.seg):
             self.core.end_utterance(message.seg)
             self._tell_state(self._state.state, self.end)
+            self.on_change()
 
     def interrupt(self, message: Interrupt) -> None:
         """Barge-in: `engine.barge_in` takes back what was not heard, and clients are told with `flush`."""
         self.collect()
-        heard = min(self.playhead.sample if message.heard is None else message.heard, self.end)
+        heard = min(self.place if message.heard is None else message.heard, self.end)
         last = message.seg or self.speech.seg
         self.speech.cut(last)
         done = self.core.interrupt(heard, last)
         self._flush(Flush(at=done.at, epoch=done.epoch, seg=done.utterance, heard=done.heard))
-        self.playhead.jump(heard)
+        self.pacer.playhead.jump(heard)
         if self.trace:
             self.trace.forget()
+        self.on_change()
 
     def act(self, message: Action) -> ActStatus:
         """Begin an action; clients receive its statuses."""
+        self._follow_player()
         asked = self.core.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
         self._tell_statuses()
         return asked
@@ -216,51 +291,62 @@ class ServerSession:
         """Play a track instead of the one that plays now."""
         for status in self._track.ask(message.id, title, self.end):
             self.tell(status)
+        self._follow_player()
         self.core.play(title, track)
+        self.on_change()
 
     def stop_music(self, message: Music) -> None:
         """Fade the music out."""
+        self._follow_player()
         self.core.stop_music()
         self.tell(answer(message.id, "stop", "done", self.end))
 
-    def played(self, message: Played, now: float) -> None:
+    def played(self, message: Played) -> None:
         """Take the player's report of its position; reports from before the last flush are ignored."""
         if message.epoch >= self.epoch:
-            self.playhead.report(message.at, now, self.end)
+            self.pacer.playhead.report(message.at, self._clock(), self.end)
+            self.on_change()
         self.underruns = max(self.underruns, message.underruns)
 
-    # ---- the server's clock
+    # ---- the clock
 
-    def is_due(self, now: float, step_s: float) -> bool:
-        """Advance the playhead; returns whether a chunk must be scheduled now. Without a player it stands still."""
-        if not self._is_watched:
-            self.playhead.pause()
-            return False
-        self.playhead.advance(now, self.end)
-        self.core.report_played(self.playhead.sample)
-        return self.core.scheduled - self.playhead.sample < self._just_in_time(step_s)
+    @property
+    def place(self) -> int:
+        """The first sample of the clock that was not heard, by estimate."""
+        self._follow_player()
+        return self.pacer.playhead.sample
 
-    def pump(self, now: float, step_s: float, *, early: bool = False) -> None:
-        """Schedule as many chunks as playback allows.
+    def keep_pace(self, *, early: bool = False) -> bool:
+        """Schedule the chunks that playback allows; with `early`, one more (see `Pacer.schedule`).
 
-        `early`: another session is due, and a batch costs hardly more than one session, so all go together.
+        Returns whether one was due at once.
         """
-        if not self._is_watched:
-            return
-        just_in_time = self._just_in_time(step_s) + early * self._size
-        while True:
-            end, is_speech = self.core.scheduled, self.core.waiting >= self._size
-            bound = self._settings.ahead_seconds * SAMPLE_RATE_HZ if is_speech else just_in_time
-            if end - self.playhead.sample >= bound:
-                return
-            self._scheduled_at[end // self._size] = now
+        if not self._follow_player():
+            return False
+        is_due = self.pacer.is_due
+        for at in self.pacer.schedule(self._clock(), early=early):
             if self.trace:
-                self.trace.scheduled(end, self._size)
-            self.core.schedule()
+                self.trace.scheduled(at, self._size)
+        return is_due
+
+    @property
+    def deadline(self) -> float | None:
+        """When `keep_pace` must be called again; None if `on_change` or new motion comes before."""
+        return self.pacer.deadline(self._clock(), self.end) if self._is_watched else None
+
+    def _follow_player(self) -> bool:
+        """Advance the playhead to the present; without a player it stands still. Returns whether there is one."""
+        is_watched = self._is_watched
+        if is_watched:
+            self.pacer.advance(self._clock(), self.end)
+        else:
+            self.pacer.playhead.pause()
+        return is_watched
 
     def collect(self) -> list[float]:
         """Send the motion that is ready; returns how long each chunk took, in seconds."""
-        took, now = [], time.monotonic()
+        self._follow_player()  # before there is more to play
+        took, now = [], self._clock()
         while (delivery := self.core.take()) is not None:
             if delivery.epoch > self.epoch:
                 self._flush(Flush(at=delivery.start, epoch=delivery.epoch, seg=0, heard=0))
@@ -269,9 +355,8 @@ class ServerSession:
             self._send(delivery, is_acting=is_acting or bool(self._running))
             if self.trace:
                 self.trace.shown(delivery.start)
-            scheduled = self._scheduled_at.pop(delivery.start // self._size, None)
-            if scheduled is not None:
-                took.append(now - scheduled)
+            if (seconds := self.pacer.took(delivery.start, now)) is not None:
+                took.append(seconds)
         self._tell_statuses()
         return took
 
@@ -280,7 +365,7 @@ class ServerSession:
         return Stats(
             at=self.end,
             queue_ms=1e3 * self.core.waiting / SAMPLE_RATE_HZ,
-            ahead_ms=1e3 * (self.end - self.playhead.sample) / SAMPLE_RATE_HZ,
+            ahead_ms=1e3 * (self.end - self.place) / SAMPLE_RATE_HZ,
             step_ms=1e3 * step_s,
             rtf=step_s * SAMPLE_RATE_HZ / self._size,
             dropped=dropped,
@@ -292,18 +377,13 @@ class ServerSession:
     def is_quiet(self) -> bool:
         """Whether everything that was said has been played."""
         is_silent = self.core.waiting == 0 and self._state.seg == 0
-        return is_silent and (self.playhead.sample >= self._state.at or not self.listeners)
+        return is_silent and (self.place >= self._state.at or not self.listeners)
 
     # ---- inside
 
     @property
     def _is_watched(self) -> bool:
         return any(outbox.plays for outbox in self.listeners)
-
-    def _just_in_time(self, step_s: float) -> float:
-        if self._track.title:  # the engine makes music ahead by itself
-            return self.core.music_ahead * self._size
-        return (MARGIN_S + min(1.0, 2 * step_s)) * SAMPLE_RATE_HZ
 
     def _send(self, delivery: Delivery, *, is_acting: bool) -> None:
         state = _STATES[delivery.source]

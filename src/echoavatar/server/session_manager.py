@@ -1,30 +1,35 @@
-"""All sessions of a server: admission, resumption, expiry, and the loop that advances them."""
+"""All sessions of a server: admission, resumption, expiry, and what wakes them.
+
+A session is advanced after an event of its own (what a client said, motion that was made, a fault) and at the deadline
+that follows from its playhead. Nothing is asked in between.
+"""
 
 import asyncio
+import ctypes
 import logging
 import secrets
 import time
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import msgspec
 import numpy as np
-from anyio import CapacityLimiter, to_thread
+from anyio import CapacityLimiter, create_task_group, to_thread
 from jaxtyping import Float
 
 from echoavatar import __version__
 from echoavatar.engine import Engine, EngineThread
+from echoavatar.engine.music import Tracks
 from echoavatar.engine.tools import HIDDEN, Toolbox
-from echoavatar.engine.tracks import Tracks
 from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar.wire import VERSIONS, Flush, Hello, Latency, ProtocolError, Ready, Rig
+from echoavatar.wire.guard import Admission
 from echoavatar.wire.messages import SoundFormat
 
-from . import memory
-from .admission import Admission
 from .metrics import Metrics
 from .outbox import Outbox
 from .session import ServerSession
@@ -32,10 +37,11 @@ from .settings import ServerSettings
 from .sink_router import SinkRouter
 
 _LOG = logging.getLogger(__name__)
-BEAT_S = 0.02
 MOST_DECODERS = 2  # tracks decoded at the same time
 STATS_S = 1.0
 TRIM_S = 20.0  # between returns of freed memory
+SINK_S = 0.02  # between reports of the playhead to sinks, where there are any
+DRAIN_S = 0.02  # between looks at sessions that are to end
 GOODBYE_S = 3.0  # time for the last messages to every client
 
 
@@ -52,6 +58,7 @@ class SessionManager:
         self._thread = EngineThread(engine)
         self._sessions: dict[str, ServerSession] = {}  # by public name
         self._keys: dict[str, ServerSession] = {}
+        self._alarms: dict[str, asyncio.Handle] = {}  # by public name: the next call of `_advance`
         self.toolbox = Toolbox(engine.actions, self.tracks)
         self._tracing: Any = None  # `Tracing`, with its first session
         self._restarts = 0  # of the engine, as clients know them
@@ -149,6 +156,7 @@ class SessionManager:
         if self._sessions.pop(session.name, None) is not None:
             self._keep_keys(session)
             session.close()
+            self._alarms.pop(session.name).cancel()
             self.metrics.sessions.set(self.sessions)
 
     def _seat(self, hello: Hello) -> ServerSession:
@@ -173,11 +181,12 @@ class SessionManager:
             settings=self.settings,
             actions=self._actions,
         )
-        collect = _on_loop(asyncio.get_running_loop(), lambda: self._collect(session))
-        core.on_motion = collect
+        session.on_change = lambda: self._wake(session)
+        core.on_motion = _on_loop(asyncio.get_running_loop(), session.on_change)
         if self.settings.tracer is not None:
-            core.on_motion = self._trace(session, collect)
+            core.on_motion = self._trace(session, core.on_motion)
         self._sessions[session.name] = self._keys[session.key] = session
+        self._wake(session)
         self.metrics.sessions.set(self.sessions)
         return session
 
@@ -241,7 +250,7 @@ class SessionManager:
             frame_rate=FRAME_RATE_HZ,
             chunk_samples=self.engine.chunk.samples,
             rig=self.rig,
-            face=tuple(ARKIT_NAMES) if getattr(self.engine.pipeline, "face", None) is not None else (),
+            face=tuple(ARKIT_NAMES) if self.engine.has_face else (),
             actions=self._actions,
             tracks=self.tracks.titles,
             latency=Latency(algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds),
@@ -252,31 +261,83 @@ class SessionManager:
     @property
     def rig(self) -> Rig:
         """The skeleton of all sessions."""
-        rig = self.engine.pipeline.skeleton.config
+        rig = self.engine.skeleton.config
         return Rig(names=rig.names, parents=rig.parents, rest=rig.offsets)
 
-    # ---- the clock
+    # ---- what wakes a session
 
     async def run(self) -> None:
-        """Advance all sessions until cancelled; starts and stops the engine's threads."""
-        beat = 0
+        """Serve until cancelled; starts and stops the engine's threads."""
+        self._thread.on_change = _on_loop(asyncio.get_running_loop(), self._watch)
         with self._thread:
             try:
-                while True:
-                    self._beat(with_stats=beat % round(STATS_S / BEAT_S) == 0)
-                    beat += 1
-                    if beat % round(TRIM_S / BEAT_S) == 0:
-                        asyncio.get_running_loop().run_in_executor(None, memory.give_back)
-                    await asyncio.sleep(BEAT_S)
+                async with create_task_group() as tasks:
+                    tasks.start_soon(_every, STATS_S, self._tell_stats)
+                    tasks.start_soon(_every, TRIM_S, _trim)
+                    if self.settings.sinks:
+                        tasks.start_soon(_every, SINK_S, self._show_sinks)
             finally:
                 self._sinks.close()
                 for session in list(self._sessions.values()):
                     self.end(session)
 
-    def _beat(self, *, with_stats: bool) -> None:
-        """Advance all sessions to the present."""
+    def _wake(self, session: ServerSession) -> None:
+        """Advance a session as soon as the present event is handled; once, however often this is called."""
+        if session.name in self._sessions:
+            self._set_alarm(session, asyncio.get_running_loop().call_soon(self._advance, session))
+
+    def _set_alarm(self, session: ServerSession, alarm: asyncio.Handle) -> None:
+        if session.name in self._alarms:
+            self._alarms[session.name].cancel()
+        self._alarms[session.name] = alarm
+
+    def _advance(self, session: ServerSession) -> None:
+        """Bring a session to the present: send what was made, schedule what is due, and set the next alarm."""
+        try:
+            if session.core.error is not None:
+                raise session.core.error
+            self._collect(session)
+            is_due = session.keep_pace()
+            deadline = session.deadline
+        except Exception:
+            self._lose(session)
+            return
+        if is_due and self.engine.is_batched:
+            for other in [each for each in self._sessions.values() if each is not session]:
+                self._go_along(other)
+        if session.left_at is not None:
+            expiry = session.left_at + self.settings.resume_seconds
+            if time.monotonic() >= expiry:
+                self.end(session)
+                return
+            deadline = min(expiry, deadline or expiry)
+        if deadline is not None:
+            loop = asyncio.get_running_loop()
+            self._set_alarm(session, loop.call_later(max(0.0, deadline - time.monotonic()), self._advance, session))
+
+    def _go_along(self, session: ServerSession) -> None:
+        """Another session is due, so this one may go along; its alarm stays."""
+        try:
+            session.keep_pace(early=True)
+        except Exception:
+            self._lose(session)
+
+    def _collect(self, session: ServerSession) -> None:
+        for seconds in session.collect():
+            self.metrics.chunks.inc()
+            self.metrics.latency.observe(seconds)
+
+    def _lose(self, session: ServerSession) -> None:
+        """A fault ends a session; called while it is handled."""
+        _LOG.exception("session %s failed", session.name, extra={"session": session.name})
+        self.metrics.faults.inc()
+        for outbox in list(session.listeners):
+            outbox.fail(ProtocolError("internal", "the session is lost; begin a new one", retry_after=1.0))
+        self.end(session)
+
+    def _watch(self) -> None:
+        """See what became of the engine: it was restarted, or it ended for good and all sessions with it."""
         self._thread.watch()
-        now, step_s = time.monotonic(), self.engine.step_seconds
         if self.engine.restarts > self._restarts:
             self.metrics.restarts.inc(self.engine.restarts - self._restarts)
             self._restarts = self.engine.restarts
@@ -284,10 +345,20 @@ class SessionManager:
             kept = [session for session in self._sessions.values() if session.core.error is None]
             for outbox in [box for session in kept for box in session.listeners]:
                 outbox.warn(resumed)
-        due = [self._is_due(session, now, step_s) for session in self._sessions.values()]
-        for session in list(self._sessions.values()):
-            self._move(session, now, early=any(due), with_stats=with_stats)
-        self._sinks.show(self._sessions.values(), now)
+        if self._thread.error is not None:
+            for session in self._sessions.values():
+                session.core.fail(RuntimeError("the engine has stopped"))
+
+    def _tell_stats(self) -> None:
+        self._watch()
+        step_s = self.engine.step_seconds
+        self.metrics.step.set(step_s)
+        for session in self._sessions.values():
+            for outbox in session.listeners:
+                outbox.put(session.stats(step_s=step_s, sessions=self.sessions, dropped=outbox.dropped))
+
+    def _show_sinks(self) -> None:
+        self._sinks.show(self._sessions.values(), time.monotonic())
 
     async def drain(self) -> None:
         """Admit no more clients; end all sessions once their speech is played, or after `drain_seconds`."""
@@ -298,54 +369,17 @@ class SessionManager:
         for session in self._sessions.values():
             for outbox in session.listeners:
                 outbox.warn(goodbye)
-        for _ in range(round(self.settings.drain_seconds / BEAT_S)):
+        for _ in range(round(self.settings.drain_seconds / DRAIN_S)):
             if all(session.is_quiet for session in self._sessions.values()):
                 break
-            await asyncio.sleep(BEAT_S)
+            await asyncio.sleep(DRAIN_S)
         for session in list(self._sessions.values()):
             for outbox in list(session.listeners):
                 outbox.fail(ProtocolError("shutting_down", "the server stopped", retry_after=5.0))
-        for _ in range(round(GOODBYE_S / BEAT_S)):  # time for the connections to send why
+        for _ in range(round(GOODBYE_S / DRAIN_S)):  # time for the connections to send why
             if not self.connections:
                 break
-            await asyncio.sleep(BEAT_S)
-
-    def _is_due(self, session: ServerSession, now: float, step_s: float) -> bool:
-        try:
-            return session.is_due(now, step_s)
-        except Exception:
-            return False  # `_move` will fail in the same way, and end the session
-
-    def _move(self, session: ServerSession, now: float, *, early: bool, with_stats: bool) -> None:
-        try:
-            if not self._thread.is_alive:
-                raise RuntimeError("the engine has stopped")
-            if session.core.error is not None:
-                raise session.core.error
-            session.pump(now, self.engine.step_seconds, early=early)
-            self._collect(session)
-        except Exception:
-            _LOG.exception("session %s failed", session.name, extra={"session": session.name})
-            self.metrics.faults.inc()
-            for outbox in list(session.listeners):
-                outbox.fail(ProtocolError("internal", "the session is lost; begin a new one", retry_after=1.0))
-            self.end(session)
-            return
-        if session.left_at is not None and now - session.left_at > self.settings.resume_seconds:
-            self.end(session)
-        elif with_stats:
-            for outbox in session.listeners:
-                outbox.put(
-                    session.stats(step_s=self.engine.step_seconds, sessions=self.sessions, dropped=outbox.dropped)
-                )
-            self.metrics.step.set(self.engine.step_seconds)
-
-    def _collect(self, session: ServerSession) -> None:
-        if session.name not in self._sessions:
-            return
-        for seconds in session.collect():
-            self.metrics.chunks.inc()
-            self.metrics.latency.observe(seconds)
+            await asyncio.sleep(DRAIN_S)
 
 
 def _on_loop(loop: asyncio.AbstractEventLoop, what: Callable[[], None]) -> Callable[[], None]:
@@ -356,3 +390,30 @@ def _on_loop(loop: asyncio.AbstractEventLoop, what: Callable[[], None]) -> Calla
             loop.call_soon_threadsafe(what)
 
     return call
+
+
+async def _every(seconds: float, what: Callable[[], object]) -> None:
+    while True:
+        await asyncio.sleep(seconds)
+        what()
+
+
+def _trim() -> None:
+    asyncio.get_running_loop().run_in_executor(None, give_back)
+
+
+def give_back() -> None:
+    """Give all whole pages that are free back to the system; some milliseconds. Only glibc needs it, and can do it.
+
+    A session holds some 20 MB. glibc keeps such blocks for the next one, between blocks that are in use, and so a
+    server whose sessions come and go grows by a hundred megabytes, though as much is in use as at its start.
+    """
+    _malloc_trim()(0)
+
+
+@lru_cache(maxsize=1)
+def _malloc_trim() -> Callable[[int], object]:
+    try:
+        return ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):  # another C library; Windows has no library without a name
+        return lambda padding: padding

@@ -50,7 +50,7 @@ class SinkRouter:
         if self._shown is None and there:
             self._enter(there[0])
         if self._shown is not None:
-            sample = self._shown[0].playhead.sample
+            sample = self._shown[0].place
             for player in self._players:
                 player.tell(sample, now)
 

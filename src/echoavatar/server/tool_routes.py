@@ -5,9 +5,10 @@ import json
 from collections.abc import Awaitable, Callable
 from typing import Any, cast, get_args
 
+import anyio
 import numpy as np
 from jaxtyping import Float
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
@@ -17,13 +18,31 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import Action, Music, ProtocolError
 from echoavatar.wire.guard import check_origin, has_token
 
-from .body import read_body
 from .session import ServerSession
 from .session_manager import SessionManager
 
+SECONDS = 15.0
 MOST_BYTES = 16_384
 STATUSES = {"forbidden_origin": 403, "unknown_session": 404}  # of protocol errors; of all others 400
 _NUMBERS = itertools.count(1)
+
+
+async def read_body(request: Request, most: int, *, seconds: float = SECONDS) -> bytes:
+    """The whole body.
+
+    Raises:
+        EchoAvatarError: the body has more than `most` bytes, or does not arrive in time.
+    """
+    body = bytearray()
+    try:
+        with anyio.fail_after(seconds):
+            async for part in request.stream():
+                body += part
+                if len(body) > most:
+                    raise EchoAvatarError(f"the body has more than {most} bytes")
+    except (TimeoutError, ClientDisconnect) as error:
+        raise EchoAvatarError(f"the body did not come within {seconds:g} s") from error
+    return bytes(body)
 
 
 class ToolActor:

@@ -1,7 +1,7 @@
 """OpenTelemetry traces: for every chunk a trace from its sound on the socket to its pose, with the stages between.
 
 `chunk` begins when the oldest sound in it came, or when its silence was scheduled. Below it are `wait` (for its place
-on the clock), `queue` (for the engine), `step` with a span for each of the model's stages, and `deliver`.
+on the clock), `queue` (for the engine), `step` with a span for each of the pipeline's stages, and `deliver`.
 """
 
 import threading

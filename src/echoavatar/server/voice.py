@@ -16,7 +16,7 @@ from starlette.routing import Route
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.guard import has_token
 
-from .body import read_body
+from .tool_routes import read_body
 
 MAX_LETTERS = 600
 _SECONDS = 20.0

@@ -17,6 +17,7 @@ from sqlalchemy import func, insert, select, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import whole_file
 
 from .audit import note
 from .secrecy import is_name
@@ -32,29 +33,22 @@ _ROWS_BYTES = 1 << 32
 def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
     """Write the ZIP, completely or not at all; return the number of rows of each table and the number of files."""
     counts: dict[str, int] = {}
-    partial = path.with_name(path.name + ".part")
-    try:
-        with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as whole:
-            with whole.open(_ROWS, "w") as out:
-                out.write(json.dumps({"format": _FORMAT}).encode() + b"\n")
-                with store.snapshot() as session:
-                    kept = {row.public for row in session.scalars(select(Study))}
-                    for table in Table.metadata.sorted_tables:
-                        if table.name == Login.__tablename__:
-                            continue  # sessions are valid only in the studio that opened them
-                        for row in session.execute(select(table)).mappings():
-                            counts[table.name] = counts.get(table.name, 0) + 1
-                            out.write(json.dumps({"table": table.name, "row": dict(row)}).encode() + b"\n")
-            files = [file for name in sorted(kept) for file in sorted((media / name).rglob("*")) if file.is_file()]
-            for file in files:
-                whole.write(file, f"media/{file.relative_to(media).as_posix()}", zipfile.ZIP_STORED)
-        partial.replace(path)
-        with store.write() as session:
-            note(session, "studio", "backed up", detail=path.name)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write {path} ({error.strerror}); choose another -o") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with whole_file(path) as partial, zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED) as whole:
+        with whole.open(_ROWS, "w") as out:
+            out.write(json.dumps({"format": _FORMAT}).encode() + b"\n")
+            with store.snapshot() as session:
+                kept = {row.public for row in session.scalars(select(Study))}
+                for table in Table.metadata.sorted_tables:
+                    if table.name == Login.__tablename__:
+                        continue  # sessions are valid only in the studio that opened them
+                    for row in session.execute(select(table)).mappings():
+                        counts[table.name] = counts.get(table.name, 0) + 1
+                        out.write(json.dumps({"table": table.name, "row": dict(row)}).encode() + b"\n")
+        files = [file for name in sorted(kept) for file in sorted((media / name).rglob("*")) if file.is_file()]
+        for file in files:
+            whole.write(file, f"media/{file.relative_to(media).as_posix()}", zipfile.ZIP_STORED)
+    with store.write() as session:
+        note(session, "studio", "backed up", detail=path.name)
     return counts | {"files": len(files)}
 
 

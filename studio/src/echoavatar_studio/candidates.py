@@ -14,18 +14,17 @@ import torch
 from jaxtyping import Bool, Int
 from torch import Tensor
 
-from echoavatar.align.policy import GeneratorPolicy
-from echoavatar.align.prompts import PromptSampler, batch_of
-from echoavatar.data import DOMAINS
 from echoavatar.engine.pipeline import Bundle, Pipeline
-from echoavatar.engine.pipeline.tokenize import audio_codes
-from echoavatar.engine.pipeline.tokenize_sound import own_motion
 from echoavatar.errors import AudioError
-from echoavatar.models.generator import TokenClip
 from echoavatar.models.generator.stream import GeneratorStream
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import join
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, FRAME_RATE_HZ, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.align.policy import GeneratorPolicy
+from echoavatar_lab.align.prompts import PromptSampler, batch_of
+from echoavatar_lab.data import DOMAINS
+from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.tokenize import audio_codes, own_motion
 
 from .clips import Performance
 from .settings import PreferenceStudy

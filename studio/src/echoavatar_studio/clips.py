@@ -13,6 +13,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import whole_file, write_whole
 from echoavatar.wire import Motion as MotionMessage
 from echoavatar.wire import Pose, decode_server, encode, pack_pose, unpack_pose
 
@@ -32,7 +33,8 @@ def save_clip(path: Path, shown: Performance) -> None:
     """Write a file that `@echoavatar/client` unpacks, completely or not at all."""
     face = shown.face
     pose = Pose(shown.motion.rotations, shown.motion.root, face)
-    _write(path, encode(pack_pose(pose, at=0, state="acting")))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, encode(pack_pose(pose, at=0, state="acting")))
 
 
 def load_clip(path: Path) -> Pose:
@@ -49,9 +51,8 @@ def load_clip(path: Path) -> Pose:
 def save_sound(path: Path, audio: Float[np.ndarray, " s"]) -> None:
     """Write 24 kHz mono as FLAC: every browser plays it, and no encoder shifts it against the motion."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    soundfile.write(partial, np.clip(audio, -1, 1), SAMPLE_RATE_HZ, format="FLAC", subtype="PCM_16")
-    partial.replace(path)
+    with whole_file(path, failures=(soundfile.SoundFileError,)) as partial:
+        soundfile.write(partial, np.clip(audio, -1, 1), SAMPLE_RATE_HZ, format="FLAC", subtype="PCM_16")
 
 
 def fit(audio: Float[np.ndarray, " s"], frames: int) -> Float[np.ndarray, " n"]:
@@ -70,10 +71,3 @@ def corrupt(shown: Performance, seed: int) -> Performance:
             still = torch.from_numpy(rotations[:, joint])
             rotations[:, joint] = quaternion_multiply(still, quaternion_from_axis_angle(turns)).numpy()
     return Performance(Motion(motion.skeleton, rotations, motion.root, motion.fps), shown.face)
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    partial.write_bytes(data)
-    partial.replace(path)

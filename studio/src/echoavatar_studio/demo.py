@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from echoavatar.engine import Animation, animate, in_blocks
+from echoavatar.engine import AnimatedSound, animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio import read_audio
+from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rotations import slerp
-from echoavatar.motion.kinematics.tables import write_npz
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .clips import Progress, save_sound
@@ -62,7 +62,7 @@ def make_library(library: Path, model: str, progress: Progress) -> tuple[SoundCh
     pipeline = Pipeline(load_bundle(model))
     progress(0, len(SOUNDS), "loading the model")
     pipeline.warm_up()
-    made: list[Animation] = []
+    made: list[AnimatedSound] = []
     for number, (name, _, _, _) in enumerate(SOUNDS):
         progress(number, len(SOUNDS), f"animating {name}")
         audio = _sound(number)

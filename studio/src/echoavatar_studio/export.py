@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 from sqlalchemy import select
 
-from echoavatar.align.preferences import PreferencePair
+from echoavatar_lab.align.dpo import PreferencePair
 
 from .answers import answer_records, counted
 from .audit import iso

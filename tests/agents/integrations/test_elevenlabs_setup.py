@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from echoavatar.agents.integrations.elevenlabs_setup import carry_out, make_plan
+from echoavatar.engine.music import Tracks
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
 from echoavatar.engine.tools import Toolbox
-from echoavatar.engine.tracks import Tracks
 from echoavatar.errors import EchoAvatarError
 
 

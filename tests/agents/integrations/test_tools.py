@@ -7,9 +7,10 @@ from typing import Any
 import pytest
 
 from echoavatar.agents.integrations import AvatarTools
+from echoavatar.agents.integrations.tools import persona
+from echoavatar.engine.music import Tracks
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
 from echoavatar.engine.tools import Toolbox
-from echoavatar.engine.tracks import Tracks
 from echoavatar.wire import ActionStatus
 
 
@@ -69,3 +70,14 @@ def test_invalid_calls_are_rejected_not_raised(
     told = call(tools, name, **arguments)
     assert told["status"] == "rejected"
     assert reason in told["reason"]
+
+
+def test_the_prompt_lists_actions_and_tracks() -> None:
+    text = persona(["wave", "bow"], ["Waltz"], name="Mika", surroundings="The record store is on the right.")
+    for told in ("Mika", "wave, bow", "Waltz", "record store", "Producer", "send_action", "play_music", "stop_music"):
+        assert told in text
+    assert "{" not in text
+
+
+def test_the_prompt_says_if_there_are_none() -> None:
+    assert "none yet" in persona([], [])

@@ -1,4 +1,8 @@
+import pytest
+
+from echoavatar.agents.proxy import ProxySettings
 from echoavatar.agents.proxy.upstream import forwarded_headers, quiet_logger, upstream_url
+from echoavatar.errors import EchoAvatarError
 
 
 def test_the_query_is_both_and_the_client_decides() -> None:
@@ -23,3 +27,9 @@ def test_headers_of_this_one_connection_stay_here() -> None:
 
 def test_the_connection_logs_nothing_at_debug_level() -> None:
     assert not quiet_logger().isEnabledFor(10)
+
+
+@pytest.mark.parametrize("url", ["", "https://api.openai.com/v1/realtime", "wss://", "api.openai.com"])
+def test_an_invalid_upstream_is_refused_with_an_example(url: str) -> None:
+    with pytest.raises(EchoAvatarError, match="wss://api.openai.com"):
+        ProxySettings(url)

@@ -3,22 +3,24 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from echoavatar.cli.serve import WITHOUT_HELP
-from echoavatar.corpora.rehearsal.action_making import action_from_motion, own_actions
+from echoavatar.cli.options import WITHOUT_HELP
 from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES
+from echoavatar.engine.pipeline.action_making import action_from_motion
+from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES, with_random_generator
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer, as_one_part, body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import to_features
 from echoavatar.motion.stages.post import SWITCHES
+from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
 
 
 def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:
@@ -37,19 +39,6 @@ def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
     assert Pipeline(whole.without([])).post.stages == set(SWITCHES)
     with pytest.raises(EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, smoother"):
         whole.without(["smoother", "toes"])
-
-
-def test_a_warp_model_of_an_earlier_version_is_passed_over(tiny_bundle: Path, tmp_path: Path) -> None:
-    """Neither its folder, of which nothing is read, nor its name among the stages of `runtime.json` is in the way."""
-    folder = tmp_path / "old"
-    shutil.copytree(tiny_bundle, folder)
-    (folder / "warp").mkdir()
-    (folder / "warp" / "config.json").write_text("{}")
-    (folder / "runtime.json").write_text(json.dumps({"stages": ["warp", "smoother", "feet"]}))
-    bundle = load_bundle(folder)
-    assert bundle.parameters == load_bundle(tiny_bundle).parameters
-    assert bundle.runtime.stages == ("smoother", "feet")
-    assert Pipeline(bundle).post.stages == {"smoother", "feet"}
 
 
 def test_help_names_every_stage_that_can_be_left_out() -> None:
@@ -115,3 +104,13 @@ def test_a_generator_that_hears_ahead_is_refused_by_name(tiny_bundle: Path, tmp_
         load_bundle(folder)
     with pytest.raises(CheckpointError, match="cannot stream"):
         Pipeline(replace(shipped, generator=Generator(config)))
+
+
+@pytest.mark.parametrize("sequence", ["prefix", "interleaved", "depth"])
+def test_a_generator_of_the_papers_size_has_any_order_and_no_lead_in(tiny_bundle: Path, sequence: Any) -> None:
+    bundle = load_bundle(tiny_bundle)
+    with torch.device("meta"):
+        large = with_random_generator(bundle, sequence)
+    assert large.generator.config.sequence == sequence
+    assert large.runtime.lead_in_s == 0
+    assert large.generator.config.layout == bundle.generator.config.layout

@@ -5,9 +5,8 @@ import torch
 from scripts.synthetic_release import skeleton
 from tests.golden import golden
 
-from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
-from echoavatar.corpora.rehearsal.action_clips import clip as motion_of
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
+from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import (
     HUMANOID,
     Motion,
@@ -15,14 +14,14 @@ from echoavatar.motion.kinematics import (
     forward_kinematics,
     from_features,
     part_sizes,
-    read_bvh,
     to_features,
 )
 from echoavatar.motion.kinematics.features import REFERENCE, travel_slice
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
-from echoavatar_research.reference.release_rig import AXES, CM, rig_config, skeleton_config
-from echoavatar_research.reference.statistics import feature_order
+from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS
+from echoavatar_lab.corpora.rehearsal.action_clips import clip as motion_of
+from echoavatar_lab.reference.release_rig import AXES, CM, feature_order, rig_config, skeleton_config
 
 C = torch.tensor(AXES)
 

@@ -1,16 +1,36 @@
+import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 import pytest
 import torch
+from tests.models.face.tiny import make
+from torch import Tensor, nn
+from torch.overrides import TorchFunctionMode
+from torch.utils._pytree import tree_leaves, tree_map
 
-from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.engine.pipeline.pipeline import STAGES
+from echoavatar.engine import Engine
+from echoavatar.engine.pipeline import Pipeline, PipelineState, load_bundle
+from echoavatar.engine.pipeline import pipeline as room
+from echoavatar.engine.pipeline.actions import Action, ActionLibrary
+from echoavatar.engine.pipeline.bundle import Bundle
+from echoavatar.engine.pipeline.pipeline import STAGES, WarmStart, copy_row, find_device
+from echoavatar.engine.pipeline.runtime import Runtime
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.generator import Generator
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.motion.stages.modes import FREE, MotionOptions
+from echoavatar.nn import StreamState
+
+EVERYONE = torch.ones(1, dtype=torch.bool)
+HOST, GPU = torch.device("cpu"), torch.device("cuda", 0)
+MAY_MIX = {Tensor.to, Tensor.copy_, Tensor.__getitem__, Tensor.__setitem__}  # copies, and masks from the host
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +114,273 @@ def test_it_says_that_it_compiles_only_when_it_compiles(
     monkeypatch.setattr(pipeline, "step", lambda *told: (twice(1.0), step(*told))[1])
     pipeline.warm_up()
     assert caplog.text.count("compiling for this processor") == 1
+
+
+def pipeline_of(folder: Path, **settings: float) -> Pipeline:
+    """The tiny bundle with a face, and the default settings but for these."""
+    torch.manual_seed(2)
+    bundle = replace(load_bundle(folder), face=make().float(), runtime=Runtime(**settings))
+    return Pipeline(bundle, precision="float32")
+
+
+@pytest.fixture(scope="module")
+def with_face(tiny_bundle: Path) -> Pipeline:
+    return pipeline_of(tiny_bundle)
+
+
+def opened(with_face: Pipeline, seed: int, options: MotionOptions = FREE) -> PipelineState:
+    state = with_face.init_state(1)
+    with_face.reset(state, EVERYONE, seed=seed, options=options)
+    return state
+
+
+def heard(with_face: Pipeline, state: PipelineState, sound: np.ndarray) -> list[MotionChunk]:
+    blocks = torch.from_numpy(sound[: len(sound) // 6400 * 6400])[None].split(6400, 1)
+    return [with_face.step(block, state, EVERYONE)[0] for block in blocks]
+
+
+def shown(chunks: list[MotionChunk]) -> list[np.ndarray]:
+    return [array for chunk in chunks for array in chunk if array is not None]
+
+
+def decoded(monkeypatch: pytest.MonkeyPatch, with_face: Pipeline) -> list[torch.Tensor]:
+    """What its tokenizer decodes from now on."""
+    seen: list[torch.Tensor] = []
+    decode = with_face.tokenizer.decode_step
+
+    def tapped(*args: Any) -> torch.Tensor:
+        seen.append(decode(*args).clone())
+        return seen[-1]
+
+    monkeypatch.setattr(with_face.tokenizer, "decode_step", tapped)
+    return seen
+
+
+def test_it_decodes_and_speaks_as_one_that_has_heard_two_seconds_of_silence(
+    tiny_bundle: Path, with_face: Pipeline, voice: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eight chunks of it, as seven are less; seed 0 is the one that the silence was heard with."""
+    with_face.warm_up()
+    cold = pipeline_of(tiny_bundle, lead_in_s=0.0)
+    waited, at_once = decoded(monkeypatch, cold), decoded(monkeypatch, with_face)
+    silence = np.zeros(8 * 6400, np.float32)
+    witness = heard(cold, opened(cold, 0), np.concatenate([silence, voice]))[8:]
+    begun = heard(with_face, opened(with_face, 0), voice)
+    assert len(at_once) == len(begun) == 7
+    for own, other in zip(at_once, waited[8:], strict=True):
+        assert torch.equal(own, other)
+    for chunk, other in zip(begun, witness, strict=True):
+        assert chunk.face is not None
+        assert other.face is not None
+        np.testing.assert_array_equal(chunk.face, other.face)
+
+
+@pytest.mark.parametrize(
+    "options", [FREE, MotionOptions(in_place=True), MotionOptions(leash_m=1), MotionOptions(upper_body=True)]
+)
+def test_it_begins_over_the_spot_whatever_was_asked_of_it(
+    with_face: Pipeline, voice: np.ndarray, options: MotionOptions
+) -> None:
+    chunks = heard(with_face, opened(with_face, 5, options), voice)
+    assert np.abs(chunks[0].root[0, [0, 2]]).max() < 1e-3
+    if options.in_place:
+        assert not np.concatenate([chunk.root[:, [0, 2]] for chunk in chunks]).any()
+
+
+def test_motion_is_the_seeds_own_whoever_came_before(tiny_bundle: Path, voice: np.ndarray) -> None:
+    """In the first session of a pipeline, in a used row, and in another row beside a stranger's."""
+    with_face = pipeline_of(tiny_bundle)
+    first = shown(heard(with_face, opened(with_face, 3), voice))
+    used = opened(with_face, 9)
+    other = shown(heard(with_face, used, voice))
+    with_face.reset(used, EVERYONE, seed=3)
+    again = shown(heard(with_face, used, voice))
+    state = with_face.init_state(2)
+    with_face.reset(state, torch.tensor([True, False]), seed=9)
+    before = [tensor[:1].clone() for tensor in state.tensors()]
+    with_face.reset(state, torch.tensor([False, True]), seed=3)
+    assert all(torch.equal(a, b[:1]) for a, b in zip(before, state.tensors(), strict=True))
+    beside = shown(heard(with_face, state.rows(slice(1, 2)), voice))
+    for own, then, there in zip(first, again, beside, strict=True):
+        np.testing.assert_array_equal(then, own)
+        np.testing.assert_array_equal(there, own)
+    assert not all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
+
+
+def test_after_the_warm_up_nobody_waits(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with_face = pipeline_of(tiny_bundle)
+    with_face.warm_up()
+    monkeypatch.setattr(with_face, "step", lambda *args: pytest.fail("a session waits"))
+    assert int(opened(with_face, 1).seeds) == 1
+
+
+def test_without_a_lead_in_it_has_heard_nothing(tiny_bundle: Path) -> None:
+    with_face = pipeline_of(tiny_bundle, lead_in_s=0.0)
+    state, fresh = opened(with_face, 0), with_face.init_state(1)
+    assert all(torch.equal(a, b) for a, b in zip(state.tensors(), fresh.tensors(), strict=True))
+
+
+def test_one_that_forgets_goes_on_from_there_and_stays_where_it_is(with_face: Pipeline, voice: np.ndarray) -> None:
+    state, fresh = opened(with_face, 4), opened(with_face, 4)
+    heard(with_face, state, voice)
+    body = [tensor.clone() for tensor in state.post.tensors()]
+    with_face.restart_generator(state, EVERYONE)
+    for own, new in zip(state.generator.tensors(), fresh.generator.tensors(), strict=True):
+        assert torch.equal(own, new)
+    assert all(torch.equal(a, b) for a, b in zip(body, state.post.tensors(), strict=True))
+
+
+class Counted(StreamState):
+    def __init__(self, number: torch.Tensor) -> None:
+        self.number = number
+
+
+def test_threads_that_come_at_once_make_it_once() -> None:
+    made, together = [], threading.Barrier(4)
+
+    def slowly() -> Counted:
+        made.append(threading.get_ident())
+        threading.Event().wait(0.05)
+        return Counted(torch.tensor([len(made)]))
+
+    beginning, state = WarmStart(), Counted(torch.zeros(4, dtype=torch.int64))
+
+    def open_row(row: int) -> None:
+        together.wait()
+        copy_row(state, torch.arange(4) == row, beginning.state(slowly))
+
+    threads = [threading.Thread(target=open_row, args=(row,)) for row in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == 1
+    assert state.number.tolist() == [1, 1, 1, 1]
+
+
+class There(Tensor):
+    """A tensor that is said to lie on the GPU."""
+
+
+class PretendedGpu(TorchFunctionMode):
+    """Computes on the host, keeps account of what lies where, and refuses to mix the two."""
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        tensors = [leaf for leaf in tree_leaves((args, kwargs)) if isinstance(leaf, Tensor)]
+        there = [leaf for leaf in tensors if isinstance(leaf, There)]
+        if func == Tensor.device.__get__:
+            return GPU if there else HOST
+        if func is torch._C._nn._parse_to:
+            return func(*args, **kwargs)
+        if func is torch._has_compatible_shallow_copy_type:
+            return not there
+        assert not (there and func is Tensor.numpy), "a GPU's memory is not the host's"
+        here = [tuple(leaf.shape) for leaf in tensors if not isinstance(leaf, There) and leaf.dim()]
+        assert not (there and here) or func in MAY_MIX, f"{func.__name__}: {here} is on the host"
+        out = func(*tree_map(_plain, args), **tree_map(_plain, kwargs))
+        if not (_goes_there(func, args, kwargs) if func in (Tensor.to, Tensor.cpu) else there or _names(kwargs)):
+            return out
+        return tree_map(lambda leaf: leaf.as_subclass(There) if isinstance(leaf, Tensor) else leaf, out)
+
+
+def _goes_there(func: Any, args: Any, kwargs: Any) -> bool:
+    """Whether the copy of the first argument lies on the GPU."""
+    if func is Tensor.cpu:
+        return False
+    named = [leaf for leaf in (*args[1:], kwargs.get("device")) if isinstance(leaf, torch.device | Tensor | str)]
+    target = named[-1] if named else args[0]
+    return isinstance(target, There) if isinstance(target, Tensor) else torch.device(target).type == "cuda"
+
+
+def _names(kwargs: Any) -> bool:
+    return kwargs.get("device") is not None and torch.device(kwargs["device"]).type == "cuda"
+
+
+def _plain(leaf: Any) -> Any:
+    if isinstance(leaf, There):
+        return leaf.as_subclass(Tensor)
+    return HOST if isinstance(leaf, torch.device) else leaf
+
+
+@pytest.fixture
+def gpu(monkeypatch: pytest.MonkeyPatch) -> Iterator[PretendedGpu]:
+    monkeypatch.setattr(room, "find_device", torch.device)
+    torch.__future__.set_overwrite_module_params_on_conversion(True)
+    yield PretendedGpu()
+    torch.__future__.set_overwrite_module_params_on_conversion(False)
+
+
+def bundle_of(folder: Path, order: str) -> Bundle:
+    """The tiny bundle with one action, its generator in either sequence order."""
+    bundle = load_bundle(folder)
+    torch.manual_seed(1)
+    generator = Generator(bundle.generator.config.model_copy(update={"sequence": order})).eval()
+    actions = ActionLibrary({"wave": Action("wave", (0, 1, 2, 3), (0, 2))})
+    return replace(bundle, generator=generator, actions=actions)
+
+
+def moved(pipeline: Pipeline, voice: np.ndarray) -> np.ndarray:
+    """Two sessions in one batch: one does an action, the other takes back what it heard last and hears it again."""
+    engine = Engine(pipeline, seats=2)
+    sessions = [engine.open(seed=seed) for seed in (3, 4)]
+    sessions[0].act("wave")
+    for session in sessions:
+        session.push(voice)
+    while engine.tick():
+        pass
+    sessions[1].clear(20_000)
+    sessions[1].push(voice[20_000:])
+    while engine.tick():
+        pass
+    return np.concatenate([join(list(session)).rotations for session in sessions])
+
+
+@pytest.mark.parametrize("order", ["interleaved", "prefix"])
+def test_a_gpu_gives_the_motion_of_the_host(
+    tiny_bundle: Path, voice: np.ndarray, gpu: PretendedGpu, order: str
+) -> None:
+    on_host = moved(Pipeline(bundle_of(tiny_bundle, order), precision="float32"), voice)
+    with gpu:
+        pipeline = Pipeline(bundle_of(tiny_bundle, order), precision="float32", device="cuda:0")
+        assert pipeline.device == GPU
+        assert isinstance(next(pipeline.codec.parameters()), There)
+        on_gpu = moved(pipeline, voice)
+    np.testing.assert_allclose(on_gpu, on_host, atol=1e-5)
+
+
+def test_the_pretended_one_refuses_to_mix(gpu: PretendedGpu) -> None:
+    with gpu:
+        there = nn.Linear(2, 2).to(GPU)
+        assert there(torch.zeros(1, 2, device=GPU)).device == GPU
+        with pytest.raises(AssertionError, match="is on the host"):
+            there(torch.zeros(1, 2))
+        with pytest.raises(AssertionError, match="not the host's"):
+            torch.zeros(1).to(GPU).numpy()
+
+
+def test_a_person_says_where() -> None:
+    assert find_device("cpu") == HOST
+    assert find_device("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
+    for word in ("gpu", "cuda:first", "cpu:1"):
+        with pytest.raises(EchoAvatarError, match="say cpu, cuda"):
+            find_device(word)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is one")
+def test_a_missing_gpu_is_said(tiny_bundle: Path) -> None:
+    with pytest.raises(EchoAvatarError, match=r"no CUDA device 0: .*; --device cpu runs everywhere"):
+        Pipeline(load_bundle(tiny_bundle), device="cuda")
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("order", ["interleaved", "prefix"])
+def test_a_true_gpu_gives_the_motion_of_the_host(tiny_bundle: Path, voice: np.ndarray, order: str) -> None:
+    there, here = (
+        moved(Pipeline(bundle_of(tiny_bundle, order), precision="float32", device=name), voice)
+        for name in ("cuda", "cpu")
+    )
+    np.testing.assert_allclose(there, here, atol=1e-3)
 
 
 @pytest.fixture(scope="module")

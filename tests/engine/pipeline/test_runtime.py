@@ -1,6 +1,5 @@
 """How a bundle wants to be run travels beside its checkpoints."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,12 +35,6 @@ def test_the_pipeline_obeys(tiny_bundle):
     assert Pipeline(bundle).level is None
     assert Pipeline(bundle).post.stages == {"smoother"}
     assert Pipeline(bundle, stages=("feet",)).post.stages == {"feet"}
-
-
-@pytest.mark.parametrize("guided", [True, False])
-def test_a_file_of_an_earlier_version_that_names_guidance_still_loads(tmp_path, guided):
-    (tmp_path / "runtime.json").write_text(json.dumps({"guided": guided, "lead_in_s": 0.5}))
-    assert Runtime.load(tmp_path) == Runtime(lead_in_s=0.5)
 
 
 def test_a_damaged_file_is_named(tmp_path):

@@ -10,7 +10,7 @@ import soundfile
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.gltf import Animation, pack_glb
+from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
 from echoavatar.files.avatar.page import PageClip, write_page
 
 JAW = 17  # jawOpen
@@ -29,7 +29,7 @@ def tone(seconds: float) -> bytes:
 def make_page(path: Path, wave: Wave) -> None:
     talk = np.zeros((120, 52), np.float32)
     talk[:, JAW] = np.linspace(0, 1, 120)
-    animations = [Animation("speech", *wave(120), face=talk), Animation("music", *wave(90))]
+    animations = [GltfAnimation("speech", *wave(120), face=talk), GltfAnimation("music", *wave(90))]
     clips = [
         PageClip("Speech <1>", "speech", tone(4), ".wav", note="</script><b>"),
         PageClip("Music", "music", tone(3), ".wav"),
@@ -51,7 +51,7 @@ def test_the_page_stands_alone(tmp_path: Path, wave: Wave) -> None:
 
 
 def test_clips_must_name_an_animation_and_a_known_sound(tmp_path: Path, wave: Wave) -> None:
-    glb = pack_glb(load_character(), [Animation("speech", *wave(10))])
+    glb = pack_glb(load_character(), [GltfAnimation("speech", *wave(10))])
     with pytest.raises(MotionError, match="'dance'"):
         write_page(tmp_path / "a.html", glb, [PageClip("x", "dance", b"")])
     with pytest.raises(MotionError, match=r"\.flac"):

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 
 from echoavatar.files.avatar import load_character
+from echoavatar.files.avatar.character import Texels
 from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
-from echoavatar.files.avatar.textures import Texels
 
 
 def square(z: float = 0.0, *, colour: tuple[float, float, float] = (1.0, 0.0, 0.0), flip: bool = False) -> Surface:

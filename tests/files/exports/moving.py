@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig
+from echoavatar.motion.ik.hand_contact import find_arm
 from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
-from echoavatar.motion.kinematics.hand_contact import palms
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import (
     matrix_from_axis_angle,
@@ -181,3 +181,10 @@ def _limb(turns: Tensor, root: Tensor, side: str, kind: str, end: str, target: T
     turns[:, lower] = above.transpose(-1, -2) @ below
     turns[:, tip] = below.transpose(-1, -2) @ last
     return turns
+
+
+def palms(motion: Motion) -> torch.Tensor:
+    """World positions of the left and the right palm, (t, 2, 3)."""
+    pose = forward_kinematics(motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double())
+    arms = [find_arm(motion.skeleton, side) for side in ("left", "right")]
+    return torch.stack([pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm) for arm in arms], 1)

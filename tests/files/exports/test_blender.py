@@ -7,7 +7,7 @@ import pytest
 from tests.files.exports.readers import blender
 
 from echoavatar.errors import DependencyError, MotionError
-from echoavatar.files.exports import Take, read_rig, writer
+from echoavatar.files.exports import Take, check_output, read_rig, write_take
 from echoavatar.files.exports.blender import find_blender, write_fbx
 from echoavatar.motion.kinematics import Motion
 
@@ -17,7 +17,7 @@ def test_without_blender_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch, tm
     with pytest.raises(DependencyError, match="no-blender"):
         find_blender()
     with pytest.raises(DependencyError, match="apt-get install blender"):
-        writer(tmp_path / "a.fbx", has_rig=False)
+        check_output(tmp_path / "a.fbx", has_rig=False)
 
 
 def test_a_blender_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -44,7 +44,7 @@ def compare(found: dict, motion: Motion, *, offset: int, tolerance: float) -> No
 def test_blender_sees_the_bvh(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
     moved = rig.retarget(short)
-    writer(tmp_path / "a.bvh", has_rig=True)(tmp_path / "a.bvh", moved, rig)
+    write_take(tmp_path / "a.bvh", short, rig=rig)
     found = blender(tmp_path / "a.bvh", picture=tmp_path / "a.png", frames=(1, 13))
     compare(found, moved.motion, offset=1, tolerance=2e-3)
     assert (tmp_path / "a-13.png").stat().st_size > 10_000
@@ -54,7 +54,7 @@ def test_blender_sees_the_bvh(rigs, short: Take, tmp_path: Path) -> None:  # typ
 def test_blender_sees_the_users_character_in_a_glb(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["longarm"])
     moved = rig.retarget(short)
-    writer(tmp_path / "a.glb", has_rig=True)(tmp_path / "a.glb", moved, rig)
+    write_take(tmp_path / "a.glb", short, rig=rig)
     found = blender(tmp_path / "a.glb", picture=tmp_path / "a.png", frames=(12,))
     compare(found, moved.motion, offset=0, tolerance=2e-3)
     assert found["keys"] == ["Basis", "jawOpen"]
@@ -69,6 +69,6 @@ def test_an_fbx_by_blender_comes_back_into_blender(rigs, short: Take, tmp_path: 
         pytest.skip("needs Blender")
     rig = read_rig(rigs["longarm"])
     moved = rig.retarget(short)
-    writer(tmp_path / "a.fbx", has_rig=True)(tmp_path / "a.fbx", moved, rig)
+    write_take(tmp_path / "a.fbx", short, rig=rig)
     found = blender(tmp_path / "a.fbx")
     compare(found, moved.motion, offset=found["first"], tolerance=5e-3)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.exports import FORMATS, Take, read_rig, writer
-from echoavatar.motion.kinematics import read_bvh
+from echoavatar.files.exports import SUFFIXES, Take, check_output, read_rig, write_take
+from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics.rigs import bone_map
 
 
@@ -24,14 +24,15 @@ def test_what_cannot_be_written_is_said_before_any_work(
     tmp_path: Path, name: str, has_rig: bool, complaint: str
 ) -> None:
     with pytest.raises(EchoAvatarError, match=complaint):
-        writer(tmp_path / name, has_rig=has_rig)
+        check_output(tmp_path / name, has_rig=has_rig)
 
 
 def test_every_format_of_ours_is_written(short: Take, tmp_path: Path) -> None:
     few = Take(short.motion.cut(0, 4), short.face[:4])  # type: ignore[index]
-    for suffix in [*(s for s in FORMATS if s not in (".vrm", ".fbx", ".mp4", ".usda", ".usdc", ".usdz")), ".smplx.npz"]:
+    others = (".vrm", ".fbx", ".mp4", ".usda", ".usdc", ".usdz")
+    for suffix in (*(s for s in SUFFIXES if s not in others), ".smplx.npz"):
         path = tmp_path / f"a{suffix}"
-        writer(path, has_rig=False)(path, few, None)
+        write_take(path, few)
         assert path.stat().st_size > 500, suffix
     assert (tmp_path / "a.face.csv").exists()
 
@@ -39,7 +40,7 @@ def test_every_format_of_ours_is_written(short: Take, tmp_path: Path) -> None:
 def test_a_bvh_of_a_rig_has_its_bones_in_its_own_unit(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
     moved, path = rig.retarget(short), tmp_path / "a.bvh"
-    writer(path, has_rig=True)(path, moved, rig)
+    write_take(path, short, rig=rig)
     read = read_bvh(path)
     assert read.skeleton.names == read_bvh(rigs["tall"]).skeleton.names
     np.testing.assert_allclose(read.pose().positions, moved.motion.pose().positions, atol=2e-5)
@@ -50,10 +51,10 @@ def test_a_bvh_of_a_rig_has_its_bones_in_its_own_unit(rigs, short: Take, tmp_pat
 def test_a_skeleton_has_no_mesh_for_a_glb(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
     with pytest.raises(EchoAvatarError, match="no mesh"):
-        writer(tmp_path / "a.glb", has_rig=True)(tmp_path / "a.glb", rig.retarget(short), rig)
+        write_take(tmp_path / "a.glb", short, rig=rig)
 
 
 def test_a_take_without_a_face_has_no_face_file(short: Take, tmp_path: Path) -> None:
     for name in ("a.face.csv", "a.face47.csv"):
         with pytest.raises(EchoAvatarError, match="no face"):
-            writer(tmp_path / name, has_rig=False)(tmp_path / name, Take(short.motion), None)
+            write_take(tmp_path / name, Take(short.motion))

@@ -6,9 +6,9 @@ import numpy as np
 
 from echoavatar.files.exports import Take
 from echoavatar.files.exports.smplx import write_smplx
-from echoavatar.files.smplx_reader import read_smplx
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar_lab.data.faults import skate
+from echoavatar_lab.foreign.smpl import read_smplx
 
 
 def test_the_layout_is_beat2s(short: Take, tmp_path: Path) -> None:

@@ -7,8 +7,9 @@ from echoavatar.agents.client import Recording
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Take, read_take
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.kinematics import HUMANOID, write_bvh
-from echoavatar.motion.kinematics.tables import write_npz
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.tables import write_npz
+from echoavatar.motion.kinematics import HUMANOID
 
 
 def recording(take: Take, names: tuple[str, ...] = HUMANOID.names) -> Recording:

@@ -14,7 +14,7 @@ from echoavatar.files.exports import Take
 from echoavatar.files.exports.vrma import pack_vrma
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.server.sinks.json_udp import JsonEncoder
+from echoavatar.server.sinks.encoders import JsonEncoder
 from echoavatar.server.sinks.sink import Frame
 from echoavatar.wire import Rig
 

@@ -22,7 +22,7 @@ from tests.agents.integrations.fakes import engine, tone
 from tests.integrations.livekit.rooms import Room, Speaker, pair
 
 from echoavatar.agents.integrations import AvatarBridge, find_backend
-from echoavatar.engine.tracks import Tracks
+from echoavatar.engine.music import Tracks
 from echoavatar.wire import Flush, Motion, Ready, decode_server
 
 BLOCK = 2_400

@@ -23,7 +23,7 @@ from pipecat.tests.utils import SleepFrame, run_test
 from pipecat_echoavatar import AvatarSpeechFrame, EchoAvatarProcessor
 from tests.integrations.pipecat.scene import Scene, engine, play, tone
 
-from echoavatar.engine.tracks import Tracks
+from echoavatar.engine.music import Tracks
 
 
 def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> None:

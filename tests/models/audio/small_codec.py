@@ -4,6 +4,7 @@ import torch
 from transformers import EncodecConfig, EncodecModel
 
 from echoavatar.models.audio import AudioCodec
+from echoavatar_lab.models.published import read_encodec
 
 TINY = {
     "num_filters": 2,
@@ -25,4 +26,4 @@ def reference(**fields: object) -> EncodecModel:
 
 def ours(model: EncodecModel, folder: object) -> AudioCodec:
     model.save_pretrained(folder)
-    return AudioCodec.from_pretrained_encodec(str(folder))
+    return read_encodec(str(folder))

@@ -4,7 +4,6 @@ from safetensors.torch import load_file
 from tests.models.audio.small_codec import ours, reference
 
 from echoavatar import checkpoint
-from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import AudioCodec, CodecConfig, nearest_codes
 
 
@@ -79,22 +78,3 @@ def test_checkpoint_round_trip(tmp_path):
     audio = torch.randn(1, 6_400)
     assert torch.equal(AudioCodec.load(tmp_path).encode(audio), codec.encode(audio))
     assert not [name for name in load_file(tmp_path / "model.safetensors") if "parametrizations" in name]
-
-
-def test_missing_encodec_is_one_clear_line(tmp_path):
-    with pytest.raises(CheckpointError, match="neither a folder with an EnCodec model nor in the local"):
-        AudioCodec.from_pretrained_encodec(tmp_path / "nowhere")
-
-
-@pytest.mark.parametrize(
-    ("fields", "reason"),
-    [
-        ({"use_causal_conv": False}, "not the causal"),
-        ({"sampling_rate": 48_000}, "24 kHz"),
-        ({"normalize": True}, "normalises over time"),
-    ],
-)
-def test_models_that_cannot_stream_are_refused(tmp_path, fields, reason):
-    reference(**fields).save_pretrained(tmp_path)
-    with pytest.raises(CheckpointError, match=reason):
-        AudioCodec.from_pretrained_encodec(str(tmp_path))

@@ -5,7 +5,7 @@ import pytest
 
 from echoavatar.errors import MotionError
 from echoavatar.models.face.export import write_live_link
-from echoavatar.models.face.livelink import read_live_link
+from echoavatar_lab.models.face.clip import read_live_link
 
 
 def curves(frames: int) -> np.ndarray:

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 
 from echoavatar.models.face import FaceConfig, FaceModel, FaceState, FaceStream, MelConfig
-from echoavatar.models.face.clip import FaceClip
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_SAMPLES
+from echoavatar_lab.models.face.clip import FaceClip
 
 JAW = ARKIT_NAMES.index("jawOpen")
 EAR = MelConfig(bands=8, windows=2, width=8, blocks=2, past=3)

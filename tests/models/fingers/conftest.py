@@ -7,8 +7,7 @@ from tests.models.fingers.moving import TINY, waving
 
 from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import finger_clip
-from echoavatar.models.fingers.recipe import FingerTraining
-from echoavatar.models.fingers.train import train_fingers
+from echoavatar_lab.models.fingers import FingerTraining, train_fingers
 
 
 @pytest.fixture(scope="session")

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 
 from echoavatar.models.fingers import FingerConfig
-from echoavatar.models.fingers.recipe import FingerTraining
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar_lab.models.fingers import FingerTraining
 
 TINY = FingerConfig(frames=16, patch=2, width=32, layers=1, heads=2, poses=4)
 QUICK = FingerTraining(steps=6, batch=4, warmup=1, save_every=2, learning_rate=3e-3)

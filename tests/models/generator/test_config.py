@@ -1,12 +1,8 @@
 """A config that cannot be is refused; the paper's is the paper's."""
 
-import json
-
 import pytest
 from pydantic import ValidationError
 
-from echoavatar.checkpoint import read_config
-from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import GeneratorConfig, qwen_half_billion
 from echoavatar.models.tokens import REFERENCE_LAYOUT, Interleaved, Prefix, TokenLayout
 
@@ -38,18 +34,6 @@ def test_sound_may_be_heard_ahead_while_the_window_still_holds_what_is_due():
     assert GeneratorConfig(window_chunks=4, ahead_chunks=3).ahead_chunks == 3
     with pytest.raises(ValidationError, match="under window_chunks"):
         GeneratorConfig(window_chunks=4, ahead_chunks=4)
-
-
-def test_a_config_of_an_earlier_version_loads_unless_it_is_guided(tmp_path):
-    config, path = GeneratorConfig(sequence="depth"), tmp_path / "config.json"
-    path.write_text(json.dumps(config.model_dump() | {"guidance": 1.0}))
-    assert read_config(tmp_path, GeneratorConfig) == config
-    path.write_text(json.dumps(config.model_dump() | {"guidance": 1.25}))
-    with pytest.raises(CheckpointError, match=r"config\.json.*guidance is 1\.25.*set guidance to 1"):
-        read_config(tmp_path, GeneratorConfig)
-    path.write_text("[1]")
-    with pytest.raises(CheckpointError, match=r"config\.json"):
-        read_config(tmp_path, GeneratorConfig)
 
 
 def test_a_config_survives_json():

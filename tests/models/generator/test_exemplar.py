@@ -3,16 +3,17 @@
 import numpy as np
 import pytest
 import torch
-from tests.models.generator.test_train import clips as any_clips
-from tests.models.generator.test_train import settings
+from lab.tests.models.generator.test_train import clips as any_clips
+from lab.tests.models.generator.test_train import settings
 from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Exemplar, Generator, TokenClip, draw_exemplar, open_stream
+from echoavatar.models.generator import Exemplar, Generator, open_stream
 from echoavatar.models.generator.exemplar import control_ids
-from echoavatar.models.generator.loss import code_nll
-from echoavatar.models.generator.train import GeneratorTask, train_generator
 from echoavatar.models.tokens import TokenLayout
+from echoavatar_lab.models.generator.losses import code_nll
+from echoavatar_lab.models.generator.train import GeneratorTask, train_generator
+from echoavatar_lab.models.generator.windows import TokenClip, draw_exemplar
 
 EVERYONE = torch.ones(2, dtype=torch.bool)
 

@@ -5,6 +5,7 @@ import torch
 from tests.models.generator.tiny import audio, generator
 
 from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
 
 NONE = torch.zeros(2, dtype=torch.int64)
 
@@ -90,6 +91,13 @@ def test_a_stream_primed_with_what_it_generated_goes_on_as_if_it_had_generated_i
     stream.prime(x[:, :20], past[:, :2], idle, torch.tensor([True, False]))
     for used, new in zip(idle.rows(slice(1, 2)).tensors(), stream.init_state(1).tensors(), strict=True):
         assert torch.equal(used, new)
+
+
+@pytest.mark.parametrize(
+    ("sequence", "kind"), [("interleaved", InterleavedStream), ("prefix", PrefixStream), ("depth", DepthStream)]
+)
+def test_every_order_has_its_stream(sequence, kind):
+    assert type(open_stream(generator(sequence=sequence))) is kind
 
 
 @pytest.mark.parametrize("sequence", ["depth", "interleaved", "prefix"])

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from echoavatar.corpora.rehearsal.corpus import Plan, make_clip
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
 from echoavatar.motion.kinematics.two_bone import reach
+from echoavatar_lab.corpora.rehearsal.corpus import Plan, make_clip
 
 ARM = [HUMANOID.index(name) for name in ("leftShoulder", "leftUpperArm", "leftLowerArm", "leftHand")]
 

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests import golden as fixtures
 
+from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import (
     HUMANOID,
     Skeleton,
@@ -14,7 +15,6 @@ from echoavatar.motion.kinematics import (
     from_features,
     measure_features,
     part_sizes,
-    read_bvh,
     split_parts,
     to_features,
 )

@@ -1,9 +1,71 @@
 import numpy as np
 import pytest
+import torch
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, forward_kinematics
+from echoavatar.motion.kinematics.motion import align_signs, resample
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_quaternion
+
+
+def naive(skeleton, rotations, root):
+    """Joint after joint, as the definition says."""
+    turns, places = [rotations[0]], [root]
+    for joint in range(1, skeleton.joints):
+        parent = skeleton.parents[joint]
+        places.append(places[parent] + turns[parent] @ skeleton.offsets[joint].to(root))
+        turns.append(turns[parent] @ rotations[joint])
+    return torch.stack(turns), torch.stack(places)
+
+
+def random_pose(*shape, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    rotations = matrix_from_quaternion(torch.randn(*shape, 52, 4, generator=generator).double())
+    return rotations, torch.randn(*shape, 3, generator=generator).double()
+
+
+def test_levels_give_what_the_definition_gives():
+    rotations, root = random_pose(2, 3)
+    pose = forward_kinematics(HUMANOID, rotations, root)
+    for row in range(2):
+        for t in range(3):
+            turns, places = naive(HUMANOID, rotations[row, t], root[row, t])
+            torch.testing.assert_close(pose.rotations[row, t], turns)
+            torch.testing.assert_close(pose.positions[row, t], places)
+
+
+def test_any_order_of_joints_will_do():
+    """Two branches interleaved: 0-1-3-4 and 0-2."""
+    offsets = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.5, 0.0, 0.0))
+    skeleton = Skeleton(SkeletonConfig(names=tuple("abcde"), parents=(-1, 0, 0, 1, 3), offsets=offsets))
+    generator = torch.Generator().manual_seed(1)
+    rotations = matrix_from_quaternion(torch.randn(5, 4, generator=generator).double())
+    root = torch.tensor([1.0, 2.0, 3.0]).double()
+    pose = forward_kinematics(skeleton, rotations, root)
+    turns, places = naive(skeleton, rotations, root)
+    torch.testing.assert_close(pose.positions, places)
+    torch.testing.assert_close(pose.rotations, turns)
+
+
+def test_rest_pose_is_the_rest_pose():
+    rotations = torch.eye(3).expand(52, 3, 3)
+    pose = forward_kinematics(HUMANOID, rotations, HUMANOID.offsets[0])
+    torch.testing.assert_close(pose.positions, HUMANOID.rest_positions)
+
+
+def test_gradients_are_the_true_ones():
+    rotations, root = random_pose(1)
+    chain = [HUMANOID.index(name) for name in ("hips", "leftUpperLeg", "leftLowerLeg", "leftFoot", "leftToes")]
+    small = Skeleton(
+        SkeletonConfig(
+            names=tuple("abcde"),
+            parents=(-1, 0, 1, 2, 3),
+            offsets=tuple(HUMANOID.config.offsets[joint] for joint in chain),
+        )
+    )
+    inputs = (rotations[:, chain].clone().requires_grad_(), root.clone().requires_grad_())
+    assert torch.autograd.gradcheck(lambda r, p: forward_kinematics(small, r, p).positions, inputs)
 
 
 def test_a_piece_keeps_its_frames():
@@ -32,3 +94,56 @@ def test_what_is_no_motion_is_refused(frames, joints, fill, fps, complaint):
     rotations = np.full((frames, joints, 4), fill, np.float32)
     with pytest.raises(MotionError, match=complaint):
         Motion(HUMANOID, rotations, np.zeros((frames, 3), np.float32), fps)
+
+
+@pytest.mark.parametrize(("start", "end"), [(30, 60), (60, 30), (30, 120), (25, 30), (24, 60), (30, 29.97)])
+def test_shared_instants_are_exact(start, end):
+    motion = swaying(61, fps=start)
+    other = resample(motion, end)
+    times, theirs = np.arange(motion.frames) / start, np.arange(other.frames) / end
+    pairs = [(i, j) for j, t in enumerate(theirs) for i in [round(t * start)] if abs(times[i] - t) < 1e-9]
+    assert pairs
+    for i, j in pairs:
+        assert np.array_equal(other.rotations[j], motion.rotations[i])
+        assert np.array_equal(other.root[j], motion.root[i])
+
+
+def test_length_in_seconds_is_kept():
+    motion = swaying(91)
+    for fps in (24, 25, 29.97, 50, 59.94, 60, 120):
+        other = resample(motion, fps)
+        assert 0 <= (motion.frames - 1) / 30 - (other.frames - 1) / fps < 1 / fps
+
+
+def test_there_and_back_is_close():
+    motion = swaying(60)
+    back = resample(resample(motion, 120), 30)
+    assert float(angle_between(back.matrices(), motion.matrices()).max()) < 1e-6
+    np.testing.assert_allclose(back.root, motion.root, atol=1e-7)
+
+
+def test_a_parabola_is_followed():
+    motion = swaying(10)
+    frame = np.arange(10, dtype=np.float32)
+    curved = type(motion)(motion.skeleton, motion.rotations, np.stack([frame, frame**2, frame], 1), 30)
+    half = np.arange(19) / 2
+    np.testing.assert_allclose(resample(curved, 60).root[2:-2, 1], (half**2)[2:-2], atol=1e-4)
+
+
+def test_turns_are_even_between_frames():
+    motion = swaying(30)
+    double = resample(motion, 60).matrices()
+    first, second = angle_between(double[0:-1:2], double[1::2]), angle_between(double[1::2], double[2::2])
+    torch.testing.assert_close(first, second, atol=1e-5, rtol=0)
+
+
+def test_a_single_frame_stays():
+    assert resample(swaying(1), 60).frames == 1
+
+
+def test_signs_are_aligned_without_changing_a_rotation():
+    """Frames 10 to 19 are negated: the same rotations, and interpolation would take the long way."""
+    motion = swaying(30)
+    flipped = motion.rotations.copy()
+    flipped[10:20] *= -1
+    assert np.array_equal(align_signs(flipped), motion.rotations)

@@ -2,7 +2,8 @@ import pytest
 from tests.motion.kinematics.samples import chain, recorded
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Skeleton, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import HUMANOID, Skeleton
 from echoavatar.motion.kinematics.rigs import bone_map, finger_bones, known_bones
 
 RIGS = {

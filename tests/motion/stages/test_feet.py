@@ -5,7 +5,7 @@ import pytest
 import torch
 from tests.motion.stages.poses import everyone, in_pieces, matrices_of, pose_of, quaternions_of
 
-from echoavatar.motion.ik.chains import Chains
+from echoavatar.motion.ik.limbs import Chains
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics
 from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_axis_angle
 from echoavatar.motion.stages.feet import (

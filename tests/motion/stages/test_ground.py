@@ -5,7 +5,7 @@ import pytest
 import torch
 from tests.motion.stages.poses import everyone, in_pieces, pose_of, root_of
 
-from echoavatar.motion.ik.chains import Chains
+from echoavatar.motion.ik.limbs import Chains
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar.motion.stages.ground import RELEASE_HEIGHT, Ground, GroundState

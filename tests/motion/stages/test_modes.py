@@ -6,10 +6,10 @@ import torch
 from pydantic import ValidationError
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.contact import skate
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import Post
+from echoavatar_lab.data.faults import skate
 
 BALLS = list(HUMANOID.config.feet)[1::2]
 STANDING = HUMANOID.rest_positions[BALLS, 1].numpy()

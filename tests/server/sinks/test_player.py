@@ -1,12 +1,142 @@
+import contextlib
+import json
+import queue
 import threading
 import time
 
 import numpy as np
 import pytest
-from tests.server.sinks.receiving import RIG, walking
+from tests.server.sinks.receiving import RIG, Receiver, walking
 
-from echoavatar.server.sinks import Frame, SinkPlayer
-from echoavatar.wire import Flush, pack_pose
+from echoavatar.server.sinks import Frame, SinkGroup, SinkPlayer
+from echoavatar.server.sinks import player as room
+from echoavatar.server.sinks.player import FollowingClock, PoseTrack
+from echoavatar.timing import SAMPLE_RATE_HZ as RATE
+from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.wire import Flush, Pose, pack_pose
+
+
+def followed(told, read_hz: float = 60.0, seconds: float = 4.0) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Readings, in seconds, of a clock that follows reports at 50 Hz."""
+    clock, readings, next_told = FollowingClock(), [], 0.0
+    for now in np.arange(0, seconds, 1 / read_hz):
+        while next_told <= now:
+            clock.tell(told(next_told) * RATE, next_told)
+            next_told += 0.02
+        readings.append(clock.read(now))
+    return np.array(readings) / RATE
+
+
+def test_without_a_report_there_is_no_reading() -> None:
+    assert FollowingClock().read(1.0) is None
+
+
+def test_an_uneven_clock_is_followed_evenly() -> None:
+    noise = np.random.default_rng(0)
+    readings = followed(lambda now: now + noise.uniform(-0.015, 0.015))
+    speed = np.diff(readings) * 60
+    assert np.abs(readings - np.arange(len(readings)) / 60).max() < 0.03
+    assert speed.min() > 0.7
+    assert speed.max() < 1.3
+
+
+def test_the_clock_stops_with_the_other_one_and_never_runs_backwards() -> None:
+    readings = followed(lambda now: min(now, 2.0))
+    assert (np.diff(readings) >= 0).all()
+    assert readings[-1] - readings[-30] < 0.002
+    assert abs(readings[-1] - 2.0) < 0.25
+
+
+def test_a_jump_is_made_at_once_in_both_directions() -> None:
+    for to in (-1.5, 3.0):
+        readings = followed(lambda now, to=to: now if now < 2 else now + to)
+        settled = readings[int(2.2 * 60) :]
+        expected = np.arange(len(readings))[int(2.2 * 60) :] / 60 + to
+        assert np.abs(settled - expected).max() < 0.02
+
+
+def test_an_error_of_a_fifth_of_a_second_is_made_up_within_one_without_a_jump() -> None:
+    """The other clock is 0.2 s further at once, as after a pause of a player: the pace doubles until it is made up."""
+    readings = followed(lambda now: now if now < 2 else now + 0.2)
+    ahead = readings - np.arange(len(readings)) / 60
+    assert np.diff(readings).max() * 60 < 2.1
+    assert 0.05 < ahead[126] < 0.15
+    assert ahead[156] == pytest.approx(0.2, abs=0.02)
+
+
+def test_rare_reports_are_followed_evenly() -> None:
+    """A player that reports its place eleven times a second."""
+    clock, readings = FollowingClock(), []
+    for frame in range(240):
+        if frame % 5 == 0:
+            clock.tell(frame / 60 * RATE, frame / 60)
+        readings.append(clock.read(frame / 60))
+    speed = np.diff(np.array(readings, float)) / RATE * 60
+    assert speed.min() > 0.9
+    assert speed.max() < 1.1
+
+
+def test_without_reports_the_clock_stops() -> None:
+    clock = FollowingClock()
+    clock.tell(0, 0.0)
+    last = [clock.read(now) for now in np.arange(0, 3, 1 / 60)][-1]
+    assert last is not None
+    assert last <= 0.25 * RATE
+
+
+def test_after_a_jump_it_takes_over_the_next_report() -> None:
+    clock = FollowingClock()
+    clock.tell(0, 0.0)
+    clock.read(0.0)
+    clock.tell(0.2 * RATE, 0.01)
+    clock.jump()
+    assert clock.read(0.01) == 0.2 * RATE
+
+
+def ahead(track: PoseTrack, at: float) -> float:
+    pose = track.read(at)
+    assert pose is not None
+    return float(pose.root[2])
+
+
+def test_poses_are_read_between_frames_and_across_blocks() -> None:
+    track = PoseTrack()
+    assert track.read(0) is None
+    track.put(0, walking(8))
+    track.put(6400, walking(8, start=8 / 30))
+    assert track.end == 12_800
+    for at in (0, 100, 5599, 6000, 6399, 6400, 11_000):
+        assert abs(ahead(track, at) - at / 24_000) < 1e-6
+    assert ahead(track, -500) == 0
+    assert abs(ahead(track, 99_999) - 15 / 30) < 1e-6  # held
+
+
+def test_removed_poses_are_not_shown() -> None:
+    track = PoseTrack()
+    track.put(0, walking(8))
+    track.put(6400, walking(8, start=8 / 30))
+    track.cut(3 * SAMPLES_PER_FRAME)
+    assert track.end == 3 * SAMPLES_PER_FRAME
+    assert abs(ahead(track, 9_000) - 2 / 30) < 1e-6
+    track.put(3 * SAMPLES_PER_FRAME, walking(8, start=5.0))
+    assert abs(ahead(track, 4 * SAMPLES_PER_FRAME) - 5 - 1 / 30) < 1e-6
+
+
+def test_poses_behind_the_reader_are_dropped() -> None:
+    track = PoseTrack()
+    for block in range(100):
+        track.put(block * 6400, walking(8))
+        track.read(block * 6400)
+    assert len(track._blocks) < 8
+
+
+def test_quaternions_go_the_near_way_round() -> None:
+    track, pose = PoseTrack(), walking(2)
+    pose.rotations[1] *= -1
+    track.put(0, pose)
+    read = track.read(400)
+    assert read is not None
+    np.testing.assert_allclose(np.abs(read.rotations[:, 0]), 1, atol=1e-6)
 
 
 class Noted:
@@ -124,3 +254,79 @@ def test_a_sink_that_hangs_blocks_nothing() -> None:
     player.close()
     assert time.monotonic() - began < 10
     sink.let_go.set()
+
+
+def test_a_recording_is_played_at_the_pace_of_the_wall() -> None:
+    with Receiver() as receiver, SinkGroup([f"json://127.0.0.1:{receiver.port}?rate=60"], RIG) as group:
+        began = time.monotonic()
+        group.put(0, walking(30))
+        group.finish()
+        assert 0.9 < time.monotonic() - began < 6.0
+        found = [json.loads(packet) for _, packet in receiver.packets(20)]
+    places = [pose["root"][2] for pose in found if pose["type"] == "pose"]
+    assert places == sorted(places)
+    assert places[0] < 0.2
+
+
+class Watch:
+    """A clock that stands until it is set, in the place of the module `time`."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+class Listener:
+    """A player that notes the sample it is told."""
+
+    def __init__(self) -> None:
+        self.told: queue.Queue[float] = queue.Queue(1)
+
+    def put(self, at: int, pose: Pose) -> None:
+        pass
+
+    def tell(self, at: float, now: float) -> None:
+        with contextlib.suppress(queue.Full):
+            self.told.put_nowait(at)
+
+    def latest(self) -> float:
+        """What it is told from now on; the first two may be older."""
+        return [self.told.get(timeout=10) for _ in range(3)][-1]
+
+    def close(self) -> None:
+        pass
+
+
+def test_motion_is_shown_a_tenth_of_a_second_after_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that the next may come late by as much; then it goes at the pace of the wall."""
+    watch, listener = Watch(), Listener()
+    monkeypatch.setattr(room, "time", watch)
+    with SinkGroup([], RIG) as group:
+        group.players.append(listener)  # type: ignore[arg-type]
+        group.put(0, walking(30))
+        watch.now = 100.08
+        assert listener.latest() == 0
+        watch.now = 100.6
+        assert listener.latest() == pytest.approx(0.5 * 24_000, abs=1)
+
+
+def test_a_session_may_be_taken_back() -> None:
+    with SinkGroup([], RIG) as group:
+        group.take(pack_pose(walking(300), at=0))
+        group.take(Flush(at=2_400, epoch=1, seg=0, heard=0))
+        began = time.monotonic()
+        group.finish()
+        assert time.monotonic() - began < 5
+
+
+def test_several_sinks_are_shown_the_same() -> None:
+    with Receiver() as a, Receiver() as b:
+        sinks = [f"json://127.0.0.1:{a.port}", f"livelink://127.0.0.1:{b.port}"]
+        with SinkGroup(sinks, RIG) as group:
+            group.put(0, walking(60))  # two seconds, because a busy machine skips frames
+            group.finish()
+            assert json.loads(a.until(lambda packet: b'"pose"' in packet))["type"] == "pose"
+            assert len(b.packets(1)[0][1]) > 290
+        assert all(player.shown > 3 for player in group.players)

@@ -10,7 +10,7 @@ import pytest
 from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.halfway import BONES
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES
-from echoavatar.motion.ik.gltf_rig import read_gltf_rig
+from echoavatar.motion.formats.gltf_rig import read_gltf_rig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_character.levels import TOOLS, simplified
 from echoavatar_character.vrm import CHAINS, LINKS, expressions, hair_chains, pack_vrm, with_chains

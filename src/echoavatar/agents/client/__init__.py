@@ -7,8 +7,7 @@
 """
 
 from .connection import Avatar, ConnectionLostError, MessageSocket, connect, stream_url
-from .recording import Recorder, Recording
-from .sound import read_sound
+from .recording import Recorder, Recording, read_sound
 from .tools import RemoteTools
 
 __all__ = [

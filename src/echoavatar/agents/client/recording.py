@@ -1,4 +1,4 @@
-"""Collect the messages of a session into one motion and one sound track."""
+"""Collect the messages of a session into one motion and one sound track; read sound files without torch."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.errors import MotionError
+from echoavatar.errors import AudioError, MotionError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import (
     AudioFormat,
@@ -127,3 +127,20 @@ class Recorder:
     def _range(self, seg: int) -> tuple[int, int]:
         """The clock from the first chunk of the utterance to its last sample."""
         return self._began.get(seg, self.end), self._finished.get(seg, self.end)
+
+
+def read_sound(path: str | Path) -> tuple[Float[np.ndarray, " s"], int]:
+    """Read a file as mono floats and return them with the sample rate.
+
+    Raises:
+        AudioError: the file does not exist or cannot be read.
+    """
+    import soundfile
+
+    try:
+        samples, rate = soundfile.read(path, dtype="float32", always_2d=True)
+    except (OSError, RuntimeError) as error:
+        raise AudioError(f"cannot read {path}: {error}; give a WAV, FLAC, OGG or MP3 file") from error
+    if not len(samples):
+        raise AudioError(f"{path} holds no sound")
+    return samples.mean(axis=1), int(rate)

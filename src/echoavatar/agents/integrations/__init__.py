@@ -9,7 +9,7 @@
 
 from .backend import AvatarBackend, find_backend
 from .bridge import AvatarBridge
-from .output import AvatarChunk, Flushed, UtteranceDone
+from .playback import AvatarChunk, Flushed, UtteranceDone
 from .tools import AvatarTools
 
 __all__ = ["AvatarBackend", "AvatarBridge", "AvatarChunk", "AvatarTools", "Flushed", "UtteranceDone", "find_backend"]

@@ -23,18 +23,19 @@ from echoavatar.wire import BodyOptions
 
 from .backend import find_backend
 from .bridge import AvatarBridge
-from .output import AvatarChunk, Event
+from .playback import AvatarChunk, Event
 from .tools import AvatarTools
-
-try:
-    from elevenlabs.conversational_ai.conversation import AsyncAudioInterface, AudioInterface, ClientTools
-except ModuleNotFoundError as error:
-    raise DependencyError("the ElevenLabs SDK is missing: pip install 'elevenlabs>=2.40,<3'") from error
 
 DEVICE_RATE = 16_000  # rate of the SDK's own interfaces, in both directions
 PAUSE_S = 0.3  # without new bytes for this long, the utterance is over
 RATES = (8_000, 16_000, 22_050, 24_000, 44_100, 48_000)
 _Result = TypeVar("_Result")
+
+
+try:
+    from elevenlabs.conversational_ai.conversation import AsyncAudioInterface, AudioInterface, ClientTools
+except ModuleNotFoundError as error:
+    raise DependencyError("the ElevenLabs SDK is missing: pip install 'elevenlabs>=2.40,<3'") from error
 
 
 class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlencode
 
-from echoavatar.engine.tool_forms import render
+from echoavatar.engine.tools import render
 from echoavatar.errors import EchoAvatarError
 
 Payload = dict[str, Any]

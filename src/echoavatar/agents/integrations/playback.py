@@ -1,16 +1,69 @@
-"""Estimate how far a framework has played: from its reports of written sound, and from the wall clock in between.
+"""What a bridge puts out (chunks of motion with their sound), and an estimate of how far a framework has played it.
 
-Frameworks receive sound ahead of time, and most report little about when it is heard. During silence no reports come,
-so the clock must run on without them. While a framework that does report is stuck, the clock must stop.
+The estimate comes from the framework's reports of written sound, and from the wall clock in between. Frameworks receive
+sound ahead of time, and most report little about when it is heard. During silence no reports come, so the clock must
+run on without them. While a framework that does report is stuck, the clock must stop.
 """
 
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.wire import ActionStatus, Flush, Motion, Ready, Sound, State
 
+_FRAME_BYTES = 2 * SAMPLES_PER_FRAME
 GRACE_S = 0.1  # a framework writes in blocks; after a block it is assumed to play on for this long
 REST_S = 0.06  # up to this much may stay unwritten until more sound comes: less than a block
+
+
+class AvatarChunk(NamedTuple):
+    """Some frames of motion and the sound to play with them."""
+
+    motion: Motion
+    pcm: bytes  # s16le mono, 24 kHz; empty if there is nothing to hear, or if the sound was released before
+    at: int  # its clock
+    seg: int  # utterance that speaks here; 0: none
+    is_revision: bool = False  # replaces motion released before, so it must overtake what a framework has queued
+
+    def messages(self) -> tuple[Motion | Sound, ...]:
+        """Motion and sound as a session's messages; a chunk without sound is silent."""
+        if self.is_revision:
+            return (self.motion,)
+        pcm = self.pcm or bytes(self.motion.frames * _FRAME_BYTES)
+        return self.motion, Sound(at=self.at, epoch=self.motion.epoch, seg=self.seg, pcm=pcm)
+
+
+class Flushed(NamedTuple):
+    """Everything released from `flush.at` on is void: it was interrupted, or is remade for a gesture."""
+
+    flush: Flush
+    is_interruption: bool
+
+
+class UtteranceDone(NamedTuple):
+    """An utterance was released completely; its last sample is heard at clock `at`."""
+
+    seg: int
+    at: int
+
+
+Event = AvatarChunk | Flushed | UtteranceDone | Ready | State | ActionStatus
+
+
+def make_chunk(motion: Motion | None, sound: Sound, *, released_to: int, cut_seg: int) -> AvatarChunk:
+    """Combine motion and sound of one clock; a slow connection may have dropped the motion, never the sound.
+
+    Sound up to clock `released_to` was released before; a chunk there is remade motion for a gesture and brings no
+    sound. Utterances up to `cut_seg` were cut off, and the rest of their last chunk is silence.
+    """
+    if motion is None or motion.at != sound.at:
+        frames = len(sound.pcm) // _FRAME_BYTES
+        motion = Motion(at=sound.at, epoch=sound.epoch, frames=frames, rotations=b"", root=b"", face=b"", state="idle")
+    seg = sound.seg if sound.seg > cut_seg else 0
+    pcm = sound.pcm if seg or any(sound.pcm) else b""
+    is_revision = sound.at < released_to
+    return AvatarChunk(motion, b"" if is_revision else pcm, sound.at, seg, is_revision)
 
 
 @dataclass

@@ -5,6 +5,6 @@ additional events beside the voice. May import `client`, `wire`, `timing` and `e
 """
 
 from .relay import Relay
-from .settings import ProxySettings
+from .upstream import ProxySettings
 
 __all__ = ["ProxySettings", "Relay"]

@@ -1,11 +1,13 @@
 """The events that the proxy adds. The face uses the event names of Azure's Voice Live, all others `echoavatar.`.
 
+`EventWriter` turns the avatar's messages into them: frames of items, idle frames, music, flushes.
 `docs/integrations/openai_realtime.md` lists them. Binary fields are those of protocol `echoavatar.v1`, in base64.
 """
 
 import base64
 import itertools
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -13,12 +15,14 @@ import numpy as np
 from jaxtyping import Int16
 
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import ActionStatus, Flush, Motion, Ready
+from echoavatar.wire import ActionStatus, Flush, Motion, Ready, ServerMessage, Sound
 
+from .conversation import Conversation
 from .speech_items import SpeechItem
 
 AvatarEvent = dict[str, Any]
 _NUMBERS = itertools.count(1)
+INAUDIBLE = 2  # of 32,768: the rounding error left when speech is subtracted from itself
 
 
 def encode(event: AvatarEvent) -> str:
@@ -114,3 +118,57 @@ def _address(item: SpeechItem) -> AvatarEvent:
 
 def _text(blob: bytes) -> str:
     return base64.b64encode(blob).decode()
+
+
+class EventWriter:
+    """Turns messages of one avatar session into events."""
+
+    def __init__(self, conversation: Conversation, ready: Ready, *, idle: bool) -> None:
+        self._conversation, self._ready, self._idle = conversation, ready, idle
+        self._motion: Motion | None = None
+
+    def events_for(self, message: ServerMessage) -> Iterator[AvatarEvent]:
+        """The events for one message. Motion waits for the sound with the same clock, which names the utterance."""
+        match message:
+            case Motion():
+                self._motion = message
+            case Sound():
+                motion, self._motion = self._motion, None
+                item = self._conversation.items.of(message.seg)
+                if motion is not None and motion.at == message.at:
+                    yield from self._frames(motion, item)
+                yield from self._music(message, item)
+                if item is not None and item.is_over and not item.is_announced:
+                    item.is_announced = True
+                    if self._ready.face:
+                        yield blendshapes_done(item)
+            case Flush():
+                cut = self._conversation.items.of(message.seg)
+                for item in self._conversation.items:
+                    item.void(message.at)
+                self._motion = None
+                yield flush(message, cut)
+            case ActionStatus():
+                yield action_status(message)
+
+    def _frames(self, motion: Motion, item: SpeechItem | None) -> Iterator[AvatarEvent]:
+        if item is None or item.cut is not None or motion.at not in item.clock:
+            if self._idle and not self._conversation.is_cutting:
+                yield body(motion, None)
+            return
+        chunk = item.clock.index(motion.at)
+        if motion.face:
+            yield blendshapes(motion, item, chunk)
+        yield body(motion, item, chunk)
+
+    def _music(self, message: Sound, item: SpeechItem | None) -> Iterator[AvatarEvent]:
+        """The client gets the voice from upstream, so only what sounds beside it (music) is sent here."""
+        samples = np.frombuffer(message.pcm, "<i2")
+        if item is not None and message.at in item.clock:
+            speech = item.speech(item.clock.index(message.at))[: len(samples)]
+            difference = samples.astype(np.int32) - speech
+            if np.abs(difference).max(initial=0) <= INAUDIBLE:
+                return
+            samples = np.clip(difference, -32_768, 32_767).astype(np.int16)
+        if samples.any():
+            yield music(message.at, samples)

@@ -23,8 +23,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .relay import Relay
 from .scripted import ScriptedSession, ScriptedUpstream
-from .settings import ProxySettings
-from .upstream import quiet_logger
+from .upstream import ProxySettings, quiet_logger
 
 ROUTES = ("direct", "relay", "proxy")
 DELTA_S = 0.04

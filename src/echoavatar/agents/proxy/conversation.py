@@ -15,9 +15,8 @@ from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 from echoavatar.wire import Audio, Sound
 
 from ..client import Avatar
-from .decoder import Decoder, Pcm
 from .events import AUDIO_DELTA, AUDIO_DONE, SESSION, Event, audio_format, inside, interrupts, sound
-from .speech_items import SpeechItem, SpeechItems
+from .speech_items import Decoder, Pcm, SpeechItem, SpeechItems
 
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
 TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing

@@ -24,9 +24,18 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import ProtocolError
 from echoavatar.wire.guard import check_origin
 
-from .settings import ProxySettings
 from .sidecar import AvatarSidecar
-from .upstream import HANDSHAKE_TIMEOUT_S, MAX_BYTES, PING_S, PONG_S, dial, quiet_logger, refusal_headers, upstream_url
+from .upstream import (
+    HANDSHAKE_TIMEOUT_S,
+    MAX_BYTES,
+    PING_S,
+    PONG_S,
+    ProxySettings,
+    dial,
+    quiet_logger,
+    refusal_headers,
+    upstream_url,
+)
 
 _LOG = logging.getLogger(__name__)
 _UNSENDABLE = (1005, 1006, 1015)  # codes that mean "no close code was sent"

@@ -21,11 +21,11 @@ from echoavatar.wire import Ready, Sound
 
 from ..client import Avatar, RemoteTools, connect
 from . import avatar_events
+from .avatar_events import EventWriter
 from .conversation import Conversation
-from .event_writer import EventWriter
 from .events import Event, inside, is_for_us, read, with_tools
-from .settings import ProxySettings
 from .tool_calls import ToolCalls
+from .upstream import ProxySettings
 
 _LOG = logging.getLogger(__name__)
 MAX_QUEUED_BYTES = 1 << 25  # events waiting to be read: minutes of sound

@@ -1,13 +1,16 @@
-"""The connection to the voice agent: the upstream's address with the client's own credentials and query.
+"""The settings of a proxy, and its connection to the voice agent: address, the client's own credentials and query.
 
 Headers are forwarded and never logged: the websockets library, which could log them, gets a logger that is silent.
 """
 
 import logging
 from collections.abc import Iterable
+from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 from websockets.asyncio.client import ClientConnection, connect
+
+from echoavatar.errors import EchoAvatarError
 
 MAX_BYTES = 1 << 26  # of one event; vendors allow up to 15 MiB
 TIMEOUT_S = 15.0
@@ -28,6 +31,25 @@ _CONNECTION_HEADERS = {
     "upgrade",
 }
 _HOST_HEADERS = {"alt-svc", "set-cookie", "strict-transport-security"}  # statements about the upstream's host
+
+
+@dataclass(frozen=True)
+class ProxySettings:
+    """Where the voice comes from and where the avatar runs."""
+
+    upstream: str  # such as wss://api.openai.com/v1/realtime
+    avatar: str = ""  # address of an `echoavatar serve`; empty: relay only
+    token: str = ""  # of the avatar's server
+    tools: bool = False  # offer the avatar's tools to the model and carry out its calls
+    idle: bool = True  # send motion between utterances as well
+    origins: tuple[str, ...] = ()  # pages of other hosts that may connect
+
+    def __post_init__(self) -> None:
+        scheme, _, rest = self.upstream.partition("://")
+        if scheme not in ("ws", "wss") or not rest.strip("/"):
+            raise EchoAvatarError(
+                f"--upstream {self.upstream!r} is not a WebSocket URL; give one such as wss://api.openai.com/v1/realtime"
+            )
 
 
 def quiet_logger() -> logging.Logger:

@@ -1,6 +1,6 @@
 """The pipeline: the trained parts of a bundle in a row, from a chunk of audio to a chunk of motion and face.
 
-May import `models`, `data`, `motion`, and `nn` and below.
+May import `models`, `motion` and below.
 """
 
 from .actions import Action, ActionLibrary, Directive

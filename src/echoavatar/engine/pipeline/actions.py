@@ -20,6 +20,7 @@ from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.timing import CHUNK, ChunkSize
+from echoavatar.whole_file import write_whole
 
 FILE = "actions.json"
 REACH = 1  # chunks before and after the current place whose codes are in the set
@@ -148,9 +149,7 @@ class ActionLibrary(Mapping[str, Action]):
         """Write `actions.json`."""
         rows = [action.to_json() for action in self.actions.values()]
         lines = ",\n".join("  " + json.dumps(row) for row in rows)
-        partial = folder / f"{FILE}.partial"
-        partial.write_text('{"version": 1, "actions": [\n' + lines + "\n]}\n", encoding="utf-8")
-        partial.replace(folder / FILE)
+        write_whole(folder / FILE, '{"version": 1, "actions": [\n' + lines + "\n]}\n")
 
     @classmethod
     def load(cls, folder: Path, codes: int, chunk: ChunkSize = CHUNK) -> "ActionLibrary":

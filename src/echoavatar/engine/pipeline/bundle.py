@@ -1,7 +1,7 @@
 """A bundle: the trained parts that belong together, in one folder.
 
 `codec/`, `tokenizer/`, `generator/` and, optionally, `face/` are checkpoints of their own. `card.json` beside them
-describes the whole. Other folders, such as the `warp/` of earlier versions, are not read.
+describes the whole. Other folders are not read.
 """
 
 import re
@@ -164,8 +164,10 @@ def _check(bundle: Bundle) -> None:
         )
 
 
-def with_random_generator(bundle: Bundle, sequence: Literal["interleaved", "depth"] = "interleaved") -> Bundle:
+def with_random_generator(bundle: Bundle, sequence: Literal["prefix", "interleaved", "depth"] = "prefix") -> Bundle:
     """The same bundle with a generator of the paper's size and random weights: to time it, not to look at.
+
+    `prefix` is the paper's own order, which prefills its window at every step.
 
     Silence does not bring it to rest, so it has no lead-in.
     """

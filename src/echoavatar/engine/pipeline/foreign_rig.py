@@ -17,7 +17,7 @@ from echoavatar.config import Config
 from echoavatar.motion.ik import SwingConfig, swing_clear
 from echoavatar.motion.kinematics import Motion, Skeleton, to_features
 from echoavatar.motion.kinematics.features import FeatureConvention, from_features
-from echoavatar.motion.kinematics.live_retarget import LiveRetarget
+from echoavatar.motion.kinematics.retarget import LiveRetarget
 from echoavatar.nn import StreamState, write_rows
 
 Row = tuple[float, float, float]

@@ -4,46 +4,95 @@
                   -> face, where the bundle has a face model
 
 Offline and live are the same: a file is a session whose audio is pushed faster. Nothing depends on the wall clock.
+
+A generator without a past may begin in mid-dance, and speech takes seconds to calm it. So a session starts with the
+state of one that has heard `Runtime.lead_in_s` of silence (not in the paper). One row computes that state, once for all
+sessions of a pipeline. It depends on the bundle alone, so a session's motion still depends only on its own sound and
+seed.
 """
 
 import logging
 import math
+import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.audio import LevelControl, LevelState, NetworkState
 from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
-from echoavatar.models.generator.depth_stream import FrameState
 from echoavatar.models.generator.linear import Precision
-from echoavatar.models.generator.stream import GeneratorStream, HistoryState, RingState
-from echoavatar.models.tokenizer.body import BodyState
-from echoavatar.models.tokenizer.model import DecoderState
+from echoavatar.models.generator.stream import FrameState, GeneratorStream, HistoryState, RingState
+from echoavatar.models.tokenizer import BodyState, DecoderState
 from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import compilations
+from echoavatar.nn.stream import StateT
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
 from .bundle import Bundle, lookahead_refusal
-from .device import find_device
 from .foreign_rig import Output, RigAdapter, RigState
-from .warm_start import WarmStart, copy_row
 
 _LOG = logging.getLogger(__name__)
 OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
+
+
+class WarmStart(Generic[StateT]):
+    """The state of one row after silence, made on first use; safe to call from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._made: StateT | None = None
+
+    def state(self, make: Callable[[], StateT]) -> StateT:
+        """The row, to be copied and not changed. `Pipeline.warm_up` makes it, so that no session waits for it."""
+        with self._lock:
+            self._made = self._made or make()
+            return self._made
+
+
+def copy_row(state: StreamState, rows: Bool[Tensor, " b"], source: StreamState) -> None:
+    """Overwrite the chosen rows of `state` with the one row of `source`."""
+    for tensor, row in zip(state.tensors(), source.tensors(), strict=True):
+        tensor[rows] = row
+
+
+def find_device(name: str) -> torch.device:
+    """`cpu`, `cuda`, a certain one such as `cuda:1`, or `auto`: the GPU where there is one.
+
+    Raises:
+        EchoAvatarError: there is no such device here.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    kind, _, number = name.partition(":")
+    if kind == "cpu" and not number:
+        return torch.device("cpu")
+    if kind != "cuda" or (number and not number.isdecimal()):
+        raise EchoAvatarError(f"no device {name!r}; say cpu, cuda, cuda:1 or auto")
+    found = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if int(number or 0) >= found:
+        why = f"there are {found} here" if found else _why_none()
+        raise EchoAvatarError(f"no CUDA device {number or 0}: {why}; --device cpu runs everywhere")
+    return torch.device(name)
+
+
+def _why_none() -> str:
+    if torch.version.cuda is None:
+        return "this is torch's CPU build (pip install torch from the index of a CUDA build)"
+    return "no GPU, or no driver for it (see nvidia-smi)"
 
 
 @dataclass

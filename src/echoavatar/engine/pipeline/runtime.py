@@ -7,15 +7,15 @@ second. `bare` leaves out those too. Scores are always taken at the 30 that are 
 """
 
 from pathlib import Path
-from typing import Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.stages.post import SWITCHES
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar.whole_file import write_whole
 
 from .foreign_rig import RigConfig
 
@@ -49,14 +49,6 @@ class Runtime(Config):
     rig: RigConfig | None = Field(
         default=None, description="how the features of a foreign rig differ from ours; None: our rig"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _is_not_guided(cls, values: Any) -> Any:
-        """Earlier versions saved `guided`, a switch for a generator's `guidance`, which `GeneratorConfig` judges."""
-        if not isinstance(values, dict):
-            return values
-        return {name: value for name, value in values.items() if name != "guided"}
 
     @property
     def additions(self) -> tuple[str, ...]:
@@ -101,9 +93,7 @@ class Runtime(Config):
 
     def save(self, folder: Path) -> None:
         """Write `runtime.json`."""
-        partial = folder / f"{FILE}.partial"
-        partial.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        partial.replace(folder / FILE)
+        write_whole(folder / FILE, self.model_dump_json(indent=1) + "\n")
 
     @classmethod
     def load(cls, folder: Path, *, is_leveled: bool = True) -> "Runtime":
@@ -117,10 +107,8 @@ class Runtime(Config):
             return cls(level_control=is_leveled)
         check_file(path, CONFIG_BYTES, CheckpointError)
         try:
-            runtime = cls.model_validate_json(path.read_bytes())
+            return cls.model_validate_json(path.read_bytes())
         except ValidationError as error:
             first = error.errors()[0]
             field = ".".join(str(part) for part in first["loc"]) or "the whole file"
             raise CheckpointError(f"{path}: {field}: {first['msg']}; import or copy the bundle again") from error
-        # Files of earlier versions name `warp`, a stage that is gone.
-        return runtime.model_copy(update={"stages": tuple(stage for stage in runtime.stages if stage != "warp")})

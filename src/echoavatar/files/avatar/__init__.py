@@ -1,11 +1,10 @@
 """The visible avatar: our own character, its skinning, and the files, films and pages that show it.
 
-May import `kinematics` and below. Metres, Y up, facing +Z, quaternions `wxyz`; colours sRGB.
+May import `motion` and below. Metres, Y up, facing +Z, quaternions `wxyz`; colours sRGB.
 """
 
-from .character import CHARACTERS, LEVELS, MATERIALS, Character, Material, level_file, load_character
+from .character import CHARACTERS, LEVELS, MATERIALS, Character, Material, Textures, level_file, load_character
 from .skinning import skin
-from .textures import Textures
 
 __all__ = [
     "CHARACTERS",

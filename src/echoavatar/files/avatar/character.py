@@ -1,20 +1,236 @@
-"""The shipped character as data: a skinned mesh on the rest pose of `HUMANOID`, made by `tools/character`."""
+"""The shipped character as data: a skinned mesh on the rest pose of `HUMANOID`, made by `tools/character`.
 
-from dataclasses import dataclass, fields
+Its pictures are encoded in its file, and decoded with their reductions (mip levels) for the rasteriser. Its morph
+targets say what each blendshape adds to the vertices of the neutral face, kept sparse.
+"""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
+from numpy.typing import ArrayLike
 
-from echoavatar.errors import CheckpointError
-from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of
+from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
+from echoavatar.nn.kernels import kernel
 
 from .halfway import BONES, PARENTS, REST, SOURCES
-from .morphs import Morphs, added
-from .textures import NAMES, Textures, decoded, looked_up
+
+NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
+# In glTF; films read the roughness of skin alone.
+DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")
+
+
+@dataclass(frozen=True)
+class Textures:
+    """Encoded pictures, JPEG or PNG, or nothing for a detail that is left out.
+
+    `hair` has alpha. `knit` and `twill` are grey and repeat, as their normal and roughness maps do; that of skin lies
+    on the atlas.
+    """
+
+    atlas: bytes
+    hair: bytes
+    knit: bytes
+    twill: bytes
+    knit_normal: bytes = b""
+    twill_normal: bytes = b""
+    skin_roughness: bytes = b""
+    knit_roughness: bytes = b""
+    twill_roughness: bytes = b""
+
+    @property
+    def present(self) -> list[str]:
+        """The names of the pictures that there are."""
+        return [name for name in NAMES + DETAILS if getattr(self, name)]
+
+    def plain(self) -> "Textures":
+        """Colours alone."""
+        return replace(self, **dict.fromkeys(DETAILS, b""))
+
+    def arrays(self) -> dict[str, Any]:
+        """As arrays of bytes for an npz."""
+        return {f"texture_{field.name}": np.frombuffer(getattr(self, field.name), np.uint8) for field in fields(self)}
+
+    @classmethod
+    def of_arrays(cls, stored: dict[str, np.ndarray]) -> "Textures":
+        """What `arrays` made."""
+        return cls(*(stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS))
+
+
+class Texels(NamedTuple):
+    """All decoded pictures in one list, RGBA in sRGB; `table` (picture, level) holds start, width, height."""
+
+    values: UInt8[np.ndarray, "n 4"]
+    table: Int[np.ndarray, "p l 3"]
+
+
+REDUCTIONS = 6
+
+
+def decoded(textures: Textures) -> Texels:
+    """Decode the pictures and reduce each by halves."""
+    from PIL import Image
+
+    lists, table, start = [], np.zeros((len(NAMES), REDUCTIONS, 3), np.int64), 0
+    for row, name in enumerate(NAMES):
+        level = np.asarray(Image.open(io.BytesIO(getattr(textures, name))).convert("RGBA"))
+        for column in range(REDUCTIONS):
+            height, width = level.shape[:2]
+            table[row, column] = start, width, height
+            lists.append(level.reshape(-1, 4))
+            start += width * height
+            level = _halved(level)
+    return Texels(np.ascontiguousarray(np.concatenate(lists)), table)
+
+
+def _halved(level: UInt8[np.ndarray, "h w 4"]) -> UInt8[np.ndarray, "i j 4"]:
+    """Half as wide and high. Alpha counts as weight, and is raised so that cut-out strands do not thin out."""
+    height, width = level.shape[0] // 2 * 2, level.shape[1] // 2 * 2
+    if min(height, width) < 2:
+        return level
+    values = level[:height, :width].astype(np.float32)
+    alpha = values[..., 3:]
+    total = _sum_of_fours(alpha)
+    shown = _sum_of_fours(values[..., :3] * alpha) / np.maximum(total, 1)
+    colour = np.where(total > 0, shown, _sum_of_fours(values[..., :3]) / 4)
+    return np.concatenate([colour, np.minimum(total / 4 * 1.12, 255)], 2).astype(np.uint8)
+
+
+def _sum_of_fours(values: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "i j c"]:
+    """The sum of each square of four."""
+    rows = values[::2] + values[1::2]
+    return np.asarray(rows[:, ::2] + rows[:, 1::2])
+
+
+def looked_up(
+    texels: Texels, picture: Int[np.ndarray, " v"], uvs: Float[np.ndarray, "v 2"]
+) -> Float[np.ndarray, "v 3"]:
+    """The sRGB colour (0 to 1) of a picture at each place, from the third level; -1 is white."""
+    out = np.ones((len(uvs), 3), np.float32)
+    for row in range(len(NAMES)):
+        start, width, height = texels.table[row, 2]
+        here = picture == row
+        x = (uvs[here, 0] % 1 * width).astype(int).clip(0, width - 1)
+        y = (uvs[here, 1] % 1 * height).astype(int).clip(0, height - 1)
+        out[here] = texels.values[start + y * width + x, :3] / np.float32(255)
+    return out
+
+
+def grey_at(encoded: bytes, uvs: Float[np.ndarray, "v 2"]) -> Float[np.ndarray, " v"]:
+    """The value (0 to 1) of a grey picture that does not repeat, at each place."""
+    from PIL import Image
+
+    picture = np.asarray(Image.open(io.BytesIO(encoded)).convert("L"))
+    size = np.array(picture.shape[::-1])
+    x, y = (uvs * size).astype(int).clip(0, size - 1).T
+    return np.asarray(picture[y, x] / np.float32(255))
+
+
+MOVE_UNIT = 2e-6  # metres; how moves are stored
+TURN_UNIT = 1 / 64  # how changes of normals are stored
+LEAST_MOVE, LEAST_TURN = 1.5e-4, 0.06  # what is less is left out
+
+
+@dataclass(frozen=True)
+class Morphs:
+    """Shapes on the first `reach` vertices of a mesh; entries of shape i are starts[i]..starts[i + 1].
+
+    Attributes:
+        names: of the shapes, in order.
+        starts: (n + 1,) borders between the shapes' entries.
+        vertices: (m,) the vertex of each entry, ascending within a shape.
+        moves: (m, 3) metres at a weight of 1.
+        turns: (m, 3) change of the normal at a weight of 1, before normals are made unit again.
+    """
+
+    names: tuple[str, ...]
+    starts: Int[np.ndarray, " n1"]
+    vertices: Int[np.ndarray, " m"]
+    moves: Float[np.ndarray, "m 3"]
+    turns: Float[np.ndarray, "m 3"]
+
+    @cached_property
+    def reach(self) -> int:
+        """All moving vertices are before this one."""
+        return int(self.vertices.max(initial=-1)) + 1
+
+    def part(self, index: int) -> slice:
+        """The entries of one shape."""
+        return slice(int(self.starts[index]), int(self.starts[index + 1]))
+
+    def arrays(self) -> dict[str, Any]:
+        """Small arrays for an npz."""
+        return {
+            "face_names": np.array(self.names),
+            "face_starts": self.starts.astype(np.int32),
+            "face_vertices": self.vertices.astype(np.uint16),
+            "face_moves": np.round(self.moves / MOVE_UNIT).astype(np.int16),
+            "face_turns": np.clip(np.round(self.turns / TURN_UNIT), -127, 127).astype(np.int8),
+        }
+
+    @classmethod
+    def of_arrays(cls, stored: Mapping[str, np.ndarray]) -> "Morphs":
+        """What `arrays` made."""
+        return cls(
+            tuple(str(name) for name in stored["face_names"]),
+            stored["face_starts"].astype(np.int64),
+            stored["face_vertices"].astype(np.int64),
+            stored["face_moves"].astype(np.float32) * np.float32(MOVE_UNIT),
+            stored["face_turns"].astype(np.float32) * np.float32(TURN_UNIT),
+        )
+
+    @classmethod
+    def of_dense(
+        cls, names: Sequence[str], moves: Float[np.ndarray, "n v 3"], turns: Float[np.ndarray, "n v 3"]
+    ) -> "Morphs":
+        """Sparse shapes from full ones; tiny changes are left out."""
+        entries = [
+            np.flatnonzero((np.abs(move).max(1) > LEAST_MOVE) | (np.abs(turn).max(1) > LEAST_TURN))
+            for move, turn in zip(moves, turns, strict=True)
+        ]
+        return cls(
+            tuple(names),
+            np.cumsum([0, *(len(e) for e in entries)]),
+            np.concatenate(entries),
+            np.concatenate([move[e] for move, e in zip(moves, entries, strict=True)]).astype(np.float32),
+            np.concatenate([turn[e] for turn, e in zip(turns, entries, strict=True)]).astype(np.float32),
+        )
+
+
+def checked_face(curves: ArrayLike, frames: int, shapes: int = 52) -> Float[np.ndarray, "t n"]:
+    """Curves as float32, clipped to 0..1; raises `MotionError` when they do not fit motion or character."""
+    face = np.asarray(curves, np.float32)
+    if face.shape != (frames, shapes):
+        raise MotionError(f"the face has shape {face.shape}; {frames} frames take ({frames}, {shapes})")
+    if not np.isfinite(face).all():
+        raise MotionError("the face holds values that are not finite; repair it before export")
+    return np.clip(face, 0, 1)
+
+
+@kernel(fastmath=True)
+def added(weights, starts, vertices, moves, turns, positions, normals, reach):  # type: ignore[no-untyped-def]
+    """Add the shapes with weights (n) to `positions` and `normals` (v, 3), and make the first `reach` normals unit."""
+    for shape in range(weights.shape[0]):
+        weight = np.float32(weights[shape])
+        if weight != 0:
+            for entry in range(starts[shape], starts[shape + 1]):
+                v = vertices[entry]
+                for i in range(3):
+                    positions[v, i] += weight * moves[entry, i]
+                    normals[v, i] += weight * turns[entry, i]
+    for v in range(reach):
+        length = normals[v, 0] ** 2 + normals[v, 1] ** 2 + normals[v, 2] ** 2
+        scale = np.float32(1.0) / max(np.sqrt(length), np.float32(1e-9))
+        for i in range(3):
+            normals[v, i] *= scale
+
 
 CHARACTERS = ("maya", "theo", "amara")
 LEVELS = 3  # of detail: NAME.lod0.glb has about 40,000 triangles, NAME.lod1.glb 15,000, NAME.lod2.glb 6,000

@@ -15,8 +15,8 @@ from jaxtyping import Float, UInt8
 from echoavatar.errors import DependencyError
 
 from . import raster, shading
+from .character import REDUCTIONS, Texels
 from .render import CONTACT_CELLS, SHADOW_TEXELS, Paint, Renderer, Surface
-from .textures import LEVELS, Texels
 
 _SRGB8_ALPHA8 = 0x8C43  # of OpenGL: the card makes sRGB linear before it mixes texels
 _NEAR_M = 0.05
@@ -211,7 +211,7 @@ class GpuRenderer(Renderer):
                 texture.use(unit)
             self._unit = len(units)  # of the picture on the body
             _set(self._shadow_program, texels=float(SHADOW_TEXELS))
-            _set(self._body_program, shadow=0, tone=4, picture=self._unit, look=self._stage.look, levels=LEVELS)
+            _set(self._body_program, shadow=0, tone=4, picture=self._unit, look=self._backdrop.look, levels=REDUCTIONS)
             _set(self._body_program, blur=float(shading.BLUR), samples=float(self.samples))
             _set(self._program, shadow=0, body=1, contact=2, backdrop=3, samples=self.samples)
             _set(self._program, is_clear=channels == 4, strength=self._strength, fade=float(shading.FADE_METRES))
@@ -219,9 +219,9 @@ class GpuRenderer(Renderer):
     def draw(self, surface: Surface) -> UInt8[np.ndarray, "h w c"]:
         """The picture in sRGB, and its alpha as a fourth channel if the backdrop is clear."""
         points = np.ascontiguousarray(surface.points, np.float32)
-        raster.bounds(points, self._stage.look[0], self._bounds)
+        raster.bounds(points, self._backdrop.look[0], self._bounds)
         middle, contact_map = self._touch(points)
-        light = {"to_light": self._light_space(self._stage.look[0]).T}
+        light = {"to_light": self._light_space(self._backdrop.look[0]).T}
         seen = {"camera": np.array(self.camera.position, np.float32), **light}
         with self._context:
             if self._painted is not surface.paint:
@@ -294,7 +294,7 @@ class GpuRenderer(Renderer):
         levels = [texels.values[start : start + width * height].tobytes() for start, width, height in blocks]
         _, wide, high = blocks[0]
         texture = self._context.texture((wide, high), 4, levels[0], internal_format=_SRGB8_ALPHA8)
-        texture.build_mipmaps(0, LEVELS - 1)
+        texture.build_mipmaps(0, REDUCTIONS - 1)
         for level, (_, width, height) in enumerate(blocks):
             if (width, height) == (wide >> level, high >> level):  # a picture of a few texels has fewer levels
                 texture.write(levels[level], level=level)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from echoavatar.errors import MotionError
+from echoavatar.whole_file import write_whole
 
 MIME_TYPES = {
     ".ogg": "audio/ogg",
@@ -33,8 +34,8 @@ class PageClip(NamedTuple):
 def write_page(
     path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = ""
 ) -> None:
-    """Write the page of `page_text`."""
-    Path(path).write_text(page_text(glb, clips, title=title, note=note), "utf-8")
+    """Write the page of `page_text`; raises MotionError where it cannot be written."""
+    write_whole(path, page_text(glb, clips, title=title, note=note), error=MotionError)
 
 
 def page_text(glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> str:

@@ -13,9 +13,8 @@ from jaxtyping import Bool, Float, Int, Integer, UInt8
 from numpy.typing import NDArray
 
 from . import raster, shading
-from .character import MATERIALS, Character
-from .stage import Stage, tone_curve
-from .textures import NAMES, Texels, decoded, grey_at
+from .backdrop import Backdrop, tone_curve
+from .character import MATERIALS, NAMES, Character, Texels, decoded, grey_at
 
 _BYTES = np.arange(256) / 255
 _LINEAR = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4).astype(np.float32)
@@ -100,7 +99,7 @@ class Surface:
 
 
 class Renderer:
-    """Draws surfaces at one picture size before one stage, and keeps its buffers between frames; for one thread."""
+    """Draws surfaces at one picture size before one backdrop, and keeps its buffers between frames; for one thread."""
 
     def __init__(
         self,
@@ -120,13 +119,13 @@ class Renderer:
         self.width, self.height, self.samples = width, height, samples
         self._grid = height * samples, width * samples
         self.camera = camera or Camera()
-        self._stage = Stage.of(background)
-        self._empty = self._stage.picture(width, height)
+        self._backdrop = Backdrop.of(background)
+        self._empty = self._backdrop.picture(width, height)
         if alpha:
             self._empty = np.zeros((height, width, 4), np.uint8)
         self._contact = np.zeros((CONTACT_CELLS, CONTACT_CELLS), np.float32)
         self._spread = np.zeros(CONTACT_CELLS, np.float32)
-        self._strength = np.array(self._stage.shadow, np.float32)
+        self._strength = np.array(self._backdrop.shadow, np.float32)
         self._tone = tone_curve()
         self._bounds = np.zeros((3, 2, 3), np.float32)
         self._allocate()
@@ -143,7 +142,7 @@ class Renderer:
         """The picture in sRGB, and its alpha as a fourth channel if the backdrop is clear."""
         points = np.ascontiguousarray(surface.points, np.float32)
         normals = np.ascontiguousarray(surface.normals, np.float32)
-        paint, texels, look = surface.paint, surface.paint.texels, self._stage.look
+        paint, texels, look = surface.paint, surface.paint.texels, self._backdrop.look
         if len(self._screen) != len(points):
             self._screen, self._light = (np.zeros((len(points), 3), np.float32) for _ in range(2))
         place = np.array(self.camera.position, np.float32)

@@ -15,18 +15,17 @@ from jaxtyping import Float, UInt8
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.whole_file import whole_file
 
-from .avatar_renderer import CLOSE, VIEWS, AvatarRenderer, Shot, View, aimed, close_up, followed_joint
-from .character import Character, load_character
-from .morphs import checked_face
+from .avatar_renderer import CLOSE, AvatarRenderer, Shot, View, aimed, followed_joint
+from .character import Character, checked_face, load_character
 from .render import Camera
 
-__all__ = ["SUFFIXES", "VIEWS", "Shot", "View", "close_up", "film", "write_film"]
+__all__ = ["Shot", "View", "default_size", "film", "write_film"]
 
 SOUND_RATE_HZ = 48_000
 FOLLOW_SECONDS = 0.7  # standard deviation of the window that smooths the camera's path
 THREADS = 2  # renderers at once
-SUFFIXES = (".mp4", ".webm")
 _CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus")}
 _OPTIONS: dict[str, dict[str, str]] = {
     ".mp4": {"preset": "veryfast", "crf": "20"},
@@ -56,15 +55,11 @@ def write_film(
         raise MotionError(f"{path.name} cannot hold an alpha channel; write .webm")
     curves = None if face is None else checked_face(face, motion.frames)
     frames = film(motion, face=curves, character=character, shot=shot)
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with av.open(str(partial), "w", format=suffix[1:]) as container:
-            _encode(container, frames, motion, audio, shot, suffix, progress)
-        partial.replace(path)
-    except (OSError, av.error.FFmpegError) as error:
-        raise MotionError(f"cannot write {path} ({error}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    with (
+        whole_file(path, error=MotionError, failures=(av.error.FFmpegError,)) as partial,
+        av.open(str(partial), "w", format=suffix[1:]) as container,
+    ):
+        _encode(container, frames, motion, audio, shot, suffix, progress)
 
 
 def film(

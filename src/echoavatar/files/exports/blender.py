@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 from echoavatar.errors import DependencyError, MotionError
+from echoavatar.whole_file import whole_file
 
 PROGRAM = "BLENDER"  # environment variable with the path of the program
 TIMEOUT_S = 600.0
@@ -69,7 +70,5 @@ def write_fbx(path: Path, glb: bytes, fps: float) -> None:
         if done.returncode or not target.exists():
             last = (done.stderr or done.stdout).strip().splitlines()[-3:]
             raise MotionError(f"{program} did not write {path}: {' / '.join(last)}; try a newer Blender")
-        try:
-            shutil.copyfile(target, path)
-        except OSError as error:
-            raise MotionError(f"cannot write {path} ({error.strerror}); choose another place") from error
+        with whole_file(path, error=MotionError) as partial:
+            shutil.copyfile(target, partial)

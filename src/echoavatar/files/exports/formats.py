@@ -1,12 +1,14 @@
-"""Choose the writer of a file by the suffix of its name."""
+"""Write a take into a file; the suffix of its name chooses the format."""
 
 import os
 from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.errors import DependencyError, EchoAvatarError, MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 from .blender import find_blender, write_fbx
@@ -15,61 +17,97 @@ from .take import Take
 from .target_rig import Rig
 from .usd import SUFFIXES as USD
 
-FORMATS = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", ".mp4", ".webm")
+if TYPE_CHECKING:
+    from ..avatar import Character
+    from ..avatar.video import Shot
+
+FILMS = (".mp4", ".webm")
+SUFFIXES = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", *FILMS)
 Writer = Callable[[Path, Take, Rig | None], None]
 
 
-def writer(output: Path, *, has_rig: bool) -> Writer:
-    """The function that writes this file. Everything that can be refused is refused here, before any work is done.
+def write_take(
+    path: Path,
+    take: Take,
+    *,
+    rig: Rig | None = None,
+    character: "Character | None" = None,
+    shot: "Shot | None" = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a take, retargeted to `rig` where one is given.
+
+    `character` (default: Maya) is who is filmed, `shot` how; `progress` receives the frames filmed, and all frames.
+
+    Raises:
+        EchoAvatarError: as `check_output`, or the take does not fit the format.
+    """
+    check_output(path, has_rig=rig is not None)
+    if path.suffix.lower() in FILMS:
+        from ..avatar.video import write_film
+
+        take = take.on_humanoid()
+        audio = np.zeros(0, np.float32) if take.audio is None else take.audio
+        write_film(path, take.motion, audio, face=take.face, character=character, shot=shot, progress=progress)
+        return
+    special = _special(path)
+    write = _SPECIAL[special] if special else _WRITERS[path.suffix.lower()]
+    write(path, take if rig is None else rig.retarget(take), rig)
+
+
+def check_output(output: Path, *, has_rig: bool) -> None:
+    """Refuse what cannot be written, before any work is done.
 
     Raises:
         EchoAvatarError: the suffix is unknown, `--rig` does not fit the format, or the file cannot be written there.
         DependencyError: the format needs a program that is missing.
     """
-    name, suffix = output.name.lower(), output.suffix.lower()
-    if suffix not in FORMATS:
-        raise EchoAvatarError(f"cannot write {output.name!r}: use one of {', '.join(FORMATS)}")
+    suffix = output.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise EchoAvatarError(f"cannot write {output.name!r}: use one of {', '.join(SUFFIXES)}")
     if not output.parent.is_dir():
         raise EchoAvatarError(f"cannot write {output}: {output.parent} is not a folder; make it first")
     if not os.access(output.parent, os.W_OK) or output.is_dir():
         raise EchoAvatarError(f"cannot write {output}: no permission or a folder of that name; choose another -o")
-    special = next((end for end in _SPECIAL if name.endswith(end)), None)
-    if has_rig and (special or suffix in (*USD, ".mp4", ".webm")):
+    if has_rig and (_special(output) or suffix in (*USD, *FILMS)):
         raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
     if suffix == ".vrm" and not has_rig:
         raise EchoAvatarError("a .vrm is written into your own character: name it with --rig, or write .glb or .vrma")
     if suffix == ".fbx":
         find_blender()
-    return _SPECIAL[special] if special else _WRITERS[suffix]
+
+
+def _special(path: Path) -> str | None:
+    return next((end for end in _SPECIAL if path.name.lower().endswith(end)), None)
 
 
 def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.kinematics import write_bvh
+    from echoavatar.motion.formats import write_bvh
 
     motion, scale = take.motion, 100.0 if rig is None else rig.units_per_metre
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=scale)
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.kinematics.tables import write_whole
+    from echoavatar.whole_file import write_whole
 
-    write_whole(path, _packed(path, take, rig))
+    write_whole(path, _packed(path, take, rig), error=MotionError)
 
 
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
-        from .gltf_rig import pack_on_rig
+        from .target_rig import pack_on_rig
 
         if rig.gltf is None:
             raise MotionError(f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig")
         return pack_on_rig(rig.gltf, take)
     from ..avatar import load_character
-    from ..avatar.gltf import Animation, pack_glb
+    from ..avatar.gltf import GltfAnimation, pack_glb
 
     take = take.on_humanoid()
     motion = take.motion
-    animation = Animation("motion", motion.rotations, motion.root, motion.fps, take.face)
+    animation = GltfAnimation("motion", motion.rotations, motion.root, motion.fps, take.face)
     return pack_glb(load_character(), [animation])
 
 
@@ -91,7 +129,7 @@ def _fbx(path: Path, take: Take, rig: Rig | None) -> None:
 
 
 def _npz(path: Path, take: Take, _: Rig | None) -> None:
-    from echoavatar.motion.kinematics.tables import write_npz
+    from echoavatar.motion.formats.tables import write_npz
 
     if take.face is None:
         write_npz(path, take.motion)
@@ -100,7 +138,7 @@ def _npz(path: Path, take: Take, _: Rig | None) -> None:
 
 
 def _csv(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.kinematics.tables import write_csv
+    from echoavatar.motion.formats.tables import write_csv
 
     write_csv(path, take.motion)
     if take.face is not None:
@@ -114,9 +152,12 @@ def _face_csv(path: Path, take: Take, _: Rig | None) -> None:
 
 
 def _face47_csv(path: Path, take: Take, _: Rig | None) -> None:
-    from ..unity_frames import write_face47
-
-    write_face47(path, _face(path, take), take.motion.fps)
+    for entry in entry_points(group="echoavatar.exports", name=FACE47_CSV):
+        entry.load()(path, _face(path, take), take.motion.fps)
+        return
+    raise DependencyError(
+        f"{path.name!r} is written by echoavatar-lab; in a clone of the repository: pip install ./lab"
+    )
 
 
 def _face(path: Path, take: Take) -> np.ndarray:
@@ -127,14 +168,6 @@ def _face(path: Path, take: Take) -> np.ndarray:
 
 def _smplx(path: Path, take: Take, _: Rig | None) -> None:
     write_smplx(path, take)
-
-
-def _film(path: Path, take: Take, _: Rig | None) -> None:
-    from ..avatar.video import write_film
-
-    take = take.on_humanoid()
-    audio = np.zeros(0, np.float32) if take.audio is None else take.audio
-    write_film(path, take.motion, audio, face=take.face)
 
 
 FACE_CSV, FACE47_CSV = ".face.csv", ".face47.csv"
@@ -148,6 +181,4 @@ _WRITERS: Mapping[str, Writer] = {
     ".fbx": _fbx,
     ".npz": _npz,
     ".csv": _csv,
-    ".mp4": _film,
-    ".webm": _film,
 }

@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
-from echoavatar.motion.kinematics import HUMANOID, Motion, read_bvh
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of, motion_of
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.tables import NPZ_ERRORS, arrays_of, motion_of
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 

@@ -13,12 +13,12 @@ from jaxtyping import Float, Int
 
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.resample import align_signs
+from echoavatar.motion.kinematics.motion import align_signs
+from echoavatar.whole_file import whole_file
 
-from ..avatar.character import Character
+from ..avatar.character import Character, checked_face
 from ..avatar.gltf import checked
 from ..avatar.halfway import BONES, PARENTS, REST, SOURCES, half
-from ..avatar.morphs import checked_face
 from .take import Take
 
 SUFFIXES = (".usda", ".usdc", ".usdz")
@@ -45,10 +45,8 @@ def write_usd(path: Path, character: Character, take: Take) -> None:
         if suffix == ".usdz":
             ready = Path(folder) / path.name
             UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(plain)), str(ready))
-        try:
-            shutil.copyfile(ready, path)
-        except OSError as error:
-            raise MotionError(f"cannot write {path} ({error.strerror}); choose another place") from error
+        with whole_file(path, error=MotionError) as partial:
+            shutil.copyfile(ready, partial)
 
 
 def _stage(path: Path, character: Character, take: Take) -> Any:

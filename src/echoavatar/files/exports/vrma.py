@@ -15,14 +15,13 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, LIVE_LINK_NAMES, VRM_NAMES, to_live_link, to_vrm
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
-from echoavatar.motion.kinematics.resample import align_signs
+from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.motion.kinematics.tables import write_whole
+from echoavatar.whole_file import write_whole
 
-from ..avatar.gltf import container
-from ..avatar.gltf_buffer import Buffer, Tracks
+from ..avatar.gltf import Buffer, Tracks, container
 from .take import Take
 
 PRESETS = VRM_NAMES[:8]  # vowels and blinks; the gaze is `lookAt`
@@ -37,7 +36,7 @@ def write_vrma(path: Path, take: Take) -> None:
     Raises:
         MotionError: a bone that the format requires is missing, or the file cannot be written.
     """
-    write_whole(path, pack_vrma(take))
+    write_whole(path, pack_vrma(take), error=MotionError)
 
 
 def pack_vrma(take: Take) -> bytes:

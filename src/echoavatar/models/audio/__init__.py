@@ -1,11 +1,9 @@
 """Sound: codec, streaming resampler, level control, files. May import `quantize`, `nn` and below."""
 
 from .codec import AudioCodec, nearest_codes
-from .config import CodecConfig
-from .io import read_audio, stream_audio, write_wav
+from .io import StreamResampler, as_mono, read_audio, stream_audio, write_wav
 from .level import LevelControl, LevelState
-from .resample import StreamResampler, as_mono
-from .stream import NetworkState
+from .network import CodecConfig, NetworkState
 
 __all__ = [
     "AudioCodec",

@@ -1,25 +1,27 @@
 """The causal audio codec: 24 kHz sound to 75 x 2 codes per second and back (paper, Settings: EnCodec, two layers).
 
-The network is EnCodec's, under its published names, so that `facebook/encodec_24khz` loads where it and transformers
-are at hand. May import `quantize` and below.
+The network is EnCodec's, under its published names, so that the lab can convert `facebook/encodec_24khz`.
 """
-
-from pathlib import Path
-from typing import Any, Self
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
-from torch import Tensor, nn
-from torch.nn.utils import parametrize
+from torch import Tensor
 
-from echoavatar.errors import CheckpointError, DependencyError
-from echoavatar.nn import Checkpointed, StreamingModule
+from echoavatar.checkpoint import Checkpointed
+from echoavatar.nn import StreamingModule
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN
 
-from .config import CODE_LAYERS, CodecConfig
-from .network import decoder, encoder
-from .stream import NetworkState, advance, init_network_state, shortest_start
+from .network import (
+    CODE_LAYERS,
+    CodecConfig,
+    NetworkState,
+    advance,
+    decoder,
+    encoder,
+    init_network_state,
+    shortest_start,
+)
 
 _BLOCK_SAMPLES = 60 * SAMPLE_RATE_HZ  # `encode` works on pieces of this length, to bound its memory
 
@@ -42,35 +44,6 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
         self.decoder = decoder(config)
         self.register_buffer("codebooks", torch.zeros(CODE_LAYERS, config.codes, config.width))
         self._shortest_start = shortest_start(self.encoder, config.padding)
-
-    @classmethod
-    def from_pretrained_encodec(cls, path_or_name: str | Path = "facebook/encodec_24khz") -> Self:
-        """EnCodec as published, from a folder or the local model cache; never from the network.
-
-        Raises:
-            CheckpointError: it is not there, or is not a causal 24 kHz model.
-            DependencyError: transformers is not installed.
-        """
-        try:
-            from transformers import EncodecModel
-        except ModuleNotFoundError as error:
-            raise DependencyError(
-                "reading a published EnCodec needs transformers: pip install 'echoavatar[pretrained]'"
-            ) from error
-        try:
-            network = EncodecModel.from_pretrained(str(path_or_name), local_files_only=True)
-        except (OSError, ValueError) as error:
-            raise CheckpointError(
-                f"{path_or_name} is neither a folder with an EnCodec model nor in the local model cache; fetch it "
-                f"with 'hf download {path_or_name}' where there is network, or use the bundled codec"
-            ) from error
-        _fuse_weight_norm(network)
-        codec = cls(_own_config(network.config, origin=str(path_or_name)))
-        codec.encoder.load_state_dict(network.encoder.state_dict())
-        codec.decoder.load_state_dict(network.decoder.state_dict())
-        for q in range(CODE_LAYERS):
-            codec.codebooks[q] = network.quantizer.layers[q].codebook.embed
-        return codec.eval()
 
     def init_state(self, rows: int) -> NetworkState:
         """A fresh state."""
@@ -146,34 +119,3 @@ def nearest_codes(vectors: Float[Tensor, "b n c"], book: Float[Tensor, "k c"]) -
     centre = book.mean(0)
     rows = book - centre
     return (rows.square().sum(-1) - 2 * (vectors - centre) @ rows.T).argmin(-1)
-
-
-def _own_config(theirs: Any, *, origin: str) -> CodecConfig:
-    """Our fields of a transformers config; refuses models that cannot stream at our clock."""
-    if not theirs.use_causal_conv or theirs.sampling_rate != SAMPLE_RATE_HZ or theirs.audio_channels != 1:
-        raise CheckpointError(f"{origin} is not the causal, mono, 24 kHz EnCodec; use facebook/encodec_24khz")
-    can_stream = theirs.norm_type == "weight_norm" and theirs.trim_right_ratio == 1.0
-    if theirs.normalize or not can_stream or theirs.chunk_length_s is not None:
-        raise CheckpointError(f"{origin} normalises over time and cannot stream; use facebook/encodec_24khz")
-    return CodecConfig(
-        filters=theirs.num_filters,
-        width=theirs.hidden_size,
-        codes=theirs.codebook_size,
-        ratios=tuple(theirs.upsampling_ratios),
-        lstm_layers=theirs.num_lstm_layers,
-        residual_blocks=theirs.num_residual_layers,
-        kernel=theirs.kernel_size,
-        last_kernel=theirs.last_kernel_size,
-        residual_kernel=theirs.residual_kernel_size,
-        dilation_growth=theirs.dilation_growth_rate,
-        compress=theirs.compress,
-        has_conv_shortcut=theirs.use_conv_shortcut,
-        padding=theirs.pad_mode,
-    )
-
-
-def _fuse_weight_norm(network: nn.Module) -> None:
-    """Turn (direction, length) pairs into plain weights: the same function, faster."""
-    for module in network.modules():
-        if parametrize.is_parametrized(module):
-            parametrize.remove_parametrizations(module, "weight", leave_parametrized=True)

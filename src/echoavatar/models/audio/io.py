@@ -1,6 +1,6 @@
-"""Sound files in and out: whatever ffmpeg's libraries read (PyAV) becomes 24 kHz mono float32.
+"""Sound in and out: whatever ffmpeg's libraries read (PyAV), and any stream, becomes 24 kHz mono float32.
 
-May import `resample`, `timing`, `limits` and `errors`.
+Any rate, channel count and number format is converted, while it streams, with exact length.
 """
 
 import logging
@@ -11,14 +11,104 @@ from typing import Any
 import av
 import numpy as np
 import soundfile
+import soxr
 from av.container import InputContainer
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 
 from echoavatar.errors import AudioError
 from echoavatar.limits import check_file
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.whole_file import whole_file
 
-from .resample import StreamResampler
+Mono = Float[np.ndarray, " s"]
+_LOUDEST = 64.0  # larger floats are integers that were not scaled
+
+
+def as_mono(samples: Shaped[np.ndarray, "..."], *, position: int = 0, rate: int = SAMPLE_RATE_HZ) -> Mono:
+    """Check samples and mix them down: (s,) or (s, channels), floats in -1..1 or integers of any width.
+
+    Args:
+        samples: the sound.
+        position: index of its first sample in the stream, for messages.
+        rate: samples per second, for messages.
+
+    Raises:
+        AudioError: wrong shape or type; a sample that is not a number or far out of range.
+    """
+    if samples.ndim not in (1, 2):
+        raise AudioError(f"audio of shape {samples.shape}; wanted (samples,) or (samples, channels)")
+    if samples.ndim == 2 and (samples.shape[1] == 0 or (samples.shape[1] > 64 and len(samples) < samples.shape[1])):
+        raise AudioError(f"audio of shape {samples.shape}; wanted (samples, channels): transpose it first")
+    scaled = _scaled(samples)
+    bad = ~(np.abs(scaled) <= _LOUDEST)
+    if bad.any():
+        row = int(np.argwhere(bad.reshape(len(scaled), -1).any(axis=1))[0, 0])
+        value = scaled.reshape(len(scaled), -1)[row][bad.reshape(len(scaled), -1)[row]][0]
+        place = f"audio sample {position + row} ({(position + row) / rate:.3f} s) is {value:g}"
+        if np.isfinite(value):
+            raise AudioError(f"{place}; floating-point audio lies in -1..1: divide integer samples by 32768")
+        raise AudioError(f"{place}; replace such samples by 0 (for example with numpy.nan_to_num)")
+    return scaled if scaled.ndim == 1 else np.asarray(scaled.mean(axis=1), np.float32)
+
+
+def _scaled(samples: Shaped[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Float32 in -1..1; unsigned bytes are centred on 128 as in WAV files."""
+    kind = samples.dtype
+    if kind.kind == "f":
+        return samples.astype(np.float32)
+    if kind == np.uint8:
+        return ((samples.astype(np.float32) - 128) / 128).astype(np.float32)
+    if kind.kind == "i":
+        return (samples / -float(np.iinfo(kind).min)).astype(np.float32)
+    raise AudioError(f"audio samples of type {kind}; give float32 in -1..1 or int16")
+
+
+class StreamResampler:
+    """Pieces of sound in, 24 kHz mono out.
+
+    After `flush`, exactly round(samples in * 24000 / rate) samples have come out. The filter delays the
+    output by some milliseconds but does not shift it: output sample 0 is input time 0.
+    """
+
+    def __init__(self, rate: int) -> None:
+        if not 1_000 <= rate <= 768_000:
+            raise AudioError(f"a sample rate of {rate} Hz; wanted 1,000 to 768,000")
+        self.rate = rate
+        self._given = 0
+        self._returned = 0
+        self._is_flushed = False
+        self._soxr = None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="float32")
+
+    def push(self, samples: Shaped[np.ndarray, "..."]) -> Mono:
+        """The output that is ready after these samples: (s,) or (s, channels), see `as_mono`.
+
+        Raises:
+            AudioError: the samples cannot be used, or the stream was flushed.
+        """
+        if self._is_flushed:
+            raise AudioError("the audio stream has ended; open a new one")
+        mono = as_mono(samples, position=self._given, rate=self.rate)
+        self._given += len(mono)
+        return self._count(mono if self._soxr is None else self._run(mono, last=False))
+
+    def flush(self) -> Mono:
+        """The rest of the output; nothing can be pushed afterwards."""
+        if self._is_flushed:
+            return np.zeros(0, np.float32)
+        self._is_flushed = True
+        rest = np.zeros(0, np.float32) if self._soxr is None else self._run(np.zeros(0, np.float32), last=True)
+        due = (2 * self._given * SAMPLE_RATE_HZ + self.rate) // (2 * self.rate) - self._returned
+        rest = np.pad(rest, (0, max(0, due - len(rest))))[: max(0, due)]
+        return self._count(rest)
+
+    def _run(self, mono: Mono, *, last: bool) -> Float[np.ndarray, " k"]:
+        assert self._soxr is not None
+        return np.asarray(self._soxr.resample_chunk(mono, last=last), np.float32)
+
+    def _count(self, out: Mono) -> Mono:
+        self._returned += len(out)
+        return out
+
 
 # Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are
 # texts that name other files or addresses, which would be opened.
@@ -31,8 +121,6 @@ _LARGEST_BYTES = 1 << 40
 LONGEST_S = 6 * 3600  # of sound that is read whole: two gigabytes
 
 _LOG = logging.getLogger(__name__)
-
-Mono = Float[np.ndarray, " s"]
 
 
 def read_audio(path: Path | str) -> Mono:
@@ -87,14 +175,8 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
     Raises:
         AudioError: the place cannot be written.
     """
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    try:
+    with whole_file(path, error=AudioError, failures=(soundfile.SoundFileError,)) as partial:
         soundfile.write(partial, np.clip(audio, -1, 1), rate, subtype="PCM_16", format="WAV")
-        partial.replace(path)
-    except (OSError, soundfile.SoundFileError) as error:
-        partial.unlink(missing_ok=True)
-        raise AudioError(f"cannot write {path} ({error}); choose a folder that exists and can be written") from error
 
 
 def open_sound(path: Path) -> InputContainer:

@@ -1,17 +1,68 @@
-"""EnCodec's two convolutional networks (Défossez et al. 2022, section 3.1), as layers for `stream.advance`.
+"""EnCodec's two convolutional networks (Défossez et al. 2022, section 3.1) in their exact streaming form.
 
 The layers only hold weights, under the names of the published checkpoint, so that `facebook/encodec_24khz` loads;
-`stream` computes them. A test compares the result with transformers' EnCodec.
+`advance` computes them: each convolution keeps its left context, the LSTM its state. Offline, EnCodec pads the input of
+each convolution on the left; in a stream the padding is needed only before a row's first chunk; later chunks follow
+what the previous one left behind. Encoder chunks are multiples of 320 samples, so the strides always start in phase.
 
-May import nothing of the package beyond `config`.
+Convolutions are matrix products over frames that stay in memory (channels last). A kernel is a whole number of strides
+long, so a strided convolution is a product over blocks of one stride, shifted and summed; transformers' layout
+(channels first) costs two to three times as much on a CPU. A test compares the result with transformers' EnCodec.
 """
 
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, Self
 
 import torch
-from torch import nn
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int
+from pydantic import Field, model_validator
+from torch import Tensor, nn
 
-from .config import CodecConfig
+from echoavatar.config import Config
+from echoavatar.nn import StreamState, write_rows
+from echoavatar.timing import SAMPLES_PER_AUDIO_TOKEN
+
+CODE_LAYERS = 2
+"""RVQ layers that exist for us (paper, Settings: the first two of EnCodec); no others are ever computed."""
+
+
+class CodecConfig(Config):
+    """A causal EnCodec (24 kHz, 75 frames per second).
+
+    The defaults are the small codec of the bundle. Departs from `facebook/encodec_24khz` in size, and in padding
+    with zeros instead of reflections, so that a stream may start with a chunk of any length and the first frames
+    of a clip are coded like all others.
+    """
+
+    filters: int = Field(default=8, gt=0, description="channels after the first convolution; doubled at each ratio")
+    width: int = Field(default=64, gt=0, description="latent channels")
+    codes: int = Field(default=512, gt=1, description="entries of each codebook; a power of two")
+    ratios: tuple[int, ...] = Field(default=(8, 5, 4, 2), description="upsampling ratios of the decoder")
+    lstm_layers: int = Field(default=2, gt=0, le=16, description="LSTM layers in encoder and decoder")
+    residual_blocks: int = Field(default=0, ge=0, le=16, description="residual blocks per ratio")
+    kernel: int = Field(default=7, gt=0, le=1024, description="samples seen by the first convolution")
+    last_kernel: int = Field(default=7, gt=0, le=1024, description="frames seen by the last convolution")
+    residual_kernel: int = Field(default=3, gt=0, le=1024, description="kernel inside the residual blocks")
+    dilation_growth: int = Field(default=2, gt=0, le=16, description="dilation from one residual block to the next")
+    compress: int = Field(default=2, gt=0, description="channel reduction inside the residual blocks")
+    has_conv_shortcut: bool = Field(default=False, description="a 1x1 convolution beside each residual block")
+    padding: Literal["constant", "reflect"] = Field(
+        default="constant", description="what stands before the first sample"
+    )
+
+    @model_validator(mode="after")
+    def _ratios_give_the_clock(self) -> Self:
+        product = 1
+        for ratio in self.ratios:
+            product *= ratio
+        if product != SAMPLES_PER_AUDIO_TOKEN:
+            raise ValueError(f"the product of ratios is {product}, wanted {SAMPLES_PER_AUDIO_TOKEN}")
+        if self.codes & (self.codes - 1):
+            raise ValueError(f"codes ({self.codes}) must be a power of two")
+        return self
 
 
 class CodecNetwork(nn.Module):
@@ -93,3 +144,179 @@ def _initialise(conv: nn.Conv1d) -> None:
     bound = math.sqrt(1 / (conv.in_channels * conv.kernel_size[0]))
     with torch.no_grad():
         conv.bias.uniform_(-bound, bound)
+
+
+def lookback(conv: nn.Conv1d | nn.ConvTranspose1d) -> int:
+    """Inputs that must stand before a chunk: what a causal layer remembers."""
+    if isinstance(conv, nn.ConvTranspose1d):
+        return conv.kernel_size[0] // conv.stride[0] - 1
+    return (conv.kernel_size[0] - 1) * conv.dilation[0] + 1 - conv.stride[0]
+
+
+def convolve(conv: nn.Conv1d, x: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d"]:
+    """The convolution without padding: x begins with `lookback` old inputs; n = (t - lookback) / stride."""
+    kernel, stride, dilation = conv.kernel_size[0], conv.stride[0], conv.dilation[0]
+    frames = (x.shape[1] - lookback(conv)) // stride
+    if conv.in_channels == 1 and stride == 1 and dilation == 1:
+        return F.linear(x.squeeze(2).unfold(1, kernel, 1), conv.weight.squeeze(1), conv.bias)
+    taps, rows, channels = kernel // stride, x.shape[0], conv.out_channels
+    blocks = x.reshape(rows, -1, stride * conv.in_channels)
+    weight = conv.weight.reshape(channels, conv.in_channels, taps, stride)
+    if taps <= 3:  # side by side, then one product
+        beside = [blocks[:, tap * dilation : tap * dilation + frames] for tap in range(taps)]
+        return F.linear(_joined(beside), weight.permute(0, 2, 3, 1).reshape(channels, -1), conv.bias)
+    products = F.linear(blocks, weight.permute(2, 0, 3, 1).reshape(taps * channels, -1))
+    parts = products.view(rows, -1, taps, channels).unbind(2)
+    shifted = [part[:, tap * dilation : tap * dilation + frames] for tap, part in enumerate(parts)]
+    return _total(shifted) if conv.bias is None else _total(shifted) + conv.bias
+
+
+def convolve_transposed(conv: nn.ConvTranspose1d, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b t d"]:
+    """The transposed convolution, causal: x begins with `lookback` old inputs; t = (n - lookback) stride."""
+    stride, old = conv.stride[0], lookback(conv)
+    taps, rows, frames = old + 1, x.shape[0], x.shape[1] - old
+    beside = [x[:, old - tap : old - tap + frames] for tap in range(taps)]
+    weight = conv.weight.reshape(conv.in_channels, conv.out_channels, taps, stride).permute(3, 1, 2, 0)
+    out = F.linear(_joined(beside), weight.reshape(stride * conv.out_channels, -1))
+    out = out.view(rows, frames * stride, conv.out_channels)
+    return out if conv.bias is None else out + conv.bias
+
+
+def _joined(parts: list[Tensor]) -> Tensor:
+    return parts[0] if len(parts) == 1 else torch.cat(parts, dim=2)
+
+
+def _total(parts: list[Tensor]) -> Tensor:
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
+
+
+@dataclass
+class ConvolutionPast(StreamState):
+    """The last inputs of one convolution."""
+
+    inputs: Float[Tensor, "b k c"]
+
+
+@dataclass
+class NetworkState(StreamState):
+    """The past of an encoder or decoder; `seen` counts its inputs (0: a fresh row)."""
+
+    convolutions: list[ConvolutionPast]
+    hidden: Float[Tensor, "b l c"]
+    cell: Float[Tensor, "b l c"]
+    seen: Int[Tensor, " b"]
+
+
+def init_network_state(network: CodecNetwork, rows: int) -> NetworkState:
+    """A state of zeros for `rows` sessions of an encoder or a decoder (see `network`)."""
+    like = next(network.parameters())
+    lstm = next(module for module in network.modules() if isinstance(module, nn.LSTM))
+    pasts = [
+        ConvolutionPast(like.new_zeros(rows, lookback(conv), conv.in_channels))
+        for conv in _convolutions(network)
+        if lookback(conv)
+    ]
+    cells = like.new_zeros(rows, lstm.num_layers, lstm.hidden_size)
+    return NetworkState(pasts, cells, cells.clone(), torch.zeros(rows, dtype=torch.int64, device=like.device))
+
+
+def advance(
+    network: CodecNetwork, x: Float[Tensor, "b t c"], state: NetworkState, active: Bool[Tensor, " b"], *, padding: str
+) -> Float[Tensor, "b n d"]:
+    """Outputs for the next inputs; `state` moves on in place, in the active rows only.
+
+    Differentiable within the call. A first chunk that is shorter than a reflection is padded with zeros on the
+    right before it is reflected, as EnCodec does offline; such a row must not be continued.
+    """
+    run = Run(iter(state.convolutions), state, active, state.seen == 0, padding)
+    out = run.layers(network.layers, x)
+    write_rows(state.seen, state.seen + x.shape[1], active)
+    return out
+
+
+def open_run(network: CodecNetwork, rows: int, *, padding: str) -> "Run":
+    """A pass of fresh rows, for who wants the output of each layer."""
+    state = init_network_state(network, rows)
+    return Run(iter(state.convolutions), state, state.seen == 0, state.seen == 0, padding)
+
+
+def shortest_start(encoder: CodecNetwork, padding: str) -> int:
+    """Frames that the first chunk of a row must have at least."""
+    if padding != "reflect":
+        return 1
+    hop, needed, scale = 1, 1, 1
+    for conv in _convolutions(encoder):
+        hop *= conv.stride[0]
+    for conv in _convolutions(encoder):
+        needed = max(needed, -(-(lookback(conv) + 1) * scale // hop) if lookback(conv) else 1)
+        scale *= conv.stride[0]
+    return needed
+
+
+def _convolutions(network: CodecNetwork) -> list[nn.Conv1d | nn.ConvTranspose1d]:
+    return [module for module in network.modules() if isinstance(module, nn.Conv1d | nn.ConvTranspose1d)]
+
+
+@dataclass
+class Run:
+    """One pass through the layers, in the order in which the state lists them."""
+
+    pasts: Iterator[ConvolutionPast]
+    state: NetworkState
+    active: Tensor
+    fresh: Tensor
+    padding: str
+
+    def layers(self, layers: nn.Module, x: Tensor) -> Tensor:
+        """The layers' outputs of x, each of the one before."""
+        for layer in layers.children():
+            x = self.layer(layer, x)
+        return x
+
+    def layer(self, layer: nn.Module, x: Tensor) -> Tensor:
+        """One layer's output (b n d) of its inputs x (b t c)."""
+        if isinstance(layer, nn.ELU):
+            return F.elu(x)
+        if isinstance(layer, Recurrence):
+            return self._recur(layer.lstm, x)
+        if isinstance(layer, ResidualBlock):
+            inner = self.layers(layer.block, x)
+            return inner + self.layer(layer.shortcut, x)
+        if not isinstance(layer, Convolution):  # an identity
+            return x
+        conv = layer.conv
+        if isinstance(conv, nn.ConvTranspose1d):
+            return convolve_transposed(conv, self._remember(x, lookback(conv), padding="constant"))
+        return convolve(conv, self._remember(x, lookback(conv), padding=self.padding))
+
+    def _remember(self, x: Tensor, length: int, *, padding: str) -> Tensor:
+        """`x` behind the last inputs, which `x` then becomes."""
+        if not length:
+            return x
+        past = next(self.pasts).inputs
+        left = past.clone()
+        if padding == "reflect":
+            left = torch.where(self.fresh[:, None, None], _reflection(x, length), left)
+        x = torch.cat([left, x], dim=1)
+        write_rows(past, x[:, -length:].detach(), self.active)
+        return x
+
+    def _recur(self, lstm: nn.LSTM, x: Tensor) -> Tensor:
+        frames = x.transpose(0, 1)
+        hidden, cell = (part.transpose(0, 1).clone() for part in (self.state.hidden, self.state.cell))
+        out, (hidden, cell) = lstm(frames, (hidden.contiguous(), cell.contiguous()))
+        write_rows(self.state.hidden, hidden.transpose(0, 1).detach(), self.active)
+        write_rows(self.state.cell, cell.transpose(0, 1).detach(), self.active)
+        after: Tensor = out.transpose(0, 1) + x
+        return after
+
+
+def _reflection(x: Tensor, length: int) -> Tensor:
+    """The `length` inputs that mirror x[1:] before x[0]."""
+    missing = length + 1 - x.shape[1]
+    if missing > 0:
+        x = F.pad(x, (0, 0, 0, missing))
+    return x[:, 1 : length + 1].flip(1)

@@ -1,4 +1,4 @@
-"""Sizes of the face model; how it is trained is in `recipe`.
+"""Sizes of the face model.
 
 Paper, appendix Face Animation Generator; the smaller defaults are ours (`paper_face`).
 """

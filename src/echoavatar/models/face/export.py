@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import LIVE_LINK_NAMES, to_live_link
+from echoavatar.whole_file import write_whole
 
 
 def write_live_link(path: Path, curves: Float[np.ndarray, "t 52"], fps: float = 30.0) -> None:
@@ -21,14 +22,7 @@ def write_live_link(path: Path, curves: Float[np.ndarray, "t 52"], fps: float = 
     for frame, values in enumerate(to_live_link(curves)):
         stamp = _timecode(frame / fps, base)
         rows.append(",".join([stamp, str(len(values)), *(f"{value:.6f}" for value in values)]))
-    partial = path.with_name(path.name + ".part")
-    try:
-        partial.write_text("\n".join(rows) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise MotionError(f"{path} cannot be written ({error.strerror}); choose another place") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, "\n".join(rows) + "\n", error=MotionError)
 
 
 def _timecode(seconds: float, base: int) -> str:

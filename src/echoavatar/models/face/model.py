@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.nn import Checkpointed
+from echoavatar.checkpoint import Checkpointed
 
 from .config import FaceConfig, MelConfig
 from .encoder import AudioEncoder, MelEncoder
@@ -68,6 +68,6 @@ def make_encoder(config: FaceConfig) -> AudioEncoder[Any]:
     """The encoder of this config."""
     if isinstance(config.encoder, MelConfig):
         return MelEncoder(config.encoder)
-    from .hubert import HubertEncoder
+    from .encoder import HubertEncoder
 
     return HubertEncoder(config.encoder)

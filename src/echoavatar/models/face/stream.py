@@ -17,11 +17,10 @@ from echoavatar.nn import StreamState
 from echoavatar.timing import SAMPLES_PER_FRAME
 
 from .decoder import FrameDecoder
-from .flow import Schedule
+from .flow import Schedule, face_noise
 from .gpt import GptState
 from .idle import IdleFace, IdleState, frame_loudness
 from .model import FaceModel
-from .noise import face_noise
 
 
 @dataclass

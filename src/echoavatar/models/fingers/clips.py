@@ -1,21 +1,123 @@
-"""Clips as the finger model sees them: body features, both hands, and which hands move."""
+"""Clips as the finger model sees them: body features, both hands, and which hands move.
+
+Body features (paper: "the remaining body joints") do not depend on heading. For each hand, in axes at the hips that
+face +Z: the wrist's position (metres) and velocity (metres per second), the hand's orientation (6D) and the direction
+of the forearm; then the hips' velocity forward and to the left, and their height. Joint rotations are left out, because
+they identify rig and person, which prevents generalisation.
+
+Hand poses are 15 finger bones in 6D, the right hand mirrored. A hand has 90 numbers but far fewer degrees of freedom.
+The model works on coordinates along the principal directions of good hands, so every output is close to a pose that
+hands take.
+"""
 
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.resample import resample
+from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
+from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rotations import angle_between
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_6d, matrix_to_6d
 from echoavatar.timing import FRAME_RATE_HZ
 
-from .body_features import body_features
-from .hand_poses import BONES, FINGERS, hand_poses
+FINGERS = HUMANOID.config.parts["hands"]  # 15 joints of the left hand, 15 of the right
+BONES = len(FINGERS) // 2
+HAND_SIZE = 6 * BONES
+SIDES = ("left", "right")
+MIRROR_6D = (1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # reflection across x = 0
+
+
+def hand_poses(fingers: Float[Tensor, "*n 30 3 3"]) -> Float[Tensor, "*n 2 c"]:
+    """Left hand, and right hand mirrored, from finger rotations in the order of the rig."""
+    six = matrix_to_6d(fingers).reshape(*fingers.shape[:-3], 2, BONES, 6)
+    poses: Tensor = (six * _signs(six)).flatten(-2)
+    return poses
+
+
+def finger_rotations(hands: Float[Tensor, "*n 2 c"]) -> Float[Tensor, "*n 30 3 3"]:
+    """Inverse of `hand_poses`; any finite numbers give valid rotations."""
+    six = hands.reshape(*hands.shape[:-1], BONES, 6)
+    return matrix_from_6d((six * _signs(six)).flatten(-3, -2))
+
+
+def _signs(six: Tensor) -> Tensor:
+    signs = torch.ones(2, 1, 6, dtype=six.dtype, device=six.device)
+    signs[1] = signs.new_tensor(MIRROR_6D)
+    return signs
+
+
+class HandBasis(NamedTuple):
+    """Principal directions of hand poses; the mean variance of the coordinates is 1."""
+
+    mean: Float[Tensor, " c"]
+    axes: Float[Tensor, "k c"]
+    scale: Float[Tensor, " k"]
+
+    @property
+    def spread(self) -> Float[Tensor, " k"]:
+        """Standard deviation of each coordinate over the hands it was fitted to."""
+        return self.scale / self.scale.square().mean().sqrt()
+
+    def encode(self, hands: Float[Tensor, "*n c"]) -> Float[Tensor, "*n k"]:
+        """Coordinates of poses."""
+        return (hands - self.mean) @ self.axes.T / self.scale
+
+    def decode(self, coordinates: Float[Tensor, "*n k"]) -> Float[Tensor, "*n c"]:
+        """Poses, without the part in the directions left out."""
+        return (coordinates * self.scale) @ self.axes + self.mean
+
+
+_WRISTS = HUMANOID.indices(("leftHand", "rightHand"))
+_ELBOWS = HUMANOID.indices(("leftLowerArm", "rightLowerArm"))
+_HAND = 3 + 3 + 6 + 3
+BODY_SIZE = 2 * _HAND + 3
+
+
+def body_features(rotations: Float[Tensor, "t 52 3 3"], root: Float[Tensor, "t 3"]) -> Float[Tensor, "t c"]:
+    """Features of a clip of `HUMANOID` at 30 frames per second; they do not depend on the fingers."""
+    flat_handed = rotations.clone()
+    flat_handed[:, list(FINGERS)] = torch.eye(3, dtype=flat_handed.dtype)
+    pose = forward_kinematics(HUMANOID, flat_handed, root)
+    back = _heading(pose.rotations[:, 0]).transpose(-1, -2)
+    wrists = (back[:, None] @ (pose.positions[:, _WRISTS] - root[:, None])[..., None]).squeeze(-1)
+    elbows = (back[:, None] @ (pose.positions[:, _ELBOWS] - root[:, None])[..., None]).squeeze(-1)
+    palms = matrix_to_6d(back[:, None] @ pose.rotations[:, _WRISTS])
+    hands = torch.cat([wrists, _velocity(wrists), palms, F.normalize(wrists - elbows, dim=-1)], -1)
+    travel = (back @ _velocity(root)[..., None]).squeeze(-1)
+    return torch.cat([hands.flatten(1), travel[:, [2, 0]], root[:, 1:2]], -1)
+
+
+def mirror_body(features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
+    """Features of the mirrored clip; exact, because only signs and order change."""
+    hands, hips = torch.split(features, [2 * _HAND, 3], -1)
+    flip = features.new_tensor([-1.0, 1, 1])
+    swapped = hands.reshape(*hands.shape[:-1], 2, _HAND).flip(-2)
+    hands = (swapped * torch.cat([flip, flip, features.new_tensor(MIRROR_6D), flip])).flatten(-2)
+    return torch.cat([hands, hips * features.new_tensor([1.0, -1, 1])], -1)
+
+
+def _heading(hips: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3 3"]:
+    """Rotation about the vertical that takes +X to the character's left."""
+    x, z = hips[:, 0, 0], hips[:, 2, 0]
+    length = torch.hypot(x, z).clamp_min(1e-6)
+    cosine, sine, zero = x / length, z / length, torch.zeros_like(x)
+    one = torch.ones_like(x)
+    rows = [cosine, zero, -sine, zero, one, zero, sine, zero, cosine]
+    return torch.stack(rows, -1).reshape(-1, 3, 3)
+
+
+def _velocity(places: Tensor) -> Tensor:
+    """Velocity per second by central differences; zero for a single frame."""
+    if len(places) < 2:
+        return torch.zeros_like(places)
+    speed: Tensor = torch.gradient(places, spacing=1 / FRAME_RATE_HZ, dim=0)[0]
+    return speed
+
 
 FROZEN_DEG_S = 1.0  # fingers with a lower mean speed were not captured
 

@@ -1,6 +1,6 @@
 """Sizes of a generator: vocabulary, order of the sequence, layers, and sampling defaults."""
 
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -57,7 +57,7 @@ class GeneratorConfig(Config):
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
     patience: float = Field(
-        default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steady`)"
+        default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steadiest`)"
     )
     is_leveled: bool = Field(
         default=True, description="whether the sound it was trained on was brought to one loudness (paper: no)"
@@ -86,19 +86,6 @@ class GeneratorConfig(Config):
     example_bias: float | None = Field(
         default=None, description="nats that a directive adds to the logits of its codes; None: the pipeline's"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _is_not_guided(cls, values: Any) -> Any:
-        """Earlier versions saved `guidance`, with which the sound guided sampling; 1 was none."""
-        if not isinstance(values, dict) or "guidance" not in values:
-            return values
-        if values["guidance"] != 1:
-            raise ValueError(
-                f"guidance is {values['guidance']}, and this version has no guidance by the sound; load weights that"
-                " were tuned for it with the version that trained them, or set guidance to 1 in config.json"
-            )
-        return {name: value for name, value in values.items() if name != "guidance"}
 
     @model_validator(mode="after")
     def _fits_its_order(self) -> Self:

@@ -4,6 +4,10 @@ A prompt is read in one pass (`run`); then codes are drawn one by one (`draw`), 
 both together (`generate`) are one captured graph. Computes what `Generator.forward` computes, with few operations per
 token: norm scales are folded into the next projection, q, k and v are one product, gate and up are one product, and
 rotary positions are one complex product, for which the channels of each q and k head are reordered into pairs.
+
+In the depth order (`DepthDecoder`) both transformers are `Decoder`s, so that a CPU runs the compiled loop and all
+precisions hold. The depth transformer forgets each frame when it is drawn. To its compiled loop, the backbone's hidden
+state is a hint: it is added to the embedding of every code.
 """
 
 from collections.abc import Sequence
@@ -16,15 +20,15 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from echoavatar.nn.attention import rotary_phases
 from echoavatar.nn.graphs import GraphCache
-from echoavatar.nn.rotary import rotary_phases
 from echoavatar.nn.stream import StreamState
 
 from . import compiled
-from .config import GeneratorConfig
+from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
 from .exemplar import ExemplarControl, Steer, member_rows
-from .linear import FloatLinear, FrozenLinear, Precision, frozen_linear
-from .model import Body, DecoderLayer
+from .linear import FloatLinear, FrozenLayer, FrozenLinear, Precision, frozen_linear
+from .model import Body, DecoderLayer, Generator
 from .sampling import Sampler
 
 
@@ -79,7 +83,7 @@ class Decoder:
         width = config.width
         self._embedding = generator.model.embed_tokens.weight.detach().float()
         self._layers = [
-            _FrozenLayer(layer, config.head_width, precision)
+            FrozenLayer(layer, config.head_width, precision)
             for layer in generator.model.layers
             if isinstance(layer, DecoderLayer)
         ]
@@ -312,25 +316,101 @@ class Decoder:
         return y.view(rows, heads, length, width).transpose(1, 2).reshape(rows * length, heads * width)
 
 
-class _FrozenLayer:
-    """Four fused products of a layer; the scores' 1 / sqrt(d) is folded into the q projection."""
+@dataclass(frozen=True)
+class Part:
+    """One of the two transformers, as `Decoder` takes it."""
 
-    def __init__(self, layer: DecoderLayer, head_width: int, precision: Precision) -> None:
-        attention, mlp = layer.self_attn, layer.mlp
-        scale = head_width**-0.5
-        q = _pair(attention.q_proj.weight * scale, attention.q_proj.bias * scale, head_width)
-        k = _pair(attention.k_proj.weight, attention.k_proj.bias, head_width)
-        weight = torch.cat([q[0], k[0], attention.v_proj.weight])
-        bias = torch.cat([q[1], k[1], attention.v_proj.bias])
-        root = weight.shape[1] ** 0.5
-        before = layer.input_layernorm.weight * root
-        between = layer.post_attention_layernorm.weight * root
-        gate_up = torch.cat([mlp.gate_proj.weight, mlp.up_proj.weight])
-        self.qkv: FrozenLinear = frozen_linear(precision, weight * before, bias)
-        self.out: FrozenLinear = frozen_linear(precision, attention.o_proj.weight)
-        self.gate_up: FrozenLinear = frozen_linear(precision, gate_up * between)
-        self.down: FrozenLinear = frozen_linear(precision, mlp.down_proj.weight)
-        self.dtype = self.qkv.dtype
+    config: GeneratorConfig
+    model: Body
+    heads: Float[Tensor, "k K c"]
+    exemplar: ExemplarControl | None = None
+
+    def segment_head(self) -> Float[Tensor, "k K c"]:
+        """See `Decodable`."""
+        return self.heads
+
+
+class DepthDecoder(Decoder):
+    """The frozen depth transformer, and the backbone before it.
+
+    The backbone's one head is the map into the depth transformer. What each audio code adds to the backbone's input is
+    looked up, because the map of a frame's ten embeddings would read as many weights as a layer has.
+    """
+
+    def __init__(self, generator: Decodable, precision: Precision) -> None:
+        assert isinstance(generator, Generator)
+        assert generator.depth is not None
+        config, depth = generator.config, generator.depth
+        super().__init__(Part(config.depth, depth.body, generator.segment_head(), generator.exemplar), precision)
+        self._backbone = Decoder(Part(config, generator.model, depth.condition.weight[None]), precision)
+        self._table = generator.model.embed_tokens.weight.detach().float()
+        layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)
+        sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
+        self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)
+        for part in (self, self._backbone):
+            part.keep_compiled()
+        self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, _tensors)
+
+    @property
+    def backbone(self) -> Decoder:
+        """The frozen backbone."""
+        return self._backbone
+
+    def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
+        """See `Decoder.steer`; the hint is the backbone's."""
+        exemplar = None if self._control is None else exemplar
+        given = bias if exemplar is None else exemplar
+        if given is None:
+            return None
+        if exemplar is None or self._control is None:
+            return Steer(given.new_zeros(len(given), self._table.shape[1]), torch.zeros_like(given), given)
+        hint = self._control.hint(exemplar, member_rows(self._table, self.config.layout))
+        return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
+
+    def embed(
+        self, sound: Int[Tensor, "b i"], last: Int[Tensor, "b k"], is_first: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b c"]:
+        """The backbone's input from a frame's audio ids and the motion ids of the frame before, if there was one."""
+        layout = self.config.layout
+        place = torch.arange(AUDIO_FRAMES_PER_TOKEN, device=sound.device).repeat_interleave(layout.audio_layers)
+        heard = self._sounds[place, sound - layout.audio_base].sum(1)
+        start = self._table[layout.start_id]
+        return heard + torch.where(is_first[:, None], start, self._table[last].sum(1))
+
+    def frame(
+        self,
+        sound: Int[Tensor, "b i"],
+        last: Int[Tensor, "b k"],
+        is_first: Bool[Tensor, " b"],
+        places: Places,
+        rings: Sequence[KeyValueRing],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[Tensor, "b k"]:
+        """The codes of one frame, a captured graph on CUDA. `places` are the backbone's."""
+        return self._frames(rings, None, sound, last, is_first, *places, *sampler, *(steer or ()))
+
+    def _frame(
+        self, rings: Sequence[KeyValueRing], _: None, sound: Tensor, last: Tensor, is_first: Tensor, *inputs: Tensor
+    ) -> Int[Tensor, "b k"]:
+        places, sampler = Places(*inputs[:3]), Sampler(*inputs[3:6])
+        steer = Steer(*inputs[6:]) if len(inputs) > 6 else None
+        x = self.embed(sound, last, is_first)
+        hidden = self._backbone.read(x if steer is None else x + steer.hint, places, rings)
+        condition = self._backbone.logits(hidden, 0)
+        rows, count = last.shape
+        own, slots = self._own_places(rows, count), self.rings(rows, count)
+        first = self.read(condition, own.part(0, 1), slots)
+        nothing = condition.new_zeros(rows, len(self._directed) * self.config.layout.motion_codes)
+        members, bias = (nothing, nothing) if steer is None else steer[1:]
+        return self.draw(first, own.part(1), slots, sampler, Steer(condition, members, bias))
+
+    def _own_places(self, rows: int, count: int) -> Places:
+        """Positions of the depth transformer: each sees those before it in the frame, and never the spare slot."""
+        at = torch.arange(count + 1, device=self.device)
+        positions, seen = at[:-1].expand(rows, -1), at[:-1, None] >= at
+        everyone = torch.ones(rows, dtype=torch.bool, device=self.device)
+        return self.places(positions, positions, seen.expand(rows, -1, -1), everyone)
 
 
 def _arrays(rings: Sequence[KeyValueRing]) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -343,12 +423,3 @@ def _positions(places: Places) -> compiled.Positions:
 
 def _tensors(rings: Sequence[KeyValueRing]) -> list[Tensor]:
     return [tensor for ring in rings for tensor in ring.tensors()]
-
-
-def _pair(
-    weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"], head_width: int
-) -> tuple[Float[Tensor, "o i"], Float[Tensor, " o"]]:
-    """Reorder the outputs of each head from (all firsts, all seconds) to (first, second) pairs."""
-    order = torch.arange(weight.shape[0], device=weight.device)
-    order = order.view(-1, 2, head_width // 2).transpose(1, 2).flatten()
-    return weight[order], bias[order]

@@ -1,8 +1,8 @@
 """Exemplar-driven control: a set of first-layer upper-body codes asks the generator for a motion.
 
 Paper, Exemplar-Driven Control (after MECo): the first RVQ layer carries the meaning, so the codes that a reference clip
-uses there, without order, are the directive. Which part of the body the paper means, and whether it drops codes of a
-set in training, it does not say: the upper body is the release's, 10 to 20 % dropped is MECo's.
+uses there, without order, are the directive. Which part of the body the paper means it does not say: the upper body is
+the release's.
 
 Two forms. `prompt` is the paper's: the set stands as control tokens in a system prompt, in front of a window that is
 re-read every step (`Prefix.prompt`, `control_ids`); the transformer learns what they mean, no weight is added. `gate`
@@ -18,13 +18,9 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
-
 from ..tokens import PARTS, Sequences, TokenLayout
 
 UPPER = 1  # the part whose first layer is the directive
-DROPPED = (0.1, 0.2)  # share of a set that is left out in training (ours)
-SHORTEST_CHUNKS = 3  # a set is drawn from at least 0.8 s
 
 
 class Exemplar(NamedTuple):
@@ -110,27 +106,3 @@ def raise_logits(
     gate = control.gate(hidden[:, batch.predictors[segment]]) * exemplar.holds[..., None]
     raised = logits[segment] + (gate * exemplar.members[:, None]).to(logits)
     return torch.cat([logits[:segment], raised[None], logits[segment + 1 :]])
-
-
-def draw_exemplar(
-    motion: Int[Tensor, "b n p q"], share: float, *, codes: int, whole: bool, generator: torch.Generator
-) -> Exemplar:
-    """Directives for training windows: the codes that a span of each window uses, 10 to 20 % of them dropped.
-
-    A `share` of the windows gets one, over a random span of whole chunks (over the `whole` window in the prefix order).
-    """
-    rows, steps = motion.shape[:2]
-    chunks = steps // MOTION_TOKENS_PER_CHUNK
-    length = torch.randint(min(SHORTEST_CHUNKS, chunks), chunks + 1, (rows, 1), generator=generator)
-    start = (torch.rand(rows, 1, generator=generator) * (chunks - length + 1)).long()
-    given = torch.rand(rows, 1, generator=generator) < share
-    low, high = DROPPED
-    dropped = low + (high - low) * torch.rand(rows, 1, generator=generator)
-    kept = torch.rand(rows, codes, generator=generator) >= dropped
-    if whole:
-        start, length = torch.zeros_like(start), torch.full_like(length, chunks)
-    chunk = torch.arange(steps) // MOTION_TOKENS_PER_CHUNK
-    holds = (chunk >= start) & (chunk < start + length) & given
-    used = torch.zeros(rows, codes + 1)  # the last column takes the codes outside the span
-    used.scatter_(1, torch.where(holds, motion[:, :, UPPER, 0], codes), 1.0)
-    return Exemplar(used[:, :codes] * kept, holds)

@@ -15,6 +15,8 @@ from torch import Tensor
 
 from echoavatar.checkpoint import round_to_int8
 
+from .model import DecoderLayer
+
 Precision = Literal["float32", "bfloat16", "int8"]
 
 
@@ -92,3 +94,33 @@ def frozen_linear(
             return HalfLinear(weight, bias)
         case "int8":
             return Int8Linear(weight, bias)
+
+
+class FrozenLayer:
+    """Four fused products of a layer; the scores' 1 / sqrt(d) is folded into the q projection."""
+
+    def __init__(self, layer: DecoderLayer, head_width: int, precision: Precision) -> None:
+        attention, mlp = layer.self_attn, layer.mlp
+        scale = head_width**-0.5
+        q = _pair(attention.q_proj.weight * scale, attention.q_proj.bias * scale, head_width)
+        k = _pair(attention.k_proj.weight, attention.k_proj.bias, head_width)
+        weight = torch.cat([q[0], k[0], attention.v_proj.weight])
+        bias = torch.cat([q[1], k[1], attention.v_proj.bias])
+        root = weight.shape[1] ** 0.5
+        before = layer.input_layernorm.weight * root
+        between = layer.post_attention_layernorm.weight * root
+        gate_up = torch.cat([mlp.gate_proj.weight, mlp.up_proj.weight])
+        self.qkv: FrozenLinear = frozen_linear(precision, weight * before, bias)
+        self.out: FrozenLinear = frozen_linear(precision, attention.o_proj.weight)
+        self.gate_up: FrozenLinear = frozen_linear(precision, gate_up * between)
+        self.down: FrozenLinear = frozen_linear(precision, mlp.down_proj.weight)
+        self.dtype = self.qkv.dtype
+
+
+def _pair(
+    weight: Float[Tensor, "o i"], bias: Float[Tensor, " o"], head_width: int
+) -> tuple[Float[Tensor, "o i"], Float[Tensor, " o"]]:
+    """Reorder the outputs of each head from (all firsts, all seconds) to (first, second) pairs."""
+    order = torch.arange(weight.shape[0], device=weight.device)
+    order = order.view(-1, 2, head_width // 2).transpose(1, 2).flatten()
+    return weight[order], bias[order]

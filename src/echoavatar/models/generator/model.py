@@ -1,24 +1,82 @@
 """The generator: a Qwen2 transformer over audio and motion ids, with the output head cut to one segment at a time.
 
 Paper, Settings: Qwen2.5-0.5B-Instruct with its tied embeddings detached. The state-dict names are those of
-transformers' `Qwen2ForCausalLM`, so that its weights initialise the body (`initial.init_from_qwen`). Departure:
-only the K rows of the position's segment are ever computed, in training, scoring and sampling alike; the paper's
-full softmax gives mass to codes that the cyclic grammar forbids.
+transformers' `Qwen2ForCausalLM`, so that its weights initialise the body. Departure: only the K rows of the position's
+segment are ever computed, in training, scoring and sampling alike; the paper's full softmax gives mass to codes that
+the cyclic grammar forbids. Attention in a sliding band is computed in blocks of queries, so that keys outside the band
+cost nothing.
+
+The depth order (`DepthReader`) is not in the paper, which flattens all ids into one sequence; it follows RQ-Transformer
+and Moshi. The backbone runs at 7.5 Hz: its input is the sound of the frame (the layers of each audio frame summed, the
+ten audio frames mapped together) and the last motion frame (the sum of its code embeddings). The depth transformer then
+predicts the frame's 3 Q codes in the order of the segments. Each of its positions gets the backbone's hidden state and
+the code before. So the large transformer runs once for 3 Q codes and 20 audio ids, where the flattened one runs
+3 Q + 20 times.
 """
+
+from contextlib import AbstractContextManager, nullcontext
 
 import torch
 import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
+from torch.nn.attention import SDPBackend, sdpa_kernel
 
-from echoavatar.nn import Checkpointed
-from echoavatar.nn.rotary import phase_table, rotary, rotary_phases
+from echoavatar.checkpoint import Checkpointed
+from echoavatar.nn.attention import phase_table, rotary, rotary_phases
 
 from ..tokens import Sequences
-from .attention import banded_attention, masked_attention
-from .config import GeneratorConfig
-from .depth_model import DepthReader
+from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
 from .exemplar import Exemplar, ExemplarControl, member_rows, raise_logits, spread_hints
+
+BLOCK = 256
+
+
+def in_band(query: Int[Tensor, " t"], key: Int[Tensor, " s"], lookback: int | None) -> Bool[Tensor, "t s"]:
+    """Which key positions a query position sees: itself and the `lookback` - 1 before it."""
+    gap = query[:, None] - key[None, :]
+    return gap >= 0 if lookback is None else (gap >= 0) & (gap < lookback)
+
+
+def banded_attention(
+    q: Float[Tensor, "b h t d"], k: Float[Tensor, "b h t d"], v: Float[Tensor, "b h t d"], lookback: int | None
+) -> Float[Tensor, "b h t d"]:
+    """Each position attends to itself and the `lookback` - 1 positions before it."""
+    length = q.shape[2]
+    if length <= BLOCK and (lookback is None or lookback >= length):
+        with _kernel(q):
+            return F.scaled_dot_product_attention(q, k, v, is_causal=True)
+    at = torch.arange(length, device=q.device)
+    parts = []
+    for start in range(0, length, BLOCK):
+        stop = min(start + BLOCK, length)
+        first = 0 if lookback is None else max(0, start - lookback + 1)
+        mask = in_band(at[start:stop], at[first:stop], lookback)
+        with _kernel(q):
+            block = F.scaled_dot_product_attention(
+                q[:, :, start:stop], k[:, :, first:stop], v[:, :, first:stop], attn_mask=mask
+            )
+        parts.append(block)
+    return torch.cat(parts, dim=2)
+
+
+def masked_attention(
+    q: Float[Tensor, "b h t d"],
+    k: Float[Tensor, "b h t d"],
+    v: Float[Tensor, "b h t d"],
+    lookback: int | None,
+    valid: Bool[Tensor, "b t"],
+) -> Float[Tensor, "b h t d"]:
+    """The same with invalid positions; an invalid position sees itself alone."""
+    at = torch.arange(q.shape[2], device=q.device)
+    mask = in_band(at, at, lookback) & valid[:, None, :] | torch.eye(len(at), dtype=torch.bool, device=q.device)
+    return F.scaled_dot_product_attention(q, k, v, attn_mask=mask[:, None])
+
+
+def _kernel(q: Tensor) -> AbstractContextManager[None]:
+    """On a CPU the fused kernel's backward pass in bfloat16 takes seven times as long as the plain one."""
+    is_trained = q.requires_grad and q.device.type == "cpu"
+    return sdpa_kernel(SDPBackend.MATH) if is_trained else nullcontext()
 
 
 class RMSNorm(nn.Module):
@@ -125,6 +183,83 @@ class Body(nn.Module):
             x = layer(x, table, lookback, valid)
         hidden: Tensor = self.norm(x)
         return hidden
+
+
+class DepthReader(nn.Module):
+    """What a generator of the depth order has beside its backbone and its heads."""
+
+    def __init__(self, config: GeneratorConfig, body: Body) -> None:
+        """`body` is the transformer over codes, with an embedding table of its own."""
+        super().__init__()
+        self.config, self.body = config, body
+        self.sound = nn.Linear(AUDIO_FRAMES_PER_TOKEN * config.width, config.width, bias=False)
+        self.condition = nn.Linear(config.width, config.depth_width, bias=False)
+
+    @torch.no_grad()
+    def balance(self) -> None:
+        """Make the backbone's hidden state, which is normed, as small as the embedded codes that it is added to."""
+        self.condition.weight.mul_(self.config.width**-0.5)
+
+    def forward(
+        self,
+        backbone: Body,
+        ids: Int[Tensor, "b t"],
+        hints: Float[Tensor, "b n c"] | None,
+        asked: Int[Tensor, " f"] | None = None,
+    ) -> Float[Tensor, "b m d"]:
+        """The hidden state that predicts each code, frame after frame; see `tokens.Depth` for the ids.
+
+        With `asked`, of these frames alone: the backbone reads all.
+        """
+        sizes = self._sizes
+        sound, moves = torch.split(ids.view(len(ids), -1, sum(sizes)), sizes, dim=2)
+        x = self.heard(backbone, sound) + self.moved(backbone, moves)
+        x = x if hints is None else x + hints
+        hidden = self._run(backbone, x)
+        return self.codes(hidden, moves) if asked is None else self.codes(hidden[:, asked], moves[:, asked])
+
+    def apart(
+        self, backbone: Body, sound: Int[Tensor, "b t"], moves: Int[Tensor, "b m"]
+    ) -> tuple[Float[Tensor, "b t d"], Float[Tensor, "b m d"]]:
+        """The hidden states that predict each audio id from sound alone, and each motion id from motion alone."""
+        sounds, codes = (ids.view(len(ids), -1, size) for ids, size in zip((sound, moves), self._sizes, strict=True))
+        heard = torch.cat([self._start(backbone, sound), self.heard(backbone, sounds)[:, :-1]], dim=1)
+        by_sound, by_motion = self._run(backbone, heard), self._run(backbone, self.moved(backbone, codes))
+        return self.codes(by_sound, sounds), self.codes(by_motion, codes)
+
+    @property
+    def _sizes(self) -> list[int]:
+        """Audio ids and motion ids of a frame."""
+        layout = self.config.layout
+        return [AUDIO_FRAMES_PER_TOKEN * layout.audio_layers, layout.segments]
+
+    def _run(self, backbone: Body, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:
+        frames = torch.arange(x.shape[1], device=x.device)[None]
+        hidden: Tensor = backbone(x, frames, self.config.order.lookback)
+        return hidden
+
+    def _start(self, backbone: Body, ids: Int[Tensor, "b t"]) -> Float[Tensor, "b 1 c"]:
+        start: Tensor = backbone.embed_tokens(torch.full_like(ids[:, :1], self.config.layout.start_id))
+        return start
+
+    def heard(self, backbone: Body, sound: Int[Tensor, "b n i"]) -> Float[Tensor, "b n c"]:
+        """The backbone's input from the audio ids of each frame."""
+        by_layer = backbone.embed_tokens(sound).unflatten(2, (AUDIO_FRAMES_PER_TOKEN, -1))
+        heard: Tensor = self.sound(by_layer.sum(3).flatten(2))
+        return heard
+
+    def moved(self, backbone: Body, moves: Int[Tensor, "b n k"]) -> Float[Tensor, "b n c"]:
+        """The backbone's input from the motion ids of the frame before; the start id stands before the first."""
+        return torch.cat([self._start(backbone, moves[:, :, 0]), backbone.embed_tokens(moves[:, :-1]).sum(2)], dim=1)
+
+    def codes(self, hidden: Float[Tensor, "b n c"], ids: Int[Tensor, "b n k"]) -> Float[Tensor, "b m d"]:
+        """The hidden state that predicts each id of each frame, from the backbone's and the ids before in the frame."""
+        rows, _, count = ids.shape
+        before = F.pad(self.body.embed_tokens(ids[..., :-1]), (0, 0, 1, 0))
+        x = (before + self.condition(hidden)[:, :, None]).flatten(0, 1)
+        places = torch.arange(count, device=ids.device)[None]
+        read: Tensor = self.body(x, places, None)
+        return read.view(rows, -1, read.shape[2])
 
 
 def _control(config: GeneratorConfig) -> ExemplarControl | None:

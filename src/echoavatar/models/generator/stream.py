@@ -1,11 +1,13 @@
 """Streaming generation: each chunk of audio codes in, two time steps of motion codes out (or the config's number).
 
 `InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids
-in one pass, then decodes 6 Q ids one by one. `PrefixStream` is the paper's sliding window: its state is the code
-history and every step reads the whole window again. Callers cannot tell which.
+in one pass, then decodes 6 Q ids one by one. `DepthStream` keeps such a ring for the backbone, one slot a motion frame.
+`PrefixStream` is the paper's sliding window: its state is the code history and every step reads the whole window again.
+Callers cannot tell which.
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
@@ -17,7 +19,7 @@ from echoavatar.nn.stream import StreamingModule, StreamState, write_rows
 
 from ..tokens import Interleaved, Prefix
 from .config import AUDIO_FRAMES_PER_TOKEN
-from .decoder import Decoder, KeyValueRing, Places
+from .decoder import Decoder, DepthDecoder, KeyValueRing, Places
 from .exemplar import Steer, control_ids
 from .linear import Precision
 from .model import Generator
@@ -162,9 +164,7 @@ class InterleavedStream(GeneratorStream[RingState]):
             self._advance(state, moves[:, chunk, -1], active)
 
     def _advance(self, state: RingState, last: Int[Tensor, " b"], active: Bool[Tensor, " b"]) -> None:
-        for ring in state.rings:
-            ring.keys[..., -1] = 0
-            ring.values[..., -1] = 0
+        _clear_spare(state.rings)
         write_rows(state.last, last - self.layout.start_id, active)
         write_rows(state.chunks, state.chunks + 1, active)
 
@@ -291,3 +291,101 @@ class PrefixStream(GeneratorStream[HistoryState]):
         positions = (valid.long().cumsum(1) - 1).clamp(min=0)
         everyone = torch.ones(rows, dtype=torch.bool, device=device)
         return self._decoder.places(positions, at.expand(rows, -1), seen, everyone)
+
+
+@dataclass
+class FrameState(StreamState):
+    """Keys and values of the backbone's window, the last frame's codes, and how many frames were heard."""
+
+    rings: list[KeyValueRing]
+    last: Int[Tensor, "b p q"]
+    frames: Int[Tensor, " b"]
+
+
+class DepthStream(GeneratorStream[FrameState]):
+    """Bounded memory, no re-reading: a chunk costs two steps of the backbone and 6 Q of the depth transformer."""
+
+    _decoder_type: ClassVar[type[Decoder]] = DepthDecoder
+    _decoder: DepthDecoder
+
+    def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
+        super().__init__(generator, precision)
+        self._slots = generator.config.window_tokens
+
+    def init_state(self, rows: int) -> FrameState:
+        """A fresh state."""
+        device, layout = self._decoder.device, self.layout
+        last = torch.zeros(rows, layout.parts, layout.motion_layers, dtype=torch.int64, device=device)
+        return FrameState(self._decoder.backbone.rings(rows, self._slots), last, last[:, 0, 0].clone())
+
+    def _heard(self, state: FrameState) -> Int[Tensor, " b"]:
+        return state.frames // self.config.step
+
+    def _generate(
+        self,
+        x: Int[Tensor, "b f l"],
+        state: FrameState,
+        active: Bool[Tensor, " b"],
+        sampler: Sampler,
+        steer: Steer | None,
+    ) -> Int[Tensor, "b n p q"]:
+        noise, count, frames = sampler.noise, self.layout.segments, []
+        for at, sound in enumerate(torch.split(x, AUDIO_FRAMES_PER_TOKEN, dim=1)):
+            drawn = self._decoder.frame(
+                *self._inputs(sound, state),
+                self._places(state, active),
+                state.rings,
+                sampler._replace(noise=noise[:, at * count : (at + 1) * count]),
+                steer,
+            )
+            frames.append(self.layout.unflatten(drawn))
+            self._advance(state, frames[-1][:, 0], active)
+        return torch.cat(frames, dim=1)
+
+    @torch.no_grad()
+    def prime(
+        self, x: Int[Tensor, "b f l"], motion: Int[Tensor, "b n p q"], state: FrameState, active: Bool[Tensor, " b"]
+    ) -> None:
+        """See `GeneratorStream.prime`."""
+        for at, sound in enumerate(torch.split(x, AUDIO_FRAMES_PER_TOKEN, dim=1)):
+            embedded = self._decoder.embed(*self._inputs(sound, state))
+            self._decoder.backbone.read(embedded, self._places(state, active), state.rings)
+            self._advance(state, motion[:, at].long(), active)
+
+    def _inputs(self, sound: Int[Tensor, "b f l"], state: FrameState) -> tuple[Tensor, Tensor, Tensor]:
+        """Audio ids, the last frame's motion ids, and which rows have none."""
+        return self.layout.audio_ids(sound), self.layout.motion_ids(state.last[:, None]), state.frames == 0
+
+    def _advance(self, state: FrameState, codes: Int[Tensor, "b p q"], active: Bool[Tensor, " b"]) -> None:
+        _clear_spare(state.rings)
+        write_rows(state.last, codes, active)
+        write_rows(state.frames, state.frames + 1, active)
+
+    def _places(self, state: FrameState, active: Bool[Tensor, " b"]) -> Places:
+        """The frame's position, its slot, and the slots of the window; the oldest frame makes room for the new one."""
+        at = state.frames[:, None]
+        slots = at % self._slots
+        age = (slots[..., None] - torch.arange(self._slots + 1, device=at.device)) % self._slots
+        seen = age <= at[..., None]
+        seen[..., -1] = False
+        return self._decoder.backbone.places(at, slots, seen, active)
+
+
+def _clear_spare(rings: Sequence[KeyValueRing]) -> None:
+    """Forget what rows that were not active wrote."""
+    for ring in rings:
+        for tensor in ring.tensors():
+            tensor[..., -1] = 0
+
+
+def open_stream(
+    generator: Generator, precision: Precision = "float32"
+) -> InterleavedStream | PrefixStream | DepthStream:
+    """The stream of this generator's sequence order."""
+    match generator.config.sequence:
+        case "interleaved":
+            return InterleavedStream(generator, precision)
+        case "prefix":
+            return PrefixStream(generator, precision)
+        case "depth":
+            return DepthStream(generator, precision)

@@ -4,12 +4,9 @@ May import `motion.kinematics`, and `nn` and below. Poses are in the root's fram
 matter. Metres, radians, Y up in the rest pose, character facing +Z.
 """
 
-from .cylinder import Cylinder
-from .fit import measure_body
+from .cylinder import Cylinder, SwingConfig, swing_clear
 from .hand_collisions import HandCollisions
-from .measure import penetration_depth_m
-from .profile import BodyProfile, RoundedPart, body_of_rig
-from .swing import SwingConfig, swing_clear
+from .profile import BodyProfile, RoundedPart, body_of_rig, measure_body
 
 __all__ = [
     "BodyProfile",
@@ -19,6 +16,5 @@ __all__ = [
     "SwingConfig",
     "body_of_rig",
     "measure_body",
-    "penetration_depth_m",
     "swing_clear",
 ]

@@ -1,18 +1,96 @@
-"""The paper's cylinder for a character that has none of its own, from its thickness (paper, Online Post-Processing).
+"""The paper's own rule (Online Post-Processing): a cylinder around the spine, a remap of distance, a shoulder swing.
 
-The paper shapes the cylinder by hand "based on the model width". Here its radius at a height is the half width of the
-body's part there (`BodyProfile`), plus half the thickness of a palm. `swing_clear` is the rule.
+It serves bundles whose rig was tuned with it, and comparisons. `HandCollisions` is the default and lists what it does
+differently. This rule is written in torch and is differentiable.
+
+Let d be a wrist's horizontal distance from the pelvis' vertical axis, r the cylinder's radius at its height, and s the
+smoothstep. The wrist's target is at distance d + r (1 - s(d / (1.5 r))): 0 goes to r, 1.5 r stays. The arm then rotates
+about the shoulder by the least rotation that points it at the target. The hand gets the target's direction, but not
+its distance.
+
+`swing_clear` is the rule. The paper shapes the cylinder by hand "based on the model width". `Cylinder` makes one for a
+character that has none: its radius at a height is the half width of the body's part there (`BodyProfile`), plus half
+the thickness of a palm.
 """
+
+from itertools import pairwise
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float
+from pydantic import Field
+from torch import Tensor
 
-from ..kinematics import Skeleton
+from echoavatar.config import Config
+
+from ..kinematics import Skeleton, forward_kinematics
 from ..kinematics.rigs import bone_map
-from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from ..kinematics.rotations import least_rotation, matrix_from_quaternion, quaternion_from_matrix
 from .profile import BodyProfile, body_of_rig
-from .swing import SwingConfig, swing_clear
+
+
+class SwingConfig(Config):
+    """A cylinder whose radius changes with height, in the unit of the rig."""
+
+    profile: tuple[tuple[float, float], ...] = Field(
+        min_length=2, description="(height above the pelvis, radius), from below; flat beyond the ends"
+    )
+    reach: float = Field(1.5, gt=1, description="radii at which the rule begins to act")
+    up: int = Field(1, ge=0, le=2, description="axis of the pelvis that points up: 0 x, 1 y, 2 z")
+    snap: float = Field(0.0, ge=0, description="1 - cosine below which a swing is left out (reference: 1e-6)")
+
+
+def remapped_distance(
+    distance: Float[Tensor, "*n"], radius: Float[Tensor, "*n"], reach: float = 1.5
+) -> Float[Tensor, "*n"]:
+    """Distance from the axis after the rule: [0, reach radius] onto [radius, reach radius], beyond unchanged."""
+    share = (distance / (reach * radius)).clamp(0, 1)
+    return distance + radius * (1 - share.square() * (3 - 2 * share))
+
+
+def radius_at(height: Float[Tensor, "*n"], config: SwingConfig) -> Float[Tensor, "*n"]:
+    """Radius of the cylinder, linear between the profile's points."""
+    radius = torch.full_like(height, config.profile[0][1])
+    for (low, first), (high, second) in pairwise(config.profile):
+        radius = radius + (second - first) * ((height - low) / (high - low)).clamp(0, 1)
+    return radius
+
+
+def swing_between(
+    start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"], snap: float = 0.0
+) -> Float[Tensor, "*n 3 3"]:
+    """`least_rotation`, left out where 1 - cosine of its angle is below `snap`."""
+    rotation = least_rotation(start, end)
+    cosine = (F.normalize(start, dim=-1) * F.normalize(end, dim=-1)).sum(-1)[..., None, None]
+    return torch.where(cosine > 1 - snap, torch.eye(3).to(rotation), rotation) if snap else rotation
+
+
+def swing_clear(
+    skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], config: SwingConfig, arms: tuple[tuple[int, int], ...]
+) -> Float[Tensor, "*n j 3 3"]:
+    """Parent-relative rotations with each arm swung clear; `arms` are (upper arm joint, wrist joint) pairs.
+
+    A wrist exactly on the axis has no half-plane and stays where it is.
+    """
+    pelvis = torch.zeros_like(rotations[..., 0, :, 0])
+    upright = torch.cat([torch.eye(3).to(rotations).expand_as(rotations[..., :1, :, :]), rotations[..., 1:, :, :]], -3)
+    pose = forward_kinematics(skeleton, upright, pelvis)
+    changed = rotations.clone()
+    for shoulder, wrist in arms:
+        hand = pose.positions[..., wrist, :]
+        flat = hand * (torch.arange(3, device=hand.device) != config.up)
+        distance = flat.norm(dim=-1)
+        radius = radius_at(hand[..., config.up], config)
+        further = remapped_distance(distance, radius, config.reach) / (distance + 1e-9)
+        target = hand + flat * (further - 1)[..., None]
+        origin = pose.positions[..., shoulder, :]
+        swing = swing_between(hand - origin, target - origin, config.snap)
+        above = pose.rotations[..., skeleton.parents[shoulder], :, :]
+        new = above.mT @ swing @ pose.rotations[..., shoulder, :, :]
+        is_near = (distance < config.reach * radius)[..., None, None]
+        changed[..., shoulder, :, :] = torch.where(is_near, new, rotations[..., shoulder, :, :])
+    return changed
 
 
 class Cylinder:

@@ -1,4 +1,4 @@
-"""Skeletons and motion as geometry: rotations, forward kinematics, BVH, features, mirroring, retargeting.
+"""Skeletons and motion as geometry: rotations, forward kinematics, features, retargeting.
 
 May import `nn` and below. Metres, radians, Y up, character facing +Z with its left at +X, quaternions `wxyz`,
 rotations relative to the parent; anything else says so in its name.
@@ -8,12 +8,11 @@ Each kind of array has one arithmetic:
 | | whole clips, torch: batched, differentiable | live stages, compiled loops: one rotation at a time |
 |---|---|---|
 | rotations | `rotations` | `quaternions` |
-| forward kinematics | `forward` | `ik.chains`, for the few joints that the stages need |
-| two-bone IK | `two_bone`, about a given hinge | `ik.leg` (knee about X), `ik.arm` (elbow in its own plane) |
-| retargeting | `retarget`, measured on the clip | `live_retarget`, in torch too, measured on the two rest poses |
+| forward kinematics | `motion` | `ik.limbs`, for the few joints that the stages need |
+| two-bone IK | `two_bone`, about a given hinge | `ik.limbs` (knee about X, elbow in its own plane) |
+| retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, measured on two rest poses |
 """
 
-from .bvh import read_bvh, write_bvh
 from .features import (
     FeatureStatistics,
     MotionFrames,
@@ -23,9 +22,7 @@ from .features import (
     split_parts,
     to_features,
 )
-from .forward import Pose, forward_kinematics
-from .mirror import mirror_features, mirror_rotations
-from .motion import Motion
+from .motion import Motion, Pose, forward_kinematics
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig
 
 __all__ = [
@@ -39,11 +36,7 @@ __all__ = [
     "forward_kinematics",
     "from_features",
     "measure_features",
-    "mirror_features",
-    "mirror_rotations",
     "part_sizes",
-    "read_bvh",
     "split_parts",
     "to_features",
-    "write_bvh",
 ]

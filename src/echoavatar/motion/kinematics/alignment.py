@@ -18,7 +18,7 @@ import torch.nn.functional as F
 from jaxtyping import Float
 from torch import Tensor
 
-from .forward import Pose
+from .motion import Pose
 from .rotations import least_rotation
 from .skeleton import Skeleton
 

@@ -1,8 +1,9 @@
-"""Put planted feet on the floor and keep them still by leg IK, without a jerk before or after.
+"""Find planted feet, put them on the floor and keep them still by leg IK, without a jerk before or after.
 
-While a foot is planted, its toe joint is held in one place at standing height. While the heel is down too, the foot is
-held level, with one heading. The correction fades in and out over the frames around, so that the foot's path stays
-smooth. The hips are lowered a little where a leg would not reach.
+A foot is planted if its joint is near its standing height and has a low VERTICAL speed. Horizontal speed plays no part:
+otherwise a sliding foot would pass for a swinging one. While a foot is planted, its toe joint is held in one place at
+standing height. While the heel is down too, the foot is held level, with one heading. The correction fades in and out
+over the frames around, so that the foot's path stays smooth. The hips are lowered a little where a leg would not reach.
 """
 
 from dataclasses import replace
@@ -13,14 +14,49 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .contact import planted
 from .easing import smootherstep
-from .forward import forward_kinematics
-from .motion import Motion
+from .motion import Motion, forward_kinematics
 from .rigs import bone_map
 from .rotations import axis_angle_from_quaternion, matrix_from_axis_angle, quaternion_from_matrix
 from .skeleton import Skeleton
 from .two_bone import REACH, reach
+
+ENTER_HEIGHT_M = 0.020
+LEAVE_HEIGHT_M = 0.035
+ENTER_SPEED = 0.15  # metres per second, vertical
+LEAVE_SPEED = 0.30
+
+
+def planted(
+    positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
+) -> NDArray[np.bool_]:
+    """Which feet are planted, per frame.
+
+    With hysteresis: a foot is planted once it is within 2 cm of its standing height and moves vertically at less than
+    15 cm/s. It is lifted once it is over 3.5 cm above that height or moves vertically faster than 30 cm/s.
+
+    Args:
+        positions: (t, f, 3) world positions of ankles, balls or toes, metres.
+        fps: frames per second.
+        standing_height: height of each joint when its foot is flat on the floor, metres; None takes the 5th
+            percentile of its height, which assumes that the foot stands at some time.
+
+    Returns:
+        (t, f) True where a foot is planted.
+    """
+    height = np.asarray(positions, np.float64)[..., 1]
+    floor = np.percentile(height, 5, axis=0) if standing_height is None else np.asarray(standing_height)
+    over = height - floor
+    speed = np.abs(np.gradient(height, axis=0)) * fps if len(height) > 1 else np.zeros_like(height)
+    may_enter = (over < ENTER_HEIGHT_M) & (speed < ENTER_SPEED)
+    may_stay = (over < LEAVE_HEIGHT_M) & (speed < LEAVE_SPEED)
+    is_planted = np.zeros(height.shape, np.bool_)
+    state = may_enter[0] if len(height) else np.zeros(height.shape[1], np.bool_)
+    for t in range(len(height)):
+        state = np.where(state, may_stay[t], may_enter[t])
+        is_planted[t] = state
+    return is_planted
+
 
 FADE_SECONDS = 0.25
 MAX_SLIDE_SPEED = 0.35  # metres per second; a faster foot steps, or is dragged on purpose

@@ -1,19 +1,43 @@
-"""Motion: a skeleton and its movement, as an immutable value."""
+"""Motion as a value; its pose in the world; the same motion at another frame rate.
+
+`forward_kinematics` is batched and differentiable, one product per tree level (paper, appendix). One departure from the
+paper's formula: the root's position is the given world position, not its constant rest offset, so that the result
+includes the root's travel. `ik.limbs` is the compiled version for the live stages.
+"""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.typing import NDArray
 from torch import Tensor
 
 from echoavatar.errors import MotionError
 
-from .forward import Pose, forward_kinematics
-from .rotations import matrix_from_quaternion
+from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
+
+
+class Pose(NamedTuple):
+    """World rotation matrices and positions of every joint."""
+
+    rotations: Float[Tensor, "*n j 3 3"]
+    positions: Float[Tensor, "*n j 3"]
+
+
+def forward_kinematics(skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], root: Float[Tensor, "*n 3"]) -> Pose:
+    """World pose from parent-relative rotations and the root's world position (metres)."""
+    tables = skeleton.level_tables(rotations.device)
+    local = torch.split(rotations.index_select(-3, tables.order), list(tables.sizes), -3)
+    world, places = [local[0]], [root[..., None, :]]
+    for level, parents, offsets in zip(local[1:], tables.parents, tables.offsets, strict=True):
+        above = world[-1].index_select(-3, parents)
+        places.append(places[-1].index_select(-2, parents) + (above @ offsets.to(above)).squeeze(-1))
+        world.append(above @ level)
+    return Pose(torch.cat(world, -3).index_select(-3, tables.back), torch.cat(places, -2).index_select(-2, tables.back))
 
 
 @dataclass(frozen=True)
@@ -79,20 +103,54 @@ class Motion:
             "parents": np.array(self.skeleton.parents),
         }
 
-    def save(self, path: str | Path) -> None:
-        """Write .bvh, .npz or .csv. Other formats also need a mesh or a face: see `echoavatar.Animation.save`.
 
-        Raises:
-            MotionError: the suffix is another, or the file cannot be written.
-        """
-        from . import bvh, tables
+def resample(motion: Motion, fps: float) -> Motion:
+    """The same motion at another frame rate. It begins at the first frame and ends at or before the last.
 
-        path = Path(path)
-        if path.suffix == ".bvh":
-            bvh.write_bvh(path, self.skeleton, self.rotations, self.root, self.fps)
-        elif path.suffix == ".npz":
-            tables.write_npz(path, self)
-        elif path.suffix == ".csv":
-            tables.write_csv(path, self)
-        else:
-            raise MotionError(f"a motion is saved as .bvh, .npz or .csv, not {path.suffix!r}; see Animation.save")
+    Frames at an instant that both rates share are copied exactly.
+    """
+    ratio = frame_ratio(motion.fps, fps)
+    count = int((motion.frames - 1) / ratio) + 1
+    steps = np.arange(count, dtype=np.int64) * ratio.numerator
+    index = np.minimum(steps // ratio.denominator, motion.frames - 1)
+    share = (steps % ratio.denominator) / ratio.denominator
+    after = np.minimum(index + 1, motion.frames - 1)
+    source = torch.from_numpy(motion.rotations.astype(np.float64))
+    between = slerp(source[index], source[after], torch.from_numpy(share)[:, None]).numpy().astype(np.float32)
+    is_shared = share == 0
+    rotations = np.where(is_shared[:, None, None], motion.rotations[index], between)
+    root = catmull_rom(motion.root, index, share)
+    exact = np.where(is_shared[:, None], motion.root[index], root.astype(np.float32))
+    return Motion(motion.skeleton, rotations, exact, fps)
+
+
+def align_signs(quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
+    """The same rotations, with signs chosen so that interpolation between frames takes the short way."""
+    is_flipped = (quaternions[1:] * quaternions[:-1]).sum(-1) < 0
+    sign = np.where(np.cumsum(is_flipped, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
+    return np.concatenate([quaternions[:1], quaternions[1:] * sign[..., None]])
+
+
+def frame_ratio(source_fps: float, fps: float) -> Fraction:
+    """Source frames per new frame, exactly; 29.97 means 30000/1001, and likewise 23.976 and 59.94."""
+    return _fraction(source_fps) / _fraction(fps)
+
+
+def _fraction(fps: float) -> Fraction:
+    exact = Fraction(fps).limit_denominator(1001)
+    film = Fraction(round(fps * 1001), 1001)
+    is_film = film.numerator % 1000 == 0 and abs(float(film) - fps) < 5e-3 and exact.denominator != 1
+    return film if is_film else exact
+
+
+def catmull_rom(
+    values: Float[np.ndarray, "t ..."], index: Int[np.ndarray, " n"], share: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n ..."]:
+    """A cubic between frames `index` and `index` + 1, in double precision; it continues straight at both ends."""
+    wide = values.astype(np.float64)
+    first, last = (2 * wide[:1] - wide[1:2], 2 * wide[-1:] - wide[-2:-1]) if len(wide) > 1 else (wide, wide)
+    wide = np.concatenate([first, wide, last, last])
+    a, b, c, d = (wide[index + k] for k in range(4))
+    u = share.reshape(-1, *([1] * (values.ndim - 1)))
+    curve: np.ndarray = b + u / 2 * (c - a + u * (2 * a - 5 * b + 4 * c - d + u * (3 * (b - c) + d - a)))
+    return curve

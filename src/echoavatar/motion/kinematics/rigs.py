@@ -5,6 +5,7 @@ Bandai-Namco, Daz and Rigify (FreeMoCap, whose wrist is the tip of the lower arm
 """
 
 import re
+from typing import NamedTuple
 
 from echoavatar.errors import MotionError
 
@@ -40,7 +41,7 @@ def known_bones(skeleton: Skeleton) -> dict[str, int]:
     if skeleton.config.vrm:
         return dict(skeleton.config.vrm)
     plain = {_PREFIX.sub("", name): i for i, name in enumerate(skeleton.names)}
-    return max(({bone: plain[name] for bone, name in table.items() if name in plain} for table in _tables()), key=len)
+    return max(({bone: plain[name] for bone, name in table.items() if name in plain} for table in _TABLES), key=len)
 
 
 def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
@@ -54,77 +55,69 @@ def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
     }
 
 
-def _tables() -> list[dict[str, str]]:
-    return [
-        {name: name for name in HUMANOID.names},
-        _mixamo(("Spine", "Spine1", "Spine2")),
-        _mixamo(("Spine", "Spine2", "Spine3")),
-        _mixamo(("LowerBack", "Spine", "Spine1")),
-        _unreal(),
-        _biped(),
-        _bandai(),
-        _daz(),
-        _rigify(),
-    ]
+class _Rig(NamedTuple):
+    """How a family of rigs calls its bones.
+
+    `{s}` stands for the side, `{digit}` or `{Digit}` for a finger's name and `{n}` for its number, `{k}` for 1 to 3
+    and `{j}` for nothing, 1 and 2 along it.
+    """
+
+    trunk: str  # hips, spine, chest, upper chest, neck, head; - for none
+    sides: tuple[str, str]
+    limbs: str  # shoulder, upper and lower arm, hand, upper and lower leg, foot, toes
+    fingers: str = ""
+
+    def table(self) -> dict[str, str]:
+        """VRM bone to joint name."""
+        names = zip(_TRUNK, self.trunk.split(), strict=True)
+        table = {bone: name for bone, name in names if name != "-"}
+        for side, s in zip(("left", "right"), self.sides, strict=True):
+            table |= {side + bone: name for bone, name in zip(_LIMBS, self.limbs.format(s=s).split(), strict=True)}
+            for n, (digit, bones) in enumerate(finger_bones(side).items() if self.fingers else ()):
+                own = "Pinky" if digit == "Little" else digit
+                for k, bone in enumerate(bones, start=1):
+                    table[bone] = self.fingers.format(s=s, Digit=own, digit=own.lower(), n=n, k=k, j=k - 1 or "")
+        return table
 
 
-def _mixamo(spine: tuple[str, str, str]) -> dict[str, str]:
-    table = {"hips": "Hips", "neck": "Neck", "head": "Head"}
-    table |= dict(zip(("spine", "chest", "upperChest"), spine, strict=True))
-    for side, own in (("left", "Left"), ("right", "Right")):
-        table |= _limbs(
-            side, f"{own}Shoulder {own}Arm {own}ForeArm {own}Hand {own}UpLeg {own}Leg {own}Foot {own}ToeBase"
-        )
-        for digit, bones in finger_bones(side).items():
-            named = "Pinky" if digit == "Little" else digit
-            table |= {bone: f"{own}Hand{named}{k}" for k, bone in enumerate(bones, start=1)}
-    return table
-
-
-def _unreal() -> dict[str, str]:
-    table = {"hips": "pelvis", "spine": "spine_01", "chest": "spine_02", "upperChest": "spine_03"}
-    table |= {"neck": "neck_01", "head": "head"}
-    for side, s in (("left", "l"), ("right", "r")):
-        table |= _limbs(side, f"clavicle_{s} upperarm_{s} lowerarm_{s} hand_{s} thigh_{s} calf_{s} foot_{s} ball_{s}")
-        for digit, bones in finger_bones(side).items():
-            named = "pinky" if digit == "Little" else digit.lower()
-            table |= {bone: f"{named}_0{k}_{s}" for k, bone in enumerate(bones, start=1)}
-    return table
-
-
-def _biped() -> dict[str, str]:
-    table = {"hips": "Pelvis", "spine": "Spine", "chest": "Spine1", "upperChest": "Spine2"}
-    table |= {"neck": "Neck", "head": "Head"}
-    for side, s in (("left", "L"), ("right", "R")):
-        table |= _limbs(side, f"{s}_Clavicle {s}_UpperArm {s}_Forearm {s}_Hand {s}_Thigh {s}_Calf {s}_Foot {s}_Toe0")
-        for number, bones in enumerate(finger_bones(side).values()):
-            table |= {bone: f"{s}_Finger{number}{k or ''}" for k, bone in enumerate(bones)}
-    return {bone: f"Bip01_{name}" for bone, name in table.items()}
-
-
-def _bandai() -> dict[str, str]:
-    table = {"hips": "Hips", "spine": "Spine", "upperChest": "Chest", "neck": "Neck", "head": "Head"}
-    for side, s in (("left", "L"), ("right", "R")):
-        table |= _limbs(
-            side, f"Shoulder_{s} UpperArm_{s} LowerArm_{s} Hand_{s} UpperLeg_{s} LowerLeg_{s} Foot_{s} Toes_{s}"
-        )
-    return table
-
-
-def _daz() -> dict[str, str]:
-    table = {"hips": "hip", "spine": "abdomen", "chest": "chest", "neck": "neck", "head": "head"}
-    for side, s in (("left", "l"), ("right", "r")):
-        table |= _limbs(side, f"{s}Collar {s}Shldr {s}ForeArm {s}Hand {s}Thigh {s}Shin {s}Foot {s}Toe")
-    return table
-
-
-def _rigify() -> dict[str, str]:
-    table = {"hips": "pelvis", "spine": "spine", "chest": "spine.001", "neck": "neck", "head": "face"}
-    for side, s in (("left", "L"), ("right", "R")):
-        table |= _limbs(side, f"shoulder.{s} upper_arm.{s} forearm.{s} hand.{s} thigh.{s} shin.{s} foot.{s} toe.{s}")
-    return table
-
-
-def _limbs(side: str, names: str) -> dict[str, str]:
-    bones = ("Shoulder", "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toes")
-    return {f"{side}{bone}": name for bone, name in zip(bones, names.split(), strict=True)}
+_TRUNK = ("hips", "spine", "chest", "upperChest", "neck", "head")
+_LIMBS = ("Shoulder", "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toes")
+_MIXAMO = _Rig(
+    "Hips Spine Spine1 Spine2 Neck Head",
+    ("Left", "Right"),
+    "{s}Shoulder {s}Arm {s}ForeArm {s}Hand {s}UpLeg {s}Leg {s}Foot {s}ToeBase",
+    "{s}Hand{Digit}{k}",
+)
+_RIGS = (
+    _MIXAMO,
+    _MIXAMO._replace(trunk="Hips Spine Spine2 Spine3 Neck Head"),
+    _MIXAMO._replace(trunk="Hips LowerBack Spine Spine1 Neck Head"),
+    _Rig(  # Unreal
+        "pelvis spine_01 spine_02 spine_03 neck_01 head",
+        ("l", "r"),
+        "clavicle_{s} upperarm_{s} lowerarm_{s} hand_{s} thigh_{s} calf_{s} foot_{s} ball_{s}",
+        "{digit}_0{k}_{s}",
+    ),
+    _Rig(  # 3ds Max Biped
+        "Bip01_Pelvis Bip01_Spine Bip01_Spine1 Bip01_Spine2 Bip01_Neck Bip01_Head",
+        ("Bip01_L", "Bip01_R"),
+        "{s}_Clavicle {s}_UpperArm {s}_Forearm {s}_Hand {s}_Thigh {s}_Calf {s}_Foot {s}_Toe0",
+        "{s}_Finger{n}{j}",
+    ),
+    _Rig(  # Bandai-Namco
+        "Hips Spine - Chest Neck Head",
+        ("L", "R"),
+        "Shoulder_{s} UpperArm_{s} LowerArm_{s} Hand_{s} UpperLeg_{s} LowerLeg_{s} Foot_{s} Toes_{s}",
+    ),
+    _Rig(  # Daz
+        "hip abdomen chest - neck head",
+        ("l", "r"),
+        "{s}Collar {s}Shldr {s}ForeArm {s}Hand {s}Thigh {s}Shin {s}Foot {s}Toe",
+    ),
+    _Rig(  # Rigify
+        "pelvis spine spine.001 - neck face",
+        ("L", "R"),
+        "shoulder.{s} upper_arm.{s} forearm.{s} hand.{s} thigh.{s} shin.{s} foot.{s} toe.{s}",
+    ),
+)
+_TABLES = ({name: name for name in HUMANOID.names}, *(rig.table() for rig in _RIGS))

@@ -1,4 +1,4 @@
-"""Two-bone IK in closed form, for whole clips in torch; `ik.leg` and `ik.arm` are the compiled loops of the stages."""
+"""Two-bone IK in closed form, for whole clips in torch; `ik.limbs` has the compiled loops of the stages."""
 
 import torch
 from jaxtyping import Float

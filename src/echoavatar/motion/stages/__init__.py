@@ -1,4 +1,4 @@
 """The stages behind the tokenizer's decoder; `post` runs them in order.
 
-May import `motion.kinematics`, `motion.ik`, and `nn` and below.
+May import `ik`, `kinematics`, `motion_chunk`, `nn` and below.
 """

@@ -23,8 +23,7 @@ from torch import Tensor
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
 
-from ..ik.chains import ChainPose, Chains
-from ..ik.leg import bend, legs_of
+from ..ik.limbs import ChainPose, Chains, bend, legs_of
 from ..kinematics import Skeleton
 from ..kinematics.quaternions import minus, read_quaternion, read_vector, rotate, rotate_back, write_vector
 from .pose import Array, Pose

@@ -17,7 +17,7 @@ from torch import Tensor
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
 
-from ..ik.chains import ChainPose, Chains
+from ..ik.limbs import ChainPose, Chains
 from ..kinematics import Skeleton
 from ..kinematics.quaternions import read_quaternion, read_vector, rotate, write_vector
 from .feet import STANDING_SPEED, STEPPING_SPEED

@@ -19,18 +19,15 @@ from echoavatar.nn import StreamState
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
 
 from ..ik import BodyProfile, HandCollisions
-from ..ik.chains import Chains
+from ..ik.limbs import Chains
 from ..kinematics import Motion, Skeleton, to_features
 from ..motion_chunk import MotionBatch, join_batches
 from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
 from .modes import FREE, IdleLegs, ModesState, MotionOptions
-from .pose import Pose
-from .repair import repair
-from .smoother import Smoother, SmootherState
-from .speed_limit import SpeedLimit, SpeedLimitState
-from .unpack import Unpacking
+from .pose import Pose, Unpacking, repair
+from .smoother import Smoother, SmootherState, SpeedLimit, SpeedLimitState
 
 OnStage = Callable[[str], None]
 POST_STAGES = ("pose", "smoother", "ground", "leash", "feet", "hands")

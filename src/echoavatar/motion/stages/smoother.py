@@ -11,6 +11,10 @@ over the four numbers of the unit quaternions, and over the root's travel. The s
 `BEND` where a latent begins and 1 elsewhere: there acceleration may change at less cost. A step is thereby
 spread over a whole latent, and a chunk is nearly as smooth at its border as within. No joint turns faster than
 `FASTEST`. `docs/results/post.md` says how the three numbers were chosen. The paper has no smoother.
+
+`SpeedLimit` holds the same bound behind the last stage. A hand that would pass through the body is pushed out of it,
+and where the nearest way out changes sides, so does the hand, from one frame to the next. The limit spreads such a turn
+over the frames that it takes at `FASTEST`.
 """
 
 import math
@@ -156,3 +160,41 @@ def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ign
         for frame in range(frames):
             write_vector(root[row, frame], weighted_sum(shares[frame], path))
         remember(travel[row], path, root[row])
+
+
+@dataclass
+class SpeedLimitState(StreamState):
+    """The last rotations shown; zero where nothing was shown yet."""
+
+    rotations: Float[Tensor, "b j 4"]
+
+
+class SpeedLimit:
+    """Holds back joints that turn faster than `FASTEST`."""
+
+    def __init__(self, joints: int) -> None:
+        self._joints = joints
+
+    def init_state(self, rows: int) -> SpeedLimitState:
+        """Nothing shown yet."""
+        return SpeedLimitState(torch.zeros(rows, self._joints, 4))
+
+    def step(self, pose: Pose, state: SpeedLimitState, active: Bool[Array, " b"]) -> None:
+        """Hold back the rotations of active rows, in place."""
+        hold_back(pose.rotations, state.rotations.numpy(), active, math.cos(FASTEST / pose.fps / 2))
+
+
+@kernel()
+def hold_back(rotations, shown, active, cosine):  # type: ignore[no-untyped-def]
+    """Turn every joint of active rows towards its rotation in each frame, by an angle of at most twice acos(cosine)."""
+    for row in range(len(rotations)):
+        if not active[row]:
+            continue
+        is_new = not shown[row, 0].any()
+        for joint in range(rotations.shape[2]):
+            now = rotations[row, :, joint]
+            last = read_quaternion(now[0] if is_new else shown[row, joint])
+            for frame in range(len(now)):
+                last = slowed_down(last, read_quaternion(now[frame]), cosine)
+                write_quaternion(now[frame], last)
+            write_quaternion(shown[row, joint], last)

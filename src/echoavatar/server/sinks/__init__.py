@@ -1,12 +1,11 @@
 """Live motion to other programs: VMC (OSC), Live Link Face and JSON over UDP, each at its own rate.
 
-May import `face`, `kinematics`, `wire` and below. Every sink has a thread of its own. The code that feeds a sink never
+May import `wire`, `models`, `motion` and below. Every sink has a thread of its own. The code that feeds a sink never
 waits for it, and a receiver that is slow or gone affects nothing here.
 """
 
 from .address import check_address, make_sink, parse_address
-from .player import SinkPlayer
+from .player import SinkGroup, SinkPlayer
 from .sink import Frame, Sink, UdpSink
-from .sink_group import SinkGroup
 
 __all__ = ["SinkGroup", "Frame", "Sink", "SinkPlayer", "UdpSink", "check_address", "make_sink", "parse_address"]

@@ -7,10 +7,8 @@ from urllib.parse import parse_qsl, urlsplit
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import Rig
 
-from .json_udp import JsonEncoder
-from .live_link import LiveLinkEncoder
+from .encoders import NAMES, JsonEncoder, LiveLinkEncoder, Names, VmcEncoder
 from .sink import Encoder, Sink, UdpSink
-from .vmc import NAMES, Names, VmcEncoder
 
 PORTS = {"vmc": 39_539, "livelink": 11_111, "json": 39_570, "unity": 12_346}
 RATES = {"vmc": 60.0, "livelink": 60.0, "json": 30.0}

@@ -1,21 +1,137 @@
-"""A thread that plays motion into a sink, at the sink's rate and on a clock of its own."""
+"""Plays motion into sinks, each on a thread of its own, at its own rate and on a clock of its own.
+
+The playback position arrives in jumps: from a player's reports, or from a loop that was delayed. `FollowingClock` runs
+on its own and is corrected towards the reported position by running a little faster or slower, so that motion neither
+stutters nor drifts. It stops when the other clock stops, and never runs backwards except in a jump. `SinkGroup` plays
+where nobody reports a position.
+"""
 
 import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from types import TracebackType
 
-from echoavatar.timing import SAMPLES_PER_FRAME
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire import Flush, Motion, Pose, Rig, ServerMessage, unpack_pose
 
-from .clock import FollowingClock
+from .address import make_sink
 from .sink import Frame, Sink
-from .track import PoseTrack
 
+CORRECTION_S = 0.1  # an error this large doubles the clock's speed, or stops the clock
+JUMP_S = 0.35  # a larger error is corrected at once
+EXTRAPOLATION_S = 0.1  # a report is extrapolated for this long; after that the other clock is taken to have stopped
+HISTORY_SAMPLES = 24_000  # samples kept behind the last reading
 _LOG = logging.getLogger(__name__)
 JOIN_TIMEOUT_S = 1.0
 MAX_QUEUED = 1_000  # messages kept for the thread; when full, the oldest are dropped
+POLL_S = 0.02
+LEAD_S = 0.1  # from the first motion until it is shown; absorbs uneven arrival
+
+
+class FollowingClock:
+    """Follows a session's clock; readings are in samples."""
+
+    def __init__(self) -> None:
+        self._told: tuple[float, float] | None = None  # sample, and the time of the report
+        self._read: tuple[float, float] | None = None
+
+    def tell(self, at: float, now: float) -> None:
+        """Report that the other clock shows `at` at the time `now`, in seconds of `time.monotonic`."""
+        self._told = at, now
+
+    def jump(self) -> None:
+        """Take over the next report directly, without smoothing."""
+        self._read = None
+
+    def read(self, now: float) -> float | None:
+        """The sample to show now; None before the first report."""
+        if self._told is None:
+            return None
+        at, then = self._told
+        goal = at + min(max(now - then, 0.0), EXTRAPOLATION_S) * SAMPLE_RATE_HZ
+        if self._read is None or abs(goal - self._read[0]) > JUMP_S * SAMPLE_RATE_HZ:
+            self._read = goal, now
+            return goal
+        mine, before = self._read
+        passed = max(0.0, now - before) * SAMPLE_RATE_HZ
+        error = (goal - (mine + passed)) / (CORRECTION_S * SAMPLE_RATE_HZ)
+        mine += passed * min(max(1 + error, 0.0), 2.0)
+        self._read = mine, now
+        return mine
+
+
+class PoseTrack:
+    """Motion that is still to be shown. The writer bounds its length; poses behind the reader are dropped."""
+
+    def __init__(self) -> None:
+        self._blocks: deque[tuple[int, Pose]] = deque()
+
+    @property
+    def end(self) -> int:
+        """The clock up to which there are poses; 0 if there are none."""
+        if not self._blocks:
+            return 0
+        at, pose = self._blocks[-1]
+        return at + len(pose.root) * SAMPLES_PER_FRAME
+
+    def put(self, at: int, pose: Pose) -> None:
+        """Add frames from `at` on; they replace existing poses from that moment on."""
+        if self._blocks and at < self.end:
+            self.cut(at)
+        self._blocks.append((at, pose))
+
+    def cut(self, at: int) -> None:
+        """Remove all poses from `at` on."""
+        kept = deque[tuple[int, Pose]]()
+        for start, pose in self._blocks:
+            frames = min(len(pose.root), max(0, -(-(at - start) // SAMPLES_PER_FRAME)))
+            if frames:
+                face = None if pose.face is None else pose.face[:frames]
+                kept.append((start, Pose(pose.rotations[:frames], pose.root[:frames], face)))
+        self._blocks = kept
+
+    def read(self, at: float) -> Pose | None:
+        """The pose at a moment, interpolated between the two frames around it; beyond either end, the nearest frame."""
+        while len(self._blocks) > 1 and self._blocks[1][0] < at - HISTORY_SAMPLES:
+            self._blocks.popleft()
+        if not self._blocks:
+            return None
+        before, after = self._beside(at)
+        share = 0.0 if after[0] <= before[0] else (at - before[0]) / (after[0] - before[0])
+        return _interpolate(before[1], after[1], min(max(share, 0.0), 1.0))
+
+    def _beside(self, at: float) -> tuple[tuple[int, Pose], tuple[int, Pose]]:
+        """The last frame not after `at`, and the frame that follows it."""
+        before: tuple[int, Pose] | None = None
+        for start, pose in self._blocks:
+            for_block = int((at - start) // SAMPLES_PER_FRAME)
+            if for_block < 0:
+                first = start, _frame(pose, 0)
+                return (before or first), first
+            k = min(for_block, len(pose.root) - 1)
+            before = start + k * SAMPLES_PER_FRAME, _frame(pose, k)
+            if k + 1 < len(pose.root):
+                return before, (before[0] + SAMPLES_PER_FRAME, _frame(pose, k + 1))
+        assert before is not None  # there is at least one block
+        return before, before
+
+
+def _frame(pose: Pose, k: int) -> Pose:
+    return Pose(pose.rotations[k], pose.root[k], None if pose.face is None else pose.face[k])
+
+
+def _interpolate(a: Pose, b: Pose, share: float) -> Pose:
+    """Interpolate linearly, quaternions along the shorter arc and normalised."""
+    signs = np.where(np.einsum("jc,jc->j", a.rotations, b.rotations) < 0, -share, share)[:, None]
+    rotations: Float[np.ndarray, "j 4"] = a.rotations * (1 - share) + b.rotations * signs
+    rotations = rotations / np.maximum(np.sqrt(np.einsum("jc,jc->j", rotations, rotations)), 1e-9)[:, None]
+    face = None if a.face is None or b.face is None else a.face * (1 - share) + b.face * share
+    return Pose(rotations, a.root * (1 - share) + b.root * share, face)
 
 
 class SinkPlayer:
@@ -106,3 +222,69 @@ class SinkPlayer:
                 _LOG.warning("%s cannot show motion (%s); the session continues without it", self._name, error)
             return False
         return True
+
+
+class SinkGroup:
+    """Plays motion into several sinks when no player reports a playback position."""
+
+    def __init__(self, sinks: Iterable[str], rig: Rig, *, curves: int = 52) -> None:
+        """Raises EchoAvatarError if an address is not valid."""
+        made = [(text, make_sink(text, rig)) for text in sinks]
+        self.players = [SinkPlayer(sink, rig, curves=curves, name=text) for text, sink in made]
+        self._start: tuple[int, float] | None = None  # a sample, and the time at which it is shown
+        self._end = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._tick, name="sinks' clock", daemon=True)
+        self._thread.start()
+
+    def take(self, message: ServerMessage) -> None:
+        """Take a message of a session."""
+        if isinstance(message, Motion):
+            self._reach(message.at, message.frames)
+        elif isinstance(message, Flush):
+            self._end = min(self._end, message.at)
+        for player in self.players:
+            player.take(message)
+
+    def put(self, at: int, pose: Pose) -> None:
+        """Take frames at 30 fps that begin at sample `at`."""
+        self._reach(at, len(pose.root))
+        for player in self.players:
+            player.put(at, pose)
+
+    def finish(self) -> None:
+        """Wait until everything has been shown."""
+        while self.players and (at := self._now()) is not None and at < self._end:
+            time.sleep(POLL_S)
+
+    def close(self) -> None:
+        """Stop all sinks."""
+        self._stop.set()
+        self._thread.join()
+        for player in self.players:
+            player.close()
+
+    def __enter__(self) -> "SinkGroup":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _reach(self, at: int, frames: int) -> None:
+        self._end = at + frames * SAMPLES_PER_FRAME
+        if self._start is None:
+            self._start = at, time.monotonic() + LEAD_S
+
+    def _now(self) -> float | None:
+        if self._start is None:
+            return None
+        return self._start[0] + max(0.0, time.monotonic() - self._start[1]) * SAMPLE_RATE_HZ
+
+    def _tick(self) -> None:
+        while not self._stop.wait(POLL_S):
+            at = self._now()
+            if at is not None:
+                for player in self.players:
+                    player.tell(min(at, self._end), time.monotonic())

@@ -14,10 +14,9 @@ from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot, aimed,
 from echoavatar.files.avatar.render import Paint
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.server.sinks.player import PoseTrack
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire import Flush, Motion, Rig, ServerMessage, Sound, unpack_pose
-
-from ..sinks.track import PoseTrack
 
 FOLLOW_S = 0.5  # the camera reaches 63 % of a new place in this time
 KEPT_S = 2.0  # of sound behind the newest reading

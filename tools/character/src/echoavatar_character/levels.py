@@ -19,9 +19,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
-from echoavatar.files.avatar.character import FOLDER
+from echoavatar.files.avatar.character import FOLDER, Morphs
 from echoavatar.files.avatar.gltf import pack_glb
-from echoavatar.files.avatar.morphs import Morphs
 
 from .pose import DOWN, posed
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 import echoavatar
 from echoavatar.files.avatar import MATERIALS, Character, Textures
-from echoavatar.files.avatar.morphs import LEAST_MOVE, LEAST_TURN, Morphs
+from echoavatar.files.avatar.character import LEAST_MOVE, LEAST_TURN, Morphs
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, skin

@@ -13,7 +13,6 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 import echoavatar
-from echoavatar.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import CHARACTERS, Character, load_character
@@ -25,6 +24,7 @@ from echoavatar.motion.expression import MOODS
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS
 
 from .pose import DOWN, Turns, posed
 

@@ -17,8 +17,7 @@ from jaxtyping import Float
 from PIL import Image
 
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
-from echoavatar.files.avatar.gltf import BODY_NODE, FACE_NODE, HALFWAY_NODES, character_document, packed
-from echoavatar.files.avatar.gltf_buffer import Buffer
+from echoavatar.files.avatar.gltf import BODY_NODE, FACE_NODE, HALFWAY_NODES, Buffer, character_document, packed
 from echoavatar.files.avatar.halfway import BONES, REST, SOURCES
 from echoavatar.files.avatar.render import Camera, Paint
 from echoavatar.motion.arkit import ARKIT_NAMES

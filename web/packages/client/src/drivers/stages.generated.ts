@@ -1,4 +1,4 @@
-/** The stages of the film. Do not edit: scripts/make_stages.py makes it of the film's stage.py. */
+/** The backdrops of the film. Do not edit: scripts/make_stages.py makes it of the film's backdrop.py. */
 
 export type Triple = readonly [number, number, number];
 

@@ -1,0 +1,260 @@
+"""Trains the audio-motion alignment reward on token clips and tests it by retrieval among held-out windows."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from pydantic import Field
+from torch import Tensor
+
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, CHUNK_SECONDS, MOTION_TOKENS_PER_CHUNK, exact_div
+from echoavatar_lab.data import DOMAINS
+from echoavatar_lab.evaluation.metrics.retrieval import (
+    PAPER_GALLERY,
+    Retrieval,
+    batched,
+    chance,
+    gallery,
+    retrieval,
+    similarity,
+)
+from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
+
+from .audio_encoders import RATE_HZ, decoded_waveform
+from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
+
+WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
+FEWEST = 32  # windows that a domain needs for a table of its own
+MIRROR = ".mirror"  # suffix of a mirrored clip's name (`pipeline.tokenize`)
+
+
+class AudioRewardTraining(TrainingConfig):
+    """Training settings. With several processes negatives come from the process's own rows, so use a larger batch."""
+
+    steps: int = Field(default=1000, gt=0, description="optimiser steps")
+    batch: int = Field(default=64, gt=0, description="windows a step (paper: 32)")
+    each: int = Field(default=4, gt=0, description="windows of one clip in a batch; they do not overlap")
+    learning_rate: float = Field(default=1e-3, gt=0, description="peak, cosine (paper: 1e-4)")
+    warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")
+    final_rate: float = Field(default=0.0, ge=0, le=1, description="share of the peak at the end")
+    weight_decay: float = Field(default=0.05, ge=0, description="AdamW decay")
+    save_every: int = Field(default=50, ge=0, description="steps between checkpoints")
+
+
+class Windows(NamedTuple):
+    """Audio, motion, and a segment number that mirrored motion shares with its original."""
+
+    sound: Tensor  # codec tokens, or a waveform at 16 kHz
+    motion: Tensor
+    segments: Int[Tensor, " b"]
+
+
+class AudioMotionWindows:
+    """Windows of audio and motion cut from clips; windows of one segment, mirrored ones too, share a number."""
+
+    def __init__(
+        self,
+        clips: Mapping[str, TokenClip],
+        *,
+        chunks: int = WINDOW_CHUNKS,
+        waves: Mapping[str, Tensor] | None = None,
+        features: Mapping[str, Tensor] | None = None,
+    ) -> None:
+        """With `waves` (from `decoded_waveforms`) the audio is a waveform, otherwise codec tokens.
+
+        With `features` (from `decoded_features`) the motion is features at 30 fps, otherwise codes.
+        """
+        self._chunks, self._waves, self._features = chunks, waves, features
+        sources = sorted({name.removesuffix(MIRROR) for name in clips})
+        self._source = {name: at for at, name in enumerate(sources)}
+        self._clips = {name: clip for name, clip in clips.items() if clip.chunks >= chunks}
+        if not self._clips:
+            raise MotionError(f"no clip is as long as a window of {chunks} chunks")
+        self._names = list(self._clips)
+
+    def draw(self, number: int, size: int, seed: int, *, each: int = 1) -> Windows:
+        """`size` random windows, `each` from one clip: other moments of the same clip are the hardest negatives."""
+        random, spots = np.random.default_rng([seed, number]), list[tuple[str, int]]()
+        while len(spots) < size:
+            name = self._names[int(random.integers(len(self._names)))]
+            room = self._clips[name].chunks - self._chunks
+            first = int(random.integers(min(self._chunks, room + 1)))
+            starts = np.arange(first, room + 1, self._chunks)
+            spots += [(name, int(start)) for start in random.permutation(starts)[:each]]
+        return self._cut(spots[:size])
+
+    def grid(self, sound: int | None = None) -> Windows:
+        """All non-overlapping windows of clips that are not mirrored, or only those mostly of domain `sound`."""
+        spots = [
+            (name, start)
+            for name, clip in self._clips.items()
+            if not name.endswith(MIRROR)
+            for start in range(0, clip.chunks - self._chunks + 1, self._chunks)
+            if sound is None or self._domain(name, start) == sound
+        ]
+        if not spots:
+            raise MotionError(f"no window of {self._chunks} chunks is mostly {DOMAINS[sound or 0]}")
+        return self._cut(spots)
+
+    def _domain(self, name: str, start: int) -> int:
+        """The domain of most of a window's tokens."""
+        span = slice(start * MOTION_TOKENS_PER_CHUNK, (start + self._chunks) * MOTION_TOKENS_PER_CHUNK)
+        return int(np.bincount(self._clips[name].domain[span], minlength=len(DOMAINS)).argmax())
+
+    def _cut(self, spots: Sequence[tuple[str, int]]) -> Windows:
+        def stacked(field: str, each: int) -> Tensor:
+            parts = [
+                getattr(self._clips[name], field)[start * each : (start + self._chunks) * each] for name, start in spots
+            ]
+            return torch.from_numpy(np.stack(parts).astype(np.int64))
+
+        sound = stacked("audio", AUDIO_FRAMES_PER_CHUNK) if self._waves is None else self._heard(spots)
+        segments = [self._source[name.removesuffix(MIRROR)] * 100_000 + start for name, start in spots]
+        motion = stacked("motion", MOTION_TOKENS_PER_CHUNK) if self._features is None else self._seen(spots)
+        return Windows(sound, motion, torch.tensor(segments))
+
+    def _seen(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b t c"]:
+        """The windows' motion features."""
+        assert self._features is not None
+        each = CHUNK_FRAMES
+        rows = [self._features[name][start * each : (start + self._chunks) * each] for name, start in spots]
+        return torch.stack(rows).float()
+
+    def _heard(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b s"]:
+        """The windows' waveforms."""
+        assert self._waves is not None
+        samples = int(self._chunks * CHUNK_SECONDS * RATE_HZ)  # a chunk is not a whole number of samples
+        firsts = [(name, int(start * CHUNK_SECONDS * RATE_HZ)) for name, start in spots]
+        rows = [self._waves[name.removesuffix(MIRROR)][first : first + samples] for name, first in firsts]
+        return torch.stack(rows).float()
+
+
+def decoded_waveforms(
+    codec: AudioCodec, clips: Mapping[str, TokenClip], progress: Progress | None = None
+) -> dict[str, Float[Tensor, " _"]]:
+    """Decode each clip's codec tokens to a 16 kHz waveform in half precision, by name; mirrored clips share one."""
+    sources = {name.removesuffix(MIRROR): clip for name, clip in clips.items()}
+    waves = {}
+    for done, (name, clip) in enumerate(sources.items(), start=1):
+        waves[name] = decoded_waveform(codec, torch.from_numpy(clip.audio.astype(np.int64))[None])[0].half()
+        if progress is not None:
+            progress(done, len(sources))
+    return waves
+
+
+@torch.no_grad()
+def decoded_features(
+    tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], progress: Progress | None = None
+) -> dict[str, Float[Tensor, "_ c"]]:
+    """Decode each clip's motion codes to features in half precision, by name: what a continuation is judged by, too."""
+    found = {}
+    for done, (name, clip) in enumerate(clips.items(), start=1):
+        found[name] = tokenizer.decode(torch.from_numpy(clip.motion.astype(np.int64))[None])[0].half()
+        if progress is not None:
+            progress(done, len(clips))
+    return found
+
+
+class AudioRewardTask(TrainingTask[Windows]):
+    """The training task of the alignment reward."""
+
+    config: AudioRewardTraining
+
+    def __init__(
+        self,
+        model: AudioMotion,
+        pairs: AudioMotionWindows,
+        training: AudioRewardTraining,
+        card: Mapping[str, object] | None = None,
+    ) -> None:
+        super().__init__(training, {"model": model})
+        self.model, self._pairs, self._card = model, pairs, dict(card or {})
+
+    def identity(self) -> Mapping[str, Config]:
+        """Sizes and schedule."""
+        return {"reward": self.model.config, "training": self.config}
+
+    def draw(self, step: int) -> Windows:
+        """See `TrainingTask.draw`."""
+        return self._pairs.draw(step, self.config.batch, self.config.seed, each=self.config.each)
+
+    def loss(self, batch: Windows, step: int) -> Loss:
+        """See `TrainingTask.loss`."""
+        model = self.model
+        found = info_nce(
+            model.embed_audio(batch.sound), model.embed_motion(batch.motion), model.temperature, batch.segments
+        )
+        return Loss(found, {"temperature": model.temperature})
+
+    def save(self, folder: Path, step: int) -> None:
+        """Write the reward."""
+        about = {"kind": "audio_reward", "step": step, "training": self.config.model_dump()}
+        self.model.save(folder, self._card | about)
+
+
+def train_audio_reward(
+    model: AudioMotion,
+    pairs: AudioMotionWindows,
+    folder: Path,
+    training: AudioRewardTraining,
+    *,
+    card: Mapping[str, object] | None = None,
+    progress: Progress | None = None,
+) -> AudioMotion:
+    """Train into a checkpoint folder, or resume the run in it."""
+    train(AudioRewardTask(model, pairs, training, card), folder, progress=progress)
+    return model.eval()
+
+
+@torch.no_grad()
+def embed(
+    model: AudioMotion, pairs: AudioMotionWindows, sound: int | None = None
+) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
+    """Embeddings of all non-overlapping windows, or only those mostly of domain `sound`."""
+    asked = pairs.grid(sound)
+    heard = torch.cat([model.embed_audio(part) for part in torch.split(asked.sound, 64)])
+    seen = torch.cat([model.embed_motion(part) for part in torch.split(asked.motion, 64)])
+    return heard.numpy(), seen.numpy()
+
+
+def retrieval_tables(model: AudioMotion, pairs: AudioMotionWindows) -> dict[str, dict[str, dict[str, object]]]:
+    """A `retrieval_table` of all windows and one for each domain, where telling domains apart does not help."""
+    tables = {"everything": retrieval_table(*embed(model, pairs))}
+    for at, name in enumerate(DOMAINS):
+        try:
+            found = embed(model, pairs, at)
+        except MotionError:  # no window of this domain
+            continue
+        if len(found[0]) >= FEWEST:
+            tables[name] = retrieval_table(*found)
+    return tables
+
+
+def retrieval_table(
+    sounds: Float[np.ndarray, "n d"], motions: Float[np.ndarray, "n d"]
+) -> dict[str, dict[str, object]]:
+    """The paper's table in both directions: all pairs, one gallery of 300, TMR's batches of 32; with chance levels."""
+    table = {}
+    for way, matrix in (
+        ("audio to motion", similarity(sounds, motions)),
+        ("motion to audio", similarity(motions, sounds)),
+    ):
+        found = {"all": retrieval(matrix), "gallery": gallery(matrix, PAPER_GALLERY)}
+        if len(matrix) >= 32:
+            found["batches"] = batched(matrix)
+        for protocol, scores in found.items():
+            table[f"{way}, {protocol}"] = _row(scores) | {"chance": _row(chance(scores.gallery))}
+    return table
+
+
+def _row(scores: Retrieval) -> dict[str, object]:
+    recall: dict[str, object] = {f"R@{k}": round(value, 3) for k, value in scores.recall.items()}
+    return recall | {"MedR": scores.median_rank, "MRR": round(scores.reciprocal_rank, 3), "gallery": scores.gallery}

@@ -1,0 +1,212 @@
+"""Compares generators on the same held-out prompts with the same seeds: what tuning gained and what it cost.
+
+Rewards are means over prompts with standard errors; gains over the first generator are taken prompt by prompt. Also
+reported: FID against the prompts' true motion, diversity, beat alignment minus chance, and KL from the first generator.
+Runs of one method with different seeds are one line (`over_seeds`). `draw_run` draws the curves of a run.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from echoavatar.errors import CheckpointError
+from echoavatar.models.generator import Generator
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
+
+from .policy import GeneratorPolicy, check_reference
+from .probe import DecodingJudge, Measurements, MotionMetrics, Probe, mean_and_error
+from .prompts import Prompt
+from .rewards import RewardMix
+
+
+def gain(first: Mapping[str, Any], later: Mapping[str, Any]) -> tuple[float, float]:
+    """Increase in reward between two measurements: mean and standard error over prompts."""
+    more = np.subtract(later["by_prompt"], first["by_prompt"])
+    return float(more.mean()), float(more.std(ddof=1) / len(more) ** 0.5) if len(more) > 1 else 0.0
+
+
+def draw_run(metrics: Path, picture: Path) -> None:
+    """Draw the `metrics.jsonl` of a run as a PNG.
+
+    Raises:
+        CheckpointError: the file is missing or holds no step.
+    """
+    try:
+        lines = [json.loads(line) for line in metrics.read_text(encoding="utf-8").splitlines()]
+    except (OSError, ValueError) as error:
+        raise CheckpointError(f"{metrics} holds no metrics ({error}); train first") from error
+    steps = [one for one in lines if "loss" in one]
+    probes = [one["held_out"] | {"step": one["step"]} for one in lines if "held_out" in one]
+    if not steps:
+        raise CheckpointError(f"{metrics} holds no step; train first")
+    figure = Figure(figsize=(14, 7.2))
+    grid = figure.subplots(2, 3)
+    batches, held_out, components, divergence, entropy, cost = grid.flat
+    at, measured = [one["step"] for one in steps], [one["step"] for one in probes]
+    for name in ("reward", "margin", "accuracy"):
+        if name in steps[0]:
+            batches.plot(at, [one[name] for one in steps], label=name)
+    batches.set_title("training batches")
+    for name in (name for name in steps[0] if name.startswith("rewards.")):
+        components.plot(at, [one[name] for one in steps], label=name.removeprefix("rewards."))
+    components.set_title("training batches, by component")
+    for name in probes[0]["rewards"] if probes else ():
+        means, errors = zip(*(one["rewards"][name] for one in probes), strict=True)
+        held_out.errorbar(measured, means, errors, marker="o", capsize=3, label=name)
+    if probes:
+        means, errors = zip(*(gain(probes[0], one) for one in probes), strict=True)
+        held_out.errorbar(measured, means, errors, color="black", marker="s", capsize=3, label="gain")
+    held_out.set_title("held-out prompts, mean and standard error")
+    divergence.plot(at, [one["kl"] for one in steps])
+    divergence.set_title("KL from the reference, nats a code")
+    for layer, name in enumerate(name for name in steps[0] if name.startswith("entropy.")):
+        entropy.plot(at, [one[name] for one in steps], label=f"layer {layer}")
+    entropy.set_title("entropy by RVQ layer, nats")
+    _draw_cost(cost, measured, probes)
+    for axis in grid.flat:
+        axis.set_xlabel("step")
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(picture, dpi=100)
+
+
+def _draw_cost(axis: Any, at: Sequence[int], probes: Sequence[Mapping[str, Any]]) -> None:
+    """FID on the left axis, beat and stress alignment minus chance on the right."""
+    axis.set_title("held-out: FID (left), alignment over chance (right)")
+    if not probes or "fid" not in probes[0]:
+        return
+    shown = axis.plot(at, [one["fid"] for one in probes], "o-", color="black")
+    names, other = ["FID"], axis.twinx()
+    for name in ("beat_alignment", "stress_alignment"):
+        if all(name in one for one in probes):
+            means, errors = zip(*(one[name] for one in probes), strict=True)
+            shown.append(other.errorbar(at, means, errors, marker=".", capsize=3))
+            names.append(name)
+    other.legend(shown, names, fontsize=7)
+
+
+PLAIN = ("kl", "fid", "diversity")
+ALIGNED = ("beat_alignment", "stress_alignment")
+TITLES = {
+    "kl": "KL, nats a code",
+    "fid": "FID",
+    "diversity": "diversity, m",
+    "beat_alignment": "beats over chance",
+    "stress_alignment": "stresses over chance",
+}
+
+
+def over_seeds(begun: Mapping[str, Any], runs: Sequence[Mapping[str, Any]]) -> Measurements:
+    """Several measurements by `compare` on the same prompts as one.
+
+    `reward` and `gain` over `begun` are (mean, deviation, error): the standard deviation between runs, and the standard
+    error over prompts of the runs' mean, because all runs share the prompts. The rest is (mean, deviation).
+    """
+    by_prompt = np.mean([run["by_prompt"] for run in runs], axis=0)
+    mean, error = mean_and_error(by_prompt)
+    more, more_error = gain(begun, {"by_prompt": by_prompt.tolist()})
+    gains = [gain(begun, run)[0] for run in runs]
+    return {
+        "runs": len(runs),
+        "reward": (mean, _spread([run["reward"][0] for run in runs])[1], error),
+        "gain": (_rounded(more), _spread(gains)[1], _rounded(more_error)),
+        "rewards": {name: _spread([run["rewards"][name][0] for run in runs]) for name in runs[0]["rewards"]},
+        **{name: _spread([run[name] for run in runs]) for name in PLAIN},
+        **{name: _spread([run[name][0] for run in runs]) for name in ALIGNED if name in runs[0]},
+    }
+
+
+def as_markdown(found: Mapping[str, Any], lines: Mapping[str, Mapping[str, Any]]) -> str:
+    """A table: the truth and the first generator of `found`, then `lines` from `over_seeds`."""
+    truth, untuned = found["truth"], found[next(name for name in found if name != "truth")]
+    names = list(truth["rewards"])
+    aligned = [name for name in ALIGNED if name in truth]
+    heads = ["", "reward", "gain", *names, *(TITLES[name] for name in (*PLAIN, *aligned))]
+    rows = [heads, ["---", *["---:"] * (len(heads) - 1)]]
+    for name, one in (("true motion", truth), ("untuned", untuned)):
+        cells = [name, _told(*one["reward"]), "", *(_told(one["rewards"][part][0]) for part in names)]
+        cells += [_told(one[part], digits=_digits(part)) if part in one else "" for part in PLAIN]
+        rows.append([*cells, *(_told(*one[part]) for part in aligned)])
+    for name, line in lines.items():
+        reward, more = line["reward"], line["gain"]
+        cells = [
+            name,
+            _told(reward[0], reward[2], reward[1]),
+            _told(more[0], more[2], more[1], sign="+"),
+            *(_told(line["rewards"][part][0], None, line["rewards"][part][1]) for part in names),
+            *(_told(line[part][0], None, line[part][1], digits=_digits(part)) for part in PLAIN),
+            *(_told(line[part][0], None, line[part][1]) for part in aligned),
+        ]
+        rows.append(cells)
+    return "".join("| " + " | ".join(row) + " |\n" for row in rows)
+
+
+def _told(
+    value: float, error: float | None = None, spread: float | None = None, *, digits: int = 2, sign: str = ""
+) -> str:
+    """A value, its standard error over prompts, and in brackets the deviation between runs."""
+    words = [f"{value:{sign}.{digits}f}"]
+    if error is not None:
+        words.append(f"+- {error:.{digits}f}")
+    if spread is not None:
+        words.append(f"({spread:.{digits}f})")
+    return " ".join(words)
+
+
+def _digits(name: str) -> int:
+    return {"kl": 3, "fid": 1}.get(name, 2)
+
+
+def _spread(values: Sequence[float]) -> tuple[float, float]:
+    """Mean, and standard deviation between runs (0 for a single run)."""
+    return _rounded(np.mean(values)), _rounded(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+
+
+def _rounded(value: Any) -> float:
+    return round(float(value), 5)
+
+
+def compare(
+    generators: Mapping[str, Generator],
+    tokenizer: BodyTokenizer,
+    prompts: Sequence[Prompt],
+    mix: RewardMix,
+    extractor: MotionEncoder,
+    *,
+    group: int = 4,
+    seed: int = 0,
+    device: str = "cpu",
+) -> dict[str, Measurements]:
+    """Measurements by generator name, the true motion's first; generators are moved to `device`.
+
+    Raises:
+        CheckpointError: the generators have different vocabularies.
+    """
+    first = next(iter(generators.values()))
+    for name, generator in generators.items():
+        check_reference(generator, first, name=name)
+    assert mix.reference_statistics is not None, "a comparison needs the reference statistics"
+    motion_metrics = MotionMetrics(tokenizer, prompts, extractor, mix.reference_statistics)
+    probe = Probe(prompts, DecodingJudge(tokenizer, mix), group=group, motion_metrics=motion_metrics, seed=seed)
+    true = mix(motion_metrics.truth)
+    told: dict[str, Measurements] = {
+        "truth": {
+            "reward": mean_and_error(true.total),
+            "rewards": {name: mean_and_error(values) for name, values in true.parts.items()},
+            **motion_metrics(motion_metrics.truth),
+        }
+    }
+    begun: dict[str, Any] = {}
+    reference = GeneratorPolicy(first.eval().to(device))
+    for name, generator in generators.items():
+        found: dict[str, Any] = probe(GeneratorPolicy(generator.eval().to(device)), reference)
+        found.pop("seconds")
+        begun = begun or found
+        told[name] = found | {"gain": gain(begun, found)}
+    return told

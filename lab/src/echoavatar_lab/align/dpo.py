@@ -1,0 +1,204 @@
+"""DPO: learns from preferred and rejected continuations of the same prompt (paper, Direct Preference Alignment).
+
+Preference pairs come from people or are ranked by reward, in a JSONL file. A line is one pair: the prompt as clip name
+and first chunk of its past, and two continuations as nested lists of codes (motion tokens x parts x layers). The
+studio's export and `echoavatar align rollouts` write the same format.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from pydantic import Field, ValidationError
+from torch import Tensor
+
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+from echoavatar.models.tokens import TokenLayout
+from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.training import Loss
+
+from .losses import dpo_loss
+from .policy import GeneratorPolicy
+from .probe import Judge
+from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
+from .trainer import PolicyTask
+
+Codes = tuple[tuple[tuple[int, ...], ...], ...]
+
+
+class PreferencePair(Config):
+    """One comparison."""
+
+    clip: str = Field(description="name of the token file, without .npz")
+    start: int = Field(ge=0, description="chunk at which the prompt's past begins")
+    past: int = Field(ge=0, description="chunks of past")
+    chosen: Codes = Field(description="codes of the better continuation")
+    rejected: Codes = Field(description="codes of the worse one")
+    margin: float = Field(default=1.0, description="how much better: reward, or share of raters")
+    by: str = Field(default="", description="rater or reward that made the comparison")
+    audio: str = Field(default="", description="audio that the raters heard, where people compared")
+    model: str = Field(default="", description="bundle that made both continuations")
+    seeds: tuple[int, ...] = Field(default=(), description="seeds of chosen and rejected")
+
+
+def write_pairs(path: Path, pairs: Iterable[PreferencePair]) -> int:
+    """Write a file of pairs; returns how many there are."""
+    lines = [pair.model_dump_json() for pair in pairs]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+    return len(lines)
+
+
+def read_pairs(
+    path: Path, book: PromptSampler, layout: TokenLayout, *, margin: float = 0.0
+) -> list[tuple[Prompt, PreferencePair]]:
+    """Pairs with their prompts; pairs with a margin below `margin` are skipped.
+
+    Raises:
+        MotionError: a line is not a pair, names an unknown clip, or holds codes outside this vocabulary.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise MotionError(
+            f"{path} cannot be read ({error.strerror}); make pairs with `echoavatar align rollouts`"
+        ) from error
+    found = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            pair = PreferencePair.model_validate(json.loads(line))
+        except (ValueError, ValidationError) as error:
+            first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
+            raise MotionError(f"{path}, line {number}: not a pair ({first})") from error
+        if pair.past != book.past:
+            raise MotionError(
+                f"{path}, line {number}: the prompt has {pair.past} chunks of past, this run has {book.past};"
+                f" pass --past {pair.past}"
+            )
+        try:
+            prompt = book.cut(pair.clip, pair.start)
+            _check(pair, prompt, layout)
+        except MotionError as error:
+            raise MotionError(f"{path}, line {number}: {error}") from error
+        if pair.margin >= margin:
+            found.append((prompt, pair))
+    if not found:
+        raise MotionError(f"{path} holds no pair with a margin of at least {margin}; make more, or lower --margin")
+    return found
+
+
+def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
+    wanted = (len(prompt.truth), layout.parts, layout.motion_layers)
+    for name in ("chosen", "rejected"):
+        try:
+            codes = np.array(getattr(pair, name))
+        except ValueError:
+            codes = np.zeros(0)
+        if codes.shape != wanted:
+            chunks = wanted[0] // MOTION_TOKENS_PER_CHUNK
+            raise MotionError(f"{name} has shape {codes.shape}, expected {wanted} ({chunks} chunks; see --length)")
+        if codes.min() < 0 or codes.max() >= layout.motion_codes:
+            raise MotionError(f"{name} holds codes outside 0..{layout.motion_codes - 1}: another tokenizer made it")
+
+
+def _nested(codes: Int[torch.Tensor, "n p q"]) -> Codes:
+    return tuple(tuple(tuple(int(code) for code in part) for part in step) for step in codes)
+
+
+def codes_of(pairs: Sequence[PreferencePair], name: str) -> Int[torch.Tensor, "b n p q"]:
+    """The `chosen` or `rejected` codes of pairs as a tensor."""
+    return torch.tensor([getattr(pair, name) for pair in pairs])
+
+
+def rank_pairs(
+    prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"], judge: Judge, *, past: int, margin: float = 0.0
+) -> list[PreferencePair]:
+    """Best and worst of each prompt's continuations by reward; the rows of a prompt follow each other.
+
+    A prompt whose two differ by less than `margin` is skipped.
+    """
+    total = judge(prompts, codes).total.reshape(len(prompts), -1)
+    pairs = []
+    for row, prompt in enumerate(prompts):
+        best, worst = int(total[row].argmax()), int(total[row].argmin())
+        gap = float(total[row, best] - total[row, worst])
+        if gap >= margin and best != worst:
+            chosen, rejected = (_nested(codes[row * total.shape[1] + at]) for at in (best, worst))
+            pairs.append(
+                PreferencePair(
+                    clip=prompt.clip,
+                    start=prompt.start,
+                    past=past,
+                    chosen=chosen,
+                    rejected=rejected,
+                    margin=gap,
+                    by="reward",
+                )
+            )
+    return pairs
+
+
+class PairBatch(NamedTuple):
+    """Preference pairs, one a row."""
+
+    prompts: PromptBatch
+    chosen: Int[Tensor, "b n p q"]
+    rejected: Int[Tensor, "b n p q"]
+
+
+class DpoTask(PolicyTask[PairBatch]):
+    """Goes through the pairs in a new order every pass. Log-probabilities include temperature but no nucleus.
+
+    A pair may come from another model. A code outside this policy's nucleus would have log-probability -inf.
+    """
+
+    def __init__(self, *args: Any, pairs: Sequence[tuple[Prompt, PreferencePair]], **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._pairs = list(pairs)
+
+    def data_fingerprint(self) -> str:
+        """See `PolicyTask.data_fingerprint`."""
+        return hashlib.sha256("".join(pair.model_dump_json() for _, pair in self._pairs).encode()).hexdigest()
+
+    def draw(self, step: int) -> PairBatch:
+        """The pairs of a step."""
+        drawn = [self._pairs[at] for at in self.order(step)]
+        pairs = [pair for _, pair in drawn]
+        prompts = batch_of([prompt for prompt, _ in drawn])
+        return PairBatch(prompts, codes_of(pairs, "chosen"), codes_of(pairs, "rejected"))
+
+    def loss(self, batch: PairBatch, step: int) -> Loss:
+        """See `TrainingTask.loss`."""
+        own = [self.policy.score(batch.prompts, part, uses_nucleus=False) for part in batch[1:]]
+        with torch.no_grad():
+            other = [_sums(self.reference, batch.prompts, part) for part in batch[1:]]
+        kl = self.divergence(own[0], batch.prompts, batch.chosen)
+        found = dpo_loss(
+            chosen=own[0].log_probs.sum((1, 2)),
+            rejected=own[1].log_probs.sum((1, 2)),
+            reference_chosen=other[0],
+            reference_rejected=other[1],
+            beta=self.config.beta,
+        )
+        logged = {"margin": found.margin, "accuracy": found.accuracy}
+        return Loss(found.loss, self.logged(logged, kl, own[0]))
+
+    def order(self, step: int) -> list[int]:
+        """Indices of a step's pairs: every pass is a new permutation; a batch may span two passes."""
+        batch, count = self.config.batch, len(self._pairs)
+        at = np.arange(step * batch, (step + 1) * batch)
+        orders = {
+            int(turn): np.random.default_rng([self.config.seed, int(turn)]).permutation(count)
+            for turn in np.unique(at // count)
+        }
+        return [int(orders[int(k // count)][k % count]) for k in at]
+
+
+def _sums(policy: GeneratorPolicy, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, " b"]:
+    return policy.score(prompts, codes, uses_nucleus=False).log_probs.sum((1, 2))

@@ -1,0 +1,270 @@
+"""GRPO and PPO: learn from continuations that the policy sampled itself and reward functions judged.
+
+GRPO compares the continuations of a prompt with each other (paper, Reward-Guided Optimization). PPO has a value head,
+one continuation a prompt and a critic learning rate of 1e-5 (paper, Comparison with PPO).
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor, nn
+
+from echoavatar.errors import CheckpointError
+from echoavatar.models.generator import Generator
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.training import Loss, adamw
+
+from .losses import generalised_advantages, group_advantages, grpo_loss, ppo_loss, timed_advantages
+from .policy import Scores
+from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
+from .trainer import AlignTraining, PolicyTask, rollout_seeds, share_of_process
+
+
+class RolloutBatch(NamedTuple):
+    """Continuations, one a row, and what an optimiser step needs to know about them."""
+
+    prompts: PromptBatch
+    codes: Int[Tensor, "r n p q"]
+    advantages: Float[Tensor, "r n"]
+    logged: Float[Tensor, "r m"]  # logged values of each continuation
+    old: Float[Tensor, "r n k"] | None = None  # log-probabilities under the policy that sampled
+    support: Bool[Tensor, "r n k K"] | None = None
+    values: Float[Tensor, "r n"] | None = None  # the critic's predictions
+    returns: Float[Tensor, "r n"] | None = None
+
+
+class JudgedRollouts(NamedTuple):
+    """Rewards of continuations, by motion token and for the whole."""
+
+    tokens: Float[Tensor, "r n"]
+    whole: Float[Tensor, " r"]
+
+
+class RolloutTask(PolicyTask[RolloutBatch]):
+    """Samples continuations, has them judged, and keeps them for `epochs` steps.
+
+    With several processes each one samples a share of the prompts; the results are then gathered.
+    """
+
+    is_scored = False
+    """Whether to score continuations right after sampling; with one epoch and no critic the step itself does that."""
+
+    def __init__(self, *args: Any, book: PromptSampler, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        has = self.policy.layout.motion_layers
+        if self.config.layers > has:
+            raise CheckpointError(f"layers is {self.config.layers}, the generator has {has}; 0 credits all of them")
+        self._book = book
+        self._rollout = self.policy.rollout if self.context.rollouts is None else self.context.rollouts(self.policy)
+        self._kept: tuple[int, RolloutBatch] | None = None
+        self._names: tuple[str, ...] = ()
+        self._step = 0
+
+    def draw(self, step: int) -> RolloutBatch:
+        """The continuations of batch number `step` // `epochs`."""
+        self._step, number = step, step // self.config.epochs
+        if self._kept is None or self._kept[0] != number:
+            self._kept = (number, self._sample(number))
+        return self._kept[1]
+
+    @abstractmethod
+    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor | None]:
+        """Advantages of a whole batch, and returns if there is a critic."""
+
+    def credited(self, advantages: Float[Tensor, "r n"]) -> Float[Tensor, "r n k"]:
+        """An advantage for each code; 0 for the RVQ layers that rewards are not credited to (not in the paper).
+
+        Coarse codes decide when a limb moves. What rewards of timing tell the many fine codes is mostly noise.
+        """
+        layout = self.policy.layout
+        layers = torch.arange(layout.segments, device=advantages.device) % layout.motion_layers
+        return advantages[:, :, None] * (layers < (self.config.layers or layout.motion_layers))
+
+    def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"] | None:
+        """The critic's predictions, if there is one."""
+        return None
+
+    @torch.no_grad()
+    def _sample(self, number: int) -> RolloutBatch:
+        training, device, gather = self.config, self.device, self.processes.gather
+        drawn = self._with_own_past(self._book.draw(number, training.batch), number)
+        mine = share_of_process(drawn, self.processes)
+        rows, group = len(mine) * training.group, training.group
+        first = self.processes.rank * rows
+        chosen = rollout_seeds(training, number, len(drawn) * group)[first : first + rows].to(device)
+        asked = batch_of(mine, str(device))
+        codes = self._rollout(asked, group, chosen)
+        rewards = self.judge(mine, codes)
+        self._names = ("reward", *(f"rewards.{name}" for name in rewards.parts), "spread")
+        tokens, whole, *columns = (
+            gather(torch.from_numpy(part).to(device))
+            for part in (rewards.tokens, rewards.whole, rewards.total, *rewards.parts.values())
+        )
+        spread = columns[0].view(-1, group).std(1, correction=0).repeat_interleave(group)
+        scored = self._scored(asked.repeated(group), codes) if self.is_scored or training.epochs > 1 else {}
+        codes = gather(codes)
+        judged = JudgedRollouts(tokens.float(), whole.float())
+        logged = torch.stack([*columns, spread], 1).float()
+        batch = batch_of(drawn, str(device)).repeated(group)
+        made = RolloutBatch(batch, codes, torch.zeros_like(judged.tokens), logged, **scored)
+        advantages, returns = self.advantages_and_returns(judged, made)
+        return made._replace(advantages=advantages, returns=returns)
+
+    def _with_own_past(self, drawn: Sequence[Prompt], number: int) -> list[Prompt]:
+        """The prompts, the last `own_past` chunks of their past made by the policy.
+
+        After true motion a policy can read the time off the body; in a session it cannot.
+        """
+        tokens = self.config.own_past * MOTION_TOKENS_PER_CHUNK
+        if not tokens:
+            return list(drawn)
+        past, device = batch_of(drawn, str(self.device)), self.device
+        head = PromptBatch(past.audio[:, : self.config.past * AUDIO_FRAMES_PER_CHUNK], past.past[:, :-tokens])
+        seeds = rollout_seeds(self.config, -1 - number, len(drawn)).to(device)
+        made = torch.cat([head.past, self._rollout(head, 1, seeds)], 1).cpu().numpy()
+        return [replace(prompt, past=own) for prompt, own in zip(drawn, made, strict=True)]
+
+    def _scored(self, prompts: PromptBatch, codes: Int[Tensor, "r n p q"]) -> dict[str, Tensor]:
+        """Scores of this process's continuations under the policy that sampled, gathered from all processes."""
+        each = -(-len(codes) // self.config.accumulation)
+        found: list[tuple[Tensor, ...]] = []
+        for start in range(0, len(codes), each):
+            at = slice(start, start + each)
+            scores = self.policy.score(prompts.rows(at), codes[at])
+            values = self.predicted_values(scores)
+            found.append((scores.log_probs, scores.support.byte(), *([] if values is None else [values])))
+        columns = [self.processes.gather(torch.cat(column)) for column in zip(*found, strict=True)]
+        columns[1] = columns[1].bool()
+        return dict(zip(("old", "support", "values"), columns, strict=False))
+
+    def logged_means(self, batch: RolloutBatch) -> dict[str, Tensor]:
+        """Means of the logged values over some rows."""
+        return dict(zip(self._names, batch.logged.mean(0), strict=True))
+
+    def state(self) -> Mapping[str, Tensor]:
+        """The continuations, if the next step still uses them."""
+        if self._kept is None or (self._step + 1) % self.config.epochs == 0:
+            return {}
+        made = self._kept[1]
+        parts = made._asdict() | {"audio": made.prompts.audio, "past": made.prompts.past}
+        tensors = {name: value for name, value in parts.items() if isinstance(value, Tensor) and name != "logged"}
+        columns = {f"told.{at}.{name}": made.logged[:, at] for at, name in enumerate(self._names)}
+        return tensors | columns | {"number": torch.tensor(self._kept[0])}
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """See `TrainingTask.load_state`."""
+        self._kept = None
+        if not state:
+            return
+        columns = sorted((int(key.split(".")[1]), key) for key in state if key.startswith("told."))
+        self._names = tuple(key.split(".", 2)[2] for _, key in columns)
+        logged = torch.stack([state[key] for _, key in columns], 1)
+        rest = {
+            name: state[name]
+            for name in ("codes", "advantages", "old", "support", "values", "returns")
+            if name in state
+        }
+        prompts = PromptBatch(state["audio"], state["past"])
+        self._kept = (int(state["number"]), RolloutBatch(prompts, logged=logged, **rest))
+
+
+class GrpoTask(RolloutTask):
+    """Rollouts, rewards, advantages normalised within each group, one or several steps on them."""
+
+    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, None]:
+        """Advantages within each group; there is no critic, so no returns."""
+        training = self.config
+        grouped = (training.batch, training.group)
+        if training.credit == "sequence":
+            by_row = group_advantages((judged.tokens.sum(1) + judged.whole).view(grouped))
+            return by_row.flatten()[:, None].expand_as(judged.tokens), None
+        tokens, whole = judged.tokens.view(*grouped, -1), judged.whole.view(grouped)
+        return timed_advantages(tokens, whole, training.discount).flatten(0, 1), None
+
+    def loss(self, batch: RolloutBatch, step: int) -> Loss:
+        """See `TrainingTask.loss`."""
+        scores = self.policy.score(batch.prompts, batch.codes, batch.support)
+        kl = self.divergence(scores, batch.prompts, batch.codes)
+        found = grpo_loss(
+            policy=scores.log_probs,
+            old=scores.log_probs.detach() if batch.old is None else batch.old,
+            advantages=self.credited(batch.advantages),
+            kl=kl,
+            clip=self.config.ratio_clip,
+            kl_weight=self.config.kl_weight,
+        )
+        return Loss(found.loss, self.logged(self.logged_means(batch) | {"clipped": found.clipped}, kl, scores))
+
+
+class ValueHead(nn.Module):
+    """Predicts the return from the hidden state that predicts a motion token's first code; starts at zero.
+
+    The state is detached, so the value error does not train the policy.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.value = nn.Linear(width, 1)
+        nn.init.zeros_(self.value.weight)
+        nn.init.zeros_(self.value.bias)
+
+    def forward(self, hidden: Float[Tensor, "b n k c"]) -> Float[Tensor, "b n"]:
+        """One value for each motion token."""
+        values: Tensor = self.value(hidden[:, :, 0].detach().float())
+        return values[..., 0].float()
+
+
+class PpoTask(RolloutTask):
+    """Clipped surrogate with generalised advantages; the reward of a whole continuation is spread over its tokens."""
+
+    is_scored = True
+
+    def __init__(
+        self, generator: Generator, reference: Generator, training: AlignTraining, *args: Any, **kwargs: Any
+    ) -> None:
+        self.critic = ValueHead(generator.config.read_width)
+        super().__init__(generator, reference, training, *args, critic=self.critic, **kwargs)
+
+    def optimisers(self) -> list[torch.optim.Optimizer]:
+        """Adds an optimiser for the critic with its own learning rate."""
+        critic = adamw([self.critic], self.config)
+        for group in critic.param_groups:
+            group["relative"] = self.config.critic_rate / self.config.learning_rate
+        return [*super().optimisers(), critic]
+
+    def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"]:
+        """See `RolloutTask.predicted_values`."""
+        values: Tensor = self.critic(scores.hidden)
+        return values
+
+    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor]:
+        """Advantages, normalised over all continuations, and the critic's targets."""
+        assert made.values is not None
+        rewards = judged.tokens + judged.whole[:, None] / judged.tokens.shape[1]
+        advantages, returns = generalised_advantages(
+            rewards, made.values, discount=self.config.discount, decay=self.config.gae
+        )
+        return (advantages - advantages.mean()) / (advantages.std() + 1e-8), returns
+
+    def loss(self, batch: RolloutBatch, step: int) -> Loss:
+        """See `TrainingTask.loss`."""
+        assert batch.old is not None
+        assert batch.values is not None
+        assert batch.returns is not None
+        scores = self.policy.score(batch.prompts, batch.codes, batch.support)
+        kl = self.divergence(scores, batch.prompts, batch.codes)
+        found = ppo_loss(
+            policy=scores.log_probs,
+            old=batch.old,
+            advantages=self.credited(batch.advantages),
+            values=self.predicted_values(scores),
+            old_values=batch.values,
+            returns=batch.returns,
+            clip=self.config.ratio_clip,
+        )
+        total = found.policy + found.value + self.config.kl_weight * kl.mean()
+        return Loss(total, self.logged(self.logged_means(batch) | found._asdict(), kl, scores))

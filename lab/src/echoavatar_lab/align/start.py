@@ -1,0 +1,273 @@
+"""Builds a training task from folders: bundle, token files, reference statistics, rewards."""
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from echoavatar.checkpoint import read_card
+from echoavatar.engine.pipeline import Bundle, load_bundle
+from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
+from echoavatar.models.audio import AudioCodec
+from echoavatar.models.generator import Generator
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.training import Progress, has_state, train
+from echoavatar_lab.training.metrics_log import FILE
+
+from .audio_reward import AudioMotion
+from .decoded_motion import decode_truth
+from .dpo import DpoTask, PreferencePair, rank_pairs, read_pairs, write_pairs
+from .policy import GeneratorPolicy, continuations
+from .probe import DecodingJudge, MotionMetrics, Probe, SampleVideos
+from .prompts import PromptSampler, read_token_clips, train_and_test
+from .quality import QualityReward
+from .realism import Realism
+from .rewards import ReferenceStatistics, Reward, RewardMix, imported, measure_reference_statistics, parse_weights
+from .rollouts import GrpoTask, PpoTask
+from .trainer import AlignTraining, DivergedError, Method, PolicyTask, RunContext
+
+DEFAULT_REWARDS = ("beats=1", "stresses=1", "liveliness=0.3", "smoothness=0.1", "planted_feet=0.1", "stillness=0.5")
+STATISTICS_PROMPTS = 160
+STATISTICS_PAST, STATISTICS_LENGTH = 3, 9
+
+
+@dataclass(frozen=True)
+class AlignmentSetup:
+    """What all methods need."""
+
+    tokenizer: BodyTokenizer
+    generator: Generator
+    reference: Generator
+    reference_name: str
+    train: dict[str, TokenClip]
+    test: dict[str, TokenClip]
+    mix: RewardMix
+    card: dict[str, object]
+    codec: AudioCodec | None = None  # gives the videos sound
+
+
+def load_setup(
+    tokens: Path,
+    folder: Path,
+    *,
+    bundle: str | Path = "default",
+    generator: Path | None = None,
+    reference: Path | None = None,
+    rewards: Sequence[str] | None = None,
+    reference_statistics: Path | None = None,
+    sampling: Mapping[str, float] | None = None,
+    quality: Path | None = None,
+    alignment: Path | None = None,
+    realism: Path | None = None,
+    is_compared: bool = False,
+) -> AlignmentSetup:
+    """Load everything. Reference statistics that are not given are measured on the train clips and kept in `folder`.
+
+    With `is_compared` (DPO) rewards only measure progress on held-out clips. If there is neither true motion nor a file
+    of reference statistics, as for a studio's token files, nothing is measured.
+
+    Raises:
+        CheckpointError: a checkpoint is missing or damaged.
+        MotionError: the token files are missing or of another vocabulary.
+        EchoAvatarError: a reward is unknown, or learned and not given.
+    """
+    parts, policy, kept_near, card = load_policy(tokens, bundle, generator, sampling or {})
+    if reference:
+        kept_near = Generator.load(reference)
+    train, test = train_and_test(read_token_clips(tokens, policy.config.layout), tokens)
+    has_statistics = reference_statistics is not None or (folder / "reference_statistics.json").exists()
+    is_unmeasured = is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
+    weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
+    for name, file in {"quality": quality, "alignment": alignment, "realism": realism}.items():
+        if name in weights and not file:
+            raise EchoAvatarError(f"the reward {name} is learned first: pass --{name} (docs/alignment.md)")
+    own: dict[str, Reward] = {}
+    if quality:
+        own["quality"] = QualityReward.load(quality).judge
+    if alignment:
+        own["alignment"] = AudioMotion.load(alignment).judge
+    if realism:
+        own["realism"] = Realism.load(realism).judge
+    rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, reference_statistics, folder)
+    mix = RewardMix(weights, rule, own)
+    name = str(reference or generator or bundle)
+    card |= {"rewards": weights}
+    return AlignmentSetup(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)
+
+
+def load_policy(
+    tokens: Path, bundle: str | Path, generator: Path | None, sampling: Mapping[str, float]
+) -> tuple[Bundle, Generator, Generator, dict[str, object]]:
+    """The bundle, the generator to tune with its sampling settings, a copy of it to stay near, and its card."""
+    parts = load_bundle(bundle)
+    policy = Generator.load(generator) if generator else parts.generator
+    policy.config = policy.config.model_copy(update=dict(sampling))
+    kept_near = Generator(policy.config)
+    kept_near.load_state_dict(policy.state_dict())
+    begun = read_card(generator) if generator else parts.card
+    card: dict[str, object] = {"data": str(tokens), "licence": begun.get("licence", "Apache-2.0")}
+    return parts, policy, kept_near, card | {"begun_from": str(generator or bundle)}
+
+
+def load_or_measure(
+    tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], given: Path | None, folder: Path
+) -> ReferenceStatistics:
+    """The reference statistics in `given` or in `folder`, or measured on evenly chosen true motion and saved there."""
+    own = folder / "reference_statistics.json"
+    if given or own.exists():
+        return ReferenceStatistics.load(given or own)
+    clips = {name: clip for name, clip in clips.items() if clip.has_truth}
+    if not clips:
+        raise MotionError(
+            "rewards are measured against true motion, and these token files hold only motion that a generator made;"
+            " pass the --reference-statistics that a run on a folder of `echoavatar train tokens` has left"
+        )
+    book = PromptSampler(clips, past=STATISTICS_PAST, length=STATISTICS_LENGTH)
+    prompts = book.spread(STATISTICS_PROMPTS)
+    found = measure_reference_statistics(
+        [motion for at in range(0, len(prompts), 24) for motion in decode_truth(tokenizer, prompts[at : at + 24])]
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    found.save(own)
+    return found
+
+
+def training_task(
+    method: Method,
+    training: AlignTraining,
+    ready: AlignmentSetup,
+    *,
+    pairs: Path | None = None,
+    margin: float = 0.0,
+    rollouts: str | None = None,
+    command: str = "",
+) -> PolicyTask[Any]:
+    """A training task of the method; `rollouts` names a backend as module:function (docs/alignment.md)."""
+
+    def book(clips: Mapping[str, TokenClip]) -> PromptSampler:
+        return PromptSampler(
+            clips,
+            past=training.past,
+            length=training.length,
+            seed=training.seed,
+            fewest_events=training.fewest_events,
+            events=training.events,
+        )
+
+    judge = DecodingJudge(ready.tokenizer, ready.mix)
+    probe = sample_writer = None
+    if ready.test and ready.mix.weights:
+        asked = book(ready.test).spread(training.probe)
+        probe = Probe(asked, judge, group=training.probe_group, motion_metrics=_motion_metrics(ready, asked))
+        if training.videos and ready.codec is not None:
+            sample_writer = SampleVideos(ready.codec, ready.tokenizer, asked[: training.videos])
+    context = RunContext(
+        card=ready.card | {"command": command},
+        probe=probe,
+        sample_writer=sample_writer,
+        rewards=ready.mix.weights,
+        reference_name=ready.reference_name,
+        rollouts=imported(rollouts, "backend") if rollouts else None,
+    )
+    parts = (ready.generator, ready.reference, training, judge, context)
+    match method:
+        case "grpo":
+            return GrpoTask(*parts, book=book(ready.train))
+        case "ppo":
+            return PpoTask(*parts, book=book(ready.train))
+        case "dpo":
+            if pairs is None:
+                raise MotionError("dpo needs preference pairs: pass --pairs, made by `echoavatar align rollouts`")
+            everything = PromptSampler(ready.train | ready.test, past=training.past, length=training.length)
+            compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
+            return DpoTask(*parts, pairs=compared)
+
+
+def _motion_metrics(ready: AlignmentSetup, prompts: Sequence[Any]) -> MotionMetrics | None:
+    """None if the prompts have no true motion to measure against."""
+    if ready.mix.reference_statistics is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
+        return None
+    return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.reference_statistics)
+
+
+def tune(
+    task: PolicyTask[Any],
+    folder: Path,
+    *,
+    device: str = "cpu",
+    minutes: float | None = None,
+    trackers: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> str:
+    """Train into `folder`, or resume the run in it; returns why the run ended early, or an empty string.
+
+    A run that diverges ends with its last checkpoint from before; calling again would repeat the same steps and end in
+    the same place.
+
+    Raises:
+        CheckpointError: the run diverged before its first checkpoint, or the folder holds another run.
+    """
+    is_first = os.environ.get("RANK", "0") == "0"  # the process that writes
+    is_measured = is_first and task.context.probe is not None and task.config.evaluate_every > 0
+    if is_measured and not has_state(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / FILE).unlink(missing_ok=True)
+        for generator in (task.generator, task.reference.generator):
+            generator.to(device)
+        _tell(folder, 0, task.evaluate())
+    try:
+        train(task, folder, device=device, minutes=minutes, trackers=trackers, progress=progress)
+    except DivergedError as error:
+        if not has_state(folder):
+            raise CheckpointError(
+                f"{error}, before the first checkpoint; use a smaller learning rate or a larger kl_weight"
+            ) from error
+        if is_first:
+            _tell(folder, _step(folder), {"stopped": str(error)})
+        return str(error)
+    if is_measured and _step(folder) == task.config.steps and not _is_told(folder, task.config.steps):
+        _tell(folder, task.config.steps, task.evaluate())
+    return ""
+
+
+def _step(folder: Path) -> int:
+    return int(str(read_card(folder)["step"]))
+
+
+def _tell(folder: Path, step: int, values: Mapping[str, object]) -> None:
+    with (folder / FILE).open("a", encoding="utf-8") as file:
+        file.write(json.dumps({"step": step} | dict(values)) + "\n")
+
+
+def _is_told(folder: Path, step: int) -> bool:
+    lines = (json.loads(line) for line in (folder / FILE).read_text(encoding="utf-8").splitlines())
+    return any(line["step"] == step and "held_out" in line for line in lines)
+
+
+def make_pairs(
+    ready: AlignmentSetup,
+    path: Path,
+    *,
+    prompts: int,
+    past: int,
+    length: int,
+    group: int,
+    margin: float,
+    fewest_events: int,
+    seed: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write best and worst continuation by reward of prompts from the train clips as a file of pairs."""
+    book = PromptSampler(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
+    policy, judge = GeneratorPolicy(ready.generator), DecodingJudge(ready.tokenizer, ready.mix)
+    pairs, done = list[PreferencePair](), 0
+    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed):
+        pairs += rank_pairs(drawn, codes, judge, past=past, margin=margin)
+        done += len(drawn)
+        if progress is not None:
+            progress(done, prompts)
+    return write_pairs(path, pairs)

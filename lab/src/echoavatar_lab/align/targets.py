@@ -1,0 +1,341 @@
+"""What `align targets` pays for: timing, realism against an opponent, and whatever is short of its target.
+
+`align grpo` judges one motion after another, with any function of a motion. Here all continuations of a step are
+measured together (`batch_motion`): 512 of ten seconds take half a second on a GPU. Rewards are not weighed by hand. A
+weight grows while the mean of what it pays is short of its target, so one run can keep many measures at once: what is
+met costs nothing, and what is short is paid for. It is the method of multipliers with a weight between two bounds. Not
+in the paper.
+
+The targets are those that the default bundle's generator was tuned with: shares of what another generator measures. A
+tuned generator keeps time, dances and talks as much as the one before it (`like`), and is told from people less. Only
+measurements of this module are comparable with each other: windows here are shorter than those of `evaluate`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Int
+from pydantic import Field
+from torch import Tensor
+
+from echoavatar.config import Config
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit
+from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, POINTS, SPEECH, STATISTICS
+
+from .batch_motion import LEAD, hands_still, liveliness, of_common_height, shown_positions, smoothed, timing
+from .prompts import Prompt
+from .realism import DOMAINS, MOST, kind_of_sound
+from .rewards import JsonFile, Rewards
+
+GAIN = 0.1  # of the log weight, for a mean that is short by all of its target
+MOST_SHORT = 0.4  # of the target; what is further off is not paid faster
+MEMORY = 0.7  # share of the earlier mean in a new one
+
+
+class Target(Config):
+    """What a mean should be, and between which bounds its weight may move."""
+
+    aim: float = Field(gt=0, description="wanted mean")
+    is_least: bool = Field(default=True, description="whether the mean should be at least, not at most, `aim`")
+    weight: float = Field(gt=0, description="weight at the start")
+    low: float = Field(gt=0, description="smallest weight")
+    high: float = Field(gt=0, description="largest weight")
+
+    @property
+    def sign(self) -> float:
+        """1 where more is wanted, -1 where less is."""
+        return 1.0 if self.is_least else -1.0
+
+
+class Weights:
+    """The weights of all targets by name."""
+
+    def __init__(self, targets: Mapping[str, Target]) -> None:
+        self.targets = dict(targets)
+        self.values = {name: target.weight for name, target in targets.items()}
+        self.means: dict[str, float] = {}
+
+    def see(self, name: str, mean: float) -> None:
+        """Move the weight of a target after a batch with this mean; a mean that is not finite changes nothing."""
+        if not math.isfinite(mean):
+            return
+        target = self.targets[name]
+        self.means[name] = MEMORY * self.means.get(name, mean) + (1 - MEMORY) * mean
+        short = target.sign * (target.aim - self.means[name]) / target.aim
+        moved = self.values[name] * math.exp(GAIN * min(MOST_SHORT, max(-MOST_SHORT, short)))
+        self.values[name] = min(target.high, max(target.low, moved))
+
+
+LEAST = 1e-3  # of an aim: a generator that has not learnt to keep time may hit less than chance
+TOLD_APART = 0.8  # by the opponent, which has seen hundreds of such windows: `evaluate BUNDLE alive` tells fewer
+
+
+class Goal(NamedTuple):
+    """A share of what the other generator measures, and how much it may weigh."""
+
+    share: float
+    weight: float
+    low: float
+    high: float
+    is_least: bool = True
+
+    def target(self, measured: float) -> Target:
+        """The target, given the other generator's mean."""
+        aim = max(LEAST, self.share * measured)
+        return Target(aim=aim, is_least=self.is_least, weight=self.weight, low=self.low, high=self.high)
+
+
+GOALS = {
+    "music.beats": Goal(0.95, 3.0, 1.0, 10.0),
+    "speech.stresses": Goal(0.95, 1.5, 0.5, 6.0),
+    "music.jerk": Goal(0.88, 0.05, 0.005, 0.6, is_least=False),
+    "speech.jerk": Goal(1.0, 0.03, 0.003, 0.4, is_least=False),
+    "music.hands_still": Goal(1.0, 0.03, 0.003, 0.3, is_least=False),
+    "music.trunk_lean": Goal(1.0, 0.03, 0.002, 0.4),
+    "music.shoulder_turn": Goal(1.03, 0.03, 0.002, 0.4),
+    "music.hip_sway": Goal(0.9, 0.02, 0.002, 0.3),
+    "speech.room": Goal(0.95, 0.02, 0.002, 0.3),
+    "speech.trunk_lean": Goal(1.0, 0.02, 0.002, 0.3),
+    "speech.hip_sway": Goal(0.9, 0.01, 0.001, 0.3),
+    "speech.hand_speed": Goal(0.85, 0.01, 0.001, 0.3),
+    "speech.ankle_speed": Goal(0.8, 0.01, 0.001, 0.2),
+    "rest": Goal(1.1, 0.03, 0.003, 0.5, is_least=False),
+}
+
+
+class Targets(JsonFile):
+    """The targets of a run, as they are kept beside it."""
+
+    remedy = "targets; remove it, and `echoavatar align targets` sets them anew"
+
+    targets: dict[str, Target] = Field(description="targets by name")
+
+
+def targets_like(means: Mapping[str, float]) -> dict[str, Target]:
+    """Targets from another generator's means (`means_of`).
+
+    Raises:
+        KeyError: its continuations were not of both kinds of sound.
+    """
+    told = {
+        "music.told_apart": Target(aim=TOLD_APART, is_least=False, weight=0.12, low=0.03, high=0.5),
+        "speech.told_apart": Target(aim=TOLD_APART, is_least=False, weight=0.04, low=0.01, high=0.2),
+    }
+    return told | {name: goal.target(means[name]) for name, goal in GOALS.items()}
+
+
+KEPT_WINDOWS = 1500  # of the policy's windows
+FEWEST_WINDOWS = 60  # of the policy's windows before the first fit
+EVERY = 3  # batches between fits
+COUNT = len(STATISTICS)
+
+
+class Opponent:
+    """A classifier of one kind of sound that learns along: is a window of motion a person's or this policy's?
+
+    The realism reward is fitted once. This one is fitted again to the policy's latest windows every few batches, as the
+    discriminator of an adversarial network is, so that no trick against one classifier pays for long. That needs
+    hundreds of windows a batch: with a hundred it brought less than the fixed one.
+    """
+
+    def __init__(self, people: Float[np.ndarray, "n 9"]) -> None:
+        """`people` are the statistics of people's windows."""
+        self.people, self.own = people, np.zeros((0, COUNT))
+        self._classifier: Classifier | None = None
+        self._batches = 0
+
+    def see(self, windows: Float[np.ndarray, "m 9"]) -> float | None:
+        """Learn from a batch; returns how surely the classifier of before tells it from people, 0.5 to 1."""
+        accuracy = None
+        if self._classifier is not None and len(windows):
+            is_told = (
+                (self._classifier.log_odds(windows) > 0).mean(),
+                (self._classifier.log_odds(self.people) <= 0).mean(),
+            )
+            accuracy = float(np.mean(is_told))
+        self.own = np.concatenate([self.own, windows])[-KEPT_WINDOWS:]
+        if self._batches % EVERY == 0:
+            self._fit()
+        self._batches += 1
+        return accuracy
+
+    def _fit(self) -> None:
+        if len(self.own) >= FEWEST_WINDOWS:
+            sides = np.concatenate([self.own, self.people])
+            self._classifier = fit(sides, np.repeat([1.0, 0.0], [len(self.own), len(self.people)]))
+
+    def odds(self, windows: Float[np.ndarray, "m 9"]) -> Float[np.ndarray, " m"]:
+        """Log odds that windows are a person's, within -4 and 4; 0 before the first fit."""
+        if self._classifier is None:
+            return np.zeros(len(windows))
+        return np.asarray(np.clip(-self._classifier.log_odds(windows), -MOST, MOST))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that `load_state` needs."""
+        fitted = {} if self._classifier is None else self._classifier._asdict()
+        return {"own": self.own, "batches": np.array(self._batches)} | fitted
+
+    def load_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on where `state` was taken."""
+        fitted = {name: value for name, value in state.items() if name not in ("own", "batches")}
+        self.own, self._batches = state["own"], int(state["batches"])
+        self._classifier = Classifier(**fitted) if fitted else None
+
+
+TOGETHER = 128  # continuations measured at a time
+MOST_PAID = 3.0  # multiples of a target's aim beyond which nothing more is paid
+MOST_JERK = 4.0  # the same for the jerk of a frame
+FRAME_SCALE = 10.0  # jerk and rest are paid by frame, where they count for a second and not for the whole
+REST_M_S = 0.4  # of hands in speech, roughly; hands in silence are paid over it
+STILL = "music.hands_still"  # paid in the frames where it happens
+TIMING = {MUSIC: "beats", SPEECH: "stresses"}
+
+
+class Measured(NamedTuple):
+    """Continuations, measured."""
+
+    beats: Float[Tensor, "r n"]  # excess over chance, by frame
+    stresses: Float[Tensor, "r n"]
+    jerk: Float[Tensor, "r n"]  # m/s3, mean over joints about the hips
+    hands: Float[Tensor, "r n"]  # their speed about the hips, m/s
+    still: Bool[Tensor, "r n"]  # both hands
+    silent: Bool[Tensor, "r n"]
+    statistics: Float[np.ndarray, "r 9"]
+    stands: Bool[np.ndarray, " r"]  # upright, and every statistic finite
+
+
+@torch.no_grad()
+def measured(tokenizer: BodyTokenizer, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> Measured:
+    """Measure continuations; the rows of one prompt follow each other, the same number for each."""
+    group, device = len(codes) // len(prompts), codes.device
+
+    def rows(name: str) -> Tensor:
+        stacked = np.stack([getattr(prompt, name) for prompt in prompts]).astype(np.int64)
+        return torch.from_numpy(stacked).to(device).repeat_interleave(group, 0)
+
+    beats, stresses = (
+        _padded([getattr(prompt, name) for prompt in prompts]).to(device).repeat_interleave(group, 0)
+        for name in ("beats", "stresses")
+    )
+    skeleton = tokenizer.skeleton
+    positions = shown_positions(tokenizer, rows("past"), codes)
+    points = [skeleton.index(name) for name in POINTS]
+    parts: list[tuple[Tensor, ...]] = []
+    for start in range(0, len(codes), TOGETHER):
+        at = slice(start, start + TOGETHER)
+        body, stands = of_common_height(positions[at, LEAD:][:, :, points])
+        about = positions[at] - positions[at, :, :1]
+        jerk = torch.diff(about, n=3, dim=1).norm(dim=-1).mean(2)[:, LEAD - 3 :] * FRAME_RATE_HZ**3
+        hands = smoothed(about, 1.0, "nearest")[:, :, list(skeleton.indices(("leftHand", "rightHand")))]
+        speed = torch.diff(hands, dim=1).norm(dim=-1).mean(2)[:, LEAD - 1 :] * FRAME_RATE_HZ
+        hit = timing(skeleton, positions[at], LEAD, beats[at], stresses[at])
+        parts.append((*hit, jerk, speed, hands_still(body), liveliness(body), stands))
+    on_beats, on_stresses, jerk, hands, still, statistics, stands = (
+        torch.cat(part) for part in zip(*parts, strict=True)
+    )
+    silent = (rows("domain") == 0).repeat_interleave(FRAMES_PER_MOTION_TOKEN, 1)
+    table = statistics.cpu().numpy()
+    is_sound = stands.cpu().numpy() & np.isfinite(table).all(1)
+    return Measured(on_beats, on_stresses, jerk, hands, still, silent, table, is_sound)
+
+
+def kind_of(prompt: Prompt) -> str:
+    """The kind of sound that fills the continuation, or nothing."""
+    return kind_of_sound(prompt.domain)
+
+
+def means_of(found: Measured, kinds: Sequence[str]) -> dict[str, float]:
+    """What targets may be set for, by "kind.name", and "rest": the speed of hands in silence."""
+    means: dict[str, float] = {}
+    kind_of_row = np.array(kinds)
+    for kind in dict.fromkeys(filter(None, kinds)):
+        own = kind_of_row == kind
+        columns = dict(zip(STATISTICS, found.statistics.T, strict=True))
+        columns |= {"jerk": found.jerk.mean(1).cpu().numpy()}
+        columns |= {TIMING[kind]: getattr(found, TIMING[kind]).sum(1).cpu().numpy()}
+        means |= {f"{kind}.{name}": float(np.nanmean(column[own])) for name, column in columns.items()}
+    means["rest"] = float((found.hands * found.silent).sum() / found.silent.sum().clamp(min=1))
+    return means
+
+
+class TargetJudge:
+    """Judges a batch, moves the targets' weights, and teaches the opponents (a `probe.Judge`)."""
+
+    def __init__(
+        self, tokenizer: BodyTokenizer, people: Mapping[str, Float[np.ndarray, "n 9"]], targets: Mapping[str, Target]
+    ) -> None:
+        """`people` holds statistics of people's windows by kind of sound; `targets` are of `targets_like`."""
+        self.tokenizer = tokenizer
+        self.opponents = {kind: Opponent(rows) for kind, rows in people.items()}
+        self.weights = Weights(targets)
+        self.told: dict[str, float] = {}  # what the last batch was like, for the log
+
+    def __call__(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> Rewards:
+        """Rewards of continuations."""
+        found = measured(self.tokenizer.to(codes.device), prompts, codes)
+        kinds = [kind for prompt in prompts for kind in [kind_of(prompt)] * (len(codes) // len(prompts))]
+        self._learn(found, kinds)
+        realism = self._realism(found, kinds)
+        tokens, whole = self._by_frame(found, kinds), realism + self._by_target(found, kinds)
+        parts = {"beats": found.beats.sum(1), "stresses": found.stresses.sum(1)}
+        return Rewards(
+            tokens.view(len(tokens), -1, FRAMES_PER_MOTION_TOKEN).sum(2).double().cpu().numpy(),
+            whole,
+            {name: value.double().cpu().numpy() for name, value in parts.items()} | {"realism": realism},
+        )
+
+    def _learn(self, found: Measured, kinds: Sequence[str]) -> None:
+        means, kind_of_row = means_of(found, kinds), np.array(kinds)
+        for kind, opponent in self.opponents.items():
+            accuracy = opponent.see(found.statistics[(kind_of_row == kind) & found.stands])
+            if accuracy is not None:
+                means[f"{kind}.told_apart"] = accuracy
+        for name in self.weights.targets:
+            if name in means:
+                self.weights.see(name, means[name])
+        self.told = means | {f"weight.{name}": value for name, value in self.weights.values.items()}
+
+    def _realism(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
+        """What the opponents take for a person's; a body that does not stand is surely none."""
+        paid, kind_of_row = np.zeros(len(kinds)), np.array(kinds)
+        for kind, opponent in self.opponents.items():
+            own = kind_of_row == kind
+            odds = np.full(len(kinds), -MOST)
+            odds[own & found.stands] = opponent.odds(found.statistics[own & found.stands])
+            paid[own] = odds[own] * self.weights.values[f"{kind}.told_apart"]
+        return paid
+
+    def _by_target(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
+        """What statistics earn: their share of the aim, for the whole continuation."""
+        paid, columns = np.zeros(len(kinds)), dict(zip(STATISTICS, np.nan_to_num(found.statistics).T, strict=True))
+        for name, target in self.weights.targets.items():
+            kind, _, what = name.partition(".")
+            if what in columns and name != STILL:
+                share = np.minimum(columns[what] / target.aim, MOST_PAID)
+                paid += (np.array(kinds) == kind) * target.sign * self.weights.values[name] * share
+        return paid
+
+    def _by_frame(self, found: Measured, kinds: Sequence[str]) -> Float[Tensor, "r n"]:
+        """What hits, jerk, still hands in music and hands in silence earn, in the frames where they happen."""
+        weights, frames = self.weights.values, found.beats.shape[1]
+        paid = weights["music.beats"] * found.beats + weights["speech.stresses"] * found.stresses
+        for kind in DOMAINS:
+            own = torch.tensor([one == kind for one in kinds], device=paid.device)[:, None]
+            jerk = (found.jerk / self.weights.targets[f"{kind}.jerk"].aim).clamp(max=MOST_JERK)
+            paid = paid - own * weights[f"{kind}.jerk"] * FRAME_SCALE * jerk / frames
+        in_music = torch.tensor([one == MUSIC for one in kinds], device=paid.device)[:, None]
+        paid = paid - in_music * weights[STILL] * FRAME_SCALE * found.still / self.weights.targets[STILL].aim / frames
+        return paid - weights["rest"] * FRAME_SCALE * found.silent * found.hands / REST_M_S / frames
+
+
+def _padded(events: Sequence[Float[np.ndarray, " e"]]) -> Float[Tensor, "b e"]:
+    """Events of all rows, NaN behind the last of each."""
+    table = np.full((len(events), max(1, *map(len, events))), np.nan, np.float32)
+    for row, own in zip(table, events, strict=True):
+        row[: len(own)] = own
+    return torch.from_numpy(table)

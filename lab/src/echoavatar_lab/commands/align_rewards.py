@@ -1,0 +1,297 @@
+"""`echoavatar align calibrate`, `reward-quality`, `reward-alignment`, `reward-realism`: learned rewards, then JSON."""
+
+import argparse
+import json
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+from echoavatar.errors import EchoAvatarError
+
+from .config_options import add_fields, given_fields
+from .progress import progress_bar
+
+if TYPE_CHECKING:
+    from echoavatar.engine.pipeline import Bundle
+    from echoavatar_lab.align.audio_reward import AudioMotion
+    from echoavatar_lab.models.generator.windows import TokenClip
+
+PAPER: dict[str, dict[str, float | str]] = {
+    "reward-quality": {"width": 512, "heads": 8, "resampling": "dual", "differences": False},
+    "reward-alignment": {
+        "width": 512,
+        "slices": 1,
+        "heads": 8,
+        "learning_rate": 1e-4,
+        "batch": 32,
+        "motion": "features",
+    },
+}  # appendix, Motion Quality Reward Model ("mirrors our motion tokenizer"); Audio-Motion Alignment Reward
+PAPER_WORDS = (
+    "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32,"
+    " motion features, BEATs if --encoder-weights are given"
+)
+KINDS = ("calibrate", "reward-quality", "reward-alignment", "reward-realism")
+QUALITY_SIZES = ("width", "heads")
+QUALITY_FORM = ("resampling", "differences")  # no options: the paper's with --paper
+ALIGNMENT_SIZES = ("width", "heads", "layers", "slices")
+RUN = ("seed", "minutes", "autocast")
+
+
+def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the sub-commands."""
+    from echoavatar_lab.align.audio_encoders import KINDS as ENCODERS
+    from echoavatar_lab.align.audio_reward import AudioMotionConfig
+    from echoavatar_lab.align.audio_reward_train import AudioRewardTraining
+    from echoavatar_lab.align.corruption import Degradation
+    from echoavatar_lab.align.prompts import Events
+    from echoavatar_lab.align.quality import QualityConfig, QualityTraining
+
+    calibrate = kinds.add_parser("calibrate", help="FID of every corruption level, and scores from it")
+    quality = kinds.add_parser("reward-quality", help="train the motion quality reward")
+    alignment = kinds.add_parser("reward-alignment", help="train the audio-motion alignment reward")
+    realism = kinds.add_parser("reward-realism", help="fit the realism reward to a generator and captured people")
+    for child in (calibrate, quality, alignment, realism):
+        child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
+        child.add_argument("-o", "--output", type=Path, required=True, help="folder (calibrate, reward-realism: file)")
+        child.add_argument("--model", default="default", help="bundle with codec and tokenizer (default: %(default)s)")
+        child.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
+    quality.add_argument("--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)")
+    quality.add_argument(
+        "--kinds",
+        nargs="+",
+        default=[],
+        choices=get_args(Degradation),
+        help="degradations to train on as well; by default they only test whether the reward generalises",
+    )
+    quality.add_argument("--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)")
+    add_fields(quality, QualityTraining, ("steps",))
+    add_fields(quality, QualityConfig, QUALITY_SIZES)
+    alignment.add_argument("--held-out", type=Path, help="token files to retrieve from instead of the split test")
+    alignment.add_argument(
+        "--encoder",
+        choices=ENCODERS,
+        default="codes",
+        help="audio encoder: the codec's codes, or BEATs (paper) or Wav2CLIP (its comparison) on audio that the codec "
+        "decodes (default: %(default)s)",
+    )
+    alignment.add_argument(
+        "--encoder-weights",
+        type=Path,
+        metavar="FILE",
+        help="published weights, such as BEATs_iter3_plus_AS2M.pt or Wav2CLIP's ResNet_CX.ckpt, which are kept fixed "
+        "(default: a small network of that kind, trained with the reward)",
+    )
+    add_fields(alignment, AudioMotionConfig, ("motion", *ALIGNMENT_SIZES))
+    add_fields(alignment, AudioRewardTraining, ("steps", "batch"))
+    alignment.add_argument("--rate", type=float, help="peak learning rate (default: 1e-3; paper: 1e-4)")
+    for child in (quality, alignment):
+        child.add_argument(
+            "--paper", action="store_true", help=f"the paper's choices; in place of the defaults: {PAPER_WORDS}"
+        )
+        child.add_argument(
+            "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
+        )
+        child.add_argument("--minutes", type=float, default=0.0, help="training time, the schedule fitted to it")
+    realism.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate BUNDLE alive`")
+    realism.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
+    realism.add_argument("--past", type=int, default=22, help="as in `align grpo` (default: %(default)s)")
+    realism.add_argument("--own-past", type=int, default=15, help="likewise (default: %(default)s)")
+    realism.add_argument("--length", type=int, default=20, help="likewise: the window judged (default: %(default)s)")
+    realism.add_argument("--prompts", type=int, default=96, help="prompts to continue (default: %(default)s)")
+    realism.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
+    realism.add_argument("--events", choices=get_args(Events), default="any", help="(default: %(default)s)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one of the sub-commands."""
+    from echoavatar.engine.pipeline import load_bundle
+    from echoavatar_lab.align.prompts import read_token_clips, train_and_test
+
+    bundle = load_bundle(args.model)
+    clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
+    train, test = train_and_test(clips, args.source)
+    if not test and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
+        raise EchoAvatarError(f"{args.source} holds no clip of split test, on which {args.kind} is measured")
+    kinds = {
+        "calibrate": _calibrate,
+        "reward-quality": _quality,
+        "reward-alignment": _alignment,
+        "reward-realism": _realism,
+    }
+    with progress_bar() as say:
+        found = kinds[args.kind](args, bundle, train, test, partial(say, args.kind))
+    print(json.dumps(found))
+    return 0
+
+
+def _chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """What was given of some settings; where it was not, the paper's with --paper."""
+    paper = PAPER[args.kind] if args.paper else {}
+    return {name: paper[name] for name in names if name in paper} | given_fields(args, names)
+
+
+Clips = dict[str, "TokenClip"]
+Progress = Callable[[int, int], None]
+
+
+def _calibrate(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    from echoavatar_lab.align.corruption import scores_from_fid
+    from echoavatar_lab.align.quality import CorruptedWindows, calibrate
+    from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
+
+    levels = CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed)
+    fid = calibrate(levels, load_shipped(), windows=args.windows)
+    found = {"fid": fid, "scores": scores_from_fid(fid)}
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    args.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return found
+
+
+def _quality(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    from echoavatar_lab.align.corruption import degraded_scores, paper_scores, read_scores
+    from echoavatar_lab.align.quality import (
+        CorruptedWindows,
+        QualityConfig,
+        QualityTraining,
+        draw_quality,
+        measure_quality,
+        train_quality,
+    )
+
+    scores = read_scores(args.scores) if args.scores else paper_scores()
+    scores |= degraded_scores(args.kinds)
+    channels = bundle.tokenizer.mean.numel()
+    model = train_quality(
+        CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed),
+        args.output,
+        QualityTraining.model_validate(_chosen(args, "steps", *RUN)),
+        config=QualityConfig.model_validate(_chosen(args, *QUALITY_SIZES, *QUALITY_FORM) | {"features": channels}),
+        scores=scores,
+        card=_card(args),
+        progress=progress,
+    )
+    held_out = CorruptedWindows(bundle.tokenizer, list(test.values()), seed=args.seed + 1)
+    found = measure_quality(model, held_out, scores, windows=args.windows)
+    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    draw_quality(found, scores, args.output / "held_out.png")
+    return found
+
+
+def _alignment(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    from echoavatar_lab.align.audio_reward_train import (
+        AudioMotionWindows,
+        AudioRewardTraining,
+        decoded_features,
+        decoded_waveforms,
+        retrieval_tables,
+        train_audio_reward,
+    )
+    from echoavatar_lab.align.prompts import read_token_clips
+
+    layout = bundle.generator.config.layout
+    asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
+    encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
+    reads_features = _chosen(args, "motion").get("motion") == "features"
+    model = _listener(args, bundle, encoder, reads_features=reads_features)
+
+    def pairs(clips: Clips) -> AudioMotionWindows:
+        waves = None if encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
+        features = decoded_features(bundle.tokenizer, clips, progress) if reads_features else None
+        return AudioMotionWindows(clips, waves=waves, features=features)
+
+    rate = {"learning_rate": args.rate} if args.rate else {}
+    training = AudioRewardTraining.model_validate(_chosen(args, "steps", "batch", "learning_rate", *RUN) | rate)
+    model = train_audio_reward(model, pairs(train), args.output, training, card=_card(args), progress=progress)
+    found = retrieval_tables(model, pairs(asked))
+    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return found
+
+
+def _realism(
+    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+) -> dict[str, Any]:
+    from echoavatar.models.generator import Generator
+    from echoavatar_lab.align.policy import GeneratorPolicy
+    from echoavatar_lab.align.prompts import PromptSampler
+    from echoavatar_lab.align.realism import fit_realism
+    from echoavatar_lab.evaluation.takes import read_captured
+
+    if args.own_past > args.past:
+        raise EchoAvatarError(f"--own-past ({args.own_past}) chunks are the last of --past ({args.past}): lower it")
+    generator = Generator.load(args.generator) if args.generator else bundle.generator
+    book = PromptSampler(
+        train,
+        past=args.past - args.own_past,
+        length=args.own_past + args.length,
+        seed=args.seed,
+        fewest_events=0 if args.events == "any" else 2,
+        events=args.events,
+    )
+    reward, found = fit_realism(
+        GeneratorPolicy(generator),
+        bundle.tokenizer,
+        book,
+        read_captured(args.captured),
+        length=args.length,
+        prompts=args.prompts,
+        group=args.group,
+        seed=args.seed,
+        progress=progress,
+    )
+    reward.save(args.output)
+    return dict(found)
+
+
+def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads_features: bool) -> "AudioMotion":
+    """The untrained reward; published weights are read by a reader that constructs tensors only."""
+    import torch
+
+    from echoavatar_lab.align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP, Beats, Wav2Clip
+    from echoavatar_lab.align.audio_reward import AudioMotion
+    from echoavatar_lab.foreign.foreign_files import read_tensors
+
+    if args.encoder_weights and encoder == "codes":
+        raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(args.seed)
+        motion_book = bundle.tokenizer.codebooks().detach()
+        sizes = _chosen(args, *ALIGNMENT_SIZES)
+        read = bundle.tokenizer.statistics if reads_features else None
+        if encoder == "codes":
+            return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, statistics=read, **sizes)
+        network: Beats | Wav2Clip
+        if encoder == "beats":
+            network = Beats(SMALL_BEATS)
+            if args.encoder_weights:
+                network = Beats.from_published(read_tensors(args.encoder_weights, "model"))
+        else:
+            network = Wav2Clip(SMALL_WAV2CLIP)
+            if args.encoder_weights:
+                network = Wav2Clip.from_published(read_tensors(args.encoder_weights, "state_dict"))
+        is_frozen = args.encoder_weights is not None
+        return AudioMotion.from_network(
+            network, bundle.codec, motion_book, is_frozen=is_frozen, statistics=read, **sizes
+        )
+
+
+def command_line(args: argparse.Namespace) -> str:
+    """The command as the model's card states it."""
+    words = [f"echoavatar align {args.kind} {args.source}"]
+    for key, value in vars(args).items():
+        if key not in ("command", "kind", "source") and value not in (None, False, []):
+            values = value if isinstance(value, list) else [value]
+            words += [f"--{key.replace('_', '-')}" + ("" if one is True else f" {one}") for one in values]
+    return " ".join(words)
+
+
+def _card(args: argparse.Namespace) -> dict[str, object]:
+    return {"data": str(args.source), "command": command_line(args), "licence": "as its data"}

@@ -1,0 +1,87 @@
+"""`echoavatar bundle`: assemble a trained codec, tokenizer and generator into a bundle, or show a bundle."""
+
+import argparse
+import json
+import shutil
+from pathlib import Path
+
+from echoavatar.errors import EchoAvatarError
+
+FILES = ("config.json", "model.safetensors", "card.json")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = (
+        "examples:\n  echoavatar bundle runs -o my-bundle     from runs/codec, runs/tokenizer and runs/generator\n"
+        "  echoavatar bundle default               show the shipped bundle's card"
+    )
+    parser.add_argument("source", help="folder with codec/, tokenizer/, generator/ and optionally face/; or a bundle")
+    parser.add_argument(
+        "-o", "--output", type=Path, help="folder of the new bundle; without it the bundle's card is shown"
+    )
+    parser.add_argument(
+        "--int8",
+        action="store_true",
+        help="store the generator in int8, in which a CPU runs it anyway: half the size (a GPU would run bfloat16)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Assemble a bundle, or show one."""
+    from echoavatar.engine.pipeline import load_bundle
+
+    if args.output is None:
+        bundle = load_bundle(args.source)
+        print(f"{bundle.name}: {bundle.parameters / 1e6:.1f} M parameters, {bundle.skeleton.joints} joints")
+        print(json.dumps(bundle.card, indent=2))
+        return 0
+    assemble(Path(args.source), args.output, is_int8=args.int8)
+    bundle = load_bundle(args.output)
+    print(f"{args.output}: {bundle.parameters / 1e6:.1f} M parameters; try `echoavatar evaluate {args.output}`")
+    return 0
+
+
+def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
+    """Copy the checkpoints without their training state, with weights in half precision, or the generator's in int8.
+
+    A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made.
+
+    Raises:
+        EchoAvatarError: a part is missing or damaged.
+    """
+    from echoavatar.checkpoint import read_card
+    from echoavatar.models.audio import AudioCodec
+    from echoavatar.models.face import FaceModel
+    from echoavatar.models.generator import Generator
+    from echoavatar.models.tokenizer import BodyTokenizer
+
+    for part in ("codec", "tokenizer", "generator"):
+        missing = [name for name in FILES if not (source / part / name).exists()]
+        if missing:
+            raise EchoAvatarError(f"{source / part} lacks {', '.join(missing)}; train it first (`echoavatar train`)")
+    output.mkdir(parents=True, exist_ok=True)
+    BodyTokenizer.load(source / "tokenizer").save(output / "tokenizer", read_card(source / "tokenizer"))
+    import torch
+
+    generator_card = {"data": "codes", "licence": "Apache-2.0", "command": "echoavatar train generator"}
+    Generator.load(source / "generator").save(
+        output / "generator",
+        generator_card | read_card(source / "generator"),
+        dtype=torch.int8 if is_int8 else torch.float16,
+    )
+    AudioCodec.load(source / "codec")
+    (output / "codec").mkdir(exist_ok=True)
+    for name in FILES:
+        shutil.copyfile(source / "codec" / name, output / "codec" / name)
+    if not (output / "actions.json").exists():
+        from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
+
+        own_actions(BodyTokenizer.load(output / "tokenizer").eval()).save(output)
+    if (source / "face").is_dir():
+        FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
+    if not (output / "card.json").exists():
+        parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
+        (output / "card.json").write_text(
+            json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n", encoding="utf-8"
+        )

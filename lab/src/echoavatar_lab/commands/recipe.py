@@ -1,0 +1,182 @@
+"""Stages of training, their options, and recipes: the settings of a stage in a YAML file.
+
+    training:
+      learning_rate: 2.0e-4
+    model:
+      width: 256
+
+Options on the command line win over the recipe, which wins over the stage's defaults. Unknown keys are errors.
+"""
+
+import argparse
+import copy
+import difflib
+import json
+from collections.abc import Callable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+
+import yaml
+from pydantic import ValidationError
+
+from echoavatar.config import Config
+from echoavatar.errors import EchoAvatarError
+
+SECTIONS = ("model", "training")
+ConfigT = TypeVar("ConfigT", bound=Config)
+
+
+class _Field(NamedTuple):
+    section: str
+    name: str
+    is_inverted: bool
+
+
+class Options:
+    """The options of a sub-command that set fields of its configs; type, choices, help and default are the field's."""
+
+    def __init__(
+        self,
+        parser: argparse.ArgumentParser,
+        *,
+        model: type[Config] = Config,
+        training: type[Config] = Config,
+        base: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> None:
+        """`base` holds defaults, by section, that replace those of the configs."""
+        self._parser, self._fields = parser, dict[str, _Field]()
+        self._configs = {"model": model, "training": training}
+        self._base = {section: dict((base or {}).get(section, {})) for section in SECTIONS}
+        parser.add_argument(
+            "--recipe", type=Path, metavar="YAML", help="file of settings; options on the command line win over it"
+        )
+        parser.set_defaults(options=self)
+
+    def add(self, flag: str, field: str) -> None:
+        """Declare an option for `section.name`; of a field that is on by default, one that turns it off."""
+        section, name = field.split(".")
+        about = self._configs[section].model_fields[name]
+        default, text, kind = self._base[section].get(name, about.default), str(about.description), about.annotation
+        how: dict[str, Any] = {"action": "store_true"}
+        if kind is bool:
+            text = f"turn off: {text}" if default else text
+        else:
+            is_literal = get_origin(kind) is Literal
+            how = {"type": str if is_literal else kind, "choices": get_args(kind) if is_literal else None}
+            text += f" (default: {default})"
+        action = self._parser.add_argument(flag, default=None, help=text.replace("%", "%%"), **how)
+        self._fields[action.dest] = _Field(section, name, kind is bool and bool(default))
+
+    def add_minutes(self) -> None:
+        """Declare `--minutes`, which ends a call but not the run."""
+        self._parser.add_argument(
+            "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
+        )
+
+    def settings(self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None) -> "Settings":
+        """Merge the settings; priority: command line, recipe, `base` (by default the options' own)."""
+        values: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}
+        for section, found in (self._base if base is None else base).items():
+            values[section] = copy.deepcopy(dict(found))
+        recipe = read_recipe(args.recipe) if args.recipe else {}
+        for section, found in recipe.items():
+            _merge(values[section], found)
+        named = {(section, name) for section, found in recipe.items() for name in found}
+        for dest, field in self._fields.items():
+            given = getattr(args, dest)
+            if given is not None:
+                values[field.section][field.name] = (not given) if field.is_inverted else given
+                named.add((field.section, field.name))
+        return Settings(values["model"], values["training"], named, str(args.recipe or "the command line"))
+
+
+class Settings(NamedTuple):
+    """The merged settings of a stage, not validated yet."""
+
+    model: dict[str, Any]
+    training: dict[str, Any]
+    named: set[tuple[str, str]]  # (section, key) given on the command line or in the recipe
+    origin: str
+
+    def names(self, key: str) -> bool:
+        """Whether the user chose `section.key`."""
+        section, name = key.split(".")
+        return (section, name) in self.named
+
+    def checked(self, kind: type[ConfigT], section: str, **more: Any) -> ConfigT:
+        """A section as a validated config.
+
+        Raises:
+            EchoAvatarError: a key is unknown, or a value is invalid; names both.
+        """
+        values = {**getattr(self, section), **more}
+        try:
+            return kind.model_validate(values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(str(part) for part in (section, *first["loc"]))
+            if first["type"] == "extra_forbidden":
+                near = difflib.get_close_matches(str(first["loc"][-1]), list(kind.model_fields), 1)
+                meant = f"; did you mean {near[0]}?" if near else ""
+                raise EchoAvatarError(f"{self.origin}: {place} is not a setting of this stage{meant}") from error
+            raise EchoAvatarError(f"{self.origin}: {place}: {first['msg']}") from error
+
+
+class Given(NamedTuple):
+    """What a stage is trained with."""
+
+    args: argparse.Namespace
+    settings: Settings
+    card: dict[str, object]
+    how: dict[str, Any]  # device, trackers, progress
+
+
+class Stage(NamedTuple):
+    """A sub-command of `train`."""
+
+    summary: str
+    source: str
+    model: type[Config]
+    training: type[Config]
+    base: dict[str, dict[str, Any]]  # defaults that are not the configs'
+    add: Callable[[argparse.ArgumentParser, Options], None]
+    train: Callable[[Given], None]
+    examples: str | None = None
+
+
+def shipped(part: str) -> dict[str, Any]:
+    """The config of a part of the default bundle."""
+    text = (files("echoavatar") / "bundles" / "default" / part / "config.json").read_text(encoding="utf-8")
+    config: dict[str, Any] = json.loads(text)
+    return config
+
+
+def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
+    """The sections of a recipe.
+
+    Raises:
+        EchoAvatarError: the file is missing, is not YAML, or has other sections.
+    """
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise EchoAvatarError(f"cannot read the recipe {path} ({error.strerror})") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise EchoAvatarError(f"{path} is not YAML: {error}") from error
+    found = {} if found is None else found
+    if not isinstance(found, dict) or not all(isinstance(value, dict) for value in found.values()):
+        raise EchoAvatarError(f"{path}: a recipe has the sections {' and '.join(SECTIONS)}, each with settings")
+    unknown = [key for key in found if key not in SECTIONS]
+    if unknown:
+        raise EchoAvatarError(f"{path}: unknown section {unknown[0]}; there are {' and '.join(SECTIONS)}")
+    return found
+
+
+def _merge(under: dict[str, Any], over: Mapping[str, Any]) -> None:
+    """Merge `over` into `under`, nested mappings too."""
+    for key, value in over.items():
+        if isinstance(value, dict) and isinstance(under.get(key), dict):
+            _merge(under[key], value)
+        else:
+            under[key] = value

@@ -1,0 +1,257 @@
+"""Choreography controls: the curves that gesture, dance and idle motion are written in. Not in the paper.
+
+A performance is a table of low-dimensional, blendable curves at 30 fps; `solver.solve` turns it into joint rotations.
+Conventions (metres and radians, Y up, facing +Z, left at +X):
+
+* yaw > 0 turns left, pitch > 0 bows forward, roll > 0 leans right; a triple means Ry(yaw) Rx(pitch) Rz(roll);
+* axis 1 of a paired array is (left, right); feet live in world axes, arms in mirrored chest axes (+x outwards);
+* palm: flex > 0 towards the palm, deviation > 0 towards the thumb, pronation > 0 palm down (0 = handshake);
+* a flat foot has its ankle at `ANKLE_HEIGHT`; `foot_pitch` > 0 lifts the heel about the ball, < 0 the toes;
+  `foot_roll` > 0 turns the sole outwards.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
+
+from echoavatar.timing import FRAME_RATE_HZ
+
+Array = np.ndarray
+
+ANKLE_HEIGHT = 0.085
+STANDING_PELVIS = (0.0, 0.944, 0.0)
+STANDING_FEET = ((0.105, ANKLE_HEIGHT, -0.015), (-0.105, ANKLE_HEIGHT, -0.015))
+STANDING_FOOT_YAW = (0.14, -0.14)
+HANGING_WRIST = (0.110, -0.485, 0.050)
+FOLDED_M = 0.12  # from the shoulder to the wrist at least: a folded arm
+DRIFT_FRAMES = 8  # over which the speed of an arm fades at a join
+RELAXED_FINGERS = (0.25, 0.20, 0.24, 0.28, 0.30, 0.05, 0.25)
+_ANGLES = ("pelvis_rotation", "spine", "head", "foot_yaw", "palm", "elbow_swing", "knee_swing")
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Curves of one performance, frames first; the module docstring defines signs and axes."""
+
+    pelvis_position: Float[Array, "t 3"]
+    pelvis_rotation: Float[Array, "t 3"]  # yaw, pitch, roll
+    spine: Float[Array, "t 3"]  # chest relative to pelvis: yaw, pitch, roll
+    head: Float[Array, "t 3"]  # head relative to chest: yaw, pitch, roll
+    foot_position: Float[Array, "t 2 3"]  # ankle of the flat foot, world
+    foot_yaw: Float[Array, "t 2"]  # world
+    foot_pitch: Float[Array, "t 2"]
+    shoulder: Float[Array, "t 2 2"]  # clavicle lift, forward
+    wrist: Float[Array, "t 2 3"]  # from the shoulder joint, mirrored chest axes
+    palm: Float[Array, "t 2 3"]  # flex, deviation, pronation
+    elbow_swing: Float[Array, "t 2"]  # > 0 lifts the elbow outwards
+    fingers: Float[Array, "t 2 7"]  # curl thumb, index, middle, ring, little 0..1; spread -1..1; opposition 0..1
+    foot_roll: Float[Array, "t 2"]
+    knee_swing: Float[Array, "t 2"]  # about the line from hip to ankle, > 0 outwards
+
+    def __len__(self) -> int:
+        return len(self.pelvis_position)
+
+    def __getitem__(self, frames: slice) -> Self:
+        return replace(self, **{field.name: getattr(self, field.name)[frames] for field in fields(self)})
+
+    def packed(self) -> Float[Array, "t c"]:
+        """All curves side by side, in field order."""
+        return np.concatenate([getattr(self, f.name).reshape(len(self), -1) for f in fields(self)], axis=1)
+
+    @classmethod
+    def unpacked(cls, table: Float[Array, "t c"]) -> Self:
+        """Inverse of `packed`."""
+        like = neutral(1)
+        parts: dict[str, Array] = {}
+        start = 0
+        for field in fields(cls):
+            shape = getattr(like, field.name).shape[1:]
+            width = int(np.prod(shape))
+            columns = table[:, start : start + width].astype(np.float32)
+            parts[field.name] = columns.reshape(len(table), *shape)
+            start += width
+        return cls(**parts)
+
+
+def neutral(frames: int) -> Controls:
+    """Standing at ease: arms hanging a little off the body, fingers slightly bent, toes slightly out."""
+
+    def still(value: Sequence[float] | Sequence[Sequence[float]]) -> Array:
+        one = np.asarray(value, np.float32)
+        return np.broadcast_to(one, (frames, *one.shape)).copy()
+
+    return Controls(
+        pelvis_position=still(STANDING_PELVIS),
+        pelvis_rotation=still((0.0, 0.0, 0.0)),
+        spine=still((0.0, 0.02, 0.0)),
+        head=still((0.0, 0.02, 0.0)),
+        foot_position=still(STANDING_FEET),
+        foot_yaw=still(STANDING_FOOT_YAW),
+        foot_pitch=still((0.0, 0.0)),
+        shoulder=still(((0.0, 0.0), (0.0, 0.0))),
+        wrist=still((HANGING_WRIST, HANGING_WRIST)),
+        palm=still(((0.08, 0.0, 0.35), (0.08, 0.0, 0.35))),
+        elbow_swing=still((0.0, 0.0)),
+        fingers=still((RELAXED_FINGERS, RELAXED_FINGERS)),
+        foot_roll=still((0.0, 0.0)),
+        knee_swing=still((0.0, 0.0)),
+    )
+
+
+def concatenated(parts: Sequence[Controls]) -> Controls:
+    """Performances one after another."""
+    return Controls.unpacked(np.concatenate([part.packed() for part in parts]))
+
+
+def blended(start: Controls, end: Controls, weight: Float[Array, " t"]) -> Controls:
+    """Mix linearly per frame: weight 0 gives `start`, 1 gives `end`.
+
+    Planted feet slide unless both sides have them in the same place.
+    """
+    share = np.asarray(weight, np.float32)[:, None]
+    first, second = start.packed(), end.packed()
+    return Controls.unpacked(first + (second - first) * share)
+
+
+def mirrored(controls: Controls) -> Controls:
+    """The same performance, left and right exchanged."""
+    across = np.array([-1.0, 1.0, 1.0], np.float32)
+    turned = np.array([-1.0, 1.0, -1.0], np.float32)
+    return Controls(
+        pelvis_position=controls.pelvis_position * across,
+        pelvis_rotation=controls.pelvis_rotation * turned,
+        spine=controls.spine * turned,
+        head=controls.head * turned,
+        foot_position=controls.foot_position[:, ::-1] * across,
+        foot_yaw=-controls.foot_yaw[:, ::-1],
+        foot_pitch=controls.foot_pitch[:, ::-1].copy(),
+        shoulder=controls.shoulder[:, ::-1].copy(),
+        wrist=controls.wrist[:, ::-1].copy(),
+        palm=controls.palm[:, ::-1].copy(),
+        elbow_swing=controls.elbow_swing[:, ::-1].copy(),
+        fingers=controls.fingers[:, ::-1].copy(),
+        foot_roll=controls.foot_roll[:, ::-1].copy(),
+        knee_swing=controls.knee_swing[:, ::-1].copy(),
+    )
+
+
+def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0.0) -> Controls:
+    """The same performance turned to the left about the vertical through the origin, then shifted in x and z."""
+    along = np.array([shift[0], 0.0, shift[1]], np.float32)
+    cos, sin = np.cos(turn), np.sin(turn)
+    about_y = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]], np.float32)
+    return replace(
+        controls,
+        pelvis_position=controls.pelvis_position @ about_y.T + along,
+        pelvis_rotation=controls.pelvis_rotation + np.array([turn, 0.0, 0.0], np.float32),
+        foot_position=controls.foot_position @ about_y.T + along,
+        foot_yaw=controls.foot_yaw + np.float32(turn),
+    )
+
+
+def unwound(controls: Controls, like: Controls, at: int, like_at: int) -> Controls:
+    """The same performance with angles shifted by whole turns: at frame `at` they are next to `like`'s at `like_at`."""
+    curves = {}
+    for name in _ANGLES:
+        old, new = getattr(like, name)[like_at], getattr(controls, name)
+        curves[name] = np.asarray(new + 2 * np.pi * np.round((old - new[at]) / (2 * np.pi)), np.float32)
+    return replace(controls, **curves)
+
+
+def fading(
+    place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], frames: int, *, drift: int | None = None
+) -> Float[Array, "t ..."]:
+    """A difference of poses, and of speeds per frame, that fades out along a quintic (inertialisation).
+
+    With `drift` the speeds fade within so many frames: the longer they take, the further they carry away.
+    """
+
+    def phase(length: int) -> Array:
+        ratio = np.minimum(np.arange(frames) / length, 1.0)
+        return np.asarray(ratio.reshape(-1, *([1] * np.ndim(place))))
+
+    drift = frames if drift is None else min(drift, frames)
+    p, q = phase(frames), phase(drift)
+    stay = 1 - p**3 * (10 - 15 * p + 6 * p**2)
+    return np.asarray(stay * place + (q - q**3 * (6 - 8 * q + 3 * q**2)) * drift * speed, np.float32)
+
+
+def wrists_over(old: Float[Array, "2 2 3"], new: Float[Array, "n 2 3"], frames: int) -> Float[Array, "m 2 3"]:
+    """`new` without its first frame, begun where `old` ends; both begin in the frame before the join.
+
+    The difference fades as a turn about the shoulder and as a length: along a straight line the hand would pass
+    through the shoulder, and the arm would flip.
+    """
+    stay = fading(np.ones(1), np.zeros(1), frames)
+    drift = fading(np.zeros(1), np.ones(1), frames, drift=DRIFT_FRAMES)
+    stay, drift = (np.pad(f, ((0, max(len(new) - len(f), 0)), (0, 0)))[: len(new) - 1] for f in (stay, drift))
+    over = np.zeros((len(new) - 1, 2, 3), np.float32)
+    for side in range(2):
+        was, now = old[:, side], new[:, side]
+        turn = _turn_between(now[1], was[1])
+        speed = _turn_between(*was) - Rotation.from_rotvec(turn).apply(_turn_between(*now[:2]))
+        far = np.linalg.norm(was, axis=-1) - np.linalg.norm(now[:2], axis=-1)
+        length = np.linalg.norm(now[1:], axis=-1, keepdims=True)
+        aim = (Rotation.from_rotvec(drift * speed) * Rotation.from_rotvec(stay * turn)).apply(now[1:] / length)
+        over[:, side] = aim * np.maximum(length + stay * far[1] + drift * (far[1] - far[0]), FOLDED_M)
+    return over
+
+
+def _turn_between(start: Float[Array, " 3"], end: Float[Array, " 3"]) -> Float[Array, " 3"]:
+    """The smallest turn of one direction to another, as a rotation vector."""
+    axis = np.cross(start, end)
+    return np.asarray(axis / max(float(np.linalg.norm(axis)), 1e-9) * np.arctan2(np.linalg.norm(axis), start @ end))
+
+
+def air(phase: Float[np.ndarray, " t"]) -> Float[Array, " t"]:
+    """Height of a step over its phase: 0 at lift-off and landing, 1 half-way, smooth at both ends."""
+    p = np.clip(phase, 0.0, 1.0)
+    return np.asarray(64 * (p * (1 - p)) ** 3, np.float32)
+
+
+def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:
+    """Minimum-jerk progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
+    p = np.clip(phase, 0.0, 1.0)
+    return np.asarray(p**3 * (10 - 15 * p + 6 * p * p), np.float32)
+
+
+def through_keys(
+    times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k ..."], frames: int
+) -> Float[Array, "t ..."]:
+    """Move by minimum jerk from key to key (seconds, ascending) and rest at each; constant outside."""
+    clock = np.arange(frames) / FRAME_RATE_HZ
+    keys = np.asarray(values, np.float32)
+    after = np.clip(np.searchsorted(times, clock, side="right"), 1, max(len(times) - 1, 1))
+    if len(times) == 1:
+        return np.broadcast_to(keys[0], (frames, *keys.shape[1:])).copy()
+    begin, end = np.asarray(times)[after - 1], np.asarray(times)[after]
+    progress = minimum_jerk((clock - begin) / np.maximum(end - begin, 1e-6))
+    progress = progress.reshape(-1, *([1] * (keys.ndim - 1)))
+    return np.asarray(keys[after - 1] + (keys[after] - keys[after - 1]) * progress, np.float32)
+
+
+def critically_damped(signal: Float[Array, "t ..."], seconds: float) -> Float[Array, "t ..."]:
+    """Causal smoothing by a critically damped spring that covers most of a step in `seconds`."""
+    keep = float(np.exp(-4.0 / (FRAME_RATE_HZ * seconds)))
+    first = np.asarray(signal[:1], np.float64)
+    moved = lfilter([(1 - keep) ** 2], [1.0, -2 * keep, keep * keep], signal - first, axis=0)
+    return np.asarray(moved + first, np.float32)
+
+
+def smoothed(signal: Float[Array, "t ..."], seconds: float) -> Float[Array, "t ..."]:
+    """Gaussian smoothing with a standard deviation in seconds; the end values are repeated beyond the ends."""
+    return np.asarray(gaussian_filter1d(signal, seconds * FRAME_RATE_HZ, axis=0, mode="nearest"), np.float32)
+
+
+def wander(frames: int, channels: int, *, period: float, rng: np.random.Generator) -> Float[Array, "t c"]:
+    """Slow random drift of unit deviation: white noise smoothed to the given period in seconds."""
+    sigma = period * FRAME_RATE_HZ / 5
+    margin = int(4 * sigma) + 1
+    noise = gaussian_filter1d(rng.standard_normal((frames + 2 * margin, channels)), sigma, axis=0)
+    return np.asarray(noise[margin : margin + frames] * np.sqrt(2 * np.sqrt(np.pi) * sigma), np.float32)

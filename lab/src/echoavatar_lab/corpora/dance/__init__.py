@@ -1,0 +1,4 @@
+"""Music to motion: dances by rule and by captured people.
+
+May import `capture`, `controls`, `keyframes`, `sound` and `echoavatar`.
+"""

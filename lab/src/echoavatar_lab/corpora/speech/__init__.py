@@ -1,0 +1,1 @@
+"""Speech with exact labels: scripts, voices, prosody, lips, singing. May import `music`, `sound` and `echoavatar`."""

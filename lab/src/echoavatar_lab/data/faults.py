@@ -1,0 +1,63 @@
+"""Two faults of motion, measured: planted feet that slide, and hands inside the body."""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from numpy.typing import NDArray
+from torch import Tensor
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.ik import BodyProfile, body_of_rig
+from echoavatar.motion.ik.hand_collisions import Body, hand_points
+from echoavatar.motion.kinematics import Skeleton, forward_kinematics
+from echoavatar.motion.kinematics.foot_planting import planted
+from echoavatar.motion.kinematics.rigs import bone_map
+
+
+def skate(
+    positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
+) -> float:
+    """Mean horizontal speed of planted feet, centimetres per second; 0 if no foot is ever planted.
+
+    The mean is over all pairs of neighbouring frames in which a foot is planted both times. One still foot and one
+    sliding foot give half the sliding foot's speed.
+    """
+    place = np.asarray(positions, np.float64)
+    is_planted = planted(place, fps, standing_height=standing_height)
+    stays = is_planted[1:] & is_planted[:-1]
+    if not stays.any():
+        return 0.0
+    speed = np.linalg.norm(np.diff(place[..., [0, 2]], axis=0), axis=-1) * fps
+    return float(speed[stays].mean() * 100)
+
+
+def penetration_depth_m(
+    skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"], profile: BodyProfile | None = None
+) -> Float[Tensor, "t 2"]:
+    """Depth of the deepest point of the left and the right hand below the skin of torso, neck or head, metres.
+
+    The points are all joints and tips of all fingers, each with its thickness. The distance to an ellipsoid is exact at
+    the skin and of first order below it. 0 where the hand is outside.
+
+    Raises:
+        MotionError: the rig's bones are not known, or a rotation is not finite.
+    """
+    if not torch.isfinite(rotations).all():
+        raise MotionError("the motion holds rotations that are not finite; leave out these frames")
+    bones, profile = bone_map(skeleton), profile or body_of_rig(skeleton)
+    body = Body(skeleton, profile)
+    still = torch.zeros(len(rotations), 3)
+    pose = forward_kinematics(skeleton, rotations.detach().cpu().float(), still)
+    world, places = pose.rotations.numpy(), pose.positions.numpy()
+    depths = []
+    for side in ("left", "right"):
+        hand = hand_points(skeleton, bones, side, is_full=True)
+        joints, offsets = ([point.joint for point in hand], np.array([point.offset for point in hand], np.float32))
+        points = np.einsum("tpij,pj->tpi", world[:, joints], offsets) + places[:, joints]
+        thick = np.array([profile.palm if point.is_palm else profile.finger for point in hand], np.float32)
+        seen = body.to_unit(world[:, body.joints], places[:, body.joints], points)
+        far = np.sqrt((seen**2).sum(-1))
+        steep = np.sqrt(((seen / body.radii[:, None]) ** 2).sum(-1))
+        below = far * (1 - far) / np.maximum(steep, 1e-6) + thick
+        depths.append(np.maximum(below.max((1, 2)), 0))
+    return torch.from_numpy(np.stack(depths, -1))

@@ -1,0 +1,146 @@
+"""Statistics of a motion, to compare rehearsed and generated motion with recorded motion.
+
+Hand speeds are measured in the frame of the hips (position and heading), so that walking does not count as gesturing.
+"""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from echoavatar.motion.kinematics.foot_planting import planted
+from echoavatar.motion.kinematics.motion import Motion, Pose
+from echoavatar.motion.kinematics.rigs import bone_map, known_bones
+from echoavatar.motion.kinematics.rotations import angle_between
+from echoavatar_lab.data.faults import skate
+
+PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
+STROKE_SPEED = 0.35  # metres per second; a peak above it is a stroke
+TURNED_DEG = 60.0  # a foot that points further away from where the hips face is turned
+_FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
+_LEGS = ("hips", "leftLowerLeg", "leftFoot", "leftToes", "rightLowerLeg", "rightFoot", "rightToes")
+_DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
+_Array = np.ndarray
+
+
+def describe(motion: Motion) -> dict[str, float]:
+    """Statistics of a motion of at least four frames. Units are in the names; left and right are taken together.
+
+    `leg_energy_m2_s2` is the mean squared world speed of hips, knees, ankles and toes; `stroke_rate_hz` counts
+    peaks of hand speed over 0.35 m/s per second and hand; `pause_ratio` is the share of frames in which both hands
+    move at less than 6 cm/s; `reach_ratio` is the distance from shoulder to wrist in arm lengths; jerk is the mean
+    length of the third derivative of position; skate as in `faults.skate`, over ankles and toes.
+    `turned_feet_ratio` is the share of feet that point over 60 degrees away from where the hips face, NaN for a rig
+    without toes.
+    """
+    if motion.frames < 4:
+        raise ValueError(f"statistics need four frames, got {motion.frames}")
+    bones, pose = bone_map(motion.skeleton), motion.pose()
+    places = pose.positions.numpy().astype(np.float64)
+    numbers = {"seconds": motion.seconds}
+    numbers |= _hands(motion, bones, pose, places)
+    numbers |= _joints(motion, bones, pose)
+    legs = places[:, [bones[name] for name in _LEGS if name in bones]]
+    body = places[:, sorted(set(bones.values()))]
+    feet = places[:, [bones[name] for name in _FEET if name in bones]]
+    standing = _standing_heights(motion, bones)
+    is_planted = planted(feet, motion.fps, standing_height=standing)
+    numbers |= {
+        "leg_energy_m2_s2": float((_speed(legs, motion.fps) ** 2).mean()),
+        "hip_speed_mean_m_s": float(_speed(places[:, bones["hips"]], motion.fps).mean()),
+        "hip_travel_m": float(np.linalg.norm(np.ptp(places[:, bones["hips"]][:, [0, 2]], axis=0))),
+        "body_jerk_mean_m_s3": _jerk(body, motion.fps),
+        "skate_cm_s": skate(feet, motion.fps, standing_height=standing),
+        "planted_ratio": float(is_planted.mean()),
+        "steps_per_s": float((np.diff(is_planted.astype(int), axis=0) == 1).sum() / 2 / motion.seconds),
+        "toe_height_min_m": float(feet[..., 1].min()),
+        "turned_feet_ratio": float(turned_feet(motion).mean()),
+    }
+    return numbers
+
+
+def wrist_speeds(motion: Motion) -> _Array:
+    """(t - 1, 2) speed of left and right wrist in the frame of the hips, metres per second."""
+    bones, pose = bone_map(motion.skeleton), motion.pose()
+    return _speed(_own_frame(bones, pose)[:, [bones["leftHand"], bones["rightHand"]]], motion.fps)
+
+
+def turned_feet(motion: Motion) -> Float[np.ndarray, "t 2"]:
+    """1 where a foot (left, right) points over 60 degrees away from where the hips face; NaN for a rig without toes."""
+    bones = known_bones(motion.skeleton)
+    if not {"leftToes", "rightToes"} <= bones.keys():
+        return np.full((motion.frames, 2), np.nan)
+    own = _own_frame(bones, motion.pose())
+    along = own[:, [bones["leftToes"], bones["rightToes"]]] - own[:, [bones["leftFoot"], bones["rightFoot"]]]
+    turn = np.abs(np.degrees(np.arctan2(along[..., 0], along[..., 2])))
+    return np.asarray(turn > TURNED_DEG, np.float64)
+
+
+def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) -> dict[str, float]:
+    hands = [bones["leftHand"], bones["rightHand"]]
+    shoulders = [bones["leftUpperArm"], bones["rightUpperArm"]]
+    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerArm", "Hand")]
+    arm = float(motion.skeleton.offsets[joints].norm(dim=-1).sum() / 2)
+    own = _own_frame(bones, pose)
+    speed = _speed(own[:, hands], motion.fps)
+    over_hips = places[:, hands, 1] - places[:, bones["hips"], None, 1]
+    stretch = np.linalg.norm(places[:, hands] - places[:, shoulders], axis=-1) / arm
+    is_peak = (speed[1:-1] > speed[:-2]) & (speed[1:-1] >= speed[2:]) & (speed[1:-1] > STROKE_SPEED)
+    return {
+        "wrist_speed_mean_m_s": float(speed.mean()),
+        "wrist_speed_p95_m_s": float(np.percentile(speed, 95)),
+        "wrist_height_mean_m": float(over_hips.mean()),
+        "wrist_height_p95_m": float(np.percentile(over_hips, 95)),
+        "wrist_ahead_mean_m": float(own[:, hands, 2].mean()),
+        "wrist_outward_mean_m": float((own[:, hands[0], 0] - own[:, hands[1], 0]).mean() / 2),
+        "wrist_distance_mean_m": float(np.linalg.norm(places[:, hands[0]] - places[:, hands[1]], axis=-1).mean()),
+        "reach_ratio_mean": float(stretch.mean()),
+        "reach_ratio_p95": float(np.percentile(stretch, 95)),
+        "pause_ratio": float((speed.max(-1) < PAUSE_SPEED).mean()),
+        "stroke_rate_hz": float(is_peak.sum() / 2 / motion.seconds),
+        "wrist_jerk_mean_m_s3": _jerk(own[:, hands], motion.fps),
+    }
+
+
+def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, float]:
+    local = motion.matrices()
+    speed = torch.rad2deg(angle_between(local[:-1], local[1:])).numpy() * motion.fps
+    world = pose.rotations[:, bones["head"]]
+    head = torch.rad2deg(angle_between(world[:-1], world[1:])).numpy() * motion.fps
+    fingers = [joint for bone, joint in bones.items() if any(digit in bone for digit in _DIGITS)]
+    moving = speed[:, fingers] if fingers else np.zeros((1, 1))
+    return {
+        "finger_speed_mean_deg_s": float(moving.mean()),
+        "finger_speed_p95_deg_s": float(np.percentile(moving, 95)),
+        "head_speed_mean_deg_s": float(head.mean()),
+        "head_speed_p95_deg_s": float(np.percentile(head, 95)),
+        "joint_speed_p99_deg_s": float(np.percentile(speed, 99)),
+        "joint_speed_max_deg_s": float(speed.max()),
+    }
+
+
+def _own_frame(bones: dict[str, int], pose: Pose) -> _Array:
+    """Positions relative to the hips, turned so that the hips face +Z (about the vertical only)."""
+    places = pose.positions.numpy().astype(np.float64)
+    across = places[:, bones["leftUpperLeg"]] - places[:, bones["rightUpperLeg"]]
+    left = across[:, [0, 2]] / np.linalg.norm(across[:, [0, 2]], axis=-1, keepdims=True).clip(1e-9)
+    relative = places - places[:, bones["hips"], None]
+    x, z = relative[..., 0], relative[..., 2]
+    cosine, sine = left[:, None, 0], left[:, None, 1]
+    return np.stack([x * cosine + z * sine, relative[..., 1], z * cosine - x * sine], -1)
+
+
+def _standing_heights(motion: Motion, bones: dict[str, int]) -> _Array | None:
+    """Heights of ankles and toes on the floor, from the rest pose; None, to be measured, if it is not on y = 0."""
+    rest = motion.skeleton.rest_positions.numpy().astype(np.float64)
+    heights = rest[[bones[name] for name in _FEET if name in bones], 1]
+    is_on_floor = 0 < heights.min() < 0.05 and heights.max() < 0.2
+    return heights if is_on_floor else None
+
+
+def _speed(places: _Array, fps: float) -> _Array:
+    speed: _Array = np.linalg.norm(np.diff(places, axis=0), axis=-1) * fps
+    return speed
+
+
+def _jerk(places: _Array, fps: float) -> float:
+    return float(np.linalg.norm(np.diff(places, n=3, axis=0), axis=-1).mean() * fps**3)

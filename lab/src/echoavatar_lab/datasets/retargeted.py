@@ -1,0 +1,248 @@
+"""A recording on the rig of its set: on its own, annotated for training, or retargeted to ours.
+
+Retargeting keeps bone directions, so on a rig with broader shoulders clapping or folded hands come apart. Where the
+source's wrists are close, arm IK moves both of ours by half the way to the same vector between them, in arm lengths;
+hands keep their orientation. The correction fades out with the distance between the hands, so motion does not jump.
+
+`fidelity` measures how close a retargeted recording is to its source: foot contacts, distance of the hands, directions
+of the body. Proportions differ between rigs, so hand distances are in arm lengths and feet are compared by contacts.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from echoavatar.errors import MotionError
+from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.motion.kinematics.foot_planting import foot_contacts
+from echoavatar.motion.kinematics.retarget import with_wrists
+from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.motion.kinematics.two_bone import reach
+from echoavatar_lab.data.faults import skate
+
+_SIDES = (("left", "right"), ("Left", "Right"), ("_L", "_R"), ("_l", "_r"), ("L_", "R_"), ("l_", "r_"))
+
+
+def annotate_rig(motion: Motion) -> Motion:
+    """The same motion on a skeleton with body parts, mirror pairs and feet.
+
+    "lower" is the legs and the root, "hands" is everything below the hand bones, "upper" is the rest.
+
+    Raises:
+        MotionError: the joint names are unknown, or left and right cannot be paired.
+    """
+    skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
+    thighs = {bones["leftUpperLeg"], bones["rightUpperLeg"]}
+    wrists = {bones["leftHand"], bones["rightHand"]}
+    lower, hands = [0], []
+    for joint in range(1, skeleton.joints):
+        above = _line(skeleton, joint)
+        if above & thighs or bones["hips"] in _below(skeleton, joint):
+            lower.append(joint)
+        elif (above - {joint}) & wrists:
+            hands.append(joint)
+    upper = [joint for joint in range(skeleton.joints) if joint not in {*lower, *hands}]
+    parts = {"lower": tuple(lower), "upper": tuple(upper), "hands": tuple(hands)}
+    feet = [bones.get(name, bones[name.replace("Toes", "Foot")]) for name in _FEET]
+    config = skeleton.config.model_copy(
+        update={
+            "parts": {name: joints for name, joints in parts.items() if joints},
+            "mirror": _pairs(skeleton),
+            "feet": tuple(feet),
+            "vrm": bones,
+        }
+    )
+    return Motion(Skeleton(config), motion.rotations, motion.root, motion.fps)
+
+
+_FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
+
+
+def _line(skeleton: Skeleton, joint: int) -> set[int]:
+    """A joint and its ancestors."""
+    line = set()
+    while joint >= 0:
+        line.add(joint)
+        joint = skeleton.parents[joint]
+    return line
+
+
+def _below(skeleton: Skeleton, joint: int) -> set[int]:
+    """A joint and its descendants."""
+    return {other for other in range(skeleton.joints) if joint in _line(skeleton, other)}
+
+
+def _pairs(skeleton: Skeleton) -> tuple[int, ...]:
+    names = {name: joint for joint, name in enumerate(skeleton.names)}
+    pairs = []
+    for joint, name in enumerate(skeleton.names):
+        others = {_swapped(name, a, b) for a, b in _SIDES} | {_swapped(name, b, a) for a, b in _SIDES}
+        found = [names[other] for other in others - {name} if other in names]
+        pairs.append(found[0] if len(found) == 1 else joint)
+    if any(pairs[pairs[joint]] != joint for joint in range(len(pairs))):
+        raise MotionError(
+            f"left and right of the rig with joints {', '.join(skeleton.names[:3])}, ... cannot be told from its names;"
+            " use --rig unified"
+        )
+    return tuple(pairs)
+
+
+def _swapped(name: str, one: str, other: str) -> str:
+    """The name with its side mark replaced, where that stands at the start or end of a word."""
+    if one.startswith("_"):
+        return re.sub(f"{one}(?=_|$|[A-Z])", other, name)
+    if one.endswith("_"):
+        return re.sub(f"(?<![A-Za-z]){one}", other, name)
+    return name.replace(one, other, 1)
+
+
+NEAR_ARMS, FAR_ARMS = 0.35, 0.8
+"""Arm lengths between the wrists: below the first full correction, above the second none."""
+
+
+class _Arm(NamedTuple):
+    shoulder: int
+    elbow: int
+    hand: int
+    hinge_sign: float  # the elbow bends about +Y or -Y of the forearm
+
+
+def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
+    """The motion with hands as close together as in the source, where they are close there.
+
+    Args:
+        motion: on our rig, retargeted from `source`.
+        source: the same frames on the recording's own rig.
+    """
+    wanted = _between(source) / arm_length(source) * arm_length(motion)
+    bones, pose = bone_map(motion.skeleton), motion.pose()
+    places, world_rotations = pose.positions.double(), pose.rotations.double()
+    weight = _weight(wanted.norm(dim=-1) / arm_length(motion))
+    if float(weight.max()) == 0:
+        return motion
+    now = places[:, bones["leftHand"]] - places[:, bones["rightHand"]]
+    step = (wanted - now) * weight[:, None] / 2
+    local = motion.matrices().double().clone()
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        arm = _Arm(bones[f"{side}UpperArm"], bones[f"{side}LowerArm"], bones[f"{side}Hand"], -sign)
+        _bring(local, arm, motion.skeleton.parents, (places, world_rotations), places[:, arm.hand] + sign * step)
+    is_moved = weight > 0
+    rotations = motion.rotations.copy()
+    for side in ("left", "right"):
+        for bone in ("UpperArm", "LowerArm", "Hand"):
+            joint = bones[side + bone]
+            made = quaternion_from_matrix(local[:, joint]).float()
+            rotations[is_moved.numpy(), joint] = made[is_moved].numpy()
+    return replace(motion, rotations=rotations)
+
+
+def _bring(
+    local: Tensor, arm: _Arm, parents: tuple[int, ...], world: tuple[Tensor, Tensor], target: Float[Tensor, "t 3"]
+) -> None:
+    """Write the arm's rotations that put the wrist at its target; the hand keeps its world orientation."""
+    places, world_rotations = world
+    first, second = reach(
+        hip=places[:, arm.shoulder],
+        knee=places[:, arm.elbow],
+        ankle=places[:, arm.hand],
+        hinge=arm.hinge_sign * world_rotations[:, arm.elbow, :, 1],
+        target=target,
+    )
+    upper, fore = first @ world_rotations[:, arm.shoulder], second @ world_rotations[:, arm.elbow]
+    local[:, arm.shoulder] = world_rotations[:, parents[arm.shoulder]].transpose(-1, -2) @ upper
+    local[:, arm.elbow] = upper.transpose(-1, -2) @ fore
+    local[:, arm.hand] = fore.transpose(-1, -2) @ world_rotations[:, arm.hand]
+
+
+def _weight(apart: Float[Tensor, " t"]) -> Float[Tensor, " t"]:
+    """1 for hands together, 0 for hands apart, smooth in between."""
+    share = ((FAR_ARMS - apart) / (FAR_ARMS - NEAR_ARMS)).clamp(0, 1)
+    return share.pow(3) * (10 - 15 * share + 6 * share.square())
+
+
+def _between(motion: Motion) -> Float[Tensor, "t 3"]:
+    """Vector from the right wrist to the left, metres, world axes."""
+    bones, places = bone_map(motion.skeleton), motion.pose().positions.double()
+    return places[:, bones["leftHand"]] - places[:, bones["rightHand"]]
+
+
+def arm_length(motion: Motion) -> float:
+    """Length of upper arm plus forearm, mean of both sides, metres."""
+    bones: Mapping[str, int] = bone_map(motion.skeleton)
+    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerArm", "Hand")]
+    return float(motion.skeleton.offsets[joints].norm(dim=-1).sum() / 2)
+
+
+def _both_sides(*lines: tuple[str, str]) -> tuple[tuple[str, str], ...]:
+    return tuple((side + a, side + b) for side in ("left", "right") for a, b in lines)
+
+
+LINES: dict[str, tuple[tuple[str, str], ...]] = {
+    "arm": _both_sides(("UpperArm", "LowerArm"), ("LowerArm", "Hand")),
+    "leg": _both_sides(("UpperLeg", "LowerLeg"), ("LowerLeg", "Foot")),
+    "trunk": (("hips", "head"),),
+    "shoulders": (("rightUpperArm", "leftUpperArm"),),
+}
+_Array = np.ndarray
+
+
+def fidelity(source: Motion, result: Motion) -> dict[str, float]:
+    """Compare source and result frame by frame; both have the same frame rate.
+
+    `contacts_agree` is the share of frames and feet in which both bodies or neither have contact with heel or toes
+    (`footing.foot_contacts`). `hands_apart_error` is the mean difference of the distance between the wrists, in arm
+    lengths of each body; `hands_together_error` is the same over frames in which the source's wrists are close.
+    `arm_angle_deg` is the mean angle between the directions of upper arms and forearms, `leg_angle_deg` of thighs and
+    shins, `trunk_angle_deg` of the line from hips to head, `shoulders_angle_deg` of the line between the shoulders;
+    rigs differ by some degrees in trunk and shoulders. Skating is in centimetres per second.
+    """
+    frames = min(source.frames, result.frames)
+    a, b = with_wrists(source).cut(0, frames), result.cut(0, frames)
+    stands_a, stands_b = foot_contacts(a)[..., 1], foot_contacts(b)[..., 1]
+    hands_a, hands_b = _hands_apart(a), _hands_apart(b)
+    together = hands_a < NEAR_ARMS
+    numbers = {
+        "contacts_agree": float((stands_a == stands_b).mean()),
+        "planted_source": float(stands_a.mean()),
+        "planted": float(stands_b.mean()),
+        "skate_source_cm_s": skate(_feet(a), a.fps),
+        "skate_cm_s": skate(_feet(b), b.fps),
+        "hands_apart_error": float(np.abs(hands_a - hands_b).mean()),
+        "hands_together": float(together.mean()),
+        "hands_together_error": float(np.abs(hands_a - hands_b)[together].mean()) if together.any() else 0.0,
+        **{f"{part}_angle_deg": _angle_deg(a, b, lines) for part, lines in LINES.items()},
+    }
+    return {name: round(value, 4) for name, value in numbers.items()}
+
+
+def _feet(motion: Motion) -> _Array:
+    """(t, 4, 3): left ankle and toes, right ankle and toes; a rig without toes repeats the ankle."""
+    bones = bone_map(motion.skeleton)
+    toes = [f"{side}Toes" if f"{side}Toes" in bones else f"{side}Foot" for side in ("left", "right")]
+    return _places(motion, ("leftFoot", toes[0], "rightFoot", toes[1]))
+
+
+def _places(motion: Motion, names: tuple[str, ...]) -> _Array:
+    bones = bone_map(motion.skeleton)
+    return motion.pose().positions[:, [bones[name] for name in names]].numpy().astype(np.float64)
+
+
+def _hands_apart(motion: Motion) -> _Array:
+    """Distance between the wrists in arm lengths."""
+    hands = _places(motion, ("leftHand", "rightHand"))
+    apart: _Array = np.linalg.norm(hands[:, 0] - hands[:, 1], axis=-1) / arm_length(motion)
+    return apart
+
+
+def _angle_deg(a: Motion, b: Motion, lines: tuple[tuple[str, str], ...]) -> float:
+    """Mean angle between the directions of some lines of two bodies."""
+    names = tuple(name for line in lines for name in line)
+    ways = [np.diff(_places(motion, names).reshape(motion.frames, -1, 2, 3), axis=2)[:, :, 0] for motion in (a, b)]
+    one, other = (way / np.linalg.norm(way, axis=-1, keepdims=True) for way in ways)
+    return float(np.degrees(np.arccos(np.clip((one * other).sum(-1), -1, 1))).mean())

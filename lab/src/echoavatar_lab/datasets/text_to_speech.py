@@ -1,0 +1,242 @@
+"""Text to speech for the scripts of the RL corpus: the local engines of the rehearsal corpus, or an HTTP service.
+
+`openai` is any server that answers `POST URL/audio/speech` as OpenAI does, `elevenlabs` is `POST
+URL/text-to-speech/VOICE`. Keys are read from the environment and never written to files or messages. Redirects are not
+followed, so that a key is not sent to another host. The paper uses ElevenLabs.
+"""
+
+import json
+import os
+import re
+import tempfile
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
+from echoavatar.models.audio.io import read_audio
+from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar_lab.corpora.rehearsal.augment import set_loudness
+from echoavatar_lab.corpora.rehearsal.corpus import domains
+from echoavatar_lab.corpora.sound import FloatArray, SoundTrack, concatenate, whole_frames
+from echoavatar_lab.corpora.speech.speech import draw_speaker, resolve_engine, silence, speak
+
+from .conversations import Script, Turn
+from .prepare_recording import STRESSED, sound_labels
+
+Service = Literal["auto", "flite", "own", "openai", "elevenlabs"]
+LOUDNESS_DB = -25.0
+_MOST_CHARACTERS = 2000  # in a request; OpenAI's limit is 4096
+_TRIES = 4
+_LONGEST_ANSWER = 64 * 2**20
+
+
+class Spoken(NamedTuple):
+    """A spoken script with its labels."""
+
+    audio: FloatArray  # (800 t,) at 24 kHz
+    domain: NDArray[np.uint8]  # (t,) 0 silence, 1 speech
+    events: dict[str, tuple[float, ...]]
+    voices: tuple[str, ...]
+
+
+class TextToSpeech(Protocol):
+    """Speaks scripts."""
+
+    title: str
+    licence: str
+
+    def read(self, script: Script, rng: np.random.Generator) -> Spoken:
+        """Speak a script; raises AudioError if this one fails, DependencyError if every script would."""
+
+
+def text_to_speech(
+    service: Service, *, url: str | None = None, model: str | None = None, voices: Sequence[str] = ()
+) -> TextToSpeech:
+    """The engine or service of a name.
+
+    Raises:
+        DependencyError: flite is requested and not installed.
+        EchoAvatarError: a key or a voice is missing, or the address is not a web address.
+    """
+    if service in ("auto", "flite", "own"):
+        if url or model or voices:
+            raise EchoAvatarError(
+                f"--tts-url, --tts-model and --voice are for services; --tts {service} has its own voices"
+            )
+        return LocalTextToSpeech(resolve_engine(service))
+    if service == "openai":
+        base = url or os.environ.get("OPENAI_BASE_URL") or "https://api.openai.com/v1"
+        key = _key("OPENAI_API_KEY", is_needed=_host(base) == "api.openai.com")
+        return OpenAiTextToSpeech(base, key, model or "gpt-4o-mini-tts", voices or ("alloy", "ash", "coral", "sage"))
+    if not voices:
+        raise EchoAvatarError("--tts elevenlabs needs --voice with the id of a voice in your library; may be repeated")
+    base = url or "https://api.elevenlabs.io/v1"
+    key = _key("ELEVENLABS_API_KEY", is_needed=_host(base) == "api.elevenlabs.io")
+    return ElevenLabsTextToSpeech(base, key, model or "eleven_multilingual_v2", voices)
+
+
+class LocalTextToSpeech:
+    """flite or the built-in formant synthesiser; stresses are known exactly."""
+
+    def __init__(self, engine: str) -> None:
+        self._engine = engine
+        self.title = f"engine {engine}"
+        self.licence = "voices: " + ("CMU flite, permissive" if engine == "flite" else "Apache-2.0")
+
+    def read(self, script: Script, rng: np.random.Generator) -> Spoken:
+        """See `TextToSpeech`."""
+        speakers = [draw_speaker(rng, self._engine) for _ in _speakers(script)]
+        tracks: list[SoundTrack] = []
+        for number, turn in enumerate(script.turns, start=1):
+            if not turn.sentences:
+                raise AudioError(
+                    f"turn {number} has no word that a local engine can speak; use --tts openai or elevenlabs"
+                )
+            tracks += [speak(turn.sentences, speakers[turn.speaker], rng, self._engine), _gap(rng)]
+        track = concatenate(tracks[:-1])
+        stress = tuple(round(s.vowel, 4) for s in track.syllables if s.prominence >= STRESSED)
+        domain = domains(track, len(track.audio) // SAMPLES_PER_FRAME)
+        voices = tuple(speaker.voice for speaker in speakers)
+        return Spoken(set_loudness(track.audio, LOUDNESS_DB), domain, {"stress": stress}, voices)
+
+
+class HttpTextToSpeech(ABC):
+    """Base of the services: one request per piece of a turn, repeated after a pause if the service is busy."""
+
+    def __init__(self, base: str, key: str, model: str, voices: Sequence[str]) -> None:
+        self._base, self._key, self._model, self._voices = base.rstrip("/"), key, model, tuple(voices)
+        self.pause_s = 2.0  # before the second try; doubles with each further one
+        self.title = f"{_host(base)}, {model}"
+        self.licence = f"voices: the terms of {_host(base)}"
+
+    def read(self, script: Script, rng: np.random.Generator) -> Spoken:
+        """See `TextToSpeech`."""
+        order = [str(voice) for voice in rng.permutation(self._voices)]
+        speakers = [order[speaker % len(order)] for speaker in _speakers(script)]
+        parts: list[FloatArray] = []
+        for turn in script.turns:
+            parts += [self._say(piece, speakers[turn.speaker]) for piece in _pieces(turn)]
+            parts.append(_gap(rng).audio)
+        audio = set_loudness(whole_frames(np.concatenate(parts[:-1])), LOUDNESS_DB)
+        return Spoken(audio, *sound_labels(audio, "speech"), tuple(dict.fromkeys(speakers)))
+
+    @abstractmethod
+    def request(self, text: str, voice: str) -> urllib.request.Request:
+        """The request for one piece of text."""
+
+    def _say(self, text: str, voice: str) -> FloatArray:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "answer"
+            path.write_bytes(self._fetch(self.request(text, voice)))
+            try:
+                return np.asarray(read_audio(path), np.float32)
+            except AudioError as error:
+                raise AudioError(f"{self.title} sent an answer that is not sound") from error
+
+    def _fetch(self, request: urllib.request.Request) -> bytes:
+        opener = urllib.request.build_opener(_NoRedirect)
+        for attempt in range(_TRIES):
+            try:
+                with opener.open(request, timeout=120) as answer:
+                    return bytes(answer.read(_LONGEST_ANSWER))
+            except urllib.error.HTTPError as error:
+                said = _said(error, self._key)
+                if error.code in (400, 413, 422):
+                    raise AudioError(f"{self.title} refuses the text ({error.code}{said})") from error
+                if error.code != 429 and error.code < 500:
+                    raise DependencyError(
+                        f"{self.title} answers {error.code}{said}; check the key, --tts-url, --tts-model and --voice"
+                    ) from error
+                trouble = f"answers {error.code}{said}"
+            except OSError as error:
+                trouble = f"cannot be reached ({getattr(error, 'reason', error)})"
+            if attempt + 1 < _TRIES:
+                time.sleep(self.pause_s * 2**attempt)
+        raise DependencyError(f"{self.title} {trouble}; run again later, finished recordings are kept")
+
+
+class OpenAiTextToSpeech(HttpTextToSpeech):
+    """OpenAI, or a server with the same protocol."""
+
+    def request(self, text: str, voice: str) -> urllib.request.Request:
+        """`POST /audio/speech`; the answer is WAV."""
+        wanted = {"model": self._model, "voice": voice, "input": text, "response_format": "wav"}
+        headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
+        return _post(f"{self._base}/audio/speech", wanted, headers)
+
+
+class ElevenLabsTextToSpeech(HttpTextToSpeech):
+    """ElevenLabs."""
+
+    def request(self, text: str, voice: str) -> urllib.request.Request:
+        """`POST /text-to-speech/VOICE`; the answer is MP3."""
+        address = f"{self._base}/text-to-speech/{urllib.parse.quote(voice, safe='')}?output_format=mp3_44100_128"
+        headers = {"xi-api-key": self._key} if self._key else {}
+        return _post(address, {"text": text, "model_id": self._model}, headers)
+
+
+class _NoRedirect(urllib.request.HTTPRedirectHandler):
+    def redirect_request(self, *_: Any, **__: Any) -> None:
+        """Return None, so that urllib raises the redirect as an HTTPError."""
+
+
+def _post(address: str, content: dict[str, str], headers: dict[str, str]) -> urllib.request.Request:
+    known = {"Content-Type": "application/json", "User-Agent": "echoavatar"}
+    return urllib.request.Request(address, json.dumps(content).encode(), headers=known | headers, method="POST")
+
+
+def _key(name: str, *, is_needed: bool) -> str:
+    key = os.environ.get(name, "").strip()
+    if is_needed and not key:
+        raise EchoAvatarError(f"{name} is not set in the environment; export your key, or use --tts flite or own")
+    if not key.isascii() or not key.isprintable():
+        raise EchoAvatarError(f"{name} has characters that are not allowed in a key; export it again")
+    return key
+
+
+def _host(base: str) -> str:
+    parts = urllib.parse.urlsplit(base)
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        raise EchoAvatarError(f"--tts-url {base!r} is not a web address; pass http(s)://HOST/v1")
+    return parts.hostname
+
+
+def _said(error: urllib.error.HTTPError, key: str) -> str:
+    """The start of an error's body, with the key removed."""
+    try:
+        words = " ".join(error.read(2000).decode("utf-8", "replace").split())
+    except OSError:
+        return ""
+    words = words.replace(key, "...") if key else words
+    return f": {words[:160]}" if words else ""
+
+
+def _speakers(script: Script) -> range:
+    return range(1 + max(turn.speaker for turn in script.turns))
+
+
+def _gap(rng: np.random.Generator) -> SoundTrack:
+    """Silence between two turns."""
+    return silence(float(rng.uniform(0.2, 0.9)))
+
+
+def _pieces(turn: Turn) -> list[str]:
+    """Split the text into pieces short enough for a request, between sentences if possible."""
+    pieces: list[str] = []
+    for part in re.split(r"(?<=[.?!])\s+|(?<=[。？！])", turn.text):
+        for start in range(0, len(part), _MOST_CHARACTERS):
+            text = part[start : start + _MOST_CHARACTERS]
+            if pieces and len(pieces[-1]) + len(text) < _MOST_CHARACTERS:
+                pieces[-1] += f" {text}"
+            else:
+                pieces.append(text)
+    return pieces

@@ -1,0 +1,301 @@
+"""The rows of the table: of generated beside true motion (`score`), of a bundle (`evaluate`), and of retrieval.
+
+A bundle performs held-out clips, which have true motion to compare with, and recordings, which have none and show
+whether the behaviour carries over.
+"""
+
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+
+from echoavatar.engine import animate_many
+from echoavatar.engine.pipeline import Bundle, Pipeline
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.models.fingers.clips import on_our_rig
+from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
+from echoavatar_lab.data import MUSIC, SILENCE, SPEECH, Clip
+
+from .beat_rows import ClipAudio, alignment_row, dance_rows, event_rows, gesture_rows
+from .codes import reconstruction_rows, reliance, reliance_rows, token_clips
+from .measures import (
+    UNITS,
+    ClipMeasurements,
+    Extractor,
+    Track,
+    border_ratio,
+    border_speed_ratio,
+    by_domain,
+    clip_statistics,
+    hand_speed_m_s,
+    leg_energy,
+    measure_clip,
+    track,
+)
+from .metrics.beat_alignment import ARM_JOINTS, dance_beats, gesture_beats, music_beats, speech_onsets
+from .metrics.distributions import Moments, frechet_between, pooled
+from .metrics.liveliness import STATISTICS
+from .metrics.positions import Reconstruction, reconstruction
+from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
+from .motion_folder import Pair
+from .table import Interval, Row, interval, mean_rows, row_of_means
+
+FID_SAMPLES = 300
+MIN_FRAMES = 8
+SEED_STRIDE = 100  # difference between the seeds of two performances
+SHOWN_KS = (1, 5, 10)
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A real recording: its domain, and its audio at 24 kHz."""
+
+    name: str
+    kind: int  # SPEECH or MUSIC
+    audio: Float[np.ndarray, " s"]
+
+
+# ---- motion beside true motion
+
+
+def score(
+    pairs: Sequence[Pair], extractor: Extractor | None, *, seed: int = 0, progress: Progress | None = None
+) -> list[Row]:
+    """All rows; without audio those that need it are left out, without an extractor FID.
+
+    Raises:
+        MotionError: there is no clip, or one is too short.
+    """
+    if not pairs:
+        raise MotionError("there is no clip to score; give folders with motion")
+    made, true = [], []
+    for done, pair in enumerate(pairs, 1):
+        if pair.made.frames < MIN_FRAMES:
+            raise MotionError(f"clip {pair.name} has {pair.made.frames} frames, scores need {MIN_FRAMES}; leave it out")
+        made.append(measure_clip(pair.made, extractor))
+        true.append(measure_clip(pair.true, extractor))
+        if progress is not None:
+            progress(done, len(pairs))
+    latents = [[clip.latents for clip in side if clip.latents] for side in (made, true)]
+    rows = [fid_row(*latents, seed=seed)] if extractor else []
+    if all(pair.audio is not None for pair in pairs):
+        heard = [ClipAudio(pair.audio, pair.domain) for pair in pairs if pair.audio is not None]
+        places, truths = [clip.positions for clip in made], [clip.positions for clip in true]
+        rows += gesture_rows(heard, places, truths, seed=seed) + dance_rows(heard, places, truths, seed=seed)
+    rows += clip_rows(made, true, seed=seed) + liveliness_rows(pairs, seed=seed)
+    weights = np.array([pair.made.frames for pair in pairs], float)
+    errors = np.array([_errors(pair) for pair in pairs]).T
+    for name, unit, column in zip(
+        ("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), errors, strict=True
+    ):
+        rows.append(row_of_means(name, unit, column, weights=weights, seed=seed))
+    return rows
+
+
+def clip_rows(
+    made: Sequence[ClipMeasurements], true: Sequence[ClipMeasurements] | None = None, *, seed: int = 0
+) -> list[Row]:
+    """The rows of `UNITS`: means over clips weighted by length, of the skate by the frames of planted feet."""
+
+    def row(name: str, clips: Sequence[ClipMeasurements]) -> Row:
+        weights = np.array([clip.planted if name == "skate" else len(clip.positions) for clip in clips], float)
+        return row_of_means(name, UNITS[name], np.array([c.numbers[name] for c in clips]), weights=weights, seed=seed)
+
+    rows = [row(name, made) for name in UNITS]
+    return rows if true is None else [own._replace(truth=row(own.name, true).value) for own in rows]
+
+
+def liveliness_rows(pairs: Sequence[Pair], *, seed: int = 0) -> list[Row]:
+    """A row for each statistic of `metrics.liveliness`: means over windows of 30 s; shorter clips are one window."""
+    made = np.array([clip_statistics(pair.made) for pair in pairs])
+    true = np.array([clip_statistics(pair.true) for pair in pairs])
+    weights = np.array([pair.made.frames for pair in pairs], float)
+    return [
+        row_of_means(name, unit, made[:, column], truths=true[:, column], weights=weights, seed=seed)
+        for column, (name, unit) in enumerate(STATISTICS.items())
+    ]
+
+
+def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0) -> Row:
+    """FID with its interval over clips drawn jointly on both sides; `truth` compares two halves of the true clips."""
+
+    def distance(clips: Sequence[int] | np.ndarray) -> float:
+        return frechet_between(pooled([ours[k] for k in clips]), pooled([theirs[k] for k in clips]))
+
+    ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
+    ends = Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends  # centring can shift it below zero
+    row = Row("fid", "", distance(range(len(ours))), ends)
+    if len(theirs) < 2:
+        return row
+    return row._replace(truth=frechet_between(pooled(theirs[::2]), pooled(theirs[1::2])))
+
+
+def _errors(pair: Pair) -> Reconstruction:
+    steps = [
+        torch.from_numpy(np.diff(m.root[:, [0, 2]], axis=0, prepend=m.root[:1, [0, 2]])) for m in (pair.true, pair.made)
+    ]
+    return reconstruction(HUMANOID, pair.true.matrices(), pair.made.matrices(), *steps)
+
+
+# ---- a bundle
+
+
+def evaluate(
+    bundle: Bundle,
+    clips: Sequence[Clip],
+    recordings: Sequence[Recording] = (),
+    *,
+    extractor: Extractor | None = None,
+    seed: int = 0,
+    repeats: int = 1,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> list[Row]:
+    """All rows of a bundle: its codes, its use of the audio, all of `score`, behaviour by domain, timing, recordings.
+
+    Every clip is performed `repeats` times with different seeds; values, and the ends of intervals, are means over the
+    performances.
+    """
+    say = progress or (lambda what, done, total: None)
+    rows = reconstruction_rows(bundle.tokenizer, clips, seed=seed)
+    rows += reliance_rows(reliance(bundle.generator, token_clips(bundle, clips)))
+    pipeline, count = Pipeline(bundle), len(clips)
+    shown = animate_many(
+        pipeline,
+        [clip.audio for clip in clips] * repeats,
+        seeds=[seed + SEED_STRIDE * again + number for again in range(repeats) for number in range(count)],
+        progress=partial(say, "held-out clips"),
+    )
+    truths = [on_our_rig(clip.motion(bundle.skeleton)) for clip in clips]
+    truth = [track(motion, clip.domain) for motion, clip in zip(truths, clips, strict=True)]
+    tables = []
+    for again in range(repeats):
+        performed = [on_our_rig(one.motion) for one in shown[again * count : (again + 1) * count]]
+        made = [track(motion, clip.domain) for motion, clip in zip(performed, clips, strict=True)]
+        pairs = [
+            Pair(clip.name, motion, true, clip.audio, clip.domain)
+            for clip, motion, true in zip(clips, performed, truths, strict=True)
+        ]
+        table = score(pairs, extractor, seed=seed, progress=partial(say, "measuring"))
+        tables.append(table + behaviour_rows(made, truth, bundle.chunk) + event_rows(clips, made, truth, seed=seed))
+    return rows + mean_rows(tables) + recording_rows(pipeline, recordings, seed=seed, say=say)
+
+
+def behaviour_rows(made: Sequence[Track], truth: Sequence[Track] | None, chunk: ChunkSize) -> list[Row]:
+    """Energy by domain, stillness in silence, fastest joint and chunk borders, with the truth's own values."""
+    values = _behaviour(made, chunk)
+    truths = _behaviour(truth, chunk) if truth else {}
+    return [Row(*key, value, truth=truths.get(key, float("nan"))) for key, value in values.items()]
+
+
+def _behaviour(clips: Sequence[Track], chunk: ChunkSize) -> dict[tuple[str, str], float]:
+    """By name and unit."""
+    legs = [0, *(i for i, name in enumerate(HUMANOID.names) if name.endswith(("LowerLeg", "Foot", "Toes")))]
+    energy = [leg_energy(clip, legs) for clip in clips]
+    speed = [hand_speed_m_s(clip, HUMANOID.indices(("leftHand", "rightHand"))) for clip in clips]
+    in_speech = by_domain(speed, clips, SPEECH)
+    return {
+        ("leg_energy_music_over_speech", ""): by_domain(energy, clips, MUSIC) / by_domain(energy, clips, SPEECH),
+        ("silence_hand_speed_ratio", ""): by_domain(speed, clips, SILENCE) / in_speech,
+        ("hand_speed_speech", "m/s"): in_speech,
+        ("hand_speed_music", "m/s"): by_domain(speed, clips, MUSIC),
+        ("max_joint_speed", "deg/s"): float(max(clip.angular_speed.max() for clip in clips)),
+        ("border_speed_ratio", ""): border_speed_ratio(clips, chunk),
+        ("border_ratio", ""): border_ratio(clips, chunk),
+    }
+
+
+def recording_rows(
+    pipeline: Pipeline,
+    recordings: Sequence[Recording],
+    *,
+    seed: int = 0,
+    say: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> list[Row]:
+    """Real speech and music: does the body dance to music only, and on the beats that librosa finds?"""
+    if not recordings:
+        return []
+    shown = animate_many(
+        pipeline,
+        [recording.audio for recording in recordings],
+        seeds=range(seed, seed + len(recordings)),
+        progress=partial(say, "recordings"),
+    )
+    motions = [on_our_rig(one.motion) for one in shown]
+    tracks = [track(m, np.full(m.frames, one.kind, np.uint8)) for m, one in zip(motions, recordings, strict=True)]
+    rows = clip_rows([measure_clip(motion) for motion in motions], seed=seed)
+    rows += behaviour_rows(tracks, None, pipeline.chunk)
+    arms = HUMANOID.indices(ARM_JOINTS)
+    for kind, name in ((SPEECH, "ba_onset"), (MUSIC, "ba_beat")):
+        picked = [(one.audio, own.positions) for one, own in zip(recordings, tracks, strict=True) if one.kind == kind]
+        detect = speech_onsets if kind == SPEECH else music_beats
+        events = [detect(audio, SAMPLE_RATE_HZ) for audio, _ in picked]
+        found = [gesture_beats(p[:, arms]) if kind == SPEECH else [dance_beats(p)] for _, p in picked]
+        rows.append(alignment_row(name, events, found, seed=seed))
+    return [row._replace(name=f"recordings_{row.name}") for row in rows]
+
+
+# ---- retrieval
+
+
+def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
+    """Arrays `audio` and `motion` of an `.npz`, one pair a row.
+
+    Raises:
+        EchoAvatarError: missing, damaged, of different shapes, or not finite.
+    """
+    try:
+        with NpzArrays(path) as stored:
+            audio, motion = stored["audio"], stored["motion"]
+    except FileNotFoundError as error:
+        raise EchoAvatarError(f"{path} does not exist; check the name") from error
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise EchoAvatarError(f"{path} holds no arrays `audio` and `motion`; write them with np.savez") from error
+    if audio.shape != motion.shape or audio.ndim != 2 or len(audio) < 2:
+        raise EchoAvatarError(
+            f"{path}: audio {audio.shape} and motion {motion.shape} must both be (pairs, size), two pairs or more"
+        )
+    if not (np.isfinite(audio).all() and np.isfinite(motion).all()):
+        raise EchoAvatarError(f"{path} holds values that are not finite; make the embeddings again")
+    return audio, motion
+
+
+def retrieval_rows(audio: Float[np.ndarray, "n d"], motion: Float[np.ndarray, "n d"], *, seed: int = 0) -> list[Row]:
+    """Retrieval of motion by audio and back, among all pairs and in one gallery of 300, with chance and intervals.
+
+    R@K and MRR in percent, MedR in ranks; `a2m` queries motion with audio. Intervals are over queries.
+    """
+    every = similarity(audio, motion)
+    rows = _gallery_rows(every, "all", seed)
+    if len(every) > PAPER_GALLERY:
+        chosen = np.random.default_rng(seed).permutation(len(every))[:PAPER_GALLERY]
+        rows += _gallery_rows(every[np.ix_(chosen, chosen)], str(PAPER_GALLERY), seed)
+    return rows
+
+
+def _gallery_rows(matrix: Float[np.ndarray, "n n"], gallery: str, seed: int) -> list[Row]:
+    rows, guess = [], chance(len(matrix), SHOWN_KS)
+
+    def percent(name: str, values: Float[np.ndarray, " n"], level: float) -> Row:
+        return row_of_means(name, "%", values, chances=np.full(len(values), level), seed=seed)
+
+    for way, similarities in (("a2m", matrix), ("m2a", matrix.T)):
+        rank = ranks(similarities)
+        for k in SHOWN_KS:
+            rows.append(percent(f"{way}_r{k}_{gallery}", (rank < k) * 100.0, guess.recall[k]))
+        middle = _median_rank(rank, np.arange(len(rank)))
+        ends = interval(partial(_median_rank, rank), len(rank), seed=seed)
+        rows.append(Row(f"{way}_medr_{gallery}", "rank", middle, ends, guess.median_rank, middle - guess.median_rank))
+        rows.append(percent(f"{way}_mrr_{gallery}", 100 / (rank + 1), guess.reciprocal_rank))
+    return rows
+
+
+def _median_rank(rank: Float[np.ndarray, " n"], queries: Int[np.ndarray, " k"]) -> float:
+    return float(np.median(rank[queries])) + 1

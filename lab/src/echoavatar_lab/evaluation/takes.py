@@ -1,0 +1,146 @@
+"""What is performed and who is compared with: recorded sounds, and captured motion, of a kind and a class each."""
+
+import csv
+import itertools
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.engine import animate_many
+from echoavatar.engine.pipeline import Pipeline
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio import read_audio
+from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
+
+from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH
+
+SHORTEST_S = 10.0  # of a captured clip
+_CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
+
+
+class Sound(NamedTuple):
+    """What the avatar performs, or what the user says while it listens."""
+
+    name: str
+    kind: str
+    group: str  # class of voice or music
+    audio: Float[np.ndarray, " s"]
+
+
+class Take(NamedTuple):
+    """Motion of a person or of the avatar."""
+
+    name: str
+    kind: str
+    group: str
+    motion: Motion
+
+
+def read_sounds(
+    folder: Path, seconds: float, most: int, *, class_of: Callable[[dict[str, str]], str] | None = None
+) -> list[Sound]:
+    """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
+
+    A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
+    its test split is used; `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
+    music, and folders are classes. Voices of one class are joined until they last `seconds`; music is not. What stays
+    shorter than 20 s is left out.
+
+    Raises:
+        EchoAvatarError: nothing is left.
+    """
+    listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
+    for path, kind, group in _listed(folder, class_of or _class):
+        listed[kind, group].append(path)
+    shortest, found = min(float(ROOM_S), seconds), []
+    for kind in (SPEECH, MUSIC):
+        classes = [
+            _filled(paths, kind, group, seconds, shortest) for (of, group), paths in listed.items() if of == kind
+        ]
+        turns = itertools.zip_longest(*classes)  # one of each class, then the next of each
+        found += list(itertools.islice((sound for turn in turns for sound in turn if sound), most))
+    if not found:
+        raise EchoAvatarError(f"{folder} holds no speech or music of {shortest:g} s; give another --recordings")
+    return found
+
+
+def read_captured(folder: Path) -> list[Take]:
+    """Captured clips of at least 10 s whose path says "speech" or "conversation", "dance" or "idle"; by folder.
+
+    Raises:
+        EchoAvatarError: there is none, or one cannot be read.
+    """
+    takes = []
+    for path, said, kind in told_by_path(folder, _CAPTURED_WORDS):
+        if kind and (motion := read_bvh(path)).seconds >= SHORTEST_S:
+            takes.append(Take(said, kind, path.parent.name, motion))
+    if not takes:
+        raise EchoAvatarError(f"{folder} holds no captured speech, dance or idle motion (.bvh); see docs/metrics.md")
+    return takes
+
+
+def told_by_path(folder: Path, words: Mapping[str, Sequence[str]]) -> list[tuple[Path, str, str | None]]:
+    """Every .bvh below a folder, its path from the folder's name on, in lower case, and the kind that this says.
+
+    `words` are those of each kind; the first kind that has one in the path counts.
+    """
+    folder = folder.resolve()
+    paths = sorted(folder.rglob("*.bvh"))
+    said = [path.relative_to(folder.parent).as_posix().lower() for path in paths]
+    kinds = [next((kind for kind, own in words.items() if any(word in text for word in own)), None) for text in said]
+    return list(zip(paths, said, kinds, strict=True))
+
+
+def perform(
+    pipeline: Pipeline, sounds: Sequence[Sound], *, seed: int = 0, progress: Callable[[int, int], None] | None = None
+) -> list[Take]:
+    """The avatar's motion to the sounds, each with a seed of its own; `progress` receives chunks done and in all."""
+    seeds = range(seed, seed + len(sounds))
+    made = animate_many(pipeline, [sound.audio for sound in sounds], seeds=seeds, progress=progress)
+    return [Take(*sound[:3], one.motion) for sound, one in zip(sounds, made, strict=True)]
+
+
+def joined(skeleton: Skeleton, chunks: Sequence[MotionChunk]) -> Motion:
+    """The chunks of one session as one motion."""
+    whole = join(chunks)
+    return Motion(skeleton, whole.rotations, whole.root, float(FRAME_RATE_HZ))
+
+
+def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tuple[Path, str, str]]:
+    """Path, kind and class of every sound."""
+    if (manifest := folder / "manifest.csv").is_file():
+        with manifest.open(newline="", encoding="utf-8") as file:
+            rows = [row for row in csv.DictReader(file) if row.get("split", "test") == "test"]
+        return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
+    places = [path.relative_to(folder) for path in paths]
+    kinds = [MUSIC if "music" in place.as_posix().lower() else SPEECH for place in places]
+    return [(path, kind, place.parent.name) for path, kind, place in zip(paths, kinds, places, strict=True)]
+
+
+def _class(row: dict[str, str]) -> str:
+    """A genre, or a language and, where "(M, ...", "(F, ..." or German "(m31)", "(w08)" tells it, a sex."""
+    told = re.split(r"[,\[]", row["language_or_genre"])[0].strip()
+    sex = re.search(r"\(([MFmw])[,\d]", row["speaker_or_artist"]) if row["kind"] == SPEECH else None
+    return f"{told}, {'male' if sex[1] in 'Mm' else 'female'}" if sex else told
+
+
+def _filled(paths: Sequence[Path], kind: str, group: str, seconds: float, shortest: float) -> Iterable[Sound]:
+    """Sounds of a class, read when they are asked for."""
+    wanted, waiting = int(seconds * SAMPLE_RATE_HZ), np.zeros(0, np.float32)
+    for number, path in enumerate(paths, 1):
+        waiting = np.concatenate([waiting, read_audio(path)])[:wanted]
+        is_last = kind == MUSIC or number == len(paths)
+        if len(waiting) == wanted or (is_last and len(waiting) >= shortest * SAMPLE_RATE_HZ):
+            yield Sound(path.stem, kind, group, waiting)
+        if len(waiting) == wanted or is_last:
+            waiting = np.zeros(0, np.float32)

@@ -1,0 +1,266 @@
+"""Readers of files that somebody else made: tensors and numbers come out, or one error that names the file.
+
+This is the only place of the project that opens pickled files. Torch files go through torch's own reader for weights,
+after a scan of what they name and how large they unpack. NumPy's object arrays go through `pickled_arrays`, which runs
+nothing. Sizes are checked before anything is allocated (`limits`).
+"""
+
+import itertools
+import json
+import pickletools
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from echoavatar.errors import CheckpointError
+from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file
+from echoavatar.motion.formats.tables import array_of, arrays_of
+
+from .pickled_arrays import NOTED, PickledArray, RefusedError, frame_columns, unpickle_arrays
+
+_WEIGHT_BYTES = 1 << 36  # of one torch file
+_TORCH_NAMES = (  # what state dicts and their optimisers name; besides, torch's storages and data types
+    "collections OrderedDict",
+    "collections Counter",
+    "torch Size",
+    "torch._utils _rebuild_parameter",
+    "torch._utils _rebuild_tensor_v2",
+    "torch.storage UntypedStorage",
+)
+_MISSING_STATS = "is missing; it belongs to the release's stats folder"
+
+
+def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
+    """The state dict under `key` of a torch file (torch 1.6 and later).
+
+    Raises:
+        CheckpointError: the file is missing, cut off, holds more than tensors and containers, or has no such entry.
+    """
+    try:
+        check_file(path, _WEIGHT_BYTES, CheckpointError)
+        foreign = _foreign_names(path)
+        if not foreign:
+            stored = torch.load(path, map_location="cpu", weights_only=True)  # noqa: TID251
+    except CheckpointError:
+        raise
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} is missing; download it again") from error
+    except Exception as error:  # a damaged file makes zipfile, pickletools and torch raise errors of any kind
+        reason = str(error).split("\n")[0][:120]
+        raise CheckpointError(f"{path} is damaged or cut off ({reason}); download it again") from error
+    if foreign:
+        raise CheckpointError(
+            f"{path} is refused: it would run {', '.join(foreign)} when read, which weights never need; "
+            "do not open it with other programs, and download it again from where you trust"
+        )
+    if not isinstance(stored, dict) or key not in stored:
+        found = _listed(stored) if isinstance(stored, dict) else type(stored).__name__
+        raise CheckpointError(f"{path} has no entry {key!r} (found: {found}); is it a file of the release?")
+    tensors = stored[key]
+    if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
+        raise CheckpointError(f"{path}: {key!r} is no table of tensors; is it a file of the release?")
+    for name, value in tensors.items():
+        if value.numel() * value.element_size() > value.untyped_storage().nbytes():
+            raise CheckpointError(
+                f"{path}: {str(name)[:80]} {list(value.shape)} is larger than its numbers; download it again"
+            )
+    return {str(name): value for name, value in tensors.items()}
+
+
+def _foreign_names(path: Path) -> list[str]:
+    """What the pickle of a torch file names that no state dict does.
+
+    Raises:
+        CheckpointError: the archive unpacks to more than its own size (torch never compresses).
+    """
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > path.stat().st_size:
+            raise CheckpointError(
+                f"{path} unpacks to {unpacked:,} bytes, more than it has, which torch's files never do;"
+                " download it again from where you trust"
+            )
+        pickles = [entry for entry in archive.namelist() if entry.endswith("/data.pkl")]
+        names = set(itertools.chain.from_iterable(_names(archive.read(entry)) for entry in pickles))
+    return sorted(name.replace(" ", ".")[:80] for name in names if not _is_of_torch(name))
+
+
+def _names(data: bytes) -> Iterator[str]:
+    for opcode, argument, _ in pickletools.genops(data):
+        if opcode.name == "GLOBAL":
+            yield str(argument)
+        elif opcode.name in ("STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4"):
+            yield f"something by {opcode.name}"
+
+
+def _is_of_torch(name: str) -> bool:
+    module, _, attribute = name.partition(" ")
+    is_storage = module == "torch" and attribute.endswith("Storage")
+    is_dtype = module == "torch" and isinstance(getattr(torch, attribute, None), torch.dtype)
+    return name in _TORCH_NAMES or is_storage or is_dtype
+
+
+def read_array(path: Path, shape: tuple[int, ...]) -> np.ndarray:
+    """A plain array of numbers of that shape (-1: any length) from an npy file.
+
+    Raises:
+        CheckpointError: missing, damaged, of another shape, or with values that are not finite.
+    """
+    try:
+        check_file(path, ARRAYS_BYTES, CheckpointError)
+        array = array_of(path.read_bytes())
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
+    except (OSError, ValueError, EOFError) as error:
+        raise CheckpointError(f"{path} is no plain array or is cut off ({error}); fetch it again") from error
+    return _checked(path, "the array", array, shape)
+
+
+def read_table(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Arrays by name from an npy file that holds a pickled dictionary of them.
+
+    Raises:
+        CheckpointError: missing, damaged, of another shape, or with anything but arrays of numbers in it.
+    """
+    try:
+        check_file(path, PICKLED_BYTES, CheckpointError)
+        with path.open("rb") as file:
+            is_first = np.lib.format.read_magic(file) == (1, 0)
+            (np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0)(file)
+            stored = unpickle_arrays(file.read())
+    except CheckpointError:
+        raise
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
+    except RefusedError as error:
+        raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
+    except Exception as error:  # a damaged header or pickle raises errors of any kind
+        raise CheckpointError(f"{path} is damaged or cut off ({type(error).__name__}); fetch it again") from error
+    if isinstance(stored, PickledArray) and isinstance(stored.content, list) and len(stored.content) == 1:
+        stored = stored.content[0]
+    if not isinstance(stored, dict):
+        raise CheckpointError(f"{path} holds no table of arrays; is it a file of the release?")
+    found = {}
+    for name in names:
+        part = stored.get(name)
+        if not isinstance(part, PickledArray) or not isinstance(part.content, np.ndarray):
+            raise CheckpointError(f"{path} has no array {name!r} (found: {_listed(stored)})")
+        found[name] = _checked(path, name, part.content, shape)
+    return found
+
+
+def read_pickled_table(path: Path) -> dict[str, object]:
+    """The entries of a pickled dictionary by name: arrays of numbers as NumPy's, and plain numbers and texts.
+
+    Raises:
+        CheckpointError: missing, damaged, no dictionary, or with anything in it that would run when read.
+    """
+    stored = _unpickled(path)
+    if not isinstance(stored, dict):
+        raise CheckpointError(f"{path} holds no table of arrays but a {type(stored).__name__}; give another file")
+    return {name: part.content if isinstance(part, PickledArray) else part for name, part in stored.items()}
+
+
+def read_pickled_frame(path: Path) -> dict[str, np.ndarray]:
+    """The columns of a data frame of numbers that pandas pickled, by name, each (rows,).
+
+    Raises:
+        CheckpointError: missing, damaged, no data frame, or with anything in it that would run when read.
+    """
+    stored = _unpickled(path, NOTED)
+    try:
+        return frame_columns(stored)
+    except RefusedError as error:
+        raise CheckpointError(
+            f"{path} is refused: {error}; give a data frame of numbers as pandas pickles it"
+        ) from error
+
+
+def _unpickled(path: Path, noted: tuple[str, ...] = ()) -> object:
+    try:
+        check_file(path, PICKLED_BYTES, CheckpointError)
+        return unpickle_arrays(path.read_bytes(), noted)
+    except CheckpointError:
+        raise
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} does not exist; check the name") from error
+    except RefusedError as error:
+        raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
+    except Exception as error:  # a damaged pickle raises errors of any kind
+        raise CheckpointError(f"{path} is no pickle or is cut off ({type(error).__name__}); fetch it again") from error
+
+
+def read_pickled_array(data: bytes) -> np.ndarray:
+    """One pickled array of numbers, as the release's tools send it over a socket.
+
+    Raises:
+        CheckpointError: the bytes are anything else.
+    """
+    try:
+        if len(data) > PICKLED_BYTES:
+            raise RefusedError(f"it has {len(data):,} bytes")
+        stored = unpickle_arrays(data)
+    except Exception as error:  # refused, or damaged in any way
+        raise CheckpointError(f"what came is no pickled array of numbers ({str(error)[:160]})") from error
+    if not isinstance(stored, PickledArray) or not isinstance(stored.content, np.ndarray):
+        raise CheckpointError("what came is no pickled array of numbers")
+    return stored.content
+
+
+def read_arrays(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Plain arrays by name from an npz file.
+
+    Raises:
+        CheckpointError: missing, damaged, or without one of them.
+    """
+    try:
+        stored = arrays_of(path)
+        return {name: stored[name] for name in names}
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
+    except KeyError as error:
+        raise CheckpointError(f"{path} has no array {error}; is it a file of the release?") from error
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise CheckpointError(f"{path} is damaged or holds pickles ({error}); fetch it again") from error
+
+
+def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
+    """The 3 x 3 rotation of each name (n, 3, 3) from a JSON table of 3 x 3 or 4 x 4 matrices.
+
+    Raises:
+        CheckpointError: missing, damaged, or without one of the names.
+    """
+    try:
+        check_file(path, CONFIG_BYTES, CheckpointError)
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        missing = [name for name in names if name not in stored]
+        if missing:
+            raise CheckpointError(f"{path} has no matrix for {', '.join(missing[:6])} ({len(missing)} in all)")
+        found = []
+        for name in names:
+            matrix = np.array(stored[name], np.float64)
+            side = 4 if matrix.size == 16 else 3
+            found.append(matrix.reshape(side, side)[:3, :3])
+        return _checked(path, "the matrices", np.stack(found), (len(names), 3, 3))
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise CheckpointError(f"{path} is no table of matrices ({error}); fetch it again") from error
+
+
+def _listed(table: dict[object, object]) -> str:
+    """The first keys of a table, for a message."""
+    return ", ".join(str(key)[:40] for key in itertools.islice(table, 8)) or "nothing"
+
+
+def _checked(path: Path, what: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    fits = array.ndim == len(shape) and all(w in (-1, n) for w, n in zip(shape, array.shape, strict=True))
+    if not fits or array.dtype.kind not in "fiu":
+        raise CheckpointError(f"{path}: {what} is {array.dtype} {array.shape}, wanted numbers of shape {shape}")
+    if not np.isfinite(array).all():
+        raise CheckpointError(f"{path}: {what} holds values that are not finite; fetch it again")
+    return array

@@ -1,0 +1,4 @@
+"""Training of the models of `echoavatar.models`: windows, losses and tasks, one folder a model.
+
+May import `data`, `training` and `echoavatar`.
+"""

@@ -1,0 +1,1 @@
+"""Training of the codec. May import `models`, `training` and `echoavatar`."""

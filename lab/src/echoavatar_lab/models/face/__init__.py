@@ -1,0 +1,1 @@
+"""Training of the face. May import `training` and `echoavatar`."""

@@ -1,0 +1,181 @@
+"""Tokenize a corpus: audio and motion codes, on which the generator is trained.
+
+Every clip is encoded continuously from its first sample, exactly as in a stream (level control, if the generator is
+to run with it, then the codec). Its mirror image is encoded too: the same sound, with left and right of the motion
+exchanged.
+
+Sound that has no recorded motion becomes prompts of reinforcement learning (`tokenize_sounds`). A prompt needs past
+motion. Here the generator that is to be tuned makes it, as in a live session. Such token files have `has_truth` false:
+they are not used for reference statistics, reward models or generators.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from zlib import crc32
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int, UInt8
+from pydantic import Field
+from torch import Tensor
+
+from echoavatar.config import Config
+from echoavatar.errors import MotionError
+from echoavatar.models.audio import AudioCodec, LevelControl
+from echoavatar.models.generator import Generator, open_stream
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import to_features
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
+from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
+from echoavatar_lab.data.clip import mirror_features
+from echoavatar_lab.models.generator.windows import TokenClip
+
+CUE_FRAMES = 3
+
+
+class TokenSettings(Config):
+    """How a corpus is encoded; the generator that learns from it keeps both in its config."""
+
+    patience: float = Field(default=0.4, ge=0, description="cost of changing a code (paper: 0, the nearest codes)")
+    is_leveled: bool = Field(default=True, description="whether sound is brought to one loudness (paper: false)")
+
+
+def tokenize_corpus(
+    corpus: Corpus,
+    codec: AudioCodec,
+    tokenizer: BodyTokenizer,
+    folder: Path,
+    *,
+    is_mirrored_too: bool = True,
+    patience: float = 0.0,
+    is_leveled: bool = True,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write a token file for each clip and its mirror image, and return the number of files; existing ones are kept.
+
+    With `patience` the motion codes are steady (`quantize.steadiest`), so that the generator has fewer changes to
+    predict. `is_leveled`: see `audio_codes`. Clips without sound are skipped, because the generator would learn to
+    dance to silence.
+
+    Raises:
+        MotionError: no clip has sound, or the tokenizer was trained on another rig.
+    """
+    names = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
+    if not names:
+        raise MotionError(f"no clip of {corpus.folder} has sound; the generator learns from pairs of sound and motion")
+    if corpus.skeleton.names != tokenizer.skeleton.names:
+        raise MotionError(
+            f"{corpus.folder} is on a rig of {corpus.skeleton.joints} joints, the tokenizer on one of"
+            f" {tokenizer.skeleton.joints}; train a tokenizer on this set, or prepare it with --rig unified"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    for done, name in enumerate(names, start=1):
+        targets = [(folder / f"{name}.npz", False)]
+        if is_mirrored_too:
+            targets.append((folder / f"{name}.mirror.npz", True))
+        if not all(path.exists() for path, _ in targets):
+            clip = corpus.load(name)
+            sound = audio_codes(codec, clip.audio, is_leveled=is_leveled)
+            for path, is_mirrored in targets:
+                codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
+                domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
+                cues = cues_at(clip.events, len(sound))
+                TokenClip(sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled).save(path)
+        if progress:
+            progress(done, len(names))
+    return len(list(folder.glob("*.npz")))
+
+
+@torch.inference_mode()
+def audio_codes(
+    codec: AudioCodec, audio: Float[np.ndarray, " s"], *, is_leveled: bool = True
+) -> Int[np.ndarray, "f 2"]:
+    """Codes of a whole clip of 24 kHz audio, as in a stream.
+
+    `is_leveled` must be as in the pipeline that hears it (`Runtime.level_control`): level control is not the paper's.
+    """
+    usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
+    heard = torch.from_numpy(audio[None, :usable].copy())
+    if is_leveled:
+        level = LevelControl()
+        heard = level.step(heard, level.init_state(1), torch.ones(1, dtype=torch.bool))
+    return codec.encode(heard.to(codec.codebooks.device))[0].cpu().numpy().astype(np.int16)
+
+
+def cues_at(events: Mapping[str, Float[np.ndarray, " n"]], frames: int) -> UInt8[np.ndarray, "f 2"]:
+    """1 in the three audio frames (40 ms) after each beat and each stressed vowel's onset; event times in seconds."""
+    cues = np.zeros((frames, 2), np.uint8)
+    for column, name in enumerate(("beats", "stress")):
+        first = np.asarray(events.get(name, np.zeros(0)) * AUDIO_TOKEN_RATE_HZ).astype(int)
+        for later in range(CUE_FRAMES):
+            at = first + later
+            cues[at[(at >= 0) & (at < frames)], column] = 1
+    return cues
+
+
+@torch.inference_mode()
+def motion_codes(
+    tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False, patience: float = 0.0
+) -> Int[np.ndarray, "n 3 q"]:
+    """Codes of a whole clip of motion."""
+    features = clip_features(tokenizer, clip, is_mirrored=is_mirrored)
+    return tokenizer.encode(features[None], patience)[0].numpy().astype(np.int16)
+
+
+def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Float[Tensor, "t c"]:
+    """Motion features of a clip, cut to whole motion tokens."""
+    frames = clip.frames // FRAMES_PER_MOTION_TOKEN * FRAMES_PER_MOTION_TOKEN
+    rotations = matrix_from_quaternion(torch.from_numpy(clip.rotations[:frames]))
+    features = to_features(tokenizer.skeleton, rotations, torch.from_numpy(clip.root[:frames]))
+    return mirror_features(tokenizer.skeleton, features) if is_mirrored else features
+
+
+def tokenize_sounds(
+    sounds: SoundSet,
+    codec: AudioCodec,
+    generator: Generator,
+    folder: Path,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> int:
+    """Write a token file for each sound and return the number of sounds; existing files are kept.
+
+    Raises:
+        AudioError: a sound's file is missing or damaged.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for done, sound in enumerate(sounds.sounds, start=1):
+        path = folder / f"{sound.name}.npz"
+        if not path.exists():
+            _clip(sounds, sound, codec, generator, seed).save(path)
+        if progress:
+            progress(done, len(sounds.sounds))
+    return len(sounds.sounds)
+
+
+def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generator, seed: int) -> TokenClip:
+    audio = audio_codes(codec, sounds.load(sound), is_leveled=generator.config.is_leveled)
+    events = {kind: np.array(times) for kind, times in sound.events.items()}
+    return TokenClip(
+        audio,
+        own_motion(generator, audio, seed=seed ^ crc32(sound.name.encode())),
+        sound.domain[::FRAMES_PER_MOTION_TOKEN],
+        sound.split,
+        cues_at(events, len(audio)),
+        generator.config.patience,
+        has_truth=False,
+        is_leveled=generator.config.is_leveled,
+    )
+
+
+@torch.inference_mode()
+def own_motion(generator: Generator, audio: Int[np.ndarray, "f l"], *, seed: int) -> Int[np.ndarray, "n p q"]:
+    """The motion codes that a generator makes for a whole recording, from a fresh state, at its own temperature."""
+    stream = open_stream(generator)
+    usable = len(audio) // generator.config.audio_frames * generator.config.audio_frames
+    heard = torch.from_numpy(audio[None, :usable].astype(np.int64))
+    one, seeds = torch.ones(1, dtype=torch.bool), torch.tensor([seed])
+    codes = stream.step(heard, stream.init_state(1), one, seeds=seeds)  # type: ignore[arg-type]
+    return codes[0].numpy().astype(np.int16)

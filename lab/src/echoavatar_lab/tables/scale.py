@@ -1,0 +1,244 @@
+"""Sizes and schedules of training at three scales, for `bench train` and the paper's tables; and what their rows vary.
+
+`tiny` runs every part in minutes and learns nothing. `rehearsal` is the size of the first default bundle: hours on
+a CPU. `paper` has the paper's settings and needs the real datasets and GPUs. Generators take the paper's curriculum:
+stage 1 before every line, stage 2 for the line, stage 3 for the line with exemplars. All rows of a table are trained
+alike: no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none
+has our own loss terms. A row varies a tokenizer or a generator, given as its differences from the scale's.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from operator import methodcaller
+from typing import Any, Literal, NamedTuple
+
+from pydantic import Field
+
+from echoavatar.config import Config
+from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar_lab.models.generator.train import GeneratorTraining
+from echoavatar_lab.models.tokenizer.losses import LossWeights
+from echoavatar_lab.models.tokenizer.train import TokenizerTraining
+
+ScaleName = Literal["tiny", "rehearsal", "paper"]
+
+
+class GeneratorSizes(Config):
+    """Sizes of a generator; its vocabulary follows from codec and tokenizer."""
+
+    sequence: Literal["interleaved", "prefix"] = Field(default="interleaved", description="order of the ids")
+    window_chunks: int = Field(gt=0, description="chunks a position sees")
+    width: int = Field(gt=0, description="channels of the residual stream")
+    layers: int = Field(gt=0, description="transformer layers")
+    heads: int = Field(default=4, gt=0, description="query heads")
+    kv_heads: int = Field(default=2, gt=0, description="key and value heads")
+    mlp: int = Field(gt=0, description="channels inside the SwiGLU block")
+    rope_theta: float = Field(default=1e4, gt=0, description="rotary base")
+    top_p: float = Field(default=0.95, gt=0, le=1, description="nucleus mass when sampling")
+
+
+class Scale(Config):
+    """Corpus, sizes, schedules."""
+
+    name: ScaleName = Field(description="the name on the command line")
+    hours: float = Field(
+        ge=0, description="length of the rehearsal corpus that is made; 0: the user must give a corpus"
+    )
+    clip_seconds: float = Field(default=64.0, gt=0, description="length of the clips of that corpus")
+    test_clips: int = Field(gt=0, description="most test clips that are scored")
+    seconds: float = Field(gt=0, description="sound over which latencies are measured")
+    tokenizer: MotionTokenizerConfig = Field(description="sizes; features are replaced")
+    tokenizer_training: TokenizerTraining = Field(description="schedule")
+    generator: GeneratorSizes = Field(description="sizes")
+    generator_training: GeneratorTraining = Field(
+        description="schedule of stage 2; weights by depth and window are filled in"
+    )
+    stage1: GeneratorTraining = Field(description="schedule of stage 1: embeddings learn, the body is frozen")
+    stage3: GeneratorTraining = Field(description="schedule of stage 3: control by example")
+
+    @property
+    def generator_trainings(self) -> dict[int, GeneratorTraining]:
+        """The schedules of generators by stage."""
+        return {1: self.stage1, 2: self.generator_training, 3: self.stage3}
+
+
+TINY = Scale(
+    name="tiny",
+    hours=48 * 3 / 3600,
+    clip_seconds=3.0,
+    test_clips=3,
+    seconds=2.0,
+    tokenizer=MotionTokenizerConfig(
+        features=1, width=32, heads=2, layers=2, codes=32, decay=0.9, dead_below=0.05, kmeans_steps=2
+    ),
+    tokenizer_training=TokenizerTraining(
+        steps=30, batch=8, frames=32, learning_rate=2e-3, warmup=5, temperature=0, dropout=0, evaluate_every=0
+    ),
+    generator=GeneratorSizes(window_chunks=4, width=32, layers=2, mlp=96),
+    generator_training=GeneratorTraining(steps=20, batch=4, warmup=2),
+    stage1=GeneratorTraining(objective="streams", steps=10, batch=4, learning_rate=2e-4, schedule="constant", warmup=2),
+    stage3=GeneratorTraining(steps=10, batch=4, warmup=2, exemplar=0.8),
+)
+
+REHEARSAL = Scale(
+    name="rehearsal",
+    hours=3.5,
+    test_clips=12,
+    seconds=60.0,
+    tokenizer=MotionTokenizerConfig(
+        features=1, width=128, heads=4, layers=4, codes=512, decay=0.98, dead_below=0.05, kmeans_steps=8
+    ),
+    tokenizer_training=TokenizerTraining(
+        steps=1300,
+        batch=24,
+        learning_rate=1.5e-3,
+        warmup=100,
+        decay_at=(0.6, 0.8, 0.92),
+        decay_factor=0.4,
+        temperature=0,
+        dropout=0,
+        quantize_from=100,
+        evaluate_every=0,
+    ),
+    generator=GeneratorSizes(window_chunks=10, width=192, layers=6, mlp=576),
+    generator_training=GeneratorTraining(steps=2200, batch=4, optimiser="muon"),
+    stage1=GeneratorTraining(
+        objective="streams", steps=300, batch=8, learning_rate=2e-4, schedule="constant", weight_decay=0
+    ),
+    stage3=GeneratorTraining(steps=1200, batch=4, optimiser="muon", exemplar=0.3),
+)
+
+PAPER = Scale(
+    name="paper",
+    hours=0,
+    test_clips=1_000,
+    seconds=60.0,
+    tokenizer=MotionTokenizerConfig(features=1),
+    tokenizer_training=TokenizerTraining(learning_rate=4e-4, save_minutes=10.0, evaluate_every=0),
+    generator=GeneratorSizes(
+        sequence="prefix", window_chunks=15, width=896, layers=24, heads=14, mlp=4864, rope_theta=1e6, top_p=1.0
+    ),
+    generator_training=GeneratorTraining(
+        steps=40_000,
+        batch=256,
+        accumulation=4,
+        learning_rate=5e-5,
+        final_rate=0.1,
+        warmup=500,
+        weight_decay=0.01,
+        autocast=True,
+        short_windows=0,
+        save_every=1000,
+    ),
+    stage1=GeneratorTraining(
+        objective="streams",
+        steps=5000,
+        batch=256,
+        accumulation=2,
+        learning_rate=2e-4,
+        schedule="constant",
+        warmup=200,
+        weight_decay=0,
+        autocast=True,
+        corruption="none",
+        save_every=500,
+    ),
+    stage3=GeneratorTraining(
+        steps=10_000,
+        batch=256,
+        accumulation=4,
+        learning_rate=5e-5,
+        final_rate=0.1,
+        warmup=200,
+        weight_decay=0.01,
+        autocast=True,
+        exemplar=0.9,
+        short_windows=0,
+        save_every=1000,
+    ),
+)
+
+SCALES: dict[str, Scale] = {scale.name: scale for scale in (TINY, REHEARSAL, PAPER)}
+
+
+@dataclass(frozen=True)
+class TokenizerChoice:
+    """A tokenizer.
+
+    Attributes:
+        name: the name of its folder.
+        sizes: fields of `MotionTokenizerConfig` that differ.
+        losses: weights of the training losses; by default the paper's.
+        is_whole: the whole body is one part.
+    """
+
+    name: str
+    sizes: Mapping[str, object] = field(default_factory=dict)
+    losses: LossWeights = LossWeights()
+    is_whole: bool = False
+
+
+OURS = TokenizerChoice("body-parts")
+
+
+@dataclass(frozen=True)
+class GeneratorChoice:
+    """A generator.
+
+    Attributes:
+        name: the name of its folder.
+        tokenizer: the tokenizer whose codes it generates.
+        sizes: fields of `GeneratorSizes` that differ.
+        training: fields of `GeneratorTraining` that differ.
+        only: train only on clips that are mostly this kind of sound; None: on all clips.
+        after: the generator that stage 3 goes on from; None: stage 2.
+        is_first: it is a generator of stage 1.
+    """
+
+    name: str
+    tokenizer: TokenizerChoice = OURS
+    sizes: Mapping[str, object] = field(default_factory=dict)
+    training: Mapping[str, object] = field(default_factory=dict)
+    only: Literal["speech", "music"] | None = None
+    after: "GeneratorChoice | None" = None
+    is_first: bool = False
+
+    @property
+    def stage(self) -> Literal[1, 2, 3]:
+        """The stage of the paper's curriculum that it is trained by."""
+        return 1 if self.is_first else 2 if self.after is None else 3
+
+    @property
+    def before(self) -> "GeneratorChoice | None":
+        """The generator that it goes on from; stage 1 is shared by all of these codes, clips and order of sequence."""
+        if self.is_first or self.after is not None:
+            return self.after
+        words = [self.tokenizer.name, *([str(self.sizes["sequence"])] if "sequence" in self.sizes else [])]
+        words += [self.only] if self.only else []
+        sizes = {key: value for key, value in self.sizes.items() if key == "sequence"}
+        return GeneratorChoice("-".join(words), self.tokenizer, sizes, only=self.only, is_first=True)
+
+
+class Variant(NamedTuple):
+    """A line of a table with one of our generators, and the paper's numbers of it by column."""
+
+    name: str
+    paper: Mapping[str, float]
+    generator: GeneratorChoice
+
+
+Part = Callable[[Any], object]
+"""Makes one part of an experiment; a module's function, a partial of one, or a `methodcaller`, which can be pickled."""
+
+
+def generator_waves(choices: Iterable[GeneratorChoice]) -> list[Sequence[Part]]:
+    """Tokenizers with their codes; stage 1; motion of the generators of stage 2; of those that go on from them."""
+    chosen = list({choice.name: choice for choice in choices}.values())
+    tokenizers = {choice.tokenizer.name: choice.tokenizer for choice in chosen}
+    firsts = {one.name: one for choice in chosen if (one := choice.before) is not None and one.is_first}
+    return [
+        [methodcaller("codes", tokenizer) for tokenizer in tokenizers.values()],
+        [methodcaller("generator", first) for first in firsts.values()],
+        [methodcaller("generated_motions", choice) for choice in chosen if choice.after is None],
+        [methodcaller("generated_motions", choice) for choice in chosen if choice.after is not None],
+    ]

@@ -1,0 +1,146 @@
+"""The package of the paper's user study: clips of the compared systems, their sounds and a `study.yaml` for the studio.
+
+The groups are the paper's: systems of `--with` against ours; ours before and after DPO, and before and after GRPO;
+trained on speech, on music, on both. Every system moves to every sound. The paper asks about speech-only training on
+speech alone and about music-only training on music alone; take those rows of the study's table, by its categories.
+
+The table `dataset-composition` has the last group's rows: the paper asked people for their overall preference (mean
+over pairs, -2 to 2); here the same models are scored, on test clips of mostly speech for gesture, of mostly music for
+dance. Only the order of the lines can be compared.
+"""
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from echoavatar.models.audio import write_wav
+from echoavatar.motion.kinematics import Motion
+from echoavatar_lab.data import MUSIC, SPEECH, Clip
+
+from .alignment import LINES, tuned
+from .experiment import Experiment, with_motion
+from .scale import OURS, GeneratorChoice, Part, Variant, generator_waves
+from .scores import GENERATION, generation_cells
+from .table import Cell, Column, Line, Table
+
+NAME = "dataset-composition"
+COLUMNS = (
+    Column("gesture_preference", "Preference, gesture", better="higher"),
+    Column("gesture_fid", "FID, gesture"),
+    Column("gesture_ba_g", "BA_G", "1/10", better="higher"),
+    Column("gesture_ba_g_over", "BA_G over chance", "1/10", better="higher"),
+    Column("dance_preference", "Preference, dance", better="higher"),
+    Column("dance_fid", "FID, dance"),
+    Column("dance_ba_d", "BA_D", "1/10", better="higher"),
+    Column("dance_ba_d_over", "BA_D over chance", "1/10", better="higher"),
+)
+SHOWN = {"gesture": (SPEECH, ("fid", "ba_g", "ba_g_over")), "dance": (MUSIC, ("fid", "ba_d", "ba_d_over"))}
+
+
+VARIANTS = (
+    Variant("Gesture Only", {"gesture_preference": -0.555}, GeneratorChoice("speech-only", only="speech")),
+    Variant("Dance Only", {"dance_preference": -0.323}, GeneratorChoice("music-only", only="music")),
+    Variant("Merged", {"gesture_preference": 0.555, "dance_preference": 0.323}, GeneratorChoice(OURS.name)),
+)
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    return generator_waves([one.generator for one in VARIANTS])
+
+
+def make(experiment: Experiment) -> Table:
+    """Train what is missing, score it and make the table."""
+    lines = []
+    for name, paper, choice in VARIANTS:
+        experiment.say(f"line: {name}")
+        lines.append(Line(name, paper, _scored(experiment, choice)))
+    counts = {kind: len(of_kind(experiment.test_clips, domain)) for kind, (domain, _) in SHOWN.items()}
+    notes = (
+        "Preference: the paper's user study (overall preference); nobody was asked here.",
+        f"Test clips: {counts['gesture']} of mostly speech, {counts['dance']} of mostly music.",
+        "FID is with the true motion of the same clips; a kind with one clip has no interval.",
+    )
+    return Table(NAME, "Dataset composition (paper, user study)", COLUMNS, lines, notes)
+
+
+def _scored(experiment: Experiment, choice: GeneratorChoice) -> dict[str, Cell]:
+    motions = experiment.generated_motions(choice)
+    found: dict[str, Cell] = {}
+    for kind, (domain, keys) in SHOWN.items():
+        chosen = of_kind(experiment.test_clips, domain)
+        if chosen:
+            wanted = {f"{kind}_{key}": GENERATION[key] for key in keys}
+            found |= generation_cells(experiment, motions, wanted, chosen)
+    return found
+
+
+def of_kind(clips: list[Clip], domain: int) -> list[int]:
+    """Indices of the clips with more frames of this kind of sound than of the other."""
+    other = MUSIC if domain == SPEECH else SPEECH
+    return [n for n, clip in enumerate(clips) if np.sum(clip.domain == domain) > np.sum(clip.domain == other)]
+
+
+SECONDS = 10.0
+RATERS = 20
+Systems = Mapping[str, Sequence[Motion]]
+
+
+def write_study(experiment: Experiment) -> Path:
+    """Make what is missing and write the package; returns the path of its `study.yaml`."""
+    folder = experiment.folder / "user-study"
+    others = experiment.foreign_motions()  # first: a bad file must be told before hours of training
+    groups = _groups(experiment, others)
+    if folder.exists():
+        shutil.rmtree(folder)
+    music = set(of_kind(experiment.test_clips, MUSIC))
+    sounds = []
+    for number, clip in enumerate(experiment.test_clips):
+        category = "dance" if number in music else "gesture"
+        path = folder / "sounds" / category / f"{clip.name}.wav"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_wav(path, clip.audio)
+        sounds.append({"path": str(path.relative_to(folder)), "category": category})
+    systems = []
+    for group, members in groups.items():
+        for name, motions in members.items():
+            place = Path("clips", _file_safe(f"{group}, {name}"))
+            _write_clips(folder / place, motions, experiment.test_clips)
+            systems.append({"name": name, "clips": str(place), "group": group})
+    shortest = min(clip.seconds for clip in experiment.test_clips)
+    study = {
+        "kind": "pairwise",
+        "title": "Which moves better?",
+        "systems": systems,
+        "sounds": sounds,
+        "seconds": min(SECONDS, float(int(shortest * 10) / 10)),
+        "raters": RATERS,
+        "seed": experiment.seed,
+    }
+    path = folder / "study.yaml"
+    path.write_text(yaml.safe_dump(study, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    return path
+
+
+def _groups(experiment: Experiment, others: Systems) -> dict[str, Systems]:
+    """Systems by group; only systems of one group are compared, and each name stands once in a study."""
+    ours = experiment.generated_motions(GeneratorChoice(OURS.name))
+    groups: dict[str, Systems] = {"Comparison with SOTA": {**others, "Ours": ours}} if others else {}
+    for method in ("dpo", "grpo"):
+        name = LINES[method][0]
+        after = tuned(experiment, method).motions
+        groups[f"RL Strategy, {method.upper()}"] = {f"Ours, before {method.upper()}": ours, name: after}
+    groups["Dataset Composition"] = {one.name: experiment.generated_motions(one.generator) for one in VARIANTS}
+    return groups
+
+
+def _write_clips(folder: Path, motions: Sequence[Motion], clips: Sequence[Clip]) -> None:
+    for motion, clip in zip(motions, clips, strict=True):
+        with_motion(clip, motion).save(folder / f"{clip.name}.npz")
+
+
+def _file_safe(text: str) -> str:
+    return "-".join("".join(letter if letter.isalnum() else " " for letter in text.lower()).split())

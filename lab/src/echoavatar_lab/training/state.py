@@ -1,0 +1,187 @@
+"""The state of a run in one safetensors file, from which it resumes to the same losses; written atomically.
+
+It holds the weights in full precision, the codebooks' running averages, the optimisers' state, averaged weights,
+torch's random generators, the task's own state and the step. Everything is stored by name, so that a run may be resumed
+with another number of processes.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
+from torch.distributed.tensor import DTensor
+
+from echoavatar.errors import CheckpointError
+from echoavatar.whole_file import whole_file
+
+from .processes import full_tensor, placed_like
+
+FILE = "training.safetensors"
+_FORMAT = "2"
+
+
+@runtime_checkable
+class HasTrainingState(Protocol):
+    """A module with buffers that its state dict omits (`quantize.Codebook`)."""
+
+    def training_state(self) -> dict[str, Tensor]:
+        """The omitted buffers."""
+
+
+def has_state(folder: Path) -> bool:
+    """Whether the folder holds a run to resume."""
+    return (folder / FILE).exists()
+
+
+def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]) -> None:
+    """Write the file; `facts` must be JSON.
+
+    Raises:
+        CheckpointError: it cannot be written.
+    """
+    stored = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
+    metadata = {"format": _FORMAT, "facts": json.dumps(dict(facts))}
+    with whole_file(path, error=CheckpointError, failures=(SafetensorError,), is_flushed=True) as partial:
+        save_file(stored, partial, metadata=metadata)
+
+
+def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
+    """Read tensors and facts.
+
+    Raises:
+        CheckpointError: the file is damaged, or of another version.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            if metadata.get("format") != _FORMAT:
+                raise CheckpointError(
+                    f"{path} was written by another version, whose runs cannot be resumed; train into another folder "
+                    f"(the model in {path.parent} can be its --start), or delete the file to start again"
+                )
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+    except (SafetensorError, OSError) as error:
+        raise CheckpointError(f"{path} is damaged ({error}); delete it to start again") from error
+    return tensors, dict(json.loads(metadata["facts"]))
+
+
+def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:
+    """Weights and buffers, including those that state dicts omit."""
+    found = {
+        f"model.{name}.{key}": full_tensor(value)
+        for name, module in modules.items()
+        for key, value in module.state_dict().items()
+    }
+    return found | {f"beside.{key}": value for key, value in _beside(modules)}
+
+
+@torch.no_grad()
+def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor], origin: str) -> None:
+    """Restore weights and buffers.
+
+    Raises:
+        CheckpointError: names or shapes differ.
+    """
+    own = {f"{name}.{key}": value for name, m in modules.items() for key, value in m.state_dict().items()}
+    saved = strip_prefix(tensors, "model.")
+    problems = [f"missing {key}" for key in own if key not in saved]
+    problems += [f"unknown {key}" for key in saved if key not in own]
+    problems += [
+        f"{key} is {tuple(saved[key].shape)}, wanted {tuple(value.shape)}"
+        for key, value in own.items()
+        if key in saved and saved[key].shape != value.shape
+    ]
+    if problems:
+        more = f"; and {len(problems) - 6} more" if len(problems) > 6 else ""
+        raise CheckpointError(f"{origin} does not fit this model: {'; '.join(problems[:6])}{more}")
+    for name, module in modules.items():
+        placed = {
+            key: placed_like(value, own[f"{name}.{key}"]) for key, value in strip_prefix(saved, f"{name}.").items()
+        }
+        module.load_state_dict(placed)
+    beside = strip_prefix(tensors, "beside.")
+    for key, value in _beside(modules):
+        value.copy_(beside[key])
+
+
+def optimiser_state(modules: Mapping[str, nn.Module], optimisers: Sequence[torch.optim.Optimizer]) -> dict[str, Tensor]:
+    """The optimisers' state of each parameter, by its name."""
+    return {
+        f"optimiser.{name}.{key}": full_tensor(torch.as_tensor(value))
+        for name, parameter in _parameters(modules)
+        for optimiser in optimisers
+        if parameter in optimiser.state
+        for key, value in optimiser.state[parameter].items()
+    }
+
+
+def load_optimisers(
+    modules: Mapping[str, nn.Module], optimisers: Sequence[torch.optim.Optimizer], tensors: Mapping[str, Tensor]
+) -> None:
+    """Restore the optimisers' state."""
+    saved: dict[str, dict[str, Tensor]] = {}
+    for key, value in strip_prefix(tensors, "optimiser.").items():
+        name, which = key.rsplit(".", 1)
+        saved.setdefault(name, {})[which] = value
+    owners = {
+        id(parameter): optimiser
+        for optimiser in optimisers
+        for group in optimiser.param_groups
+        for parameter in group["params"]
+    }
+    for name, parameter in _parameters(modules):
+        if name in saved and id(parameter) in owners:
+            owners[id(parameter)].state[parameter] = {
+                key: placed_like(value, parameter) if value.shape == parameter.shape else _scalar(value, parameter)
+                for key, value in saved[name].items()
+            }
+
+
+def _scalar(value: Tensor, parameter: Tensor) -> Tensor:
+    """Move a step count to its parameter's device, as fused optimisers require."""
+    device = parameter.to_local().device if isinstance(parameter, DTensor) else parameter.device
+    return value.to(device)
+
+
+def random_state(device: torch.device) -> Tensor:
+    """State of torch's global generators: the CPU's, then the CUDA device's if there is one."""
+    states = [torch.get_rng_state()]
+    if device.type == "cuda":
+        states.append(torch.cuda.get_rng_state(device))
+    return torch.cat(states)
+
+
+def load_random_state(state: Tensor, device: torch.device) -> None:
+    """Restore the generators."""
+    cpu = len(torch.get_rng_state())
+    torch.set_rng_state(state[:cpu].cpu().clone())  # a copy, because torch ignores a view's offset
+    if device.type == "cuda" and len(state) > cpu:
+        torch.cuda.set_rng_state(state[cpu:].cpu().clone(), device)
+
+
+def strip_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """The entries whose names start with `prefix`, without it."""
+    return {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}
+
+
+def _parameters(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, nn.Parameter]]:
+    for name, module in modules.items():
+        for key, parameter in module.named_parameters():
+            yield f"{name}.{key}", parameter
+
+
+def _beside(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, Tensor]]:
+    """Buffers that state dicts omit; a module that reports them also reports those of its children."""
+    for name, module in modules.items():
+        spoken: set[int] = set()
+        for path, part in module.named_modules():
+            if id(part) not in spoken and isinstance(part, HasTrainingState):
+                assert isinstance(part, nn.Module)
+                spoken.update(id(inner) for inner in part.modules())
+                for key, value in part.training_state().items():
+                    yield f"{name}.{path}.{key}", value

@@ -1,0 +1,88 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echoavatar.errors import AudioError
+from echoavatar.models.audio import write_wav
+from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, decoded, read_groups, recorded_files, to_int16
+
+HEAD = "path,seconds,kind,speaker_or_artist,title,language_or_genre,split\n"
+
+
+def folder(path: Path, rows: str) -> Path:
+    for name in ("a.wav", "b.wav"):
+        write_wav(path / name, np.linspace(-0.5, 0.5, 480).astype(np.float32))
+    (path / "manifest.csv").write_text(HEAD + rows)
+    return path
+
+
+def test_a_manifest_says_who_is_heard_and_what_is_held_out(tmp_path: Path) -> None:
+    rows = "b.wav,2.5,music,Band,Song,waltz [excerpt],test\na.wav,1,speech,Ann (f),Talk,English,train\n"
+    speech, music = recorded_files(folder(tmp_path, rows))
+    assert (speech.kind, speech.voice, speech.split) == ("speech", "Ann (f)", "train")
+    assert (music.title, music.style, music.seconds) == ("Song", "waltz", 2.5)
+    assert recorded_files(tmp_path, "train") == (speech,)
+    assert recorded_files(tmp_path, "test") == (music,)
+
+
+@pytest.mark.parametrize("row", ["a.wav,1,birdsong,,,,train", "a.wav,1,speech,,,,", "c.wav,1,speech,,,,train"])
+def test_a_damaged_line_is_named(tmp_path: Path, row: str) -> None:
+    with pytest.raises(AudioError, match="line 2"):
+        recorded_files(folder(tmp_path, row))
+
+
+def test_no_file_outside_the_folder_is_read(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    write_wav(tmp_path / "out.wav", np.zeros(480, np.float32))
+    with pytest.raises(AudioError, match="no file of this folder"):
+        recorded_files(folder(tmp_path / "in", "../out.wav,1,speech,,,,train"))
+
+
+def test_sound_is_decoded_once(tmp_path: Path, own_cache: Path) -> None:
+    path = folder(tmp_path, "") / "a.wav"
+    first = decoded(path)
+    assert abs(int(first[0]) + 16_384) <= 1
+    kept = list((own_cache / "echoavatar" / "sound").glob("*.npy"))
+    assert len(kept) == 1
+    assert np.array_equal(np.load(kept[0]), first)
+    write_wav(path, np.zeros(960, np.float32))
+    assert len(decoded(path)) == 960
+
+
+pytestmark = pytest.mark.usefixtures("own_cache")
+
+
+def group(name: str, value: float, weight: float, samples: int = 24_000) -> AudioGroup:
+    return AudioGroup(name, (to_int16(np.full(samples, value, np.float32)),), weight)
+
+
+def test_groups_are_drawn_by_weight():
+    pool = AudioPool([group("a", 0.25, 3), group("b", -0.5, 1)])
+    rng = np.random.default_rng(0)
+    drawn = np.array([pool.draw(rng, 100)[0] for _ in range(400)])
+    assert set(np.unique(drawn)) == {0.25, -0.5}
+    assert 0.68 < np.mean(drawn == 0.25) < 0.82
+    assert pool.seconds == {"a": 1.0, "b": 1.0}
+
+
+def test_short_recordings_are_followed_by_silence():
+    piece = AudioPool([group("a", 0.5, 1, samples=10)]).draw(np.random.default_rng(0), 30)
+    assert piece.tolist() == [0.5] * 10 + [0.0] * 20
+
+
+def test_a_folder_gives_a_group_of_speech_and_one_of_music(tmp_path):
+    sound = np.linspace(-0.5, 0.5, 2_400).astype(np.float32)
+    write_wav(tmp_path / "a.wav", sound)
+    write_wav(tmp_path / "music.wav", 0.5 * sound)
+    speech, music = read_groups(tmp_path)
+    assert (speech.name, music.name) == (f"{tmp_path.name}: speech", f"{tmp_path.name}: music")
+    for group_, wanted in ((speech, sound), (music, 0.5 * sound)):
+        np.testing.assert_allclose(group_.recordings[0] / 32_768, wanted, atol=1e-4)
+
+
+def test_no_sound_at_all_is_refused(tmp_path):
+    with pytest.raises(AudioError, match="every folder given is empty"):
+        AudioPool([AudioGroup("nothing", ())])
+    with pytest.raises(AudioError, match="no sound"):
+        read_groups(tmp_path)

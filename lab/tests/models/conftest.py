@@ -1,0 +1,1 @@
+from tests.models.fingers.conftest import model, trained  # noqa: F401

@@ -1,0 +1,65 @@
+"""An MCP server for the tools of a running avatar server; calls act on one of its sessions.
+
+The tools are fetched for each listing, so their enums always name the server's present actions and tracks. A failed
+call returns a result with `is_error` for the model to read; no exception is raised. No other room imports the
+package `mcp`, which implements the protocol.
+"""
+
+import asyncio
+import json
+from typing import Any
+
+import mcp_types as types
+from mcp.server.lowlevel import Server
+from mcp.server.stdio import stdio_server
+
+from echoavatar import __version__
+from echoavatar.errors import EchoAvatarError
+
+from .client import RemoteTools
+
+ABOUT = (
+    "A live avatar that moves to what is said. Its gestures and its music are yours: call send_action while you talk, "
+    "play_music to make it dance. Nothing needs to be said about a call that was accepted."
+)
+
+
+def create_server(tools: RemoteTools) -> "Server[Any]":
+    """Create an MCP server that calls `tools`."""
+
+    async def list_tools(_: object, __: object) -> types.ListToolsResult:
+        try:
+            declared = await asyncio.to_thread(tools.schemas, "mcp")
+        except EchoAvatarError as error:
+            from mcp.shared.exceptions import MCPError
+
+            raise MCPError(types.INTERNAL_ERROR, str(error)) from error
+        return types.ListToolsResult(tools=[types.Tool.model_validate(tool) for tool in declared])
+
+    async def call_tool(_: object, params: types.CallToolRequestParams) -> types.CallToolResult:
+        answer = await tools.call_async(params.name, params.arguments or {})
+        return types.CallToolResult(
+            content=[types.TextContent(text=json.dumps(answer, ensure_ascii=False))],
+            structured_content=answer,
+            is_error=answer.get("status") == "rejected",
+        )
+
+    return Server(
+        "echoavatar", version=__version__, instructions=ABOUT, on_list_tools=list_tools, on_call_tool=call_tool
+    )
+
+
+async def serve_stdio(tools: RemoteTools) -> None:
+    """Serve over standard input and output until they are closed."""
+    server = create_server(tools)
+    async with stdio_server() as (read, write):
+        await server.run(read, write, server.create_initialization_options())
+
+
+async def serve_http(tools: RemoteTools, *, host: str = "127.0.0.1", port: int = 8767) -> None:
+    """Serve streamable HTTP at `/mcp` until stopped; by default only this machine may connect."""
+    import uvicorn
+
+    app = create_server(tools).streamable_http_app(host=host, stateless_http=True, json_response=True)
+    config = uvicorn.Config(app, host=host, port=port, log_level="warning", access_log=False, lifespan="on")
+    await uvicorn.Server(config).serve()

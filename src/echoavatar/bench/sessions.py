@@ -1,0 +1,146 @@
+"""`echoavatar bench sessions`: how many sessions one engine serves in real time, and how long their chunks wait.
+
+Sessions start at different moments, and each sends a chunk of audio in real time; the engine serves them from its own
+threads, as in the server. A run therefore takes as long as its audio, and other load on the machine affects it.
+"""
+
+import gc
+import threading
+import time
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+import torch
+
+from echoavatar.engine import Engine, EngineThread, SessionCore
+from echoavatar.engine.pipeline import Pipeline
+
+from .stream import resident_mb
+
+ClientKind = Literal["behaves", "floods", "stalls", "vanishes"]
+CLIENT_KINDS: tuple[ClientKind, ...] = ("behaves", "floods", "stalls", "vanishes")
+WARM_UP_CHUNKS = 16  # longer than the attention window
+GOLDEN_RATIO = 0.6180339887  # golden ratio: spreads the sessions' phases evenly for any number of them
+GIVE_UP_CHUNKS = 4  # chunks of waiting beyond which larger loads are not tried
+
+
+class Load(NamedTuple):
+    """One number of sessions, and how they were served."""
+
+    sessions: int
+    p50_ms: float  # from the end of a chunk's audio to its motion
+    p99_ms: float
+    busy: float  # share of time that the workers worked
+    memory_mb: float  # for each session, including the rewind buffer
+    in_real_time: bool  # p99 is within a chunk, and the delay does not grow
+
+
+def bench_sessions(
+    pipeline: Pipeline,
+    counts: tuple[int, ...] = (1, 2, 3, 4),
+    *,
+    seconds: float = 20.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[Load]:
+    """Serve each number of sessions for `seconds`; stops at a number that is far from real time."""
+    loads: list[Load] = []
+    for done, count in enumerate(counts):
+        loads.append(_serve(pipeline, count, seconds))
+        if progress:
+            progress(done + 1, len(counts))
+        if loads[-1].p99_ms > 1000 * GIVE_UP_CHUNKS * pipeline.chunk.seconds:
+            break
+    return loads
+
+
+def bench_neighbour(pipeline: Pipeline, *, sessions: int = 2, seconds: float = 20.0) -> dict[str, float]:
+    """p99 in ms of well-behaved sessions, next to one that behaves, floods, stalls or vanishes."""
+    return {kind: _serve(pipeline, sessions + 1, seconds, kind).p99_ms for kind in CLIENT_KINDS}
+
+
+def summary(loads: list[Load]) -> dict[str, object]:
+    """The report as one JSON object."""
+    served = [load.sessions for load in loads if load.in_real_time]
+    return {
+        "sessions_in_real_time": max(served, default=0),
+        "threads": torch.get_num_threads(),
+        "loads": [load._asdict() for load in loads],
+    }
+
+
+def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "behaves") -> Load:
+    gc.collect()  # memory of the previous load
+    before, chunk_s = resident_mb(), pipeline.chunk.seconds
+    engine = Engine(pipeline, seats=count, look_ahead=8)
+    clients = [_Client(engine.open_core(seed=seat), seat) for seat in range(count)]
+    clients[-1].kind = last
+    chunks = max(4, round(seconds / chunk_s)) + WARM_UP_CHUNKS
+    with EngineThread(engine) as threads:
+        began = time.perf_counter()
+        due = [(began + client.phase + chunk * chunk_s, client) for client in clients for chunk in range(chunks)]
+        for moment, client in sorted(due, key=lambda item: item[0]):
+            time.sleep(max(0.0, moment - time.perf_counter()))
+            client.send(moment - began)
+            if threads.error is not None:
+                raise threads.error
+        watched = [client for client in clients if client.kind == "behaves"]
+        deadline = time.perf_counter() + GIVE_UP_CHUNKS * chunk_s * count
+        while any(len(client.waits) < chunks for client in watched) and time.perf_counter() < deadline:
+            time.sleep(0.01)
+        busy = engine.busy_seconds / (time.perf_counter() - began) / engine.workers
+        memory = (resident_mb() - before) / count
+    is_behind = any(len(client.waits) < chunks for client in watched)
+    for client in clients:
+        client.session.close()
+        client.count_unanswered()
+    waits = np.concatenate([client.waits[WARM_UP_CHUNKS:] for client in watched])
+    p50, p99 = np.percentile(waits, [50, 99]) * 1000
+    tail = np.mean([client.waits[-4:] for client in watched])
+    return Load(
+        count,
+        round(float(p50), 1),
+        round(float(p99), 1),
+        round(busy, 3),
+        round(memory, 2),
+        bool(p99 <= 1000 * chunk_s and tail < chunk_s and not is_behind),
+    )
+
+
+class _Client:
+    """A client session: sends audio on time and records how long the motion of each chunk took."""
+
+    def __init__(self, session: SessionCore, seat: int) -> None:
+        self.session, self.kind = session, CLIENT_KINDS[0]
+        self.phase = (seat * GOLDEN_RATIO) % 1 * self.session.chunk.seconds
+        self.waits: list[float] = []
+        self._sent: list[float] = []
+        self._rng, self._lock = np.random.default_rng(seat), threading.Lock()
+        session.on_motion = self._on_motion
+
+    def send(self, now: float) -> None:
+        """Send a chunk of audio, or misbehave."""
+        if self.kind == "floods":
+            if self.session.seconds_waiting < 60:
+                self.session.push(self._sound(20))
+        elif self.kind == "vanishes" and now > 8 * self.session.chunk.seconds:
+            self.session.close()
+        elif self.kind != "stalls" or int(now / 2) % 2:
+            with self._lock:
+                self._sent.append(time.perf_counter())
+            self.session.push(self._sound(1))
+
+    def _on_motion(self) -> None:
+        now = time.perf_counter()
+        with self._lock:
+            while self.session.take() is not None:
+                if self._sent:
+                    self.waits.append(now - self._sent.pop(0))
+
+    def count_unanswered(self) -> None:
+        """Count unanswered chunks as having waited until now."""
+        now = time.perf_counter()
+        self.waits.extend(now - sent for sent in self._sent)
+
+    def _sound(self, chunks: int) -> np.ndarray:
+        return (0.1 * self._rng.standard_normal(chunks * self.session.chunk.samples)).astype(np.float32)

@@ -1,0 +1,70 @@
+"""Options, and words for them, that several commands share."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+TOKEN = "ECHOAVATAR_TOKEN"
+VIEWS = ("front", "left", "right", "back", "bust", "face")
+RENDERER_NAMES = ("cpu", "gpu")
+RENDERER_HELP = "what draws: cpu (default), or gpu, a graphics card (extra gpu)"
+DEVICE_HELP = "processor for the models: cpu, cuda, cuda:1, or auto for a GPU if there is one (default: cpu)"
+RUNTIME_HELP = (
+    "how the models run: paper (bare decoding, the paper's cylinder for hands, files at 60 fps), default (the bundle's"
+    " own), bare (no cylinder, 30 fps), or what to keep of ours on top of paper, such as ground,feet"
+)
+WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet or hands; may be repeated"
+FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4, .webm; .vrm with --rig"
+RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
+
+
+def add_model(parser: argparse.ArgumentParser) -> None:
+    """Declare `--model`."""
+    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+
+
+def add_server(parser: argparse.ArgumentParser) -> None:
+    """Declare `--server` and `--token` of a client."""
+    parser.add_argument(
+        "--server", default="http://127.0.0.1:8765", metavar="URL", help="the avatar's server (default: %(default)s)"
+    )
+    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+
+
+def add_picture(parser: argparse.ArgumentParser) -> None:
+    """Declare who is filmed, before what, and what draws."""
+    parser.add_argument("--character", default="", metavar="NAME", help="who is filmed: maya (default), theo or amara")
+    parser.add_argument(
+        "--background",
+        default="studio",
+        metavar="WHAT",
+        help="behind the character: studio (default), dusk, plain, or a colour such as #00ff00",
+    )
+    parser.add_argument("--renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
+
+
+def local_path(text: str) -> Path:
+    """A path; addresses are refused in plain words."""
+    if "://" in text:
+        raise argparse.ArgumentTypeError(f"{text} is an address; download it first, then name the file")
+    return Path(text)
+
+
+def size(text: str) -> tuple[int, int]:
+    """Width and height of a picture in pixels, written as 1280x720."""
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 1280x720")
+    sides = int(width), int(height)
+    if any(side % 2 or not 16 <= side <= 4096 for side in sides):
+        raise argparse.ArgumentTypeError(f"{text}: width and height are even, 16 to 4096")
+    return sides
+
+
+def advance(bar: "tqdm[object]", to: float, _: float = 0) -> None:
+    """Move a bar to a place; the third number, the length, it knows."""
+    bar.update(to - bar.n)

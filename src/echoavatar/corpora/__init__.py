@@ -1,4 +1,0 @@
-"""Sets to train on: a library of captured people, the synthetic rehearsal corpus, and faces.
-
-May import `files` and below; nothing that runs live imports it.
-"""

@@ -1,5 +1,0 @@
-"""Rehearsal: a synthetic corpus of sound and motion, so that training needs no third-party recordings.
-
-`track` makes text, voices, music and their labels; `choreography` moves to them, `solver` turns the result into joint
-rotations, `corpus` writes clips. May import `models`, `data`, `motion` and below. Everything follows from its seed.
-"""

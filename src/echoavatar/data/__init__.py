@@ -1,7 +1,0 @@
-"""Clips of sound and motion, and the folders that hold them. May import `kinematics` and below."""
-
-from .clip import DOMAINS, Clip
-from .corpus import ClipEntry, Corpus, Manifest, save_manifest, write_manifest
-from .sounds import Sound, SoundSet
-
-__all__ = ["DOMAINS", "Clip", "ClipEntry", "Corpus", "Manifest", "Sound", "SoundSet", "save_manifest", "write_manifest"]

@@ -1,0 +1,158 @@
+"""A clip becomes an action: the motion tokenizer reads it, and its first-layer upper-body codes are kept.
+
+Used by `echoavatar actions add`; nothing that runs live needs it.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter1d
+from torch import Tensor
+
+from echoavatar.engine.pipeline.actions import Action
+from echoavatar.engine.pipeline.foreign_rig import RigAdapter, RigConfig
+from echoavatar.errors import MotionError
+from echoavatar.models.generator.exemplar import UPPER
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.action_overlay import Overlay
+from echoavatar.motion.kinematics import Motion, Skeleton, from_features, to_features
+from echoavatar.motion.kinematics.easing import smootherstep
+from echoavatar.motion.kinematics.motion import resample
+from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.rotations import (
+    axis_angle_from_quaternion,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, ChunkSize
+
+LEAD_CHUNKS = 4  # of the first pose, so that the tokenizer has settled
+SHORTEST_S, LONGEST_S = 0.5, 20.0
+TORSO = ("spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder")
+EDGE = 6  # frames in which an overlay comes and goes
+SMOOTH_FRAMES = 1.2
+SMALLEST = 0.06  # radians; less is not worth keeping
+
+
+def action_from_motion(
+    tokenizer: BodyTokenizer,
+    name: str,
+    motion: Motion,
+    *,
+    hold_s: tuple[float, float] | None = None,
+    about: str = "",
+    guides: bool | None = None,
+) -> Action:
+    """An action of a clip on any rig; `hold_s` is what repeats when it is held (default: the middle half).
+
+    Without `guides`, the codes are asked for unless the clip has one only: then they say nothing but "stand".
+
+    Raises:
+        MotionError: the clip is too short or too long, or the name is not a name.
+    """
+    plain = _plain(name, motion)
+    codes, overlay = read_clip(tokenizer, motion)
+    chunks = len(codes) // 2
+    first, last = hold_s or (motion.seconds / 4, motion.seconds * 3 / 4)
+    per_chunk = FRAME_RATE_HZ / CHUNK_FRAMES
+    begin = min(round(first * per_chunk), chunks - 1)
+    end = min(max(round(last * per_chunk), begin + 1), chunks)
+    asked = len(set(codes)) > 1 if guides is None else guides
+    return Action(plain, codes, (begin, end), about or plain.replace("_", " "), asked, overlay)
+
+
+@torch.inference_mode()
+def set_from_motion(
+    tokenizer: BodyTokenizer,
+    rig: RigConfig,
+    name: str,
+    motion: Motion,
+    *,
+    chunk: ChunkSize,
+    hold_s: tuple[float, float] | None = None,
+    about: str = "",
+) -> Action:
+    """An action as the paper has it, for a bundle on a rig of its own: a set of codes that holds as a whole.
+
+    The clip, on any rig, is retargeted to the bundle's; the set are the codes of its stretch `hold_s` (default: the
+    middle half). It lasts as long as the clip, and nothing is put on top of what the codes say.
+
+    Raises:
+        MotionError: the clip is too short or too long, or the name is not a name.
+    """
+    plain, skeleton = _plain(name, motion), tokenizer.skeleton
+    motion = resample(retarget(motion, skeleton, has_footing=False), float(FRAME_RATE_HZ))
+    lead, fill = LEAD_CHUNKS * CHUNK_FRAMES, -motion.frames % FRAMES_PER_MOTION_TOKEN
+    at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
+    whole = replace(motion, rotations=motion.rotations[at], root=motion.root[at])
+    features = RigAdapter(rig, skeleton, "native").features_of(whole)
+    codes = tokenizer.encode(features[None])[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
+    first, last = hold_s or (motion.seconds / 4, motion.seconds * 3 / 4)
+    rate = FRAME_RATE_HZ / FRAMES_PER_MOTION_TOKEN
+    begin = min(int(first * rate), len(codes) - 1)
+    held = codes[begin : max(math.ceil(last * rate), begin + 1)]
+    length = chunk.within(motion.seconds)
+    members = tuple(sorted(set(held.tolist())))
+    return Action(plain, members, (0, length), about or plain.replace("_", " "), is_set=True, chunk=chunk)
+
+
+@torch.inference_mode()
+def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...], Overlay | None]:
+    """First-layer upper-body codes of a clip, whole chunks, and what of torso and head they do not say.
+
+    The last pose is held to fill the last chunk.
+
+    Raises:
+        MotionError: the tokenizer has one part for the whole body.
+    """
+    skeleton = tokenizer.skeleton
+    if len(tokenizer.config.parts) <= UPPER:
+        raise MotionError("actions are codes of the upper body, which this tokenizer does not keep apart")
+    if motion.skeleton != skeleton:
+        motion = retarget(motion, skeleton)
+    motion = resample(motion, float(FRAME_RATE_HZ))
+    lead, fill = LEAD_CHUNKS * CHUNK_FRAMES, -motion.frames % CHUNK_FRAMES
+    at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
+    rotations = matrix_from_quaternion(torch.from_numpy(motion.rotations[at]).float())
+    still = rotations.clone()
+    trunk = [skeleton.index(name) for name in TORSO if name in skeleton.names and "Shoulder" not in name]
+    still[:, trunk] = rotations[:1, trunk]  # bowed trunks have codes of their own, which turn the arms out
+    codes = tokenizer.encode(to_features(skeleton, still, torch.from_numpy(motion.root[at]).float())[None])
+    coarse = torch.full_like(codes, -1)
+    coarse[:, :, UPPER, 0] = codes[:, :, UPPER, 0]
+    said = from_features(skeleton, tokenizer.decode(coarse)[0]).rotations
+    turns = _turn(said.transpose(-1, -2) @ rotations)[lead:]
+    first = codes[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
+    return tuple(first.tolist()), _overlay(skeleton, turns)
+
+
+def _overlay(skeleton: Skeleton, turns: Float[np.ndarray, "t j 3"]) -> Overlay | None:
+    """Smoothed turns of torso and head, from nothing to nothing; None where they are too small to see."""
+    joints = [name for name in TORSO if name in skeleton.names]
+    own = turns[:, [skeleton.index(name) for name in joints]]
+    own = gaussian_filter1d(own - np.median(own[-EDGE:], axis=0), SMOOTH_FRAMES, axis=0)
+    edge = smootherstep(np.clip((np.arange(len(own)) + 1) / EDGE, 0, 1)).astype(np.float32)
+    own = own * (edge * edge[::-1])[:, None, None]
+    seen = [at for at in range(len(joints)) if np.abs(own[:, at]).max() > SMALLEST]
+    if not seen:
+        return None
+    return Overlay(tuple(joints[at] for at in seen), own[:, seen].astype(np.float32))
+
+
+def _plain(name: str, motion: Motion) -> str:
+    """The name as the library keeps it; MotionError where it or the clip's length cannot be."""
+    plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
+    if not plain.replace("_", "").isalnum() or not plain.isascii():
+        raise MotionError(f"{name!r} cannot name an action; use letters, digits and underscores")
+    if not SHORTEST_S <= motion.seconds <= LONGEST_S:
+        raise MotionError(
+            f"a clip of {motion.seconds:.1f} s cannot be an action; cut it to {SHORTEST_S:g} to {LONGEST_S:g} s"
+        )
+    return plain
+
+
+def _turn(rotations: Float[Tensor, "t j 3 3"]) -> Float[np.ndarray, "t j 3"]:
+    return axis_angle_from_quaternion(quaternion_from_matrix(rotations)).numpy()

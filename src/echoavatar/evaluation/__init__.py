@@ -1,4 +1,0 @@
-"""Evaluates bundles: reconstruction, audio reliance, behaviour, alignment with audio, latency.
-
-May import `engine` and below.
-"""

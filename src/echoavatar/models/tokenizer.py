@@ -1,0 +1,375 @@
+"""Motion to codes and back: one causal attention RVQ-VAE per body part (paper, Motion Tokenizer; figure A, B, C).
+
+Anatomically partitioned tokenisation: lower body, upper body and hands have codebooks of their own. `BodyTokenizer` is
+the whole body, with statistics and skeleton in one checkpoint; `MotionTokenizer` is one part. A part has three levels
+of attention at 30, 15 and 7.5 Hz, dual-path resampling between them, RVQ at the lowest. The state dict has the names of
+the released checkpoints (`input_liner` is their spelling), which therefore load. `blocks` and `resampling` choose the
+variants of the paper's ablation.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
+
+import torch
+from jaxtyping import Bool, Float, Int
+from pydantic import Field, model_validator
+from torch import Tensor, nn
+
+from echoavatar import checkpoint
+from echoavatar.checkpoint import Checkpointed
+from echoavatar.config import Config
+from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
+from echoavatar.nn import CausalBlock, CausalConvBlock, Mlp, StreamingModule, StreamState
+from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
+
+from .quantize import ResidualVectorQuantizer, Share
+
+LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()  # 3: every level but the last halves the rate
+
+
+class MotionTokenizerConfig(Config):
+    """Sizes of one part's tokenizer; the defaults are the paper recipe's."""
+
+    features: int = Field(gt=0, description="channels of the motion features")
+    width: int = Field(default=512, gt=0, description="latent channels")
+    heads: int = Field(default=8, gt=0, description="attention heads")
+    lookback: int = Field(default=15, ge=0, le=1024, description="past frames each frame may see")
+    layers: int = Field(default=6, gt=0, le=64, description="RVQ layers Q")
+    codes: int = Field(default=512, gt=1, description="codes per layer K")
+    decay: float = Field(default=0.99, gt=0, lt=1, description="moving average of the codebooks")
+    dead_below: float = Field(default=1.0, ge=0, description="average use per step under which a code is replaced")
+    kmeans_steps: int = Field(default=0, ge=0, le=10000, description="k-means steps when the codebooks are initialised")
+    blocks: Literal["attention", "convolution"] = Field(
+        default="attention", description="what looks back; convolutions are the paper's baseline"
+    )
+    resampling: Literal["dual", "learned", "strided"] = Field(
+        default="dual",
+        description="between levels: mean and MLP (the paper's dual path), the MLP alone, or one strided convolution",
+    )
+
+    @model_validator(mode="after")
+    def _heads_divide_width(self) -> Self:
+        if self.width % (2 * self.heads):
+            raise ValueError(f"width ({self.width}) must be a multiple of twice the heads ({self.heads})")
+        return self
+
+    def lookback_at(self, level: int) -> int:
+        """Past positions besides itself at a level: 15, 7, 3 for a look-back of 15 frames."""
+        return max(((self.lookback + 1) >> level) - 1, 0)
+
+
+@dataclass
+class EncoderState(StreamState):
+    """Past of each encoder block."""
+
+    blocks: list[StreamState]
+
+
+@dataclass
+class DecoderState(StreamState):
+    """Past of each decoder block."""
+
+    blocks: list[StreamState]
+
+
+class TokenizerPass(NamedTuple):
+    """One training pass: normalised features again, codes, commitment loss."""
+
+    features: Float[Tensor, "b t c"]
+    codes: Int[Tensor, "b n q"]
+    commitment: Float[Tensor, ""]
+
+
+class MotionTokenizer(nn.Module):
+    """Normalised features of one part <-> codes, four frames a token; causal in both directions."""
+
+    def __init__(self, config: MotionTokenizerConfig) -> None:
+        super().__init__()
+        self.config = config
+        width = config.width
+        down = range(LEVELS)
+        self.input_liner = nn.Linear(config.features, width)
+        self.encoder = nn.ModuleList(self._block(level) for level in down)
+        self.down_sample = nn.ModuleList(self._resampler(2 * width, width) for _ in down[1:])
+        self.quantizer = ResidualVectorQuantizer(
+            codes=config.codes,
+            width=width,
+            layers=config.layers,
+            decay=config.decay,
+            dead_below=config.dead_below,
+            kmeans_steps=config.kmeans_steps,
+        )
+        self.decoder = nn.ModuleList(self._block(level) for level in reversed(down))
+        self.up_sample = nn.ModuleList(self._resampler(width, 2 * width) for _ in down[1:])
+        self.output_liner = nn.Linear(width, config.features)
+
+    def forward(
+        self,
+        features: Float[Tensor, "b t c"],
+        *,
+        temperature: float = 0.0,
+        dropout: float = 0.0,
+        generator: torch.Generator | None = None,
+        share: Share | None = None,
+    ) -> TokenizerPass:
+        """Encode, quantise with gradient, decode; see `ResidualVectorQuantizer.forward` for the options."""
+        quantized = self.quantizer(
+            self.to_latents(features), temperature=temperature, dropout=dropout, generator=generator, share=share
+        )
+        return TokenizerPass(self.from_latents(quantized.latents), quantized.codes, quantized.commitment)
+
+    def encode(self, features: Float[Tensor, "b t c"]) -> Int[Tensor, "b n q"]:
+        """Codes of normalised features; the number of frames must be a multiple of four."""
+        return self.quantizer.encode(self.to_latents(features))
+
+    def decode(self, codes: Int[Tensor, "b n q"]) -> Float[Tensor, "b t c"]:
+        """Normalised features of codes; trailing layers may be missing or -1."""
+        return self.from_latents(self.quantizer.decode(codes))
+
+    def to_latents(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, "b n c2"]:
+        """The encoder alone."""
+        return self._encode_with(features, self.encoder)
+
+    def from_latents(self, latents: Float[Tensor, "b n c2"]) -> Float[Tensor, "b t c"]:
+        """The decoder alone."""
+        return self._decode_with(latents, self.decoder)
+
+    def init_encoder(self, rows: int) -> EncoderState:
+        """Encoder streams that have seen nothing."""
+        return EncoderState([block.init_state(rows) for block in _blocks(self.encoder)])
+
+    def init_decoder(self, rows: int) -> DecoderState:
+        """Decoder streams that have seen nothing."""
+        return DecoderState([block.init_state(rows) for block in _blocks(self.decoder)])
+
+    def encode_step(
+        self, features: Float[Tensor, "b t c"], state: EncoderState, active: Bool[Tensor, " b"]
+    ) -> Int[Tensor, "b n q"]:
+        """Codes of the next 4k frames of running clips."""
+        return self.quantizer.encode(self.latents_step(features, state, active))
+
+    def latents_step(
+        self, features: Float[Tensor, "b t c"], state: EncoderState, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b n c2"]:
+        """The next 4k frames of running clips before they are quantised."""
+        bound = (_Bound(b, s, active) for b, s in zip(_blocks(self.encoder), state.blocks, strict=True))
+        return self._encode_with(features, bound)
+
+    def decode_step(
+        self, codes: Int[Tensor, "b n q"], state: DecoderState, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b t c"]:
+        """The next 4k frames of running clips from k tokens."""
+        bound = (_Bound(b, s, active) for b, s in zip(_blocks(self.decoder), state.blocks, strict=True))
+        return self._decode_with(self.quantizer.decode(codes), bound)
+
+    def _encode_with(self, features: Tensor, blocks: "Iterable[nn.Module | _Bound]") -> Tensor:
+        if features.shape[1] % FRAMES_PER_MOTION_TOKEN:
+            raise ValueError(f"{features.shape[1]} frames are not a multiple of {FRAMES_PER_MOTION_TOKEN}")
+        h: Tensor = self.input_liner(features)
+        for level, block in enumerate(blocks):
+            h = block(h)
+            if level + 1 < LEVELS:
+                joined: Tensor = self.down_sample[level](h.reshape(h.shape[0], h.shape[1] // 2, -1))
+                h = pool_pairs(h) + joined if self.config.resampling == "dual" else joined
+        return h
+
+    def _decode_with(self, latents: Tensor, blocks: "Iterable[nn.Module | _Bound]") -> Tensor:
+        z = latents
+        for level, block in enumerate(blocks):
+            z = block(z)
+            if level + 1 < LEVELS:
+                spread: Tensor = self.up_sample[level](z).reshape(z.shape[0], -1, z.shape[2])
+                z = z.repeat_interleave(2, 1) + spread if self.config.resampling == "dual" else spread
+        result: Tensor = self.output_liner(z)
+        return result
+
+    def _resampler(self, inputs: int, outputs: int) -> nn.Module:
+        """Of neighbouring frames side by side; a linear layer there is a convolution of stride 2 and kernel 2."""
+        if self.config.resampling == "strided":
+            return nn.Linear(inputs, outputs)
+        return Mlp(inputs=inputs, hidden=4 * self.config.width, outputs=outputs)
+
+    def _block(self, level: int) -> StreamingModule[Any]:
+        config = self.config
+        if config.blocks == "convolution":
+            return CausalConvBlock(width=config.width)
+        return CausalBlock(width=config.width, heads=config.heads, lookback=config.lookback_at(level))
+
+
+def pool_pairs(x: Float[Tensor, "b t c"]) -> Float[Tensor, "b n c"]:
+    """Mean of neighbouring frames: the short path of the dual-path downsampling."""
+    return (x[:, 0::2] + x[:, 1::2]) / 2
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """A block with its stream: callable like the block itself."""
+
+    block: StreamingModule[Any]
+    state: StreamState
+    active: Tensor
+
+    def __call__(self, x: Tensor) -> Tensor:
+        return self.block.step(x, self.state, self.active)
+
+
+def _blocks(modules: nn.ModuleList) -> list[StreamingModule[Any]]:
+    return [module for module in modules if isinstance(module, StreamingModule)]
+
+
+PIECE_TOKENS = 60  # whole clips go through the streams in pieces of this length, so memory does not grow
+PartState = TypeVar("PartState", EncoderState, DecoderState)
+
+
+class BodyTokenizerConfig(Config):
+    """A skeleton and the sizes of each part's tokenizer."""
+
+    skeleton: SkeletonConfig = Field(description="the rig whose features are tokenised")
+    parts: dict[str, MotionTokenizerConfig] = Field(description="sizes of each part, in the skeleton's order")
+
+    @model_validator(mode="after")
+    def _parts_fit(self) -> Self:
+        sizes = part_sizes(Skeleton(self.skeleton))
+        if {name: part.features for name, part in self.parts.items()} != sizes:
+            raise ValueError(f"the parts must be those of the skeleton with their features, {sizes}")
+        if len({(part.layers, part.codes) for part in self.parts.values()}) != 1:
+            raise ValueError("all parts must have the same number of layers and codes")
+        return self
+
+    @property
+    def layers(self) -> int:
+        """RVQ layers Q of every part."""
+        return next(iter(self.parts.values())).layers
+
+    @property
+    def codes(self) -> int:
+        """Codes per layer K of every part."""
+        return next(iter(self.parts.values())).codes
+
+
+def body_config(skeleton: Skeleton, template: MotionTokenizerConfig) -> BodyTokenizerConfig:
+    """The same sizes for every part; `template.features` is replaced."""
+    return BodyTokenizerConfig(
+        skeleton=skeleton.config,
+        parts={name: template.model_copy(update={"features": size}) for name, size in part_sizes(skeleton).items()},
+    )
+
+
+def as_one_part(skeleton: Skeleton) -> Skeleton:
+    """The same rig as one part, with which the paper compares its body parts. Features change their order."""
+    joints = {"body": tuple(sorted(skeleton.feature_joints))}
+    return Skeleton(skeleton.config.model_copy(update={"parts": joints}))
+
+
+@dataclass
+class BodyState(StreamState, Generic[PartState]):
+    """Encoder or decoder streams of all parts."""
+
+    parts: list[PartState]
+
+
+class BodyTokenizer(Checkpointed):
+    """Motion features (315 channels for our rig) <-> codes of every part and layer, four frames a token."""
+
+    config_type = BodyTokenizerConfig
+    config: BodyTokenizerConfig
+    mean: Tensor
+    std: Tensor
+    varies: Tensor
+
+    def __init__(self, config: BodyTokenizerConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.skeleton = Skeleton(config.skeleton)
+        size = sum(part.features for part in config.parts.values())
+        self.parts = nn.ModuleDict({name: MotionTokenizer(part) for name, part in config.parts.items()})
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("std", torch.ones(size))
+        self.register_buffer("varies", torch.ones(size, dtype=torch.bool))
+
+    @property
+    def statistics(self) -> FeatureStatistics:
+        """Normalisation of the features."""
+        return FeatureStatistics(self.mean, self.std, self.varies)
+
+    @torch.no_grad()
+    def set_statistics(self, statistics: FeatureStatistics) -> None:
+        """Copy the corpus's statistics in."""
+        for own, value in zip(self.statistics, statistics, strict=True):
+            own.copy_(value)
+
+    def tokenizers(self) -> dict[str, MotionTokenizer]:
+        """The parts' tokenizers, in the order of the codes' part axis."""
+        return {name: part for name, part in self.parts.items() if isinstance(part, MotionTokenizer)}
+
+    def codebooks(self) -> Float[Tensor, "p q K c"]:
+        """The code vectors of every part and layer."""
+        parts = [torch.stack([book.codebook for book in part.quantizer.books()]) for part in self.tokenizers().values()]
+        return torch.stack(parts)
+
+    @torch.no_grad()
+    def encode(self, features: Float[Tensor, "b t c"], patience: float = 0.0) -> Int[Tensor, "b n p q"]:
+        """Codes of whole clips; the number of frames must be a multiple of four.
+
+        `patience` prefers codes that stay (`quantize.steadiest`): what a generator is trained on.
+        """
+        active, codes = _all(features), []
+        parts = split_parts(self.skeleton, self.statistics.normalize(features))
+        for name, tokenizer in self.tokenizers().items():
+            state = tokenizer.init_encoder(features.shape[0])
+            pieces = torch.split(parts[name], PIECE_TOKENS * FRAMES_PER_MOTION_TOKEN, 1)
+            latents = torch.cat([tokenizer.latents_step(piece, state, active) for piece in pieces], 1)
+            codes.append(tokenizer.quantizer.encode(latents, patience))
+        return torch.stack(codes, 2)
+
+    @torch.no_grad()
+    def decode(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b t c"]:
+        """Features (not normalised) of whole clips; trailing layers may be missing or -1."""
+        state, active = self.init_decoder(codes.shape[0]), _all(codes)
+        pieces = torch.split(codes, PIECE_TOKENS, 1)
+        return torch.cat([self.decode_step(piece, state, active) for piece in pieces], 1)
+
+    def init_encoder(self, rows: int) -> BodyState[EncoderState]:
+        """Encoder streams that have seen nothing."""
+        return BodyState([part.init_encoder(rows) for part in self.tokenizers().values()])
+
+    def init_decoder(self, rows: int) -> BodyState[DecoderState]:
+        """Decoder streams that have seen nothing."""
+        return BodyState([part.init_decoder(rows) for part in self.tokenizers().values()])
+
+    def encode_step(
+        self, features: Float[Tensor, "b t c"], state: BodyState[EncoderState], active: Bool[Tensor, " b"]
+    ) -> Int[Tensor, "b n p q"]:
+        """Codes of the next 4k frames of running clips."""
+        parts = split_parts(self.skeleton, self.statistics.normalize(features))
+        return torch.stack(
+            [
+                tokenizer.encode_step(parts[name], part, active)
+                for (name, tokenizer), part in zip(self.tokenizers().items(), state.parts, strict=True)
+            ],
+            2,
+        )
+
+    def decode_step(
+        self, codes: Int[Tensor, "b n p q"], state: BodyState[DecoderState], active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b t c"]:
+        """The next 4k frames of running clips from k tokens: features, not normalised."""
+        parts = [
+            tokenizer.decode_step(codes[:, :, p], part, active)
+            for p, (tokenizer, part) in enumerate(zip(self.tokenizers().values(), state.parts, strict=True))
+        ]
+        return self.statistics.denormalize(torch.cat(parts, -1))
+
+    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16) -> None:
+        """Write the checkpoint folder; weights in `dtype`, statistics in full precision."""
+        weights = {
+            key: value.to(dtype or value.dtype) if key.startswith("parts.") else value
+            for key, value in self.state_dict().items()
+        }
+        checkpoint.save(folder, config=self.config, weights=weights, card=card)
+
+
+def _all(x: Tensor) -> Tensor:
+    return torch.ones(x.shape[0], dtype=torch.bool, device=x.device)

@@ -1,0 +1,354 @@
+"""Codes, vocabulary ids, and the orders in which audio and motion share one sequence.
+
+Paper, Audio Driven Motion Generation: the multi-layer RVQ indices of audio and motion are flattened into one
+autoregressive stream (after MusicGen). One time step of motion is 3 Q ids in the order of the segments: the layers of
+the lower body, then of the upper body, then of the hands. Position k of the motion stream may hold segment k mod 3 Q
+only, so predictions are grouped by segment.
+
+An order turns windows of codes into ids, and says which position predicts which motion code. `prefix` (paper,
+Settings): the audio of the whole window, then its motion. `depth` (ours; the shipped generator's): the ids of one
+motion time step after those of another, for a generator that reads a time step at once. `interleaved` (ours): start id,
+then per chunk 40 audio ids and 6 Q motion ids; every motion position sees exactly the audio it sees live. The table
+`layouts` needs it: it shows what one transformer loses or gains when it does not read the paper's window anew at every
+step.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import torch
+from jaxtyping import Bool, Int
+from pydantic import Field, model_validator
+from torch import Tensor
+
+from echoavatar.config import Config
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
+
+PARTS = 3  # lower body, upper body, hands
+
+
+class TokenLayout(Config):
+    """Rows of the vocabulary. The defaults are the compact vocabulary of our own models."""
+
+    audio_layers: int = Field(default=2, gt=0, le=64, description="RVQ layers of the audio codec that are used")
+    audio_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes in each audio codebook")
+    motion_layers: int = Field(default=4, gt=0, le=64, description="RVQ layers Q of each motion tokenizer")
+    motion_codes: int = Field(default=512, gt=0, le=1 << 20, description="codes K in each motion codebook")
+    parts: int = Field(default=PARTS, gt=0, le=64, description="motion tokenizers beside each other; 1: the body whole")
+    start_id: int = Field(default=0, ge=0, description="the id that opens a sequence")
+    before_audio: tuple[int, ...] = Field(default=(1,), description="ids before the audio of a prefix prompt")
+    before_motion: tuple[int, ...] = Field(default=(2,), description="ids between audio and motion of a prefix prompt")
+    before_example: tuple[int, ...] = Field(
+        default=(), description="ids that open a prefix prompt which shows an example; () if none ever does"
+    )
+    after_example: tuple[int, ...] = Field(default=(), description="ids between the example and `before_audio`")
+    audio_base: int = Field(default=4, ge=0, description="id of code 0 in audio layer 0")
+    motion_base: int = Field(default=4 + 2 * 512, ge=0, description="id of code 0 in segment 0")
+    vocabulary: int = Field(default=4 + 2 * 512 + 12 * 512, gt=0, description="rows of the embedding table")
+
+    @model_validator(mode="after")
+    def _rows_do_not_overlap(self) -> Self:
+        audio_end = self.audio_base + self.audio_layers * self.audio_codes
+        if audio_end > self.motion_base:
+            raise ValueError(f"audio rows end at {audio_end}, behind motion_base ({self.motion_base})")
+        motion_end = self.motion_base + self.segments * self.motion_codes
+        if motion_end > self.vocabulary:
+            raise ValueError(f"motion rows end at {motion_end}, behind the vocabulary ({self.vocabulary})")
+        specials = (self.start_id, *self.before_audio, *self.before_motion, *self.before_example)
+        specials += self.after_example
+        if max(specials) >= self.audio_base or min(specials) < 0:
+            raise ValueError(f"special ids {specials} must lie below audio_base ({self.audio_base})")
+        return self
+
+    @classmethod
+    def compact(
+        cls,
+        *,
+        audio_codes: int,
+        motion_layers: int,
+        motion_codes: int,
+        audio_layers: int = 2,
+        parts: int = PARTS,
+        has_example: bool = False,
+    ) -> Self:
+        """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows.
+
+        With `has_example` a prefix prompt may show control tokens behind the fourth special; no row is added for it.
+        """
+        motion_base = 4 + audio_layers * audio_codes
+        return cls(
+            audio_layers=audio_layers,
+            audio_codes=audio_codes,
+            motion_layers=motion_layers,
+            motion_codes=motion_codes,
+            parts=parts,
+            before_example=(3,) if has_example else (),
+            motion_base=motion_base,
+            vocabulary=motion_base + parts * motion_layers * motion_codes,
+        )
+
+    @property
+    def segments(self) -> int:
+        """Period 3 Q of the motion grammar (Q where the body is one part)."""
+        return self.parts * self.motion_layers
+
+    def audio_ids(self, codes: Int[Tensor, "b f l"]) -> Int[Tensor, "b t"]:
+        """Flatten audio codes (b, f, layers) into ids (b, f x layers): per frame layer 0, then layer 1."""
+        layer = torch.arange(self.audio_layers, device=codes.device) * self.audio_codes + self.audio_base
+        return (codes.long() + layer).flatten(1)
+
+    def flatten(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
+        """Motion codes (b, n, 3, Q) to codes (b, n x 3 Q) in grammar order (codes, not ids)."""
+        return codes.flatten(1)
+
+    def unflatten(self, flat: Int[Tensor, "b t"]) -> Int[Tensor, "b n p q"]:
+        """The inverse of `flatten`."""
+        return flat.reshape(len(flat), -1, self.parts, self.motion_layers)
+
+    def motion_ids(self, codes: Int[Tensor, "b n p q"]) -> Int[Tensor, "b t"]:
+        """Flatten motion codes into ids (b, n x 3 Q), segment by segment."""
+        rows = torch.arange(self.segments, device=codes.device) * self.motion_codes + self.motion_base
+        return (codes.long().flatten(2) + rows).flatten(1)
+
+    def segment_start(self, segment: int) -> int:
+        """The id of code 0 in a segment of the motion grammar."""
+        return self.motion_base + segment * self.motion_codes
+
+
+REFERENCE_LAYOUT = TokenLayout(
+    audio_layers=2,
+    audio_codes=1024,
+    motion_layers=6,
+    motion_codes=512,
+    start_id=151_644,  # <|im_start|>
+    before_audio=(151_644, 872, 198),  # <|im_start|>user\n
+    before_motion=(151_645, 198, 151_644, 77_091, 198),  # <|im_end|>\n<|im_start|>assistant\n
+    before_example=(151_644, 8_948, 198),  # <|im_start|>system\n
+    after_example=(151_645, 198),  # <|im_end|>\n
+    audio_base=151_690,
+    motion_base=156_690,
+    vocabulary=166_690,
+)
+"""The vocabulary of the authors' release: Qwen2.5's text rows, 5,000 audio rows (2,048 used), 10,000 motion rows."""
+
+
+class Sequences(NamedTuple):
+    """Training sequences: ids in, motion codes out. k = 3 Q segments, n motion time steps."""
+
+    ids: Int[Tensor, "b t"]
+    valid: Bool[Tensor, "b t"] | None  # None where every position counts
+    predictors: Int[Tensor, "k n"]  # the position whose output predicts segment k of time step n
+    targets: Int[Tensor, "b k n"]  # codes 0..K-1
+    mask: Bool[Tensor, "b n"]  # time steps that carry loss
+    asked: Int[Tensor, " n"] | None = None  # depth order: the time steps whose codes are asked for; None is all
+
+    def asking(self, asked: Int[Tensor, " m"]) -> "Sequences":
+        """The same ids, of which the codes of these time steps alone are asked for (depth order)."""
+        predictors = self.predictors[:, : len(asked)]  # hidden states are counted among those asked
+        return self._replace(
+            predictors=predictors, targets=self.targets[:, :, asked], mask=self.mask[:, asked], asked=asked
+        )
+
+
+@dataclass(frozen=True)
+class SequenceOrder(ABC):
+    """How windows of codes become one sequence of ids."""
+
+    layout: TokenLayout
+    window_chunks: int
+
+    @property
+    def audio_per_chunk(self) -> int:
+        """Audio ids of a chunk: 40."""
+        return AUDIO_FRAMES_PER_CHUNK * self.layout.audio_layers
+
+    @property
+    def motion_per_chunk(self) -> int:
+        """Motion ids of a chunk: 6 Q."""
+        return MOTION_TOKENS_PER_CHUNK * self.layout.segments
+
+    @property
+    def ids_per_chunk(self) -> int:
+        """All ids of a chunk."""
+        return self.audio_per_chunk + self.motion_per_chunk
+
+    @property
+    @abstractmethod
+    def lookback(self) -> int | None:
+        """Ids that a position sees, itself included; None where it sees the whole sequence."""
+
+    @abstractmethod
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """Of each audio frame of `chunks` chunks the position whose input is its last code."""
+
+    @abstractmethod
+    def build(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        target: Int[Tensor, "b n p q"],
+        missing: Int[Tensor, " b"],
+    ) -> Sequences:
+        """Sequences of whole chunks: `context` codes are read, `target` codes are asked for.
+
+        `missing` leading chunks of a row count as not there, as at the beginning of a session.
+        """
+
+    def _targets(self, target: Int[Tensor, "b n p q"]) -> Int[Tensor, "b k n"]:
+        return target.long().flatten(2).transpose(1, 2)
+
+    def _present(self, missing: Int[Tensor, " b"], chunks: int, each: int) -> Bool[Tensor, "b t"]:
+        chunk = torch.arange(chunks, device=missing.device).repeat_interleave(each)
+        return chunk >= missing[:, None]
+
+
+class Interleaved(SequenceOrder):
+    """start, then per chunk 40 audio ids and 6 Q motion ids; a sliding band of `window_chunks` chunks."""
+
+    @property
+    def lookback(self) -> int:
+        """The band in ids: all ids of `window_chunks` chunks."""
+        return self.window_chunks * self.ids_per_chunk
+
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """See `SequenceOrder.heard`; the start id stands before everything."""
+        within = (torch.arange(AUDIO_FRAMES_PER_CHUNK) + 1) * self.layout.audio_layers
+        return (torch.arange(chunks)[:, None] * self.ids_per_chunk + within).flatten()
+
+    def build(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        target: Int[Tensor, "b n p q"],
+        missing: Int[Tensor, " b"],
+    ) -> Sequences:
+        """See `SequenceOrder.build`. A band needs no short windows: `missing` chunks only lose their loss."""
+        sound = self.layout.audio_ids(audio).view(len(audio), -1, self.audio_per_chunk)
+        moves = self.layout.motion_ids(context).view(len(audio), -1, self.motion_per_chunk)
+        body = torch.cat([sound, moves], dim=2).flatten(1)
+        start = torch.full_like(body[:, :1], self.layout.start_id)
+        chunks = sound.shape[1]
+        motion = torch.arange(self.motion_per_chunk, device=body.device) + self.audio_per_chunk
+        at = (torch.arange(chunks, device=body.device)[:, None] * self.ids_per_chunk + motion).flatten()
+        predictors = at.view(-1, self.layout.segments).T.contiguous()
+        mask = self._present(missing, chunks, MOTION_TOKENS_PER_CHUNK)
+        return Sequences(torch.cat([start, body[:, :-1]], 1), None, predictors, self._targets(target), mask)
+
+
+class Prefix(SequenceOrder):
+    """The paper's order: all audio of the window, then all its motion; the window slides under every position."""
+
+    @property
+    def lookback(self) -> None:
+        """Within a window everything earlier is seen."""
+        return None
+
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """See `SequenceOrder.heard`."""
+        frames = torch.arange(chunks * AUDIO_FRAMES_PER_CHUNK) + 1
+        return len(self.layout.before_audio) - 1 + frames * self.layout.audio_layers
+
+    def prompt(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        missing: Int[Tensor, " b"],
+        example: Int[Tensor, "b m"] | None = None,
+    ) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
+        """Ids and validity of audio followed by as much motion as `context` holds.
+
+        `example` are the ids that a system prompt shows in front, -1 where a row has fewer (paper, Exemplar-Driven
+        Control); rows without any have no system prompt.
+        """
+        rows, device = audio.shape[0], audio.device
+        sound, moves = self.layout.audio_ids(audio), self.layout.motion_ids(context)
+        before, between = (
+            torch.tensor(ids, dtype=torch.int64, device=device).expand(rows, -1)
+            for ids in (self.layout.before_audio, self.layout.before_motion)
+        )
+        chunks = sound.shape[1] // self.audio_per_chunk
+        there = self._present(missing, chunks, self.audio_per_chunk)
+        moved = self._present(missing, chunks, self.motion_per_chunk)[:, : moves.shape[1]]
+        yes, also = torch.ones_like(before, dtype=torch.bool), torch.ones_like(between, dtype=torch.bool)
+        ids, valid = [before, sound, between, moves], [yes, there, also, moved]
+        if example is not None:
+            shown, is_shown = self._shown(example)
+            ids, valid = [shown, *ids], [is_shown, *valid]
+        return torch.cat(ids, dim=1), torch.cat(valid, dim=1)
+
+    def _shown(self, example: Int[Tensor, "b m"]) -> tuple[Int[Tensor, "b t"], Bool[Tensor, "b t"]]:
+        """The system prompt of each row; it is invalid in rows without an example."""
+        rows, is_id = len(example), example >= 0
+        head, tail = (
+            torch.tensor(ids, dtype=torch.int64, device=example.device).expand(rows, -1)
+            for ids in (self.layout.before_example, self.layout.after_example)
+        )
+        any_ = is_id.any(1, keepdim=True)
+        valid = torch.cat([any_.expand(-1, head.shape[1]), is_id, any_.expand(-1, tail.shape[1])], dim=1)
+        return torch.cat([head, example.clamp(min=0), tail], dim=1), valid
+
+    def build(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        target: Int[Tensor, "b n p q"],
+        missing: Int[Tensor, " b"],
+        example: Int[Tensor, "b m"] | None = None,
+    ) -> Sequences:
+        """See `SequenceOrder.build`. `example`: see `prompt`."""
+        ids, valid = self.prompt(audio, context, missing, example)
+        count = context.shape[1] * self.layout.segments
+        first = ids.shape[1] - count - 1
+        at = torch.arange(first, first + count, device=ids.device)
+        predictors = at.view(-1, self.layout.segments).T.contiguous()
+        mask = self._present(missing, context.shape[1] // MOTION_TOKENS_PER_CHUNK, MOTION_TOKENS_PER_CHUNK)
+        return Sequences(ids[:, :-1], valid[:, :-1], predictors, self._targets(target), mask)
+
+
+class Depth(SequenceOrder):
+    """Per motion time step (a frame) its 20 audio ids and its 3 Q motion ids; a position of the backbone is a frame.
+
+    Each frame hears its own sound and the motion before it. Hidden states are one per code, frame after frame.
+    """
+
+    @property
+    def audio_per_frame(self) -> int:
+        """Audio ids of a frame: 20."""
+        return exact_div(self.audio_per_chunk, MOTION_TOKENS_PER_CHUNK)
+
+    @property
+    def lookback(self) -> int:
+        """Frames that a position of the backbone sees, its own included."""
+        return self.window_chunks * MOTION_TOKENS_PER_CHUNK
+
+    def heard(self, chunks: int) -> Int[Tensor, " f"]:
+        """Of each audio frame the position of the backbone that hears it."""
+        frames = torch.arange(chunks * MOTION_TOKENS_PER_CHUNK)
+        return frames.repeat_interleave(exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK))
+
+    def build(
+        self,
+        audio: Int[Tensor, "b f l"],
+        context: Int[Tensor, "b n p q"],
+        target: Int[Tensor, "b n p q"],
+        missing: Int[Tensor, " b"],
+    ) -> Sequences:
+        """See `SequenceOrder.build`. `missing` chunks only lose their loss; `predictors` count hidden states."""
+        sound = self.layout.audio_ids(audio).view(len(audio), -1, self.audio_per_frame)
+        moves = self.layout.motion_ids(context).view(len(audio), -1, self.layout.segments)
+        frames = sound.shape[1]
+        at = torch.arange(frames * self.layout.segments, device=audio.device)
+        predictors = at.view(frames, self.layout.segments).T.contiguous()
+        mask = self._present(missing, exact_div(frames, MOTION_TOKENS_PER_CHUNK), MOTION_TOKENS_PER_CHUNK)
+        return Sequences(torch.cat([sound, moves], dim=2).flatten(1), None, predictors, self._targets(target), mask)
+
+
+def sequence_order(name: str, layout: TokenLayout, window_chunks: int) -> SequenceOrder:
+    """The order of that name: `interleaved`, `prefix` or `depth`."""
+    orders: dict[str, type[Interleaved | Prefix | Depth]] = {
+        "interleaved": Interleaved,
+        "prefix": Prefix,
+        "depth": Depth,
+    }
+    return orders[name](layout, window_chunks)

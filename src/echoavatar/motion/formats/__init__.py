@@ -1,0 +1,9 @@
+"""Motion and rigs as files: BVH, tables (CSV, NPZ), and the rig of a character in a GLB or VRM.
+
+May import `motion.kinematics` and below.
+"""
+
+from .bvh import read_bvh, write_bvh
+from .tables import read_npz, write_csv, write_npz
+
+__all__ = ["read_bvh", "read_npz", "write_bvh", "write_csv", "write_npz"]

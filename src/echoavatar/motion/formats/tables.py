@@ -1,0 +1,132 @@
+"""Motion as plain tables: CSV for spreadsheets and other programs, NPZ for NumPy."""
+
+import io
+import math
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from pydantic import ValidationError
+
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.limits import ARRAYS_BYTES, check_file
+from echoavatar.whole_file import write_whole
+
+from ..kinematics.motion import Motion
+from ..kinematics.skeleton import Skeleton, SkeletonConfig
+
+
+def write_csv(path: Path | str, motion: Motion) -> None:
+    """Write one row per frame: seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
+    head = ["time", "root.x", "root.y", "root.z"]
+    head += [f"{name}.{axis}" for name in motion.skeleton.names for axis in "wxyz"]
+    times = np.arange(motion.frames)[:, None] / motion.fps
+    table = np.concatenate([times, motion.root, motion.rotations.reshape(motion.frames, -1)], 1)
+    row = ",".join(["%.6f"] * table.shape[1])
+    text = "\n".join([",".join(head), *(row % tuple(frame) for frame in table.tolist())])
+    write_whole(path, text + "\n", error=MotionError)
+
+
+def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
+    """Write arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
+
+    `beside` are further arrays to store, such as a face.
+    """
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **(_arrays(motion) | beside))
+    write_whole(path, packed.getvalue(), error=MotionError)
+
+
+def read_npz(path: Path | str) -> Motion:
+    """Read a file of `write_npz`; raises MotionError where it is missing, damaged, or something else."""
+    try:
+        return motion_of(arrays_of(Path(path), MotionError))
+    except FileNotFoundError as error:
+        raise MotionError(f"{path} does not exist; check the name") from error
+    except NPZ_ERRORS as error:
+        raise MotionError(f"{path} holds no motion or is damaged ({str(error)[:160]}); write it again") from error
+
+
+def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
+    """The motion in arrays that `write_npz` wrote; raises one of `NPZ_ERRORS` where they are something else."""
+    skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
+    return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
+
+
+NPZ_ERRORS = (OSError, ValueError, KeyError, EOFError, IndexError, TypeError, zipfile.BadZipFile, ValidationError)
+
+
+class NpzArrays(Mapping[str, np.ndarray]):
+    """The arrays of an npz file, each read when it is asked for. Sizes are checked before anything is unpacked.
+
+    Opening and reading raise FileNotFoundError, OSError, ValueError or zipfile.BadZipFile for files that are missing,
+    damaged, or with pickles in them.
+    """
+
+    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> None:
+        """Raises an error of the given kind where the file is too large, or unpacks to too much."""
+        check_file(path, ARRAYS_BYTES, error)
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:
+            raise ValueError(str(reason)) from reason
+        entries = self._archive.infolist()
+        unpacked = sum(entry.file_size for entry in entries)
+        if unpacked > ARRAYS_BYTES:
+            self._archive.close()
+            raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
+        self._names = {entry.filename.removesuffix(".npy"): entry.filename for entry in entries}
+
+    def __getitem__(self, key: str) -> np.ndarray:
+        name = self._names[key]
+        try:
+            return array_of(self._archive.read(name))
+        except (NotImplementedError, RuntimeError) as reason:  # an unknown method, or encrypted
+            raise ValueError(str(reason)) from reason
+        except zlib.error as reason:
+            raise ValueError(f"damaged: {reason}") from reason
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._archive.close()
+
+
+def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
+    """Every array of an npz file; raises what `NpzArrays` raises."""
+    with NpzArrays(path, error) as stored:
+        return dict(stored)
+
+
+def array_of(data: bytes) -> np.ndarray:
+    """The array of an npy file's bytes; raises ValueError where header and data do not fit, and for pickles."""
+    file = io.BytesIO(data)
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
+    if math.prod(shape) * dtype.itemsize > len(data) - file.tell():
+        raise ValueError(f"the header says {shape}, and there is less")
+    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+
+
+def _arrays(motion: Motion) -> dict[str, Any]:
+    return {
+        "rotations": motion.rotations,
+        "root": motion.root,
+        "fps": np.array(motion.fps),
+        "skeleton": np.array(motion.skeleton.config.model_dump_json()),
+    }

@@ -1,0 +1,185 @@
+"""Keep hands on each other and on the body where the source has them: steps of retargeting a clip to another body.
+
+If only rotations are retargeted, a clap makes long arms pass through each other, and short arms never meet. Where the
+source's palms are near each other, the target's palms get the same offset from each other, scaled by the size of the
+hands, about their own midpoint. Where a point of a hand is near torso, neck or head of the source, it is moved to the
+same place on the target's part, in shares of the part's width, height and depth. An arm that hangs straight touches the
+hip by chance, so it is left to hang. Both arms bend by closed-form IK, and the hands keep their orientation.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from ..kinematics import Motion, Pose, Skeleton, forward_kinematics
+from ..kinematics.easing import falloff
+from ..kinematics.rigs import bone_map
+from ..kinematics.rotations import quaternion_from_matrix
+from ..kinematics.two_bone import reach
+from .hand_collisions import hand_points
+from .profile import BodyProfile, RoundedPart
+
+NEAR, FAR = 1.3, 3.5  # hand lengths between the palms: full effect up to NEAR, none from FAR on
+SKIN_NEAR, SKIN_FAR = 0.3, 1.3  # hand lengths between hand and body: full effect up to SKIN_NEAR, none from SKIN_FAR on
+HANGING, BENT = 0.45, 0.9  # bend of the elbow, radians: no effect up to HANGING, full effect from BENT on
+FOREARM = 0.37  # length of a hand without knuckles, as a share of the forearm
+PALM = 0.8  # where the palm is on the way from the wrist to the knuckles
+_STRAIGHT = 0.15  # weight of the rest pose's hinge, which decides where the elbow is nearly straight
+
+
+class Arm(NamedTuple):
+    """The joints of an arm, its palm, and how its elbow bends."""
+
+    above: tuple[int, int, int]  # parents of upper arm, lower arm and hand
+    upper: int
+    lower: int
+    hand: int
+    palm: Float[Tensor, "3"]  # from the wrist, in the hand's frame
+    length: float  # from wrist to knuckles
+    hinge: Float[Tensor, "3"]  # axis about which the elbow flexes, at rest
+
+
+def keep_hands_together(source: Motion, moved: Motion) -> Motion:
+    """`moved` (`source` on another rig) with its palms together wherever the source's are."""
+    theirs, ours = ([find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
+    pose = _pose(source)
+    gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
+    size = sum(arm.length for arm in theirs) / 2
+    weight = falloff(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
+    if not bool((weight > 0).any()):
+        return moved
+    rotations, pose = moved.matrices().double(), _pose(moved)
+    palms = [_palm(pose, arm) for arm in ours]
+    middle = (palms[0] + palms[1]) / 2
+    wanted = gap * (sum(arm.length for arm in ours) / 2 / size)
+    for arm, palm, half in zip(ours, palms, (-0.5, 0.5), strict=True):
+        rotations = move_hand(arm, rotations, pose, weight * (middle + half * wanted - palm))
+    return replace(moved, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
+
+
+def find_arm(skeleton: Skeleton, side: str) -> Arm:
+    """The `left` or `right` arm of a rig with known bones."""
+    bones = bone_map(skeleton)
+    upper, lower, hand = (bones[side + name] for name in ("UpperArm", "LowerArm", "Hand"))
+    rest = skeleton.rest_positions.double()
+    knuckle = bones.get(f"{side}MiddleProximal", bones.get(f"{side}IndexProximal"))
+    forearm = rest[hand] - rest[lower]
+    to_knuckles = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
+    hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
+    return Arm(
+        (skeleton.parents[upper], skeleton.parents[lower], skeleton.parents[hand]),
+        upper,
+        lower,
+        hand,
+        PALM * to_knuckles,
+        float(to_knuckles.norm()),
+        hinge / hinge.norm(),
+    )
+
+
+def _palm(pose: Pose, arm: Arm) -> Tensor:
+    return pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm)
+
+
+def move_hand(
+    arm: Arm, rotations: Float[Tensor, "t j 3 3"], pose: Pose, shift: Float[Tensor, "t 3"]
+) -> Float[Tensor, "t j 3 3"]:
+    """Local rotations with this arm bent so that its hand moves by `shift` and keeps its orientation."""
+    place, world = pose.positions, pose.rotations
+    shoulder, elbow, wrist = (place[:, joint] for joint in (arm.upper, arm.lower, arm.hand))
+    upper, lower = elbow - shoulder, wrist - elbow
+    bend = torch.linalg.cross(upper, lower) / (upper.norm(dim=-1) * lower.norm(dim=-1))[:, None]
+    hinge = bend + _STRAIGHT * (world[:, arm.lower] @ arm.hinge)
+    hinge = hinge / hinge.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    first, second = reach(hip=shoulder, knee=elbow, ankle=wrist, hinge=hinge, target=wrist + shift)
+    above = first @ world[:, arm.upper]
+    below = second @ world[:, arm.lower]
+    bent = rotations.clone()
+    over_upper, over_lower, over_hand = arm.above  # a rig may have extra joints in an arm
+    bent[:, arm.upper] = world[:, over_upper].transpose(-1, -2) @ above
+    bent[:, arm.lower] = (first @ world[:, over_lower]).transpose(-1, -2) @ below
+    bent[:, arm.hand] = (second @ world[:, over_hand]).transpose(-1, -2) @ world[:, arm.hand]
+    return torch.where((shift != 0).any(-1)[:, None, None, None], bent, rotations)
+
+
+def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours: BodyProfile) -> Motion:
+    """`moved` (`source` on another rig) with its hands on its body wherever the source's are.
+
+    The body of a source whose rest pose does not stand is not known; then nothing changes.
+    """
+    maps = [bone_map(motion.skeleton) for motion in (source, moved)]
+    if not _stands(source.skeleton, maps[0]):
+        return moved
+    shared = maps[0].keys() & maps[1].keys()
+    poses = [_pose(motion) for motion in (source, moved)]
+    parts: list[str] = [
+        part.bone for part in theirs.parts if part.bone in {p.bone for p in ours.parts} and part.bone in shared
+    ]
+    rotations = moved.matrices().double()
+    bodies = [
+        _body(profile, parts, bones, pose) for profile, bones, pose in zip((theirs, ours), maps, poses, strict=True)
+    ]
+    (places, centres, radii), (our_places, our_centres, our_radii) = bodies
+    joints = [maps[1][bone] for bone in parts]
+    axes = poses[1].rotations[:, joints]  # used for the source's parts too, because its rest pose may differ
+    for side in ("left", "right"):
+        arm = find_arm(source.skeleton, side)
+        elbow = _bend(poses[0], arm.upper, arm.lower, arm.hand)
+        hands = [
+            _points(motion.skeleton, {name: bones[name] for name in shared}, side, pose, profile)
+            for motion, bones, pose, profile in zip((source, moved), maps, poses, (theirs, ours), strict=True)
+        ]
+        (points, thick), (our_points, our_thick) = hands
+        away = torch.einsum("teij,tpei->tpej", axes, points[:, :, None] - places[:, None]) - centres
+        wide = radii + thick[:, None, None]
+        unit = away / wide
+        far = unit.norm(dim=-1)
+        air = far * (far - 1) / (unit / wide).norm(dim=-1).clamp_min(1e-9)
+        weight = falloff(air / arm.length, SKIN_NEAR, SKIN_FAR) * (1 - falloff(elbow, HANGING, BENT))[:, None, None]
+        local = our_centres + unit * (our_radii + our_thick[:, None, None])
+        wanted = our_places[:, None] + torch.einsum("teij,tpej->tpei", axes, local)
+        share = weight.square()[..., None]
+        shift = (share * (wanted - our_points[:, :, None])).sum((1, 2)) / share.sum((1, 2)).clamp_min(1e-9)
+        rotations = move_hand(find_arm(moved.skeleton, side), rotations, poses[1], weight.amax((1, 2))[:, None] * shift)
+    return replace(moved, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
+
+
+def _pose(motion: Motion) -> Pose:
+    return forward_kinematics(motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double())
+
+
+def _stands(skeleton: Skeleton, bones: dict[str, int]) -> bool:
+    height = skeleton.rest_positions[:, 1]
+    return bool(height[bones["head"]] > height[bones["hips"]] > height[bones["leftFoot"]])
+
+
+def _points(
+    skeleton: Skeleton, bones: dict[str, int], side: str, pose: Pose, profile: BodyProfile
+) -> tuple[Float[Tensor, "t p 3"], Float[Tensor, " p"]]:
+    """World positions of a hand's points, and its half thickness there."""
+    hand = hand_points(skeleton, bones, side)
+    joints = [point.joint for point in hand]
+    offsets = torch.from_numpy(np.array([point.offset for point in hand])).double()
+    places = pose.positions[:, joints] + torch.einsum("tpij,pj->tpi", pose.rotations[:, joints], offsets)
+    return places, torch.tensor([profile.palm if point.is_palm else profile.finger for point in hand]).double()
+
+
+def _body(
+    profile: BodyProfile, parts: list[str], bones: dict[str, int], pose: Pose
+) -> tuple[Float[Tensor, "t e 3"], Float[Tensor, "e 3"], Float[Tensor, "e 3"]]:
+    """World positions of the parts' bones; centres and radii of the parts in the bones' axes."""
+    known: dict[str, RoundedPart] = {part.bone: part for part in profile.parts}
+    centres = torch.tensor([known[bone].centre for bone in parts]).double()
+    radii = torch.tensor([known[bone].radii for bone in parts]).double()
+    return pose.positions[:, [bones[bone] for bone in parts]], centres, radii
+
+
+def _bend(pose: Pose, shoulder: int, elbow: int, wrist: int) -> Float[Tensor, " t"]:
+    """Radians between upper arm and forearm; 0 is straight."""
+    upper = pose.positions[:, elbow] - pose.positions[:, shoulder]
+    lower = pose.positions[:, wrist] - pose.positions[:, elbow]
+    return torch.atan2(torch.linalg.cross(upper, lower).norm(dim=-1), (upper * lower).sum(-1))

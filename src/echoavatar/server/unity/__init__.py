@@ -1,8 +1,0 @@
-"""A server for the authors' Unity projects: their motion messages out, audio and actions in, over TCP.
-
-May import `engine`, `reference` and below.
-"""
-
-from .serve import UnitySettings, serve_unity
-
-__all__ = ["UnitySettings", "serve_unity"]

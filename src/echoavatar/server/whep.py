@@ -1,0 +1,348 @@
+"""WHEP (draft-ietf-wish-whep): a session as WebRTC video and sound, for any player that takes a URL.
+
+POST an SDP offer to `/v1/sessions/NAME/whep` (or to `/v1/whep`: the newest session), get the answer and the address of
+the viewer, DELETE that to end it. Each viewer has a renderer of its own; there are as many as the operator allows.
+"""
+
+import asyncio
+import logging
+import secrets
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+
+import anyio.to_thread
+import av
+from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import BaseRoute, Route
+
+from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.files.avatar import CHARACTERS
+from echoavatar.files.avatar.avatar_renderer import VIEWS, Shot, View
+from echoavatar.server.video.live_stream import LiveStream, doubled
+from echoavatar.server.video.video_source import VideoSource, prepare
+from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.wire import ProtocolError, ServerMessage
+from echoavatar.wire.guard import check_origin
+
+from .outbox import Outbox
+from .session import ServerSession
+from .session_manager import SessionManager
+from .tool_routes import STATUSES, asked_session, locked, read_body
+
+_LOG = logging.getLogger(__name__)
+CODECS = ("video/vp8", "video/h264")  # the cheaper first
+CONNECT_S = 20.0  # time for a viewer to connect after its answer
+PICTURE_CLOCK_HZ = 90_000
+NTP_EPOCH_S = 2_208_988_800  # 1970, in the seconds of reports, which count from 1900
+_FRESH = ("new", "connecting")
+MOST_BYTES = 65_536
+RETRY_S = 5
+PAGE = ("video.html", "video.js")
+
+
+try:
+    from aiortc import (
+        MediaStreamTrack,
+        RTCConfiguration,
+        RTCIceServer,
+        RTCPeerConnection,
+        RTCRtpSender,
+        RTCSessionDescription,
+    )
+    from aiortc.mediastreams import MediaStreamError
+except ImportError as error:
+    raise DependencyError("WebRTC needs aiortc; run: pip install 'echoavatar[video]'") from error
+
+
+class ViewerOutbox(Outbox):
+    """Passes a session's messages to a video source at once. The session counts it as a client that plays."""
+
+    def __init__(self, source: VideoSource, session: ServerSession, on_close: Callable[[], None]) -> None:
+        super().__init__()
+        self._source, self._session, self._on_close = source, session, on_close
+
+    @property
+    def plays(self) -> bool:
+        """Only while the session has a source: a source that returns finds its session where it left it."""
+        return self._session.source is not None
+
+    def put(self, message: ServerMessage) -> None:
+        """Pass a message on; nothing is queued."""
+        self._source.take(message)
+
+    def close(self) -> None:
+        """The session is over."""
+        super().close()
+        self._on_close()
+
+
+class _Track(MediaStreamTrack):  # type: ignore[misc]  # aiortc may be absent
+    """A track whose sender tells the viewer when its packets are due.
+
+    A player keeps picture and sound together by the sender's reports, which tie each track to a wall clock. aiortc
+    reports when a packet left; that is late by the encoding, and on a busy machine by tenths of a second.
+    """
+
+    def __init__(self, stream: LiveStream) -> None:
+        super().__init__()
+        self.sender: RTCRtpSender | None = None
+        self._stream = stream
+        self._sent: float | None = None  # time of the stream of the newest frame
+
+    def _report(self) -> None:
+        """Called before the next frame, so all packets of the newest one have left."""
+        if self.readyState != "live":
+            raise MediaStreamError
+        if self._sent is not None:
+            ntp = round((self._stream.wall(self._sent) + NTP_EPOCH_S) * 2**32)
+            setattr(self.sender, "_RTCRtpSender__ntp_timestamp", ntp)  # noqa: B010 (its name is private)
+
+
+class SoundTrack(_Track):
+    """The sound of a stream at 48 kHz."""
+
+    kind = "audio"
+
+    async def recv(self) -> av.AudioFrame:
+        """The next 20 ms."""
+        self._report()
+        block = await self._stream.sound()
+        self._sent = block.seconds
+        frame = av.AudioFrame.from_ndarray(doubled(block.samples)[None], format="s16", layout="mono")
+        frame.sample_rate = 2 * SAMPLE_RATE_HZ
+        frame.pts, frame.time_base = round(block.seconds * frame.sample_rate), Fraction(1, frame.sample_rate)
+        return frame
+
+
+class PictureTrack(_Track):
+    """The pictures of a stream."""
+
+    kind = "video"
+
+    async def recv(self) -> av.VideoFrame:
+        """The next picture."""
+        self._report()
+        picture = await self._stream.picture()
+        self._sent = picture.seconds
+        frame = av.VideoFrame.from_ndarray(picture.pixels, format="rgb24")
+        frame.pts, frame.time_base = round(picture.seconds * PICTURE_CLOCK_HZ), Fraction(1, PICTURE_CLOCK_HZ)
+        return frame
+
+
+class Viewer:
+    """A peer connection that shows one session, from its offer until either side ends it."""
+
+    def __init__(
+        self, session: ServerSession, source: VideoSource, ice_servers: Sequence[str], on_end: Callable[[], None]
+    ) -> None:
+        """`ice_servers` are STUN or TURN addresses, such as `stun:stun.example.org`; most servers need none."""
+        self.stream = LiveStream(source, lambda: session.place)
+        self._session, self._on_end = session, on_end
+        self._outbox = ViewerOutbox(source, session, self._leave)
+        servers = [RTCIceServer(address) for address in ice_servers]
+        self._peer = RTCPeerConnection(RTCConfiguration(iceServers=servers))  # without a list, aiortc asks Google's
+        self._peer.on("connectionstatechange", self._check)
+        self._ending: asyncio.Task[None] | None = None
+        self._patience: asyncio.TimerHandle | None = None
+
+    async def answer(self, offer: str) -> str:
+        """The SDP answer to an SDP offer; from here on the viewer is served.
+
+        Raises:
+            EchoAvatarError: that is no offer of ours to serve.
+        """
+        try:
+            await self._peer.setRemoteDescription(RTCSessionDescription(offer, "offer"))
+            kinds = self._add_tracks()
+            if "video" in kinds:
+                await self._peer.setLocalDescription(await self._peer.createAnswer())
+        except Exception as error:  # a parser of foreign text fails in many ways
+            _LOG.info("an SDP offer was refused: %r", error)
+            raise EchoAvatarError("this SDP offer cannot be answered; ask for VP8 or H.264, and Opus") from error
+        if "video" not in kinds:
+            raise EchoAvatarError("the SDP offer asks for no video; offer to receive video and audio")
+        self._session.join(self._outbox, received=None)
+        self._patience = asyncio.get_running_loop().call_later(CONNECT_S, self._give_up)
+        return str(self._peer.localDescription.sdp)
+
+    async def close(self) -> None:
+        """End it; may be called twice."""
+        self._leave()
+        if self._ending is not None:
+            await asyncio.shield(self._ending)
+
+    # ---- inside
+
+    def _add_tracks(self) -> set[str]:
+        """Put a track into each medium that the viewer offers to receive; returns their kinds."""
+        tracks: dict[str, _Track] = {"audio": SoundTrack(self.stream), "video": PictureTrack(self.stream)}
+        known = RTCRtpSender.getCapabilities("video").codecs
+        cheap = [codec for name in CODECS for codec in known if codec.mimeType.lower() == name]
+        found = set[str]()
+        for transceiver in self._peer.getTransceivers():
+            track = tracks.pop(transceiver.kind, None)
+            if track is None:
+                continue
+            transceiver.sender.replaceTrack(track)
+            track.sender = transceiver.sender
+            transceiver.direction = "sendonly"
+            if transceiver.kind == "video":
+                transceiver.setCodecPreferences(cheap)
+            found.add(transceiver.kind)
+        return found
+
+    def _check(self) -> None:
+        if self._peer.connectionState in ("failed", "closed"):
+            self._leave()
+
+    def _give_up(self) -> None:
+        if self._peer.connectionState in _FRESH:
+            self._leave()
+
+    def _leave(self) -> None:
+        """Begin to end it, once."""
+        if self._ending is None:
+            self._ending = asyncio.ensure_future(self._end())
+
+    async def _end(self) -> None:
+        self._session.leave(self._outbox)
+        if self._patience is not None:
+            self._patience.cancel()
+        try:
+            await self._peer.close()
+        finally:
+            await self.stream.close()
+            self._on_end()
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a viewer asks for in the query of its address."""
+
+    character: str
+    view: View
+    background: str
+
+    @classmethod
+    def of(cls, request: Request) -> "Wish":
+        """Raises EchoAvatarError for a character or view that is not there."""
+        query = request.query_params
+        character, view = query.get("character", CHARACTERS[0]), query.get("view", VIEWS[0])
+        if character not in CHARACTERS:
+            raise EchoAvatarError(f"there is no character {character[:40]!r}; choose from {', '.join(CHARACTERS)}")
+        if view not in VIEWS:
+            raise EchoAvatarError(f"there is no view {view[:40]!r}; choose from {', '.join(VIEWS)}")
+        return cls(character, view, query.get("background", "studio")[:40])
+
+
+class VideoDesk:
+    """All WebRTC viewers of a server."""
+
+    def __init__(self, manager: SessionManager) -> None:
+        """Reads and draws the first character, so that the first viewer does not wait for that."""
+        self._manager, self._settings = manager, manager.settings
+        self._viewers: dict[str, Viewer] = {}
+        self._taken = 0  # renderers, also of viewers that are being answered or are ending
+        prepare(Shot(self._settings.video_size, renderer=self._settings.video_renderer))
+
+    @property
+    def free(self) -> int:
+        """How many more viewers there can be."""
+        return self._settings.video - self._taken
+
+    async def close(self) -> None:
+        """End all viewers."""
+        for viewer in list(self._viewers.values()):
+            await viewer.close()
+
+    def routes(self) -> list[BaseRoute]:
+        """The endpoint, its viewers, and the page that plays it."""
+        cors = Middleware(
+            CORSMiddleware,
+            allow_origins=self._settings.origins,
+            allow_methods=("POST", "DELETE"),
+            allow_headers=("authorization", "content-type"),
+            expose_headers=("location",),
+        )
+        return [
+            Route("/v1/whep", self._begin, methods=["POST", "OPTIONS"], middleware=[cors]),
+            Route("/v1/sessions/{session}/whep", self._begin, methods=["POST", "OPTIONS"], middleware=[cors]),
+            Route("/v1/whep/{viewer}", self._end, methods=["DELETE", "OPTIONS"], middleware=[cors]),
+            Route("/video", _asset(PAGE[0], "text/html")),
+            Route("/video.js", _asset(PAGE[1], "text/javascript")),
+        ]
+
+    async def _begin(self, request: Request) -> Response:
+        if (refusal := locked(self._manager, request)) is not None:
+            return refusal
+        try:
+            check_origin(request.headers, self._settings.origins)
+            if "application/sdp" not in request.headers.get("content-type", ""):
+                return _refusal(415, "send application/sdp")
+            session = asked_session(self._manager, request, dict(request.path_params))
+            wish, offer = Wish.of(request), await read_body(request, MOST_BYTES)
+            if not self.free:
+                retry = {"retry-after": str(RETRY_S)}
+                return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
+            name, answer = await self._answer(session, wish, offer.decode("utf-8", "replace"))
+        except ProtocolError as error:
+            return _refusal(STATUSES.get(error.code, 400), str(error))
+        except EchoAvatarError as error:
+            return _refusal(400, str(error))
+        return Response(answer, 201, {"location": f"/v1/whep/{name}"}, "application/sdp")
+
+    async def _answer(self, session: ServerSession, wish: Wish, offer: str) -> tuple[str, str]:
+        """Seat a viewer; returns its name and the SDP answer."""
+        self._taken += 1
+        shot = Shot(self._settings.video_size, wish.view, wish.background, renderer=self._settings.video_renderer)
+        try:
+            make = partial(VideoSource, self._manager.rig, shot, character=wish.character)
+            source = await anyio.to_thread.run_sync(make)
+        except BaseException:
+            self._taken -= 1
+            raise
+        name = secrets.token_urlsafe(16)
+        viewer = Viewer(session, source, self._settings.ice_servers, lambda: self._free(name))
+        self._viewers[name] = viewer
+        self._manager.metrics.viewers.set(self._taken)
+        try:
+            return name, await viewer.answer(offer)
+        except BaseException:
+            await viewer.close()
+            raise
+
+    def _free(self, name: str) -> None:
+        viewer = self._viewers.pop(name)
+        self._taken -= 1
+        metrics = self._manager.metrics
+        metrics.viewers.set(self._taken)
+        metrics.pictures.labels("shown").inc(viewer.stream.shown)
+        metrics.pictures.labels("skipped").inc(viewer.stream.skipped)
+
+    async def _end(self, request: Request) -> Response:
+        if (refusal := locked(self._manager, request)) is not None:
+            return refusal
+        viewer = self._viewers.get(request.path_params["viewer"])
+        if viewer is None:
+            return _refusal(404, "there is no such viewer, or it has ended")
+        await viewer.close()
+        return Response(status_code=200)
+
+
+def _refusal(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:
+    return JSONResponse({"error": reason}, status, headers)
+
+
+def _asset(name: str, kind: str) -> Callable[[Request], Awaitable[Response]]:
+    async def answer(_: Request) -> Response:
+        path = Path(str(files("echoavatar"))) / "assets" / name
+        return Response(await anyio.to_thread.run_sync(path.read_bytes), media_type=kind)
+
+    return answer

@@ -1,0 +1,28 @@
+import argparse
+
+import pytest
+
+from echoavatar.cli.options import add_server, local_path, size
+
+
+def test_a_size_is_two_even_numbers() -> None:
+    assert size("1280x720") == (1280, 720)
+
+
+@pytest.mark.parametrize(("text", "complaint"), [("wide", "write it as"), ("101x64", "even"), ("8x64", "16 to 4096")])
+def test_another_size_is_refused_with_its_form(text: str, complaint: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match=complaint):
+        size(text)
+
+
+def test_an_address_is_no_path() -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="download it first"):
+        local_path("https://example.org/talk.wav")
+
+
+def test_a_client_takes_its_token_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ECHOAVATAR_TOKEN", "secret")
+    parser = argparse.ArgumentParser()
+    add_server(parser)
+    assert parser.parse_args([]).token == "secret"
+    assert parser.parse_args(["--token", "other"]).token == "other"

@@ -1,0 +1,37 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echoavatar.engine.pipeline.action_making import action_from_motion
+from echoavatar.engine.pipeline.actions import ActionLibrary
+from echoavatar.errors import MotionError
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
+
+
+@pytest.fixture(scope="module")
+def tokenizer(tiny_bundle: Path) -> BodyTokenizer:
+    return BodyTokenizer.load(tiny_bundle / "tokenizer")
+
+
+def test_a_clip_becomes_codes_by_the_chunk_and_what_they_leave_out(tokenizer: BodyTokenizer, tmp_path: Path) -> None:
+    """A nod of 3 s is 12 chunks; a tokenizer of random weights says nothing of it, so the head's turn is kept."""
+    nod = clip(SCRIPTS["agree"])
+    action = action_from_motion(tokenizer, "Nod Twice", nod, hold_s=(0.5, 1.2))
+    assert action.name == "nod_twice"
+    assert action.chunks == -(-nod.frames // 8)
+    assert action.hold == (2, 4)
+    assert action.overlay is not None
+    assert "head" in action.overlay.joints
+    ActionLibrary({"nod_twice": action}).save(tmp_path)
+    assert len(ActionLibrary.load(tmp_path, 8)["nod_twice"].codes) == 2 * action.chunks
+
+
+@pytest.mark.parametrize(("frames", "name", "complaint"), [(9, "jump", "0.3 s"), (60, "a/b", "cannot name")])
+def test_invalid_clips_are_refused(tokenizer: BodyTokenizer, frames: int, name: str, complaint: str) -> None:
+    still = np.tile(np.float32([1, 0, 0, 0]), (frames, 52, 1))
+    motion = Motion(HUMANOID, still, np.zeros((frames, 3), np.float32), 30.0)
+    with pytest.raises(MotionError, match=complaint):
+        action_from_motion(tokenizer, name, motion)

@@ -1,0 +1,263 @@
+"""A language model whose endpoint is a small HTTP server."""
+
+import asyncio
+import json
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from echoavatar.errors import EchoAvatarError
+from echoavatar.server.companion import (
+    ACTION_LINES,
+    CUES,
+    FALLBACKS,
+    PERSONA,
+    ChatModel,
+    ChatTurn,
+    Companion,
+    Scripted,
+    ToolAccess,
+    from_environment,
+)
+
+Answer = Callable[[str, Any], tuple[int, Any]]
+TOOLS = [
+    {
+        "type": "function",
+        "function": {
+            "name": name,
+            "parameters": {"type": "object", "properties": {argument: {"type": "string", "enum": list(values)}}},
+        },
+    }
+    for name, argument, values in (
+        ("send_action", "action", ("wave", "bow", "point_left", "give_up", "thinking", "agree", "look_around")),
+        ("play_music", "title", ("Bright House", "Evening Waltz")),
+    )
+]
+URL = "http://127.0.0.1:9/v1"
+
+
+async def _refuse(name: str, arguments: dict[str, object]) -> dict[str, object]:
+    return {"status": "rejected"}
+
+
+def _tool(name: str, argument: str, **schema: object) -> dict[str, object]:
+    return {"function": {"name": name, "parameters": {"properties": {argument: schema}}}}
+
+
+def test_choices_are_the_values_that_a_tool_declares() -> None:
+    doing = ToolAccess([_tool("play_music", "title", enum=["Waltz"]), _tool("send_action", "action")], _refuse)
+    assert doing.choices("play_music", "title") == ["Waltz"]
+    assert doing.choices("send_action", "action") == []
+    assert doing.choices("stop_music", "title") == []
+
+
+@pytest.mark.parametrize("companion", [Scripted(), ChatModel("http://127.0.0.1:9/v1", model="m")])
+def test_both_kinds_are_companions(companion: Companion) -> None:
+    assert companion.name
+    assert not companion.hears
+
+
+@contextmanager
+def endpoint(answer: Answer) -> Iterator[tuple[str, list[tuple[str, dict[str, str], Any]]]]:
+    got: list[tuple[str, dict[str, str], Any]] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["content-length"]))
+            is_json = self.headers["content-type"] == "application/json"
+            content = json.loads(body) if is_json else body
+            got.append((self.path, {k.lower(): v for k, v in self.headers.items()}, content))
+            status, told = answer(self.path, content)
+            data = told if isinstance(told, bytes) else json.dumps(told).encode()
+            self.send_response(status)
+            self.send_header("content-length", str(len(data)))
+            self.end_headers()
+            self.wfile.write(data)
+
+        def log_message(self, *_: object) -> None: ...
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/v1", got
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def message(content: str | None, *calls: tuple[str, str]) -> dict[str, Any]:
+    tools = [
+        {"id": f"c{k}", "type": "function", "function": {"name": name, "arguments": arguments}}
+        for k, (name, arguments) in enumerate(calls)
+    ]
+    return {"choices": [{"message": {"role": "assistant", "content": content, "tool_calls": tools}}]}
+
+
+def talk(model: ChatModel, *history: ChatTurn) -> tuple[str, list[tuple[str, dict[str, Any]]]]:
+    did: list[tuple[str, dict[str, Any]]] = []
+
+    async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        did.append((name, arguments))
+        return {"status": "accepted"}
+
+    tools = [{"type": "function", "function": {"name": "send_action"}}]
+    return asyncio.run(model.reply("hi", history, ToolAccess(tools, do))), did
+
+
+def test_it_speaks_acts_and_remembers() -> None:
+    said = message(" Watch this! ", ("send_action", '{"action": "wave"}'))
+    with endpoint(lambda path, content: (200, said)) as (url, got):
+        model = ChatModel(url, model="m", key="sk-1", persona="You are a lamp.")
+        assert talk(model, ChatTurn("user", "a"), ChatTurn("assistant", "b")) == (
+            "Watch this!",
+            [("send_action", {"action": "wave"})],
+        )
+    [(path, headers, content)] = got
+    assert path == "/v1/chat/completions"
+    assert headers["authorization"] == "Bearer sk-1"
+    assert [(m["role"], m["content"]) for m in content["messages"]] == [
+        ("system", "You are a lamp."),
+        ("user", "a"),
+        ("assistant", "b"),
+        ("user", "hi"),
+    ]
+    assert content["tools"][0]["function"]["name"] == "send_action"
+
+
+def test_after_calls_alone_it_is_asked_for_words_and_not_for_ever() -> None:
+    calls_alone = message(None, ("send_action", "no json"))
+    with endpoint(lambda path, content: (200, calls_alone)) as (url, got):
+        assert talk(ChatModel(url, model="m")) == ("", [])
+    assert len(got) == 4
+    assert got[1][2]["messages"][-1]["role"] == "tool"
+    assert "rejected" in got[1][2]["messages"][-1]["content"]
+    assert "tools" not in got[-1][2]
+
+
+@pytest.mark.parametrize(
+    ("status", "told", "words"),
+    [
+        (401, {"error": "key sk-1"}, "HTTP 401"),
+        (200, {"choices": []}, "form of Chat Completions"),
+        (200, [1], "a JSON object"),
+        (200, b"<html>", "no model answers"),
+    ],
+)
+def test_errors_do_not_contain_the_key(status: int, told: Any, words: str) -> None:
+    with endpoint(lambda path, content: (status, told)) as (url, _):
+        with pytest.raises(EchoAvatarError, match=words) as caught:
+            talk(ChatModel(url, model="m", key="sk-1"))
+        assert "sk-1" not in str(caught.value)
+    with pytest.raises(EchoAvatarError, match="ECHOAVATAR_CHAT_URL"):
+        talk(ChatModel("http://127.0.0.1:9/v1", model="m"))
+
+
+def test_spoken_words_are_transcribed() -> None:
+    with endpoint(lambda path, content: (200, {"text": " hello "})) as (url, got):
+        model = ChatModel(url, model="m", transcriber="whisper-1")
+        assert asyncio.run(model.transcribe(b"RIFF....")) == "hello"
+    path, headers, content = got[0]
+    assert path == "/v1/audio/transcriptions"
+    assert headers["content-type"].startswith("multipart/form-data; boundary=")
+    assert b"whisper-1" in content
+    assert b"RIFF...." in content
+    with pytest.raises(EchoAvatarError, match="ECHOAVATAR_CHAT_EARS"):
+        asyncio.run(ChatModel("http://x", model="m").transcribe(b""))
+
+
+def test_the_default_persona_is_short_and_names_only_tools_that_exist() -> None:
+    assert len(PERSONA) < 1_200
+    assert {"send_action", "play_music", "stop_music"} <= set(PERSONA.replace(",", " ").split())
+    assert PERSONA.isascii()
+
+
+def say(text: str, turns: int = 0) -> tuple[str, list[tuple[str, dict[str, Any]]]]:
+    did: list[tuple[str, dict[str, Any]]] = []
+
+    async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        did.append((name, arguments))
+        return {"status": "accepted"}
+
+    history = [ChatTurn("user", "...")] * (2 * turns)
+    return asyncio.run(Scripted().reply(text, history, ToolAccess(TOOLS, do))), did
+
+
+@pytest.mark.parametrize(
+    ("text", "did"),
+    [
+        ("Hello there!", [("send_action", {"action": "wave"})]),
+        ("Please point left for me", [("send_action", {"action": "point_left"})]),
+        ("just SHRUG", [("send_action", {"action": "give_up"})]),
+        ("play the evening waltz", [("play_music", {"title": "Evening Waltz"})]),
+        ("some music please", [("play_music", {})]),
+        ("stop the music", [("stop_music", {})]),
+        ("tell me something I can interrupt", []),
+        ("xyzzy", [("send_action", {"action": "thinking"})]),
+    ],
+)
+def test_words_become_deeds(text: str, did: list[tuple[str, dict[str, str]]]) -> None:
+    line, done = say(text)
+    assert done == did
+    assert line
+
+
+def test_it_does_not_repeat_itself_at_once_and_goes_the_same_way_twice() -> None:
+    assert say("xyzzy", 0) != say("xyzzy", 1)
+    assert say("xyzzy", 1) == say("xyzzy", 1)
+
+
+def test_it_says_what_it_is() -> None:
+    assert "script" in say("who are you?")[0]
+
+
+def test_lines_fit_a_voice_and_are_spoken_english() -> None:
+    lines = [line for cue in CUES for line in cue.lines] + list(ACTION_LINES) + [line for line, _ in FALLBACKS]
+    assert all(0 < len(line) <= 600 for line in lines)
+    assert all(line.isascii() and line[-1] in ".!?" for line in lines)
+
+
+def test_without_actions_it_only_talks() -> None:
+    async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        return {"status": "rejected"}
+
+    assert asyncio.run(Scripted().reply("wave", [], ToolAccess([], do)))
+    with pytest.raises(EchoAvatarError, match="ECHOAVATAR_CHAT_EARS"):
+        asyncio.run(Scripted().transcribe(b""))
+
+
+def test_nothing_configured_is_the_script() -> None:
+    assert isinstance(from_environment({}), Scripted)
+
+
+def test_an_endpoint_is_a_model_with_the_persona_of_a_file(tmp_path: Path) -> None:
+    (tmp_path / "me.txt").write_text("You are a lamp.")
+    given = {
+        "ECHOAVATAR_CHAT_URL": URL,
+        "ECHOAVATAR_CHAT_MODEL": "m",
+        "ECHOAVATAR_CHAT_EARS": "whisper",
+        "ECHOAVATAR_PERSONA": str(tmp_path / "me.txt"),
+    }
+    model = from_environment(given)
+    assert isinstance(model, ChatModel)
+    assert (model.name, model.hears, model._persona) == ("m", True, "You are a lamp.")
+
+
+@pytest.mark.parametrize(
+    ("given", "remedy"),
+    [
+        ({"ECHOAVATAR_CHAT_URL": URL}, "ECHOAVATAR_CHAT_MODEL"),
+        ({"ECHOAVATAR_CHAT_URL": "file:///etc", "ECHOAVATAR_CHAT_MODEL": "m"}, "not an address"),
+        ({"ECHOAVATAR_CHAT_URL": URL, "ECHOAVATAR_CHAT_MODEL": "m", "ECHOAVATAR_PERSONA": "/nowhere"}, "cannot read"),
+    ],
+)
+def test_mistakes_are_said(given: dict[str, str], remedy: str) -> None:
+    with pytest.raises(EchoAvatarError, match=remedy):
+        from_environment(given)

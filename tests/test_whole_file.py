@@ -1,0 +1,63 @@
+"""A file is there completely or not at all, and a failure is told in one line."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.whole_file import whole_file, write_whole
+
+
+@pytest.mark.parametrize("is_flushed", [False, True])
+def test_the_old_file_stays_until_the_new_one_is_complete(tmp_path: Path, is_flushed: bool) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with whole_file(path, is_flushed=is_flushed) as partial:
+        partial.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_in_the_block_leaves_the_old_file_and_no_other(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(KeyError), whole_file(path) as partial:
+        {}[partial.write_text("half")]
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_text_is_utf_8_with_the_line_ends_given(tmp_path: Path) -> None:
+    write_whole(tmp_path / "a", "ä\n")
+    write_whole(str(tmp_path / "b"), b"\x00\r\n")
+    assert (tmp_path / "a").read_bytes() == b"\xc3\xa4\n"
+    assert (tmp_path / "b").read_bytes() == b"\x00\r\n"
+
+
+@pytest.mark.parametrize("name", ["nowhere/a.txt", "file/a.txt", "folder", "folder/.."])
+def test_a_place_that_cannot_be_written_is_told_in_one_line(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(MotionError, match=rf"^cannot write .*{name} \([^()]+\); free space or choose another place$"):
+        write_whole(tmp_path / name, b"", error=MotionError)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder"]
+
+
+def test_what_the_writer_raises_is_told_too(tmp_path: Path) -> None:
+    with (
+        pytest.raises(EchoAvatarError, match=r"cannot write .*a \(no such codec\)"),
+        whole_file(tmp_path / "a", failures=(RuntimeError,)),
+    ):
+        raise RuntimeError("no such codec")
+
+
+def test_a_flushed_file_reaches_the_disk_before_it_replaces_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, seen = tmp_path / "a", []
+    path.write_text("old")
+    monkeypatch.setattr(os, "fsync", lambda _: seen.append(path.read_text()))
+    write_whole(path, "new", is_flushed=True)
+    assert seen == ["old", "new"]  # the file, then its folder
