@@ -24,7 +24,9 @@ from echoavatar.server import session_manager
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
 from echoavatar.server.settings import ServerSettings
-from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, encode, pack_audio
+from echoavatar.wire.blobs import pack_audio
+from echoavatar.wire.codec import ProtocolError, encode
+from echoavatar.wire.messages import Audio, Error, Hello, Motion, Sound
 
 
 def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:

@@ -13,7 +13,8 @@ from echoavatar.server.sinks import player as room
 from echoavatar.server.sinks.player import FollowingClock, PoseTrack
 from echoavatar.timing import SAMPLE_RATE_HZ as RATE
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire import Flush, Pose, pack_pose
+from echoavatar.wire.blobs import Pose, pack_pose
+from echoavatar.wire.messages import Flush
 
 
 def followed(told, read_hz: float = 60.0, seconds: float = 4.0) -> np.ndarray:  # type: ignore[no-untyped-def]
