@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from scripts.mutate_constants import constants, mutated
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "echoavatar"
@@ -70,6 +71,14 @@ def mirrors() -> dict[str, Path]:
 @pytest.mark.parametrize(("module", "mirror"), mirrors().items())
 def test_every_module_has_a_mirrored_test(module: str, mirror: Path) -> None:
     assert mirror.exists(), f"{module} has no {mirror.relative_to(ROOT)}"
+
+
+def test_the_table_of_constants_names_what_is_there() -> None:
+    """Of `scripts/mutate_constants.py`: each has a value that can be changed, and tests beside it."""
+    for constant in constants():
+        _, was, became = mutated(constant, down=False)
+        assert was != became
+        assert all((ROOT / path).exists() for path in constant.tests), constant
 
 
 def test_every_room_says_what_it_is_for() -> None:

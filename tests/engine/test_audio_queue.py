@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echoavatar.engine.audio_queue import MAX_UTTERANCES, AudioQueue, HeardUntil, Span
+from echoavatar.engine.audio_queue import AudioQueue, HeardUntil, Span
 from echoavatar.errors import EchoAvatarError, QueueFullError
 from echoavatar.timing import CHUNK_SAMPLES
 
@@ -174,13 +174,13 @@ def test_heard_is_counted_to_the_sample(heard: int) -> None:
 
 def test_the_number_of_waiting_utterances_is_bounded() -> None:
     queue = paced()
-    for utterance in range(1, MAX_UTTERANCES + 1):
+    for utterance in range(1, 257):
         queue.push(ramp(1), 24_000, utterance)
-    with pytest.raises(QueueFullError, match=f"{MAX_UTTERANCES} utterances are waiting"):
-        queue.push(ramp(1), 24_000, MAX_UTTERANCES + 1)
-    queue.push(ramp(1), 24_000, MAX_UTTERANCES)  # the newest may go on
+    with pytest.raises(QueueFullError, match="256 utterances are waiting"):
+        queue.push(ramp(1), 24_000, 257)
+    queue.push(ramp(1), 24_000, 256)  # the newest may go on
     queue.schedule()
-    queue.push(ramp(1), 24_000, MAX_UTTERANCES + 1)
+    queue.push(ramp(1), 24_000, 257)
 
 
 def test_a_flood_of_single_samples_costs_no_more_than_its_samples() -> None:

@@ -31,10 +31,12 @@ def test_a_mood_can_be_seen_within_a_second_and_leaves_without_a_jump(mood: str,
 
 
 def test_lips_that_speak_keep_less_of_a_smile_and_brows_all_of_theirs() -> None:
+    """Of a smile, lips keep four fifths with the mouth a little open, a half with the mouth open."""
     added = np.tile(MOODS["happy"], (8, 1))
-    quiet, speaking = (with_mood(chunk(jawOpen=jaw).face, added)[0] for jaw in (0.0, 0.5))
+    quiet, little, speaking = (with_mood(chunk(jawOpen=jaw).face, added)[0] for jaw in (0.0, 0.12, 0.5))
     smile, brow, jaw = (ARKIT_NAMES.index(name) for name in ("mouthSmileLeft", "browOuterUpLeft", "jawOpen"))
-    assert speaking[smile] < 0.5 * quiet[smile]
+    assert 0.35 < speaking[smile] / quiet[smile] < 0.5
+    assert 0.7 < little[smile] / quiet[smile] < 0.9
     assert speaking[brow] == quiet[brow]
     assert speaking[jaw] == np.float32(0.5)
 

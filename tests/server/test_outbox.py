@@ -1,6 +1,7 @@
 import asyncio
 
-from echoavatar.server.outbox import MOST_MOTION, MOST_SOUND, Outbox, Relay
+from echoavatar.server.outbox import Outbox, Relay
+from echoavatar.timing import CHUNK_SECONDS
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.messages import Error, Flush, Motion, Pong, Sound
 
@@ -29,18 +30,32 @@ def test_a_slow_connection_loses_the_oldest_motion_and_no_sound() -> None:
     for at in range(40):
         box.put(motion(at))
         box.put(sound(at))
-    assert box.dropped == 40 - MOST_MOTION
+    assert box.dropped == 40 - 16  # four seconds of motion are kept
     left = drain(box)
-    assert [m.at for m in left if isinstance(m, Motion)] == list(range(40 - MOST_MOTION, 40))
+    assert [m.at for m in left if isinstance(m, Motion)] == list(range(24, 40))
     assert [s.at for s in left if isinstance(s, Sound)] == list(range(40))
 
 
 def test_a_connection_that_cannot_carry_the_sound_is_given_up() -> None:
+    """Thirty seconds of sound may wait, a minute may not."""
     box = Outbox()
-    for at in range(2 * MOST_SOUND):
+    for at in range(round(30 / CHUNK_SECONDS)):
+        box.put(sound(at))
+    assert not box.is_hopeless
+    for at in range(round(30 / CHUNK_SECONDS)):
         box.put(sound(at))
     assert box.is_hopeless
-    assert len(box) <= MOST_SOUND + 1
+    assert len(box) < 45 / CHUNK_SECONDS
+
+
+def test_a_client_that_reads_no_answers_is_given_up() -> None:
+    box = Outbox()
+    for nonce in range(400):
+        box.put(Pong(nonce=nonce, at=0))
+    assert not box.is_hopeless
+    for nonce in range(400):
+        box.put(Pong(nonce=nonce, at=0))
+    assert box.is_hopeless
 
 
 def test_only_what_is_wanted_is_sent() -> None:

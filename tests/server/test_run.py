@@ -183,7 +183,7 @@ def test_pongs_that_are_not_read_do_not_pile_up(monkeypatch: pytest.MonkeyPatch,
             for one in list(place.uvicorn.server_state.connections):
                 most = max(most, one.transport.get_write_buffer_size())
         assert not is_open
-        assert most <= run.MAX_UNREAD_BYTES + (1 << 16)
+        assert most <= (1 << 20) + (1 << 16)
         neighbour.until(Motion)
 
 

@@ -1,5 +1,6 @@
 """Who comes in, who comes back, and how it ends."""
 
+import asyncio
 import contextlib
 import dataclasses
 import gc
@@ -22,6 +23,8 @@ from echoavatar.engine import Engine
 from echoavatar.server import session_manager
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
+from echoavatar.server.settings import ServerSettings
+from echoavatar.wire.blobs import pack_audio
 from echoavatar.wire.codec import ProtocolError, encode
 from echoavatar.wire.messages import Audio, Error, Hello, Motion, Sound
 
@@ -112,6 +115,34 @@ def test_a_stopping_house_lets_nobody_in() -> None:
         manager.enter(Hello(), Outbox())
     assert caught.value.code == "shutting_down"
     assert manager.sessions == 0
+
+
+async def test_a_lost_source_may_come_back_for_half_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock is set forward by 25 s, and by 10 more."""
+    manager, real, ahead = SessionManager(Engine(Body()), ServerSettings()), time.monotonic, 0.0  # type: ignore[arg-type]
+    monkeypatch.setattr(time, "monotonic", lambda: real() + ahead)
+    running, outbox = asyncio.create_task(manager.run()), Outbox()
+    session = manager.enter(Hello(), outbox)
+    manager.leave(session, outbox, for_good=False)
+    left = []
+    for seconds in (0.0, 25.0, 35.0):
+        ahead = seconds
+        for _ in range(5):
+            await asyncio.sleep(0.03)
+        left.append(manager.sessions)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+    assert left == [1, 1, 0]
+
+
+async def test_two_minutes_of_speech_may_wait() -> None:
+    manager = SessionManager(Engine(Body()), ServerSettings())  # type: ignore[arg-type]
+    session, minute = manager.enter(Hello(), Outbox()), pack_audio(np.zeros(59 * 24_000, np.float32))
+    for part in range(2):
+        session.hear(Audio(seg=1, start=59 * 24_000 * part, pcm=minute))
+    with pytest.raises(ProtocolError, match="waiting") as caught:
+        session.hear(Audio(seg=1, start=2 * 59 * 24_000, pcm=minute))
+    assert caught.value.code == "inbox_full"
 
 
 def test_a_session_that_is_over_leaves_no_cycle_behind() -> None:

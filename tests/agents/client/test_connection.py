@@ -12,7 +12,7 @@ from tests.agents.client.test_recording import READY
 from tests.server.fakes import RunningServer, serving
 
 from echoavatar.agents.client import ConnectionLostError, Recorder, connect
-from echoavatar.agents.client.connection import AHEAD_S, KEPT_UTTERANCES, Avatar, UtteranceQueue, stream_url
+from echoavatar.agents.client.connection import Avatar, UtteranceQueue, stream_url
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.wire.codec import ProtocolError
@@ -188,7 +188,7 @@ def test_no_more_is_sent_than_the_server_has_room_for() -> None:
     queue = UtteranceQueue(AudioFormat())
     queue.add(bytes(48_000 * 100), end=True)
     sent = sum(len(message.pcm) for message in queue.due() if isinstance(message, Audio))
-    assert AHEAD_S <= sent / 48_000 <= AHEAD_S + 2
+    assert 30 <= sent / 48_000 <= 32
     assert list(queue.due()) == []
     for at in range(0, 24_000 * 90, 6_400):
         queue.hear(sound(at, 1))
@@ -239,4 +239,4 @@ def test_old_utterances_are_forgotten() -> None:
     for _ in range(20):
         queue.add(bytes(2), end=True)
         list(queue.due())
-    assert len(queue._utterances) == KEPT_UTTERANCES
+    assert 1 < len(queue._utterances) < 10

@@ -11,6 +11,7 @@ from tests.agents.integrations.fakes import engine, tone
 
 from echoavatar.agents.client import ConnectionLostError
 from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
+from echoavatar.agents.integrations import bridge as room
 from echoavatar.agents.integrations.backend import LocalBackend
 from echoavatar.agents.integrations.bridge import SpeechResampler
 from echoavatar.agents.integrations.playback import Event
@@ -68,6 +69,32 @@ async def test_chunks_leave_in_order_shortly_before_they_are_due() -> None:
     said = scene.of(UtteranceDone)[-1]
     assert said.at == spoken[0][1].at + 48_000
     assert isinstance(scene.events[0][1], Ready)
+
+
+class Watch:
+    """A clock that stands until it is set, in the place of the module `time`."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+async def test_a_chunk_is_released_a_quarter_of_a_second_before_it_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second is due 0.27 s after the first: it waits at 0.01 s, and leaves at 0.03 s."""
+    watch = Watch()
+    monkeypatch.setattr(room, "time", watch)
+    async with playing() as scene:
+        await scene.bridge.say(tone(2.0), 24_000)
+        watch.now += 0.01
+        await scene.until(lambda: scene.bridge._received_to > 2 * 6_400)
+        await asyncio.sleep(0.1)
+        assert [chunk.at for chunk in scene.of(AvatarChunk)] == [0]
+        watch.now += 0.02
+        await scene.until(lambda: len(scene.of(AvatarChunk)) > 1)
+        await asyncio.sleep(0.1)
+        assert [chunk.at for chunk in scene.of(AvatarChunk)] == [0, 6_400]
 
 
 async def test_speech_at_any_rate_in_any_blocks_comes_out_whole() -> None:

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from echoavatar.agents.integrations.playback import GRACE_S, Playback, make_chunk
+from echoavatar.agents.integrations.playback import Playback, make_chunk
 from echoavatar.wire.messages import Motion, Sound
 
 MOTION = Motion(at=6_400, epoch=1, frames=8, rotations=b"r", root=b"t", face=b"", state="speaking")
@@ -34,7 +34,16 @@ def test_a_transport_that_is_stuck_stops_the_clock() -> None:
     playback = Playback(0, 0.0)
     playback.pushed(0, 48_000, audible=True)
     playback.wrote(0.5, 0.5)
-    assert playback.position(9.0) == 12_000 + GRACE_S * 24_000
+    assert playback.position(9.0) == 12_000 + 2_400  # a tenth of a second on
+
+
+def test_a_sentence_whose_end_is_stuck_stops_the_clock_in_the_silence_after_it() -> None:
+    """A tenth of a second is missing, which is more than a block."""
+    playback = Playback(0, 0.0)
+    playback.pushed(0, 24_000, audible=True)
+    playback.pushed(24_000, 24_000, audible=False)
+    playback.wrote(0.9, 1.0)
+    assert playback.position(9.0) == 24_000
 
 
 def test_silence_between_sounds_takes_time_without_reports() -> None:
@@ -44,7 +53,7 @@ def test_silence_between_sounds_takes_time_without_reports() -> None:
     playback.pushed(48_000, 24_000, audible=True)
     playback.wrote(0.98, 1.0)  # the last block is kept back until more sound comes
     assert playback.position(1.5) == pytest.approx(0.98 * 24_000 + 12_000, abs=1)
-    assert playback.position(9.0) == 48_000 + GRACE_S * 24_000
+    assert playback.position(9.0) == 48_000 + 2_400
     playback.wrote(0.02 + 0.1, 9.0)
     assert playback.position(9.0) == pytest.approx(48_000 + 2_400, abs=1)
 

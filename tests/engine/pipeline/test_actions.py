@@ -38,6 +38,11 @@ def test_the_set_passes_along_the_clip() -> None:
     assert sets == [{5, 6, 7}, {1, 2, 5, 6, 7}, {1, 2, 5, 7}]
 
 
+def test_nobody_holds_a_pose_for_more_than_a_minute() -> None:
+    """225 chunks of 0.27 s."""
+    assert [BOW.length(seconds) for seconds in (50.0, 1e9)] == [188, 225]
+
+
 def test_a_bundle_of_longer_chunks_counts_in_them(tmp_path: Path) -> None:
     """Six codes are two chunks of three tokens, 0.8 s; two seconds are five of them."""
     ActionLibrary({"bow": BOW}).save(tmp_path)

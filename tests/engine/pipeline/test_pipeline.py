@@ -22,6 +22,8 @@ from echoavatar.engine.pipeline.pipeline import STAGES, find_device
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 
@@ -113,16 +115,16 @@ def test_it_says_that_it_compiles_only_when_it_compiles(
     assert caplog.text.count("compiling for this processor") == 1
 
 
-def pipeline_of(folder: Path, lead_in_s: float) -> Pipeline:
-    """The tiny bundle with a face."""
+def pipeline_of(folder: Path, **settings: float) -> Pipeline:
+    """The tiny bundle with a face, and the default settings but for these."""
     torch.manual_seed(2)
-    bundle = replace(load_bundle(folder), face=make().float(), runtime=Runtime(lead_in_s=lead_in_s))
+    bundle = replace(load_bundle(folder), face=make().float(), runtime=Runtime(**settings))
     return Pipeline(bundle, precision="float32")
 
 
 @pytest.fixture(scope="module")
 def with_face(tiny_bundle: Path) -> Pipeline:
-    return pipeline_of(tiny_bundle, 2.0)
+    return pipeline_of(tiny_bundle)
 
 
 def opened(with_face: Pipeline, seed: int, options: MotionOptions = FREE) -> PipelineState:
@@ -158,7 +160,7 @@ def test_it_decodes_and_speaks_as_one_that_has_heard_two_seconds_of_silence(
 ) -> None:
     """Eight chunks of it, as seven are less; seed 0 is the one that the silence was heard with."""
     with_face.warm_up()
-    cold = pipeline_of(tiny_bundle, 0.0)
+    cold = pipeline_of(tiny_bundle, lead_in_s=0.0)
     waited, at_once = decoded(monkeypatch, cold), decoded(monkeypatch, with_face)
     silence = np.zeros(8 * 6400, np.float32)
     witness = heard(cold, opened(cold, 0), np.concatenate([silence, voice]))[8:]
@@ -186,7 +188,7 @@ def test_it_begins_over_the_spot_whatever_was_asked_of_it(
 
 def test_motion_is_the_seeds_own_whoever_came_before(tiny_bundle: Path, voice: np.ndarray) -> None:
     """In the first session of a pipeline, in a used row, and in another row beside a stranger's."""
-    with_face = pipeline_of(tiny_bundle, 2.0)
+    with_face = pipeline_of(tiny_bundle)
     first = shown(heard(with_face, opened(with_face, 3), voice))
     used = opened(with_face, 9)
     other = shown(heard(with_face, used, voice))
@@ -205,14 +207,14 @@ def test_motion_is_the_seeds_own_whoever_came_before(tiny_bundle: Path, voice: n
 
 
 def test_after_the_warm_up_nobody_waits(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with_face = pipeline_of(tiny_bundle, 2.0)
+    with_face = pipeline_of(tiny_bundle)
     with_face.warm_up()
     monkeypatch.setattr(with_face, "step", lambda *args: pytest.fail("a session waits"))
     assert int(opened(with_face, 1).seeds) == 1
 
 
 def test_without_a_lead_in_it_has_heard_nothing(tiny_bundle: Path) -> None:
-    with_face = pipeline_of(tiny_bundle, 0.0)
+    with_face = pipeline_of(tiny_bundle, lead_in_s=0.0)
     state, fresh = opened(with_face, 0), with_face.init_state(1)
     assert all(torch.equal(a, b) for a, b in zip(state.tensors(), fresh.tensors(), strict=True))
 
@@ -375,3 +377,48 @@ def test_a_true_gpu_gives_the_motion_of_the_host(tiny_bundle: Path, voice: np.nd
         for name in ("cuda", "cpu")
     )
     np.testing.assert_allclose(there, here, atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def default() -> Pipeline:
+    return Pipeline(replace(load_bundle("default"), face=None))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_hand_rises_over_the_head_as_far_as_it_is_asked_to(default: Pipeline, seed: int) -> None:
+    """By its codes alone, in silence: asked with intensity 1 the hand is raised, asked with a fifth it stays down."""
+    action, highest = default.actions["raise_left_hand"], {}
+    for intensity in (1.0, 0.2):
+        state, everyone = default.init_state(1), torch.ones(1, dtype=torch.bool)
+        default.reset(state, everyone, seed=seed)
+        made = []
+        for chunk in range(8):
+            members = intensity * action.members(chunk, action.chunks, default.directive_codes)[None]
+            made += default.step(torch.zeros(1, 6400), state, everyone, directive=default.directive(members))
+        motion = join(made)
+        turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
+        pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root))
+        highest[intensity] = float(pose.positions[:, HUMANOID.index("leftHand"), 1].max())
+    assert highest[1.0] > 1.6
+    assert highest[0.2] < 1.2
+
+
+def test_a_generator_that_knows_no_exemplars_is_asked_by_its_logits_alone(
+    pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Random weights, eight codes: at intensity 1 the asked one is always drawn, at 0.15 about half the time."""
+    seen, step = [], pipeline.generator.step
+    monkeypatch.setattr(pipeline.generator, "step", lambda *x, **named: (seen.append(step(*x, **named)), seen[-1])[1])
+    shares = []
+    for intensity in (1.0, 0.15):
+        state, everyone = pipeline.init_state(8), torch.ones(8, dtype=torch.bool)
+        for row in range(8):
+            pipeline.reset(state, torch.arange(8) == row, seed=row)
+        seen.clear()
+        members = torch.zeros(8, pipeline.directive_codes)
+        members[:, 3] = intensity
+        for _ in range(40):
+            pipeline.step(torch.zeros(8, 6400), state, everyone, directive=pipeline.directive(members))
+        shares.append(float((torch.stack(seen)[..., 1, 0] == 3).float().mean()))
+    assert shares[0] > 0.98
+    assert 0.35 < shares[1] < 0.7

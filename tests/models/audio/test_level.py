@@ -78,3 +78,49 @@ def test_any_length_is_served_offline_and_whole_blocks_live():
     assert LEVEL(torch.zeros(1, 0)).shape == (1, 0)
     with pytest.raises(ValueError, match="multiple of 160 samples, got 100"):
         LEVEL.step(torch.zeros(1, 100), LEVEL.init_state(1), torch.ones(1, dtype=torch.bool))
+
+
+def noise(seconds: float, level_db: float, seed: int) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.randn(1, round(seconds * 24_000), generator=generator) * 10 ** (level_db / 20)
+
+
+def test_a_soft_passage_is_loud_again_after_twenty_seconds():
+    """15 dB softer than the second before it."""
+    out = LEVEL(torch.cat([noise(1, -20, 8), noise(20, -35, 9)], 1))
+    assert decibels(out[:, 24_000:48_000]) < -33
+    assert -24 < decibels(out[:, -24_000:]) < -19
+
+
+def test_a_fan_that_is_switched_on_is_sound_for_ten_seconds_and_noise_from_then_on():
+    out = LEVEL(torch.cat([noise(1, -80, 10), noise(14, -50, 11)], 1))
+    assert -24 < decibels(out[:, 7 * 24_000 : 8 * 24_000]) < -18
+    assert decibels(out[:, 12 * 24_000 :]) < -35
+
+
+def test_what_can_hardly_be_heard_is_not_lifted_and_what_surely_is_sound_is():
+    """Whispers at -66 dBFS, a steady tone at -36, and speech at -45 over noise of -65."""
+    assert decibels(LEVEL(talk(1, 4, -66, torch.Generator().manual_seed(12)))) < -64
+    tone = torch.sin(torch.arange(96_000) / 24_000 * 2 * torch.pi * 300)[None] * 10 ** (-36 / 20) * 2**0.5
+    assert -22 < decibels(LEVEL(tone)[:, -24_000:]) < -20
+    speech = talk(1, 6, -45, torch.Generator().manual_seed(13))
+    mixed = speech + noise(6, -65, 14)
+    assert -24 < decibels(LEVEL(mixed)[:, 24_000:]) < -19
+
+
+def test_the_gate_closes_smoothly_after_a_quarter_of_a_second():
+    """The gain in a pause after speech: held for 0.25 s, 4 dB lower 0.1 s later, 18 dB lower at last."""
+    words = talk(1, 3, -30, torch.Generator().manual_seed(15))[:, : 72_000 - 2_400]
+    out = LEVEL(torch.cat([words, torch.full((1, 48_000), 1e-3)], 1))[0, words.shape[1] :]
+    held, soon, closed = (20 * torch.log10(out[round(when * 24_000)] / out[0]) for when in (0.2, 0.35, 1.0))
+    assert held.abs() < 0.1
+    assert -7 < soon < -2
+    assert -20 < closed < -16
+
+
+def test_peaks_are_bent_softly():
+    """A click on a soft tone: at 0.6 it stays, at 0.9 it is bent to 0.82."""
+    tone = torch.sin(torch.arange(96_000) / 24_000 * 2 * torch.pi * 300)[None] * 0.126
+    for peak, heard in ((0.6, 0.6), (0.9, 0.82)):
+        tone[0, 80_000] = peak
+        assert LEVEL(tone)[0, 80_000] == pytest.approx(heard, abs=0.01)

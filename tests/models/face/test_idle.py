@@ -28,12 +28,24 @@ def test_a_face_blinks_about_16_times_a_minute_and_not_in_step():
     assert 0.02 < shut.double().mean() < 0.1
 
 
+def test_some_blinks_are_left_out_and_some_are_double():
+    """Of one every 3.3 s, about every seventh is left out, and every eighth is two."""
+    lids = blinks(SEEDS, MINUTE)
+    is_there = lids.unflatten(1, (18, 100)).amax(2) > 0
+    assert 0.08 < (~is_there).double().mean() < 0.22
+    starts = ((lids[:, 1:] > 0) & (lids[:, :-1] == 0)).sum()
+    assert 0.07 < starts / is_there.sum() - 1 < 0.18
+
+
 def test_gaze_is_small_mostly_at_home_and_held_between_jumps():
     yaw, pitch = gaze(SEEDS, MINUTE)
-    assert yaw.abs().max() <= 0.25
-    assert pitch.abs().max() <= 0.14
+    assert 0.2 < yaw.abs().max() <= 0.25
+    assert 0.11 < pitch.abs().max() <= 0.14
     assert 0.4 < ((yaw == 0) & (pitch == 0)).double().mean() < 0.7
-    assert ((yaw[:, 1:] != yaw[:, :-1]).double().mean()) < 0.1
+    moves = (yaw[:, 1:] != yaw[:, :-1]) | (pitch[:, 1:] != pitch[:, :-1])
+    jumps = moves[:, 1:] & ~moves[:, :-1]
+    assert 20 < jumps.sum(1).double().mean() < 34  # a minute
+    assert 2 < moves.sum() / jumps.sum() < 4  # frames, a tenth of a second
 
 
 def test_it_lives_in_silence_and_the_mouth_is_still():
@@ -49,6 +61,20 @@ def test_brows_rise_on_loud_onsets():
     brows = run([300], loudness)[..., BROW].mean(0)
     assert brows[152:162].max() > brows[100:150].max() + 0.1
     assert brows[250:].mean() < brows[152:162].max() - 0.1
+
+
+def test_brows_go_up_in_two_frames_come_down_in_a_third_of_a_second_and_get_used_to_it():
+    """By how much a step of 0.5 in loudness raises them: while it lasts for a third of a second, and for good."""
+    calm, burst = torch.full((40, 300), 0.4), torch.full((40, 300), 0.4)
+    burst[:, 150:160] = 0.9
+    louder = torch.where(torch.arange(300) < 150, calm, 0.9)
+    burst, louder = ((run([300], loudness) - run([300], calm))[..., BROW].mean(0) for loudness in (burst, louder))
+    assert 0.15 < burst.max() < 0.35
+    assert 0.1 < burst[150] / burst.max() < 0.4
+    assert burst[152] > 0.7 * burst.max()
+    assert 0.25 < burst[167] / burst.max() < 0.65
+    assert 0.3 < louder[180] / louder.max() < 0.85
+    assert louder[230:].max() < 0.1 * louder.max()
 
 
 def test_any_chunking_and_any_neighbour_give_the_same():

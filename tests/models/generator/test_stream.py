@@ -99,3 +99,20 @@ def test_a_stream_primed_with_what_it_generated_goes_on_as_if_it_had_generated_i
 )
 def test_every_order_has_its_stream(sequence, kind):
     assert type(open_stream(generator(sequence=sequence))) is kind
+
+
+@pytest.mark.parametrize("sequence", ["depth", "interleaved", "prefix"])
+def test_codes_are_drawn_as_often_as_they_are_likely_but_never_the_most_unlikely(sequence):
+    """By default: a model without weights, whose logits are given; 96 % of the mass is on the first four codes."""
+    model = generator(sequence=sequence)
+    with torch.no_grad():
+        for parameter in model.parameters():
+            parameter.zero_()
+    likely = torch.tensor([0.8, 0.08, 0.05, 0.03, 0.02, 0.01, 0.006, 0.004])
+    stream, rows = open_stream(model), 64
+    state, everyone = stream.init_state(rows), torch.ones(rows, dtype=torch.bool)
+    bias = likely.log().expand(rows, -1)
+    drawn = stream.step(audio(rows, 160), state, everyone, seeds=torch.arange(rows), bias=bias)[:, :, 1, 0]
+    shares = torch.bincount(drawn.flatten(), minlength=8) / drawn.numel()
+    torch.testing.assert_close(shares[:4], likely[:4] / 0.96, atol=0.04, rtol=0)
+    assert not shares[4:].any()

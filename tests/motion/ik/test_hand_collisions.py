@@ -122,6 +122,21 @@ def test_a_hand_moves_as_the_text_says() -> None:
     assert np.array_equal(before[-1], after[-1])
 
 
+@pytest.mark.parametrize(("x", "y"), [(0.1, 0.2), (0.12, 0.3), (0.05, 0.25)])
+def test_a_hand_on_its_way_to_the_body_is_slowed_over_some_centimetres(x: float, y: float) -> None:
+    """Straight to the chest: from where it first yields to where it goes no further it is slowed over 4 to 7 cm."""
+    ahead = torch.arange(0.30, 0.06, -0.002)
+    poses = left_wrist_at(torch.stack([torch.full_like(ahead, x), torch.full_like(ahead, y), ahead], -1))
+    wrist = HUMANOID.index("leftHand")
+    before, after = (
+        forward_kinematics(HUMANOID, r, torch.zeros(len(r), 3)).positions[:, wrist].numpy()
+        for r in (poses, resolved(poses))
+    )
+    yields = np.linalg.norm(after - before, axis=-1)
+    first, last = np.argmax(yields > 5e-4), np.argmax(np.diff(yields) > 0.9 * 0.002)
+    assert 0.04 < before[first, 2] - before[last, 2] < 0.07
+
+
 def test_frames_do_not_meet() -> None:
     """One frame of eight inside the body: the other seven keep every bit, and it moves as if it were alone."""
     far, near = left_wrist_at(PLACES[-1:]), left_wrist_at(PLACES[:1])

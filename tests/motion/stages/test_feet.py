@@ -122,6 +122,63 @@ def test_a_foot_that_shuffles_steps_instead() -> None:
     assert (moved[10:20, :, 0] - moved[10:11, :, 0]).abs().max() < 1e-3
 
 
+def glide(height: list[float], speed: float) -> tuple[np.ndarray, np.ndarray]:
+    """Balls (t, 2, 3) as shown and as decoded, of a body that floats at a height over its stance and glides along X."""
+    rotations, root = sliding(len(height))
+    standing = HUMANOID.rest_positions[BALLS, 1]
+    root[..., 1] += torch.tensor(height) - (balls(rotations, root)[0, :, 1] - standing).min()
+    root[..., 0] = torch.arange(len(height)) * speed / 30
+    feet = Feet(HUMANOID, CHAINS)
+    ways = balls(step(feet, rotations, root, feet.init_state(1)), root), balls(rotations, root)
+    shown, decoded = ((way - standing[:, None] * torch.tensor([0.0, 1.0, 0.0])).numpy() for way in ways)
+    return shown, decoded
+
+
+def speed_of(way: np.ndarray) -> np.ndarray:
+    """Along X, of the left ball, metres per second."""
+    return np.asarray(np.diff(way[:, 0, 0]) * 30)
+
+
+@pytest.mark.parametrize(("height", "speed", "stands"), [(0.01, 0.1, True), (0.03, 0.1, False), (0.0, 0.2, True)])
+def test_a_foot_is_planted_where_it_is_low_and_slow(height: float, speed: float, stands: bool) -> None:
+    """Decoded one centimetre over the floor it stands, at three it travels; up to 20 cm/s are an error, no step."""
+    shown, decoded = glide([height] * 12, speed)
+    assert np.ptp(shown[:, 0, 0]) < 1e-3 if stands else np.array_equal(shown[:, :, 0], decoded[:, :, 0])
+
+
+@pytest.mark.parametrize(("height", "stands"), [(0.028, True), (0.045, False)])
+def test_a_planted_foot_is_let_go_where_it_is_decoded_well_above_the_floor(height: float, stands: bool) -> None:
+    """It is raised within half a second and stays there, while the body glides on at 10 cm/s."""
+    shown, _ = glide([0.0] * 8 + np.linspace(0, height, 15).tolist() + [height] * 5, 0.1)
+    assert (np.abs(speed_of(shown)[20:]).max() < 0.02) == stands
+
+
+def test_a_body_that_bobs_stands_and_its_soles_settle() -> None:
+    """Up and down by 12 mm, 2.5 times a second; and a body decoded a centimetre too high."""
+    bobbing, _ = glide((0.006 - 0.006 * np.cos(np.arange(24) / 30 * 2 * math.pi * 2.5)).tolist(), 0.1)
+    assert np.ptp(bobbing[:, 0, 0]) < 1e-3
+    floating, _ = glide([0.01] * 24, 0.0)
+    assert floating[15:, :, 1].max() < 1e-3
+
+
+def test_a_foot_steps_higher_the_faster_it_goes() -> None:
+    """Dragged at half a metre a second it is raised by two centimetres, at a brisk step by more than four."""
+    heights = [glide([0.0] * 36, speed)[0][-1, 0, 1] for speed in (0.5, 0.8)]
+    assert 0.012 < heights[0] < 0.025
+    assert 0.04 < heights[1] < 0.05
+
+
+def test_a_foot_that_is_held_too_long_steps_to_its_place_within_half_a_second() -> None:
+    """A body that glides at 10 cm/s: its feet step after 12 cm, and land a centimetre or so from where they belong."""
+    shown, decoded = glide([0.0] * 60, 0.1)
+    speed, away = speed_of(shown), np.abs(shown - decoded)[:, 0, 0]
+    on_its_way = np.flatnonzero(speed > 0.05)
+    begin, end = on_its_way[0], on_its_way[-1] + 1
+    assert 0.11 < away[begin] < 0.13
+    assert 0.005 < away[end] < 0.016
+    assert end - begin < 15
+
+
 def test_nothing_else_moves() -> None:
     rotations, root = sliding()
     feet = Feet(HUMANOID, CHAINS)

@@ -79,6 +79,16 @@ def test_a_low_foot_that_travels_faster_than_errors_do_is_not_planted(speed: flo
     torch.testing.assert_close(way, torch.tensor(share * 23 * speed / 30), atol=1e-4, rtol=0)
 
 
+@pytest.mark.parametrize(("height", "least", "most"), [(0.005, 0.0, 0.1), (0.04, 0.99, 1.01)])
+def test_feet_hold_the_root_until_they_are_a_few_centimetres_up(height: float, least: float, most: float) -> None:
+    """Standing legs that drift by 10 cm/s: half a centimetre over the floor they hold, at four they have let go."""
+    rotations, travel = torch.eye(3).expand(1, 24, HUMANOID.joints, 3, 3), torch.zeros(1, 24, 3)
+    travel[..., 0], travel[..., 2] = 0.1 / 30, 0.95 + height
+    ground = Ground(HUMANOID, CHAINS)
+    way = step(ground, rotations, travel, ground.init_state(1))[0, -1, 0] / (23 * 0.1 / 30)
+    assert least <= way <= most
+
+
 @pytest.mark.parametrize("sizes", [[8] * 6, [1, 7, 8, 3, 5, 8, 8, 8], [1] * 48])
 def test_any_chunking_gives_the_whole(sizes: list[int]) -> None:
     """Outside witness: `rolled`, frame by frame in double precision."""

@@ -5,7 +5,7 @@ import pytest
 import torch
 from tests.motion.stages.poses import everyone
 
-from echoavatar.motion.stages.leash import EDGE, LEAN, NEAR, PULL_SPEED, Leash, LeashState
+from echoavatar.motion.stages.leash import EDGE, NEAR, PULL_SPEED, Leash, LeashState
 from echoavatar.motion.stages.pose import Pose
 
 
@@ -95,19 +95,28 @@ def test_near_the_start_nothing_is_changed() -> None:
     np.testing.assert_allclose(steps(leash, root, leash.init_state(1)), root, atol=1e-6)
 
 
+def left_after(far: float, seconds: float = 8.0, **options: float) -> float:
+    """Where one stands after that time who began `far` out, on a leash of a metre."""
+    leash, root = Leash(), np.zeros((3, 8, 1), np.float32)
+    root[0], state = far, leash.init_state(1)
+    return [float(step(leash, root.copy(), state, **options)[0, -1, 0]) for _ in range(round(seconds * 30 / 8))][-1]
+
+
 def test_one_who_stands_far_out_is_drawn_back_unless_feet_are_off_already() -> None:
-    leash = Leash()
-    root = np.zeros((3, 8, 1), np.float32)
-    root[0] = 0.9
-    state = leash.init_state(1)
-    for _ in range(30):
-        out = step(leash, root.copy(), state)
-    assert 0.3 < out[0, -1, 0] < 0.6
-    held, state = 0.0, leash.init_state(1)
-    for _ in range(30):
-        held = step(leash, root.copy(), state, lean=LEAN)[0, -1, 0]
-    assert held == pytest.approx(0.9, abs=1e-5)
-    assert PULL_SPEED < 0.3
+    assert 0.3 < left_after(0.9) < 0.6
+    assert 0.65 < left_after(0.9, seconds=1.0) < 0.78
+    assert left_after(0.3) == pytest.approx(0.3, abs=1e-5)
+    assert left_after(0.9, lean=0.01) < 0.6
+    assert left_after(0.9, lean=0.05) == pytest.approx(0.9, abs=1e-5)
+
+
+def test_one_who_walks_out_is_slowed_near_the_end_alone() -> None:
+    """At 40 cm/s: hardly slower two thirds of the way out, and never past 90 %."""
+    leash, root = Leash(), np.zeros((3, 400, 1), np.float32)
+    root[0, :, 0] = np.arange(400) * 0.4 / 30
+    place = steps(leash, root, leash.init_state(1))[0, :, 0]
+    assert np.diff(place)[place[1:] < 0.65].min() * 30 > 0.3
+    assert 0.8 < place.max() < 0.9
 
 
 def test_pinned_rows_do_not_move_and_free_ones_are_free() -> None:

@@ -68,6 +68,37 @@ def test_in_place_stays_over_the_start_and_feet_step_without_sliding(walk: Motio
     assert dots.min() > 1 - 1e-5
 
 
+def lifts(motion: Motion) -> list[int]:
+    """How often each foot leaves the floor."""
+    high = balls(motion)[30:, :, 1] - STANDING > 0.02
+    return [int((high[1:, foot] & ~high[:-1, foot]).sum()) for foot in range(2)]
+
+
+def test_in_place_feet_step_no_more_often_and_trail_by_less_than_a_third_of_a_metre(walk: Motion) -> None:
+    """At a stroll every step stays one step; of one in a hurry no standing foot is stretched far behind."""
+    assert lifts(with_options(walk, MotionOptions(in_place=True))) == lifts(walk)
+    fast = walking(pace=0.6)
+    still = with_options(fast, MotionOptions(in_place=True))
+    shown, decoded = balls(still), balls(fast) - fast.root[:, None] + still.root[:, None]
+    trail = np.linalg.norm((shown - decoded)[31:, :, ::2], axis=-1)
+    stands = np.linalg.norm(np.diff(shown[30:, :, ::2], axis=0), axis=-1) < 1e-3
+    assert 0.25 < trail[stands].max() < 0.33
+
+
+def test_an_idle_stance_bends_the_knees_and_sways_slowly_from_the_start() -> None:
+    """The hips are a centimetre lower than at rest; they sway four times in 30 s, and start without a lurch."""
+    rest = HUMANOID.offsets[0].numpy()
+    unit = np.tile(np.float32([1, 0, 0, 0]), (900, HUMANOID.joints, 1))
+    still = Motion(HUMANOID, unit, np.tile(rest, (900, 1)).astype(np.float32), 30.0)
+    root = with_options(still, MotionOptions(upper_body=True)).root - rest
+    assert -0.016 < root[:, 1].min() <= root[:, 1].max() < -0.008
+    crossings = ((root[1:] > 0) != (root[:-1] > 0)).sum(0)
+    assert 8 <= crossings[0] <= 10
+    assert 4 <= crossings[2] <= 6
+    assert root[7, 0] < 0.001
+    assert root[54, 0] > 0.006
+
+
 def test_upper_body_stands_and_keeps_arms_and_fingers(walk: Motion) -> None:
     still = with_options(walk, MotionOptions(upper_body=True))
     feet = balls(still)[15:]

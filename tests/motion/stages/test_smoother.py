@@ -9,7 +9,7 @@ from tests.motion.stages.poses import everyone, from_quaternions, in_pieces, qua
 
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
 from echoavatar.motion.stages.pose import Pose
-from echoavatar.motion.stages.smoother import BEND, FASTEST, LATE, STIFFNESS, Smoother, SmootherState, SpeedLimit
+from echoavatar.motion.stages.smoother import BEND, LATE, STIFFNESS, Smoother, SmootherState, SpeedLimit
 
 
 def about_x(angle: torch.Tensor) -> torch.Tensor:
@@ -109,6 +109,30 @@ def test_a_quick_stroke_keeps_its_time_and_size() -> None:
     assert (shown(stroke) - stroke)[8:].abs().max() < 0.12
 
 
+def minimum_jerk(lead: int) -> torch.Tensor:
+    """A stroke of 1 rad in 0.4 s after `lead` frames at rest, as hands make them."""
+    share = ((torch.arange(64) - lead) / 12).clamp(0, 1)
+    return share**3 * (10 - 15 * share + 6 * share * share)
+
+
+def test_strokes_keep_their_course_and_trembling_does_not() -> None:
+    """Strokes that begin anywhere in a chunk stay within 2.4 degrees; of the jerk of trembling a twentieth is left."""
+    strokes = [minimum_jerk(20 + place) for place in range(8)]
+    assert max((shown(stroke) - stroke).abs().max() for stroke in strokes) < math.radians(2.4)
+    torch.manual_seed(0)
+    tremble = (0.05 * torch.randn(400)).repeat_interleave(4)
+    jerk = torch.diff(shown(tremble), n=3).abs()
+    assert jerk.mean() < 0.05 * torch.diff(tremble, n=3).abs().mean()
+
+
+def test_a_step_is_felt_where_a_latent_begins_and_spread_over_all_of_it() -> None:
+    """Where a latent begins the jerk is three to five times as large as within it: neither a corner nor a dead hand."""
+    torch.manual_seed(0)
+    jerk = torch.diff(shown((0.05 * torch.randn(400)).repeat_interleave(4)), n=3).abs()
+    is_begin = (torch.arange(len(jerk)) + 3) % 4 == 0
+    assert 3 < jerk[is_begin].mean() / jerk[~is_begin].mean() < 5
+
+
 def test_no_stiffness_shows_what_was_decoded() -> None:
     torch.manual_seed(0)
     angle = 0.5 * torch.rand(32)
@@ -148,7 +172,7 @@ def test_idle_rows_stay_untouched() -> None:
 
 
 FPS = 30.0
-MOST = math.degrees(FASTEST) / FPS
+MOST = 1000 / FPS  # degrees
 
 
 def pose(degrees) -> Pose:

@@ -1,4 +1,6 @@
+import contextlib
 import json
+import queue
 import threading
 import time
 
@@ -7,10 +9,11 @@ import pytest
 from tests.server.sinks.receiving import RIG, Receiver, walking
 
 from echoavatar.server.sinks import Frame, SinkGroup, SinkPlayer
+from echoavatar.server.sinks import player as room
 from echoavatar.server.sinks.player import FollowingClock, PoseTrack
 from echoavatar.timing import SAMPLE_RATE_HZ as RATE
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire.blobs import pack_pose
+from echoavatar.wire.blobs import Pose, pack_pose
 from echoavatar.wire.messages import Flush
 
 
@@ -51,6 +54,27 @@ def test_a_jump_is_made_at_once_in_both_directions() -> None:
         settled = readings[int(2.2 * 60) :]
         expected = np.arange(len(readings))[int(2.2 * 60) :] / 60 + to
         assert np.abs(settled - expected).max() < 0.02
+
+
+def test_an_error_of_a_fifth_of_a_second_is_made_up_within_one_without_a_jump() -> None:
+    """The other clock is 0.2 s further at once, as after a pause of a player: the pace doubles until it is made up."""
+    readings = followed(lambda now: now if now < 2 else now + 0.2)
+    ahead = readings - np.arange(len(readings)) / 60
+    assert np.diff(readings).max() * 60 < 2.1
+    assert 0.05 < ahead[126] < 0.15
+    assert ahead[156] == pytest.approx(0.2, abs=0.02)
+
+
+def test_rare_reports_are_followed_evenly() -> None:
+    """A player that reports its place eleven times a second."""
+    clock, readings = FollowingClock(), []
+    for frame in range(240):
+        if frame % 5 == 0:
+            clock.tell(frame / 60 * RATE, frame / 60)
+        readings.append(clock.read(frame / 60))
+    speed = np.diff(np.array(readings, float)) / RATE * 60
+    assert speed.min() > 0.9
+    assert speed.max() < 1.1
 
 
 def test_without_reports_the_clock_stops() -> None:
@@ -243,6 +267,50 @@ def test_a_recording_is_played_at_the_pace_of_the_wall() -> None:
     places = [pose["root"][2] for pose in found if pose["type"] == "pose"]
     assert places == sorted(places)
     assert places[0] < 0.2
+
+
+class Watch:
+    """A clock that stands until it is set, in the place of the module `time`."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+class Listener:
+    """A player that notes the sample it is told."""
+
+    def __init__(self) -> None:
+        self.told: queue.Queue[float] = queue.Queue(1)
+
+    def put(self, at: int, pose: Pose) -> None:
+        pass
+
+    def tell(self, at: float, now: float) -> None:
+        with contextlib.suppress(queue.Full):
+            self.told.put_nowait(at)
+
+    def latest(self) -> float:
+        """What it is told from now on; the first two may be older."""
+        return [self.told.get(timeout=10) for _ in range(3)][-1]
+
+    def close(self) -> None:
+        pass
+
+
+def test_motion_is_shown_a_tenth_of_a_second_after_it_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that the next may come late by as much; then it goes at the pace of the wall."""
+    watch, listener = Watch(), Listener()
+    monkeypatch.setattr(room, "time", watch)
+    with SinkGroup([], RIG) as group:
+        group.players.append(listener)  # type: ignore[arg-type]
+        group.put(0, walking(30))
+        watch.now = 100.08
+        assert listener.latest() == 0
+        watch.now = 100.6
+        assert listener.latest() == pytest.approx(0.5 * 24_000, abs=1)
 
 
 def test_a_session_may_be_taken_back() -> None:

@@ -6,6 +6,7 @@ import time
 import numpy as np
 import pytest
 
+from echoavatar.server.video import live_stream
 from echoavatar.server.video.live_stream import BLOCK_SAMPLES, EDGE, LiveStream, doubled
 
 BLACK = np.zeros((2, 2, 3), np.uint8)
@@ -124,6 +125,56 @@ async def test_it_jumps_to_a_playhead_that_is_far_off() -> None:
     session.start = 240_000
     blocks = [await stream.sound() for _ in range(4)]
     assert int(inner(blocks[-1].samples)[0]) > 9_900
+    await stream.close()
+
+
+class Watch:
+    """A clock that stands until it is set, in the place of the module `time`."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.mark.parametrize(("off_s", "jumps"), [(0.2, False), (0.3, True)])
+async def test_it_jumps_to_a_playhead_that_is_off_by_a_quarter_of_a_second(
+    monkeypatch: pytest.MonkeyPatch, off_s: float, jumps: bool
+) -> None:
+    watch, session, ahead = Watch(), Session(), 0.0
+    monkeypatch.setattr(live_stream, "time", watch)
+    stream = LiveStream(session, lambda: round((watch.now - 100.0 + ahead) * 24_000))
+    assert stream.place == 0
+    ahead = off_s
+    for _ in range(2):
+        watch.now += 0.1
+        place = stream.place
+    assert (place > 0.3 * 24_000) == jumps
+    await stream.close()
+
+
+async def test_sound_that_is_half_a_second_late_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After 0.4 s in which nobody asked the next block follows; after 0.6 s more the newest one."""
+    watch, session = Watch(), Session()
+    monkeypatch.setattr(live_stream, "time", watch)
+    stream, begins = LiveStream(session, lambda: 0), []
+    for pause in (0.0, 0.4, 0.6):
+        watch.now += pause
+        begins.append((await stream.sound()).seconds)
+    assert begins[1] - begins[0] == pytest.approx(0.02)
+    assert begins[2] - begins[1] > 0.9
+    await stream.close()
+
+
+async def test_a_picture_asks_for_motion_of_the_next_tenth_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However long it takes to draw, as later motion may not be there yet; and not for less, or it would be late."""
+    watch, session = Watch(), Session()
+    monkeypatch.setattr(live_stream, "time", watch)
+    stream = LiveStream(session, lambda: 0)
+    stream._draw_s = 0.3
+    await stream.picture()
+    assert 0.1 < session.pictured[0] / 24_000 < 0.2
     await stream.close()
 
 
