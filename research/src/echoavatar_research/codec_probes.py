@@ -95,7 +95,7 @@ def make(experiment: Experiment) -> Table:
     seed = experiment.seed
     training = [*recorded(folder, "train", count, seed), *synthetic("train", count, seed)]
     tests = {
-        "recorded": recorded(folder, "test", max(2, count // 3), seed),
+        "recorded": recorded(folder, "dev", max(2, count // 3), seed),
         "synthetic": synthetic("test", max(2, count // 3), seed),
     }
     codecs: dict[str, AudioCodec | None] = {"default bundle": load_bundle("default").codec}
@@ -122,7 +122,7 @@ def make(experiment: Experiment) -> Table:
 
 def recorded(folder: Path, split: str, count: int, seed: int) -> list[Sound]:
     """Speech and music in turn, from the recordings of a split."""
-    source, rng = RecordedSound(folder, split), np.random.default_rng([seed, split == "test"])
+    source, rng = RecordedSound(folder, split), np.random.default_rng([seed, split != "train"])
     drawn = [(source.speech if i % 2 == 0 else source.music)(rng, _SECONDS) for i in range(count)]
     return [known(track) for track in drawn]
 

@@ -343,7 +343,7 @@ def _recordings(folder: Path, seconds: float) -> list:  # type: ignore[type-arg]
     from echoavatar.models.audio.recorded_files import decoded, recorded_files
 
     found = []
-    for file in recorded_files(folder, "test"):
+    for file in recorded_files(folder, "dev"):
         audio = decoded(file.path)[-int(seconds * 24_000) :]  # the end: training may have used the beginning
         kind = MUSIC if file.kind == "music" else SPEECH
         found.append(Recording(file.path.name, kind, audio.astype(np.float32) / 32_768))

@@ -21,6 +21,7 @@ from echoavatar.engine import Engine, animate_many
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
+from echoavatar.models.audio.recorded_splits import split_of
 from echoavatar.motion.kinematics import Motion, read_bvh
 from echoavatar.motion.kinematics.statistics import turned_feet
 from echoavatar.motion.motion_chunk import MotionChunk, join
@@ -88,7 +89,7 @@ def read_sounds(
     """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
 
     A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
-    its test split is used; `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
+    its dev split is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
     music, and folders are classes. Voices of one class are joined until they last `seconds`; music is not. What stays
     shorter than 20 s is left out.
 
@@ -333,7 +334,10 @@ def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tup
     """Path, kind and class of every sound."""
     if (manifest := folder / "manifest.csv").is_file():
         with manifest.open(newline="", encoding="utf-8") as file:
-            rows = [row for row in csv.DictReader(file) if row.get("split", "test") == "test"]
+            rows = list(csv.DictReader(file))
+        splits = [split_of(row["speaker_or_artist"], row.get("split", "dev")) for row in rows]
+        heard = "dev" if "dev" in splits else "test"
+        rows = [row for row, split in zip(rows, splits, strict=True) if split == heard]
         return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     places = [path.relative_to(folder) for path in paths]

@@ -59,6 +59,17 @@ def test_recordings_are_half_of_the_sound_and_named(tmp_path: Path, own_cache: P
     assert all(start < end for start, end, *_ in json.loads(clips[0].labels["sources"]))
 
 
+def test_held_out_clips_hear_no_recordings_but_those_of_train(tmp_path: Path, own_cache: Path) -> None:
+    for name in ("train", "dev", "test"):
+        soundfile.write(tmp_path / f"{name}.wav", np.random.default_rng(0).normal(0, 0.1, 96_000), 24_000)
+    rows = [f"{name}.wav,4,music,Band of {name},{name},pop,{name}" for name in ("train", "dev", "test")]
+    head = "path,seconds,kind,speaker_or_artist,title,language_or_genre,split"
+    (tmp_path / "manifest.csv").write_text("\n".join([head, *rows]))
+    tracks = [compose_track(seed, 4.0, "music", split="test", recordings=tmp_path) for seed in range(8)]
+    heard = {source.name for track in tracks for source in track.sources if "Band" in source.name}
+    assert heard == {"Band of train: train"}
+
+
 def test_a_corpus_has_the_same_fingerprint_for_any_number_of_workers(tmp_path: Path) -> None:
     tiny = [replace(plan(tmp_path / name), clip_seconds=2.0, hours=4 / 3600) for name in ("a", "b", "c")]
     rehearse(tiny[0])

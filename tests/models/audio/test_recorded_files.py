@@ -48,3 +48,11 @@ def test_sound_is_decoded_once(tmp_path: Path, own_cache: Path) -> None:
     assert np.array_equal(np.load(kept[0]), first)
     write_wav(path, np.zeros(960, np.float32))
     assert len(decoded(path)) == 960
+
+
+def test_dev_is_test_where_nothing_is_marked_dev(tmp_path: Path) -> None:
+    held_out = "b.wav,1,music,Band,Song,waltz,test\n"
+    folder(tmp_path, held_out + "a.wav,1,speech,Ann,Talk,English,train\n")
+    assert recorded_files(tmp_path, "dev") == recorded_files(tmp_path, "test")
+    folder(tmp_path, held_out + "a.wav,1,speech,Ann,Talk,English,dev\n")
+    assert [file.voice for file in recorded_files(tmp_path, "dev")] == ["Ann"]

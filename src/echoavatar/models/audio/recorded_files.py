@@ -1,8 +1,9 @@
 """Folders of recorded speech and music: which files they hold, who is heard, and what may be trained on.
 
 A folder may have a `manifest.csv` with the columns path, seconds, kind ("speech" or "music"), speaker_or_artist,
-title, language_or_genre and split ("train" or "test"), one row a file. Without one every file belongs to both splits,
-and a path that contains "music" is music.
+title, language_or_genre and split ("train", "dev" or "test"), one row a file. Settings and weights are chosen on "dev";
+"test" is heard once, for a card. `recorded_splits` moves known speakers and artists. Without a manifest every file
+belongs to all splits, and a path that contains "music" is music.
 
 Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of a long file is read without decoding
 the whole. May import `io`, `nn.kernels`, `timing` and `errors`.
@@ -23,6 +24,7 @@ from echoavatar.errors import AudioError
 from echoavatar.nn.kernels import user_cache
 
 from .io import read_audio
+from .recorded_splits import split_of
 
 AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 MANIFEST = "manifest.csv"
@@ -37,19 +39,23 @@ class RecordedFile(NamedTuple):
     voice: str
     title: str
     style: str
-    split: Literal["train", "test"]
+    split: Literal["train", "dev", "test"]
     seconds: float  # 0: not known before it is decoded
 
 
 def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile, ...]:
-    """The recordings of a folder by path, of one `split` or of both.
+    """The recordings of a folder by path, of one `split` or of all; "dev" is "test" where a manifest marks no "dev".
 
     Raises:
         AudioError: the manifest is damaged or names a file that is missing, or nothing is found.
     """
     manifest = folder / MANIFEST
     if manifest.is_file():
-        what, chosen = f"no recordings marked {split}", [one for one in _listed(manifest) if split in (None, one.split)]
+        listed = list(_listed(manifest))
+        chosen = [one for one in listed if split in (None, one.split)]
+        if split == "dev" and not chosen:
+            chosen = [one for one in listed if one.split == "test"]
+        what = f"no recordings marked {split}"
     else:
         what, chosen = f"no sound ({', '.join(AUDIO_SUFFIXES)})", list(_found(folder))
     if not chosen:
@@ -97,16 +103,16 @@ def _listed(manifest: Path) -> Iterator[RecordedFile]:
         for number, row in enumerate(csv.DictReader(file), 2):
             path, kind, voice, title, style, split = (row.get(name) or "" for name in _COLUMNS)
             style = style.split(" [")[0]  # without notes on the excerpt
-            if kind not in ("speech", "music") or split not in ("train", "test"):
+            if kind not in ("speech", "music") or split not in ("train", "dev", "test"):
                 raise AudioError(
                     f"{manifest}, line {number}: kind is {kind!r} and split {split!r}; write speech or music, and "
-                    "train or test"
+                    "train, dev or test"
                 )
             inside = manifest.parent / path
             if not inside.is_file() or not inside.resolve().is_relative_to(manifest.parent.resolve()):
                 raise AudioError(f"{manifest}, line {number}: {path!r} is no file of this folder; mend the line")
             seconds = float(row.get("seconds") or 0)
-            yield RecordedFile(inside, kind, voice, title, style, split, seconds)  # type: ignore[arg-type]
+            yield RecordedFile(inside, kind, voice, title, style, split_of(voice, split), seconds)  # type: ignore[arg-type]
 
 
 def _found(folder: Path) -> Iterator[RecordedFile]:
