@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +8,7 @@ import soundfile
 
 from echoavatar.corpora.rehearsal.corpus import TEST_EVERY, Plan, domains, make_clip, rehearse
 from echoavatar.corpora.rehearsal.sound import SoundTrack, Span
+from echoavatar.corpora.rehearsal.speakers import Manner
 from echoavatar.corpora.rehearsal.track import compose_track
 from echoavatar.data import Corpus
 from echoavatar.errors import EchoAvatarError
@@ -57,6 +58,12 @@ def test_recordings_are_half_of_the_sound_and_named(tmp_path: Path, own_cache: P
     clips = [make_clip(plan(tmp_path / "out", recordings=tmp_path), index) for index in (0, 0)]
     assert np.array_equal(clips[0].audio, clips[1].audio)
     assert all(start < end for start, end, *_ in json.loads(clips[0].labels["sources"]))
+
+
+def test_a_clip_says_whose_manner_it_has(tmp_path: Path) -> None:
+    said = [json.loads(make_clip(plan(tmp_path), index).labels["manner"]) for index in range(2)]
+    assert said[0] != said[1]
+    assert set(said[0]) == {field.name for field in fields(Manner)}
 
 
 def test_held_out_clips_hear_no_recordings_but_those_of_train(tmp_path: Path, own_cache: Path) -> None:

@@ -17,6 +17,16 @@ def test_overlapping_moves_end_at_the_last_aim():
     np.testing.assert_allclose(curve[-1], -0.2, atol=1e-6)
 
 
+def test_a_move_that_was_to_begin_later_is_dropped():
+    path = HandPath(vector(0.0))
+    path.move(0.5, 1.0, vector(0.3))
+    path.move(1.5, 2.0, vector(-0.5))
+    path.move(1.2, 1.6, vector(0.6))
+    curve = path.curve(90)[:, 0]
+    assert np.all(np.diff(curve) >= 0)
+    assert curve[-1] == pytest.approx(0.6, abs=1e-6)
+
+
 def test_speed_has_no_steps_even_where_a_move_is_interrupted():
     path = HandPath(vector(0.0))
     path.move(0.5, 1.1, vector(0.3))

@@ -42,7 +42,12 @@ class HandPath:
         self._start = self.aim.copy()
 
     def move(self, begin: float, end: float, aim: Float[Array, " 14"], arc: Float[Array, " 3"] | None = None) -> None:
-        """Move to `aim` between two times (seconds); `arc` is the wrist's offset half-way, metres."""
+        """Move to `aim` between two times (seconds); `arc` is the wrist's offset half-way, metres.
+
+        Moves that were to begin later are dropped.
+        """
+        while self._moves and self._moves[-1][0] >= begin:
+            self.aim = self.aim - self._moves.pop()[2]
         bulge = np.zeros(3, np.float32) if arc is None else np.asarray(arc, np.float32)
         self._moves.append((begin, end, aim - self.aim, bulge))
         self.aim = aim.copy()

@@ -51,8 +51,9 @@ def compose_track(
 
     `mix` is "mixed", "speech", "music" or "silence"; `engine` (of speech) is "auto", "flite" or "own"; `split` (of the
     scripts) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. With a folder of
-    `recordings`, half of the sound comes from those of its split "train", in either split. Raises DependencyError if a requested engine or player is
-    missing, AudioError if the recordings cannot be read.
+    `recordings`, half of the sound comes from those that are marked "train", in either split.
+
+    Raises DependencyError if a requested engine or player is missing, AudioError if the recordings cannot be read.
     """
     if mix not in _MIXES:
         raise ValueError(f"mix is {mix!r}; one of {', '.join(_MIXES)}")
