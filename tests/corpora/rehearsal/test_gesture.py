@@ -2,8 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.corpora.capture.people import library
 
-from echoavatar.corpora.rehearsal.controls import Controls, neutral
+from echoavatar.corpora.capture.library import CapturedClip, CapturedLibrary
+from echoavatar.corpora.capture.units import ACCENT
+from echoavatar.corpora.rehearsal.controls import Controls, minimum_jerk, neutral
 from echoavatar.corpora.rehearsal.gesture import (
     LEFT,
     PATIENCE_S,
@@ -95,6 +98,25 @@ def test_the_leading_hand_and_liveliness_are_the_manners(talk: SoundTrack):
     assert right[RIGHT] > 2 * right[LEFT]
     sizes = [np.abs(moved_hands(talk, liveliness=value)).mean() for value in (0.0, 0.5, 1.0)]
     assert 2 * sizes[0] < sizes[1] < sizes[2]
+
+
+def test_captured_gestures_are_made_at_stresses(talk: SoundTrack, monkeypatch: pytest.MonkeyPatch):
+    """A raised arm that no rule would raise as high; each begins with the vowel of a prominent syllable."""
+    monkeypatch.setattr("echoavatar.corpora.rehearsal.gesture.UNITS", 1.0)
+    raised = neutral(18)
+    raised.wrist[:, RIGHT] += minimum_jerk(np.arange(18) / 12)[:, None] * np.array([0.1, 0.85, 0.1], np.float32)
+    people = library()
+    units = CapturedLibrary((*people.clips, CapturedClip("a.0", "unit", ACCENT, "a/a.bvh", "MIT", raised)))
+    manner = Manner(liveliness=0.7, both=0.0)
+    highest = [
+        np.array([gesture(talk, seed, made, manner).wrist[..., 1].max() for seed in range(6)])
+        for made in (people, units)
+    ]
+    assert highest[0].max() < 0.15
+    assert np.median(highest[1]) > 0.25
+    made = gesture(talk, 1, units, manner).wrist[..., 1].max(1)
+    first = int(np.argmax(made > 0.2)) / 30
+    assert min(abs(first - s.vowel - 0.3) for s in talk.syllables if s.prominence > 0.3) < 0.25
 
 
 def test_a_body_hurries_while_hands_move_and_its_clock_is_right_over_seconds():

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.corpora.capture.library import CapturedLibrary
+from echoavatar.corpora.capture.units import ACCENT, GestureUnit, gesture_units
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .controls import Array, Controls, blended, critically_damped, smoothed, wander
@@ -21,7 +22,7 @@ from .handpath import FINGERS, PALM, WRIST, HandPath
 from .handshapes import count_shape, hand_shape
 from .head_motion import head_accents
 from .idle import finger_drift, hands_of, idle, resting_hands, with_hands
-from .lexicon import ACCENTS, MEANINGS, Form, aim_at, home_of, in_gesture_space, meant_form
+from .lexicon import ACCENTS, HOME, MEANINGS, Form, aim_at, home_of, in_gesture_space, meant_form
 from .sound import SoundTrack
 from .speakers import Manner, arousal, draw_manner
 
@@ -34,6 +35,8 @@ LAUNCH_S = -0.06  # from the vowel's centre to the start of a stroke, which is a
 LATE_S = 0.12  # by which the second hand comes later at most, if it is no mirror image
 MINOR = 0.15  # prominence from which a syllable may set off a move between two strokes
 DRIFT_M = 0.013  # deviation of the hands' slow drift while they are raised
+UNITS = 0.35  # chance of a captured gesture where one fits
+UNIT_LATE_S = 0.6  # by which it may end after the phrase
 AIM_HELD_S = 0.3, 0.8  # a large gesture stays where it ended; then the hand comes nearer to the body again
 BACK_S = 0.36  # duration of a beat's return, right after its stroke
 POSTURE_S = 1.8  # between two postures of a speaker, about
@@ -61,7 +64,8 @@ def gesture(
     body = idle(track, seed, library, manner)
     frames = len(body)
     rest = resting_hands(manner.resting)
-    speaker = _Speaker(manner, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest)
+    units = gesture_units(library) if library is not None else ()
+    speaker = _Speaker(manner, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest, units)
     starts = [begin for begin, _ in track.phrases] + [np.inf]
     for phrase, following in zip(track.phrases, starts[1:], strict=True):
         excited = arousal(track, phrase)
@@ -100,8 +104,15 @@ def with_clock_of(body: Controls, hands: Float[Array, "t 2 3"]) -> Controls:
 class _Speaker:
     """Plans the paths of both hands phrase by phrase, and remembers which hand leads and where its home is."""
 
-    def __init__(self, manner: Manner, rng: np.random.Generator, hands: list[HandPath], rest: Array) -> None:
-        self.manner, self.rng, self.hands, self.rest = manner, rng, hands, rest
+    def __init__(
+        self,
+        manner: Manner,
+        rng: np.random.Generator,
+        hands: list[HandPath],
+        rest: Array,
+        units: tuple[GestureUnit, ...],
+    ) -> None:
+        self.manner, self.rng, self.hands, self.rest, self.units = manner, rng, hands, rest, units
         self.energy = manner.energy
         self.up = [False, False]
         taste = rng.dirichlet(np.full(len(ACCENTS), 1.4))
@@ -177,12 +188,36 @@ class _Speaker:
         """Answer a cue; where hands take turns, the other one may lead from now on."""
         if self.takes_turns and self.rng.random() < 0.4:
             self.lead = 1 - self.lead
+        is_large = not self.up[self.lead] or self.rng.random() < 0.15 + 0.45 * cue.weight
+        meaning = meant_form(cue.meaning, cue.word) if cue.meaning else ACCENT
+        if (cue.meaning or is_large) and self._unit(cue, meaning, phrase_end):
+            return
         if cue.meaning:
             self._mean(cue, phrase_end)
-        elif not self.up[self.lead] or self.rng.random() < 0.15 + 0.45 * cue.weight:
+        elif is_large:
             self._accent(cue)
         else:
             self._beat(cue)
+
+    def _unit(self, cue: Cue, meaning: str, phrase_end: float) -> bool:
+        """Often a gesture of captured people or animators, if one fits the meaning, the hands and the time left."""
+        left = phrase_end + UNIT_LATE_S - cue.vowel
+        fits = [u for u in self.units if u.meaning == meaning and u.seconds < left]
+        if meaning == ACCENT:
+            fits = [unit for unit in fits if unit.is_both == self.is_both]
+        if not fits or self.rng.random() > UNITS:
+            return False
+        unit = fits[self.rng.integers(len(fits))]
+        begin, end = cue.vowel + LAUNCH_S, cue.vowel + LAUNCH_S + unit.seconds
+        size = float(np.clip(0.5 + 0.5 * self.energy, 0.65, 1.15))
+        for number, side in enumerate((self.lead, 1 - self.lead) if unit.is_both else (self.lead,)):
+            curve = unit.hands[:, number].copy()
+            curve[:, WRIST] = np.array(HOME) + size * (curve[:, WRIST] - np.array(HOME))
+            self.hands[side].follow(begin, curve, min(0.5, 0.4 * unit.seconds))
+            self.hands[side].move(end - 0.2, end + 0.3, self.homes[side])
+            self.up[side] = True
+        self.free_at = end - 0.1
+        return True
 
     def _beat(self, cue: Cue) -> None:
         """Move with the vowel, and partly back at once."""
