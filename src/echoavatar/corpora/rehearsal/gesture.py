@@ -27,9 +27,9 @@ from .sound import SoundTrack
 from .speakers import Manner, arousal, draw_manner
 
 SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: the hands relax, then drop
-SHORTEST_SINK_GAP = 0.5  # seconds; in shorter pauses the hands wait
-PATIENCE_S = 1.7  # so much later drop the hands of those who hold them up the longest
-LOW = np.array([-0.045, -0.345, 0.170], np.float32)  # wrist of a raised hand that does not lead
+SHORTEST_SINK_GAP = 0.9  # seconds; in shorter pauses the hands wait
+PATIENCE_S = 2.2  # so much later drop the hands of those who hold them up the longest
+LOW = np.array([-0.045, -0.310, 0.170], np.float32)  # wrist of a raised hand that does not lead
 RISING, SINKING = np.array([0.03, 0.0, 0.05], np.float32), np.array([0.03, 0.0, 0.02], np.float32)
 LAUNCH_S = -0.06  # from the vowel's centre to the start of a stroke, which is about the start of the vowel
 LATE_S = 0.12  # by which the second hand comes later at most, if it is no mirror image
@@ -39,7 +39,7 @@ UNITS = 0.35  # chance of a captured gesture where one fits
 UNIT_LATE_S = 0.6  # by which it may end after the phrase
 AIM_HELD_S = 0.3, 0.8  # a large gesture stays where it ended; then the hand comes nearer to the body again
 BACK_S = 0.36  # duration of a beat's return, right after its stroke
-POSTURE_S = 1.8  # between two postures of a speaker, about
+POSTURE_S = 1.4  # between two postures of a speaker, about
 POSTURE = (0.10, 0.065, 0.040, 0.050)  # deviation of postures by rule: yaw, pitch, roll of the spine, pitch of the hips
 POSTURE_CAPTURED = (0.05, 0.080, 0.0, 0.060)  # over a captured body, which turns and tilts by itself
 LIFT = 0.18  # radians a metre by which the shoulder rises with its hand
@@ -296,7 +296,7 @@ class _Speaker:
         aim = aim_at(form, self.homes[side], size=size, rng=self.rng)
         way = float(np.linalg.norm(aim[WRIST] - path.aim[WRIST]))
         begin = cue.vowel + LAUNCH_S + self._late(side)
-        end = max(cue.stroke_end, begin + way / 2.0)
+        end = max(cue.stroke_end, begin + way / 1.7)
         arc = np.array(form.arc, np.float32) * min(1.5, way / 0.12)
         path.stroke(begin, end, aim, overshoot=float(self.rng.uniform(0.06, 0.14)), arc=arc)
         self.up[side] = True

@@ -21,7 +21,7 @@ from .sound import SoundTrack
 from .speakers import Manner, draw_manner
 from .stance import Feet, stances, walked, weight_curve
 
-REACTION_S, ARMS_S = 0.15, 0.6  # from the sound to the body's answer; for the arms to come to rest
+REACTION_S, ARMS_S = 0.15, 0.4  # from the sound to the body's answer; for the arms to come to rest
 BREATH_HZ = 0.21, 0.30
 PAUSE_S = 3.0  # the body of a speaker goes on through shorter pauses
 
@@ -72,7 +72,7 @@ def _captured(track: SoundTrack, seed: int, library: CapturedLibrary, manner: Ma
     wanted, resting = np.full(frames, IDLE), np.zeros(frames, np.float32)
     for begin, end in _talks(track):
         first, last = (round((time + REACTION_S) * FRAME_RATE_HZ) for time in (begin, end))
-        wanted[first:last] = TALKING * rng.uniform(0.8, 1.2) * (0.85 + 0.6 * manner.liveliness)
+        wanted[first:last] = TALKING * rng.uniform(0.8, 1.2) * (0.95 + 0.6 * manner.liveliness)
         resting[first:last] = 1.0
     body = captured_standing(library, frames, rng, liveliness=wanted)
     share = critically_damped(resting, ARMS_S)[:, None, None]
