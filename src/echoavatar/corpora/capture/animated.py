@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from echoavatar.corpora.rehearsal.controls import STANDING_PELVIS
 from echoavatar.errors import MotionError
 from echoavatar.limits import CONFIG_BYTES, ROTATIONS, check_file
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -26,7 +27,6 @@ from echoavatar.motion.kinematics.rotations import (
 from echoavatar.timing import FRAME_RATE_HZ
 
 A_POSE = np.deg2rad(37.0)  # by which a MikuMikuDance character's arms hang when no bone is turned
-HIPS_M = (0.0, 0.944, 0.0)
 SUFFIXES = (".vmd", ".qianim")
 _VMD_HEAD, _VMD_KEY = 54, 111  # bytes
 _VMD_RATE_HZ = 30.0
@@ -57,7 +57,7 @@ def read_animated(path: Path) -> Motion:
     local = torch.eye(3, dtype=torch.float64).repeat(frames, HUMANOID.joints, 1, 1)
     for name, turn in turns.items():
         local[:, HUMANOID.index(name)] = turn
-    root = np.broadcast_to(np.array(HIPS_M, np.float32), (frames, 3)).copy()
+    root = np.broadcast_to(np.array(STANDING_PELVIS, np.float32), (frames, 3)).copy()
     return Motion(HUMANOID, quaternion_from_matrix(local).float().numpy(), root, float(FRAME_RATE_HZ))
 
 
