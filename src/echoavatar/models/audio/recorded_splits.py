@@ -1,8 +1,8 @@
 """Who is heard in which split of the recordings that the default bundle is made with.
 
-Their manifest marks "train" and "test", but its "test" has chosen weights and settings, and eight artists stand in both.
+Their manifest marks "train" and "test", but its "test" has chosen weights and settings, and eight artists are in both.
 So the voices of that "test" are DEV, whoever stood in two splits goes wholly to one, and TEST holds 12 voices and 12
-tracks that were in "train", by speakers and artists who stand nowhere else. Nothing is trained or chosen on TEST.
+tracks that were in "train", by speakers and artists who are nowhere else. Nothing is trained or chosen on TEST.
 Wolfgang and Theodore Kerr (Wolfgang_) are one person, and uncredited tracks of FreePD may be Kevin MacLeod's. EmoDB has
 no voice in TEST, because all of its speakers say the same ten sentences.
 """
