@@ -89,9 +89,9 @@ def read_sounds(
     """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
 
     A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
-    its dev split is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
-    music, and folders are classes. Voices of one class are joined until they last `seconds`; music is not. What stays
-    shorter than 20 s is left out.
+    its dev split is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a
+    manifest, a path with "music" in it is music, and folders are classes. Voices of one class are joined until they
+    last `seconds`; music is not. What stays shorter than 20 s is left out.
 
     Raises:
         EchoAvatarError: nothing is left.
