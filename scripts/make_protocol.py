@@ -12,7 +12,12 @@ import msgspec
 import numpy as np
 
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import (
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose, unpack_pose
+from echoavatar.wire.codec import encode, subprotocol
+from echoavatar.wire.messages import (
+    CLOSE_CODES,
+    ENCODINGS,
+    MAX_MESSAGE_BYTES,
     PROTOCOL,
     VERSIONS,
     Action,
@@ -32,21 +37,14 @@ from echoavatar.wire import (
     Ping,
     Played,
     Pong,
-    Pose,
     Ready,
     Rig,
     ServerMessage,
     Sound,
     State,
     Stats,
-    encode,
-    pack_audio,
-    pack_pose,
-    subprotocol,
-    unpack_pose,
 )
-from echoavatar.wire.messages import CLOSE_CODES, ENCODINGS, MAX_MESSAGE_BYTES
-from echoavatar.wire.typescript import Schema, interface
+from echoavatar_studio.typescript import Schema, interface
 
 ROOT = Path(__file__).parents[1]
 _HEADER = "// Made from src/echoavatar/wire/messages.py by scripts/make_protocol.py; do not edit."

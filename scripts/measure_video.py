@@ -67,7 +67,8 @@ def costs(size: int, count: int = 60) -> None:
     from echoavatar.files.avatar.avatar_renderer import Shot
     from echoavatar.motion.kinematics import HUMANOID
     from echoavatar.server.video import VideoSource
-    from echoavatar.wire import Pose, Rig, pack_pose
+    from echoavatar.wire.blobs import Pose, pack_pose
+    from echoavatar.wire.messages import Rig
 
     made, config = animate(SPEECH), HUMANOID.config
     print("| view | drawing, ms | VP8, ms | H.264, ms |\n|---|---|---|---|")

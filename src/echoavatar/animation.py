@@ -39,7 +39,7 @@ class Animation(AnimatedSound):
 
     @property
     def take(self) -> Take:
-        """What the exporters write."""
+        """Motion, face and sound in the form that the exporters take."""
         return Take(self.motion, self.face, self.audio)
 
     def save(
@@ -62,10 +62,10 @@ class Animation(AnimatedSound):
             rig: your own character or skeleton (.vrm, .glb or .bvh), which then moves.
             size: width and height of a film (.mp4, .webm), in pixels; None is 1280x720, or 720x720 of bust and face.
             view: of a film: front, left, right or back of the body, bust, or the face alone.
-            character: who is filmed: maya (None), theo or amara.
+            character: the character of a film: maya (None), theo or amara.
             background: of a film: studio, dusk, plain, or a colour such as #00ff00.
             alpha: a film without a background (.webm).
-            renderer: what draws a film: cpu, or gpu.
+            renderer: of a film: cpu, or gpu.
             progress: receives the frames filmed, and all frames.
 
         Raises:
@@ -90,7 +90,7 @@ class Animation(AnimatedSound):
         return page_text(pack_glb(load_character(), [moving], compact=True), [clip])
 
     def _repr_html_(self) -> str:
-        """How a notebook shows it: the page in a frame."""
+        """The page in a frame, for notebooks."""
         frame = 'width="100%" height="480" style="border:0" sandbox="allow-scripts" title="EchoAvatar animation"'
         return f'<iframe {frame} srcdoc="{html.escape(self.to_html(), quote=True)}"></iframe>'
 
@@ -133,7 +133,7 @@ def _resampled(samples: Float[np.ndarray, "..."], rate: int) -> Float[np.ndarray
 
 @functools.lru_cache(maxsize=1)
 def _loaded(model: str, device: str) -> Pipeline:
-    """Its weights do not change; whatever does belongs to a session."""
+    """The pipeline of a bundle. Calls can share it, because all changing state belongs to sessions."""
     pipeline = Pipeline(load_bundle(model), device=device)
     pipeline.warm_up()
     return pipeline

@@ -8,7 +8,7 @@ import pytest
 from studio.tests import canned
 from studio.tests.people import OwnerPerson, RaterPerson, app_of, tokens
 
-from echoavatar.wire import decode_server
+from echoavatar.wire.codec import decode_server
 from echoavatar_studio.making import Maker
 from echoavatar_studio.wire import QUESTIONS
 

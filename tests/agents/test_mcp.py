@@ -11,7 +11,7 @@ import pytest
 from tests.server.fakes import RunningServer, serving
 
 from echoavatar.agents.client import RemoteTools
-from echoavatar.wire import ActionStatus, Hello
+from echoavatar.wire.messages import ActionStatus, Hello
 
 mcp = pytest.importorskip("mcp")
 NAMES = ["send_action", "play_music", "stop_music", "list_actions"]

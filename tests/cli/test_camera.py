@@ -10,7 +10,7 @@ from tests.server.fakes import serving
 from tests.server.video.flashes import Flasher, beeps
 
 from echoavatar.cli import main
-from echoavatar.wire import Hello
+from echoavatar.wire.messages import Hello
 
 
 def test_a_session_is_recorded_with_its_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -56,15 +56,24 @@ def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"echoavatar {__version__}\n"
 
 
-def test_a_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("package", "told"),
+    [
+        ("elevenlabs", "elevenlabs: pip install 'echoavatar[elevenlabs]'"),
+        ("echoavatar_lab", "echoavatar-lab: pip install ./lab in a clone of the repository"),
+    ],
+)
+def test_a_missing_package_is_named_with_its_remedy(
+    package: str, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def needs(args: object) -> int:
-        import_module("elevenlabs.missing")
+        import_module(f"{package}.missing")
         return 0
 
-    monkeypatch.setitem(sys.modules, "elevenlabs", None)
     monkeypatch.setattr(plot, "run", needs)
+    monkeypatch.setitem(sys.modules, package, None)
     assert main(["plot", "runs/a", "-o", "a.png"]) == 1
-    assert capsys.readouterr().err == "echoavatar: this needs elevenlabs: pip install 'echoavatar[elevenlabs]'\n"
+    assert capsys.readouterr().err == f"echoavatar: this needs {told}\n"
 
 
 def test_a_closed_pipe_is_no_traceback() -> None:

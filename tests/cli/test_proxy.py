@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from tests.agents.proxy.places import silent
+from tests.agents.proxy.scripted import ScriptedUpstream
 
-from echoavatar.agents.proxy.scripted import ScriptedUpstream
 from echoavatar.cli import main
 
 

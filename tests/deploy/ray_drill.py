@@ -20,7 +20,7 @@ from ray import serve
 
 from echoavatar.agents.client import Recorder, connect
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import Sound
+from echoavatar.wire.messages import Sound
 
 ROOT = Path(__file__).parents[2]
 PORT = 18_765

@@ -17,12 +17,12 @@ from pathlib import Path
 
 import pytest
 from tests.agents.proxy.places import avatar_server, proxied, tone
+from tests.agents.proxy.scripted import ScriptedSession
 from tests.server.fakes import RunningServer, serving
 
 from echoavatar.agents.proxy import avatar_events, events
-from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.cli import COMMANDS, command_module
-from echoavatar.wire import ActionStatus, Hello, Ready
+from echoavatar.wire.messages import ActionStatus, Hello, Ready
 
 ROOT = Path(__file__).parents[2]
 NAMES = ("openai_realtime", "mcp", "local_agent")

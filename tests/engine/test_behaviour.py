@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import soundfile
 import torch
+from tests.motion.viewer import off_viewer
 
 import echoavatar
 from echoavatar.engine import Engine, Session, SessionCore
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.gaze import off_viewer
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.motion.motion_chunk import MotionChunk, join
@@ -76,7 +76,7 @@ def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, see
             nods.append(number)
         made.append(hear(session, [SILENCE]))
     motion = join(made)
-    off = np.degrees(off_viewer(motion, HUMANOID))
+    off = np.degrees(off_viewer(motion))
     begin, end = 8 * CHUNK_FRAMES, 8 * CHUNK_FRAMES + round(10.5 * FRAME_RATE_HZ)
     listening = off[begin + 30 : end]
     eyes = [
@@ -171,7 +171,7 @@ def test_nobody_freezes_in_silence(pipeline: Pipeline) -> None:
     place = positions(motion)
     late = slice(5 * FRAME_RATE_HZ, None)
     assert np.ptp(place["hips"][late, 0]) > 0.008
-    assert np.ptp(np.degrees(off_viewer(motion, HUMANOID))[late]) > 2
+    assert np.ptp(np.degrees(off_viewer(motion))[late]) > 2
     assert speed(motion)[150:].max() < 0.4  # a hand that changes its place, no lurch
     feet = np.stack([place[foot][late] for foot in ("leftFoot", "rightFoot")], 1)
     away = np.linalg.norm(feet - feet[:1], axis=2).max()

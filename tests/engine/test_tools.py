@@ -1,3 +1,4 @@
+import asyncio
 import importlib.util
 import json
 from pathlib import Path
@@ -30,8 +31,15 @@ def session() -> SessionCore:
     return machine.open_core()
 
 
+def call(toolbox: Toolbox, session: SessionCore, name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+    async def load(title: str) -> np.ndarray:
+        return toolbox._tracks.load(title)
+
+    return asyncio.run(toolbox.call(session, name, arguments, load))
+
+
 def test_a_model_waves_and_hears_what_became_of_it(toolbox: Toolbox, session: SessionCore) -> None:
-    answer = toolbox.call(session, "send_action", {"action": "wave", "intensity": 1.5, "hold": None})
+    answer = call(toolbox, session, "send_action", {"action": "wave", "intensity": 1.5, "hold": None})
     assert answer["status"] == "accepted"
     assert [status.name for status in session.take_statuses()] == ["wave"]
 
@@ -51,21 +59,21 @@ def test_a_model_waves_and_hears_what_became_of_it(toolbox: Toolbox, session: Se
     ],
 )
 def test_what_cannot_be_is_rejected_with_the_reason(
-    toolbox: Toolbox, session: SessionCore, name: str, arguments: dict[str, object], reason: str
+    toolbox: Toolbox, session: SessionCore, name: str, arguments: dict[str, Any], reason: str
 ) -> None:
-    answer = toolbox.call(session, name, arguments)
+    answer = call(toolbox, session, name, arguments)
     assert answer["status"] == "rejected"
     assert reason in answer["reason"]
 
 
 def test_music_is_heard_by_the_session_and_stops(toolbox: Toolbox, session: SessionCore) -> None:
-    assert toolbox.call(session, "play_music", {"title": "my_tune"}) == {"status": "accepted", "title": "My Tune"}
+    assert call(toolbox, session, "play_music", {"title": "my_tune"}) == {"status": "accepted", "title": "My Tune"}
     session._host.tick()
     delivery = session.take()
     assert delivery is not None
     assert delivery.source == "music"
     np.testing.assert_allclose(delivery.audio, 0.1, atol=1e-3)
-    assert toolbox.call(session, "stop_music", {}) == {"status": "done"}
+    assert call(toolbox, session, "stop_music", {}) == {"status": "done"}
     for _ in range(3):
         session._host.tick()
     assert not session.is_ready
@@ -76,7 +84,7 @@ def test_only_real_actions_are_offered_and_what_it_does_by_itself_is_not(
 ) -> None:
     offered = toolbox.schemas()[0]["parameters"]["properties"]["action"]["enum"]
     assert offered == ["wave", "bow"]
-    assert toolbox.call(session, "list_actions", {}) == {"actions": {"wave": "to wave", "bow": "to bow"}}
+    assert call(toolbox, session, "list_actions", {}) == {"actions": {"wave": "to wave", "bow": "to bow"}}
 
 
 @pytest.mark.parametrize("style", ["plain", "openai", "openai-chat", "anthropic", "gemini", "mcp"])

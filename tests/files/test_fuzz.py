@@ -27,7 +27,8 @@ from echoavatar.motion.formats.bvh import read_bvh, write_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig, read_skinned
 from echoavatar.motion.formats.tables import read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.wire import Audio, ProtocolError, decode_client, decode_server, encode
+from echoavatar.wire.codec import ProtocolError, decode_client, decode_server, encode
+from echoavatar.wire.messages import Audio
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig
 from echoavatar_lab.foreign.foreign_files import read_pickled_array, read_tensors
 

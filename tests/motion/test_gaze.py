@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.motion.viewer import off_viewer
 
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.motion.arkit import ARKIT_NAMES
-from echoavatar.motion.gaze import FALL_S, FARTHEST, LOOK, RISE_S, Gaze, off_viewer, turn_eyes, turn_head
+from echoavatar.motion.gaze import FALL_S, FARTHEST, LOOK, RISE_S, Gaze, turn_eyes, turn_head
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 
@@ -25,7 +26,7 @@ def facing(yaw: float, pitch: float = 0.0, joint: str = "chest") -> MotionChunk:
 
 
 def degrees_off(motion: MotionChunk) -> float:
-    return float(np.degrees(off_viewer(motion, HUMANOID)).max())
+    return float(np.degrees(off_viewer(motion)).max())
 
 
 def look(motion: MotionChunk, way: str) -> float:

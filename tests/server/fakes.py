@@ -22,18 +22,9 @@ from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server, configure
 from echoavatar.timing import CHUNK, ChunkSize
-from echoavatar.wire import (
-    Audio,
-    ClientMessage,
-    Error,
-    Hello,
-    Ready,
-    ServerMessage,
-    decode_server,
-    encode,
-    pack_audio,
-    subprotocol,
-)
+from echoavatar.wire.blobs import pack_audio
+from echoavatar.wire.codec import decode_server, encode, subprotocol
+from echoavatar.wire.messages import Audio, ClientMessage, Error, Hello, Ready, ServerMessage
 from echoavatar.wire.sockets import listen
 
 FAST = ServerSettings(resume_seconds=1.0, drain_seconds=1.0, hello_seconds=2.0)

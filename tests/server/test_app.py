@@ -11,7 +11,7 @@ import pytest
 from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar import __version__
-from echoavatar.wire import Hello, Motion, Ping
+from echoavatar.wire.messages import Hello, Motion, Ping
 
 SECRET = {"authorization": "Bearer secret"}
 

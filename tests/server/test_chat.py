@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from tests.server.fakes import RunningServer, serving
 
-from echoavatar.wire import ActionStatus, Hello
+from echoavatar.wire.messages import ActionStatus, Hello
 
 
 @pytest.fixture(scope="module")

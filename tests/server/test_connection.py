@@ -11,7 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.server.fakes import FAST, RunningServer, serving
 
-from echoavatar.wire import (
+from echoavatar.wire.blobs import pack_audio
+from echoavatar.wire.codec import decode_server, encode
+from echoavatar.wire.messages import (
     Action,
     ActionStatus,
     Audio,
@@ -31,9 +33,6 @@ from echoavatar.wire import (
     Sound,
     State,
     Stats,
-    decode_server,
-    encode,
-    pack_audio,
 )
 
 

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from tests.server.fakes import FAST, Caller, RunningServer, serving
 from websockets.exceptions import ConnectionClosed
 
-from echoavatar.wire import Hello, Motion, Ping, Pong, Sound, Stats, encode
+from echoavatar.wire.codec import encode
+from echoavatar.wire.messages import Hello, Motion, Ping, Pong, Sound, Stats
 
 _log = logging.getLogger(__name__)
 AT_ONCE = 100

@@ -7,7 +7,7 @@ from tests.server.test_session import Room, Told
 
 from echoavatar.server.opus import BITS_A_SECOND, OpusPacker, choose, is_available
 from echoavatar.timing import CHUNK_SAMPLES
-from echoavatar.wire import PackedSound, Sound
+from echoavatar.wire.messages import PackedSound, Sound
 
 pytestmark = pytest.mark.skipif(not is_available(), reason="PyAV here has no libopus")
 

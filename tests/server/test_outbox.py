@@ -1,7 +1,8 @@
 import asyncio
 
-from echoavatar.server.outbox import MOST_MOTION, MOST_SOUND, Outbox
-from echoavatar.wire import Error, Motion, Pong, ProtocolError, Sound
+from echoavatar.server.outbox import MOST_MOTION, MOST_SOUND, Outbox, Relay
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import Error, Flush, Motion, Pong, Sound
 
 
 def motion(at: int) -> Motion:
@@ -78,3 +79,17 @@ def test_an_empty_box_is_waited_for() -> None:
         return await waiting
 
     assert asyncio.run(run()) == Pong(nonce=1, at=0)
+
+
+def test_a_relay_passes_messages_at_once_and_plays_only_with_a_source() -> None:
+    """A source that returns finds its session where it left it, so nobody else may move the clock on."""
+    told: list[object] = []
+    sources: list[object] = []
+    relay = Relay(told.append, lambda: bool(sources), lambda: told.append("end"))
+    assert not relay.plays
+    sources.append(object())
+    assert relay.plays
+    relay.put(Flush(at=1, epoch=1, seg=0, heard=0))
+    assert len(relay) == 0
+    relay.close()
+    assert [type(one).__name__ for one in told] == ["Flush", "str"]

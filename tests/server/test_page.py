@@ -88,16 +88,17 @@ def test_page_and_avatar_are_small(client):
         with client.stream("GET", path) as answer:
             return sum(len(part) for part in answer.iter_raw())
 
-    page = sum(sent(path) for path in ("/", asset("index", "js"), asset("index", "css")))
+    page = sum(sent(path) for path in ("/", "assets/three.js", asset("index", "js"), asset("index", "css")))
     coarsest, finest = (max(sent(f"/avatar.glb?character={name}&level={n}") for name in CHARACTERS) for n in (2, 0))
     assert page + coarsest < 500_000
     assert page + coarsest + finest < 1_500_000
 
 
-def test_the_script_is_sent_packed(client):
-    with client.stream("GET", asset("index", "js")) as answer:
+@pytest.mark.parametrize(("path", "most"), [("assets/three.js", 220_000), (asset("index", "js"), 80_000)])
+def test_scripts_are_sent_packed(client, path, most):
+    with client.stream("GET", path) as answer:
         assert answer.headers["content-encoding"] == "gzip"
-        assert sum(len(part) for part in answer.iter_raw()) < 300_000
+        assert sum(len(part) for part in answer.iter_raw()) < most
 
 
 def test_nothing_else_of_the_package_is_served(client):

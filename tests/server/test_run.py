@@ -24,7 +24,9 @@ from echoavatar.engine import Engine
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import connection, create_app, run, serve
 from echoavatar.server.run import JsonFormatter
-from echoavatar.wire import Hello, Motion, Ping, Pong, Ready, decode_server, encode, sockets, subprotocol
+from echoavatar.wire import sockets
+from echoavatar.wire.codec import decode_server, encode, subprotocol
+from echoavatar.wire.messages import Hello, Motion, Ping, Pong, Ready
 
 
 @pytest.fixture

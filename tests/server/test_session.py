@@ -11,7 +11,9 @@ from echoavatar.server.outbox import Outbox
 from echoavatar.server.session import ServerSession, TrackWatch, UtteranceReader, answer
 from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
-from echoavatar.wire import (
+from echoavatar.wire.blobs import pack_audio, unpack_pose
+from echoavatar.wire.codec import ProtocolError, encode
+from echoavatar.wire.messages import (
     Action,
     ActionStatus,
     Audio,
@@ -23,13 +25,9 @@ from echoavatar.wire import (
     Motion,
     Music,
     Played,
-    ProtocolError,
     ServerMessage,
     Sound,
     State,
-    encode,
-    pack_audio,
-    unpack_pose,
 )
 
 

@@ -22,7 +22,8 @@ from echoavatar.engine import Engine
 from echoavatar.server import session_manager
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
-from echoavatar.wire import Audio, Error, Hello, Motion, ProtocolError, Sound, encode
+from echoavatar.wire.codec import ProtocolError, encode
+from echoavatar.wire.messages import Audio, Error, Hello, Motion, Sound
 
 
 def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:

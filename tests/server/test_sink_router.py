@@ -14,7 +14,7 @@ from tests.server.sinks.receiving import Receiver
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import sink_router
 from echoavatar.server.sink_router import SinkRouter
-from echoavatar.wire import Flush, Hello, Interrupt, Motion, Rig, State
+from echoavatar.wire.messages import Flush, Hello, Interrupt, Motion, Rig, State
 
 
 def heights(receiver: Receiver, count: int) -> list[float]:
@@ -87,17 +87,6 @@ def test_sinks_that_hang_or_are_gone_change_nothing(kind: str, monkeypatch: pyte
         assert server.manager.is_well
     assert time.monotonic() - began < 12
     Stuck.let_go.set()
-
-
-def test_a_lost_source_finds_its_session_where_it_left_it() -> None:
-    class Lost:
-        source: object = object()
-
-    session = Lost()
-    box = sink_router.SinkOutbox((), session)  # type: ignore[arg-type]
-    assert box.plays
-    session.source = None
-    assert not box.plays
 
 
 def test_an_address_that_is_none_is_refused_at_once() -> None:

@@ -14,7 +14,7 @@ from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server.tool_routes import read_body
-from echoavatar.wire import Hello
+from echoavatar.wire.messages import Hello
 
 
 @pytest.fixture(scope="module")

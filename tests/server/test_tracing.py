@@ -14,7 +14,7 @@ from opentelemetry.sdk.trace import ReadableSpan, TracerProvider  # noqa: E402
 from opentelemetry.sdk.trace.export import SimpleSpanProcessor  # noqa: E402
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter  # noqa: E402
 
-from echoavatar.wire import Hello, Interrupt, Motion  # noqa: E402
+from echoavatar.wire.messages import Hello, Interrupt, Motion  # noqa: E402
 
 
 class Staged(Body):

@@ -1,5 +1,6 @@
 import io
 import shutil
+from types import SimpleNamespace
 
 import pytest
 import soundfile
@@ -7,7 +8,7 @@ from starlette.applications import Starlette
 from starlette.testclient import TestClient
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server import voice
+from echoavatar.server import ServerSettings, voice
 from echoavatar.server.voice import MAX_LETTERS, find_voice, speak, voice_route
 
 VOICES = [name for name in ("flite", "espeak-ng") if shutil.which(name)]
@@ -43,7 +44,8 @@ def test_a_program_that_fails_is_named(monkeypatch):
 def client(monkeypatch):
     monkeypatch.setattr(voice, "speak", lambda name, text: f"{name}:{text}".encode())
     monkeypatch.setattr(voice, "find_voice", lambda: "parrot")
-    return TestClient(Starlette(routes=[voice_route("secret")]), headers={"authorization": "Bearer secret"})
+    manager = SimpleNamespace(settings=ServerSettings(token="secret"))
+    return TestClient(Starlette(routes=[voice_route(manager)]), headers={"authorization": "Bearer secret"})
 
 
 def test_says_which_voice_there_is(client):

@@ -5,8 +5,6 @@ import dataclasses
 import sys
 import time
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -22,8 +20,7 @@ from echoavatar.errors import DependencyError
 from echoavatar.files.avatar.avatar_renderer import RENDERERS
 from echoavatar.files.avatar.render import Renderer, Surface
 from echoavatar.server import ServerSettings
-from echoavatar.server.whep import ViewerOutbox
-from echoavatar.wire import Flush, Hello
+from echoavatar.wire.messages import Hello
 
 ENOUGH_HZ = 15  # pictures a second below which flashes are not judged
 AT_ONCE = 20  # flashes in one message, which has a limit
@@ -241,16 +238,3 @@ def test_the_helpers_find_middles() -> None:
     assert [found.tolist() for found in runs(times, share)] == [[4.0], [0.5]]
     times[6:] += 2  # two pictures are missing
     assert [found.tolist() for found in runs(times, share)] == [[4.5], [1.0]]
-
-
-def test_messages_pass_at_once_and_the_clock_runs_only_with_a_source() -> None:
-    told: list[Any] = []
-    session = SimpleNamespace(source=None)
-    outbox = ViewerOutbox(cast(Any, SimpleNamespace(take=told.append)), cast(Any, session), lambda: told.append("end"))
-    assert not outbox.plays
-    session.source = object()
-    assert outbox.plays
-    outbox.put(Flush(at=1, epoch=1, seg=0, heard=0))
-    assert len(outbox) == 0
-    outbox.close()
-    assert [type(one).__name__ for one in told] == ["Flush", "str"]

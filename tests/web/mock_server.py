@@ -25,7 +25,9 @@ from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.page import PageHeaders, page_routes
 from echoavatar.server.voice import voice_route
 from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import (
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
+from echoavatar.wire.codec import decode_client, encode
+from echoavatar.wire.messages import (
     Action,
     ActionStatus,
     Audio,
@@ -39,16 +41,11 @@ from echoavatar.wire import (
     Ping,
     Played,
     Pong,
-    Pose,
     Ready,
     Rig,
     Sound,
     State,
     Stats,
-    decode_client,
-    encode,
-    pack_audio,
-    pack_pose,
 )
 
 ROOT = Path(__file__).parents[2]

@@ -23,7 +23,8 @@ from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.gltf import pack_glb
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.wire import Motion, Ready, encode
+from echoavatar.wire.codec import encode
+from echoavatar.wire.messages import Motion, Ready
 
 pytestmark = pytest.mark.browser
 ROOT = Path(__file__).parents[2]

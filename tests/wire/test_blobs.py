@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from echoavatar.wire import AudioFormat, Pose, ProtocolError, encode, pack_audio, pack_pose, unpack_audio, unpack_pose
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose, unpack_audio, unpack_pose
+from echoavatar.wire.codec import ProtocolError, encode
+from echoavatar.wire.messages import AudioFormat
 
 
 def random_pose(seed: int, frames: int = 8) -> Pose:

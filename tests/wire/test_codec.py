@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from echoavatar.wire import (
+from echoavatar.wire.codec import ProtocolError, decode_client, decode_server, encode, negotiate, subprotocol
+from echoavatar.wire.messages import (
     MAX_MESSAGE_BYTES,
     Action,
     Audio,
@@ -21,12 +22,6 @@ from echoavatar.wire import (
     Ping,
     Played,
     Pong,
-    ProtocolError,
-    decode_client,
-    decode_server,
-    encode,
-    negotiate,
-    subprotocol,
 )
 
 samples = st.integers(0, 2**53 - 1)

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ProtocolError, guard
+from echoavatar.wire import guard
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import (
     Admission,
     check_certificate,

@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 
-from echoavatar.wire import CLOSE_CODES, ClientMessage, ErrorCode, ServerMessage
+from echoavatar.wire.messages import CLOSE_CODES, ClientMessage, ErrorCode, ServerMessage
 
 
 @pytest.mark.parametrize("kind", get_args(ClientMessage) + get_args(ServerMessage))

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 from typing import get_args
 
-from echoavatar.wire import CLOSE_CODES, ClientMessage, ServerMessage
+from echoavatar.wire.messages import CLOSE_CODES, ClientMessage, ServerMessage
 
 PAGE = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
 

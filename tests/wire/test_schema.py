@@ -8,7 +8,8 @@ from typing import get_args
 
 import pytest
 
-from echoavatar.wire import ServerMessage, decode_client, decode_server
+from echoavatar.wire.codec import decode_client, decode_server
+from echoavatar.wire.messages import ServerMessage
 
 ROOT = Path(__file__).parents[2]
 FIXTURES = ROOT / "tests" / "fixtures" / "wire"

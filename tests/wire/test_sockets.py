@@ -11,7 +11,8 @@ from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import run
-from echoavatar.wire import Hello, Motion, sockets
+from echoavatar.wire import sockets
+from echoavatar.wire.messages import Hello, Motion
 from echoavatar.wire.sockets import ConnectionGuard, RepeatFilter, listen, raise_file_limit
 
 LIMIT = 40

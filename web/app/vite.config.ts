@@ -1,11 +1,12 @@
 import { defaultClientConditions, defineConfig } from "vite";
+import { three } from "../three.mjs";
 import { licences } from "./licences.js";
 
 // The page is built into the Python package, so that installing it needs no Node.
 export default defineConfig({
   base: "./",
   resolve: { conditions: ["echoavatar-source", ...defaultClientConditions] }, // the client unbuilt
-  plugins: [licences(new URL("../node_modules/", import.meta.url))],
+  plugins: [three(), licences(new URL("../node_modules/", import.meta.url))],
   build: {
     outDir: "../../src/echoavatar/server/static",
     emptyOutDir: true,

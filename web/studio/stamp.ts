@@ -5,7 +5,7 @@ import { readFileSync, readdirSync } from "node:fs";
 import type { Plugin } from "vite";
 
 const SOURCES = ["studio/src", "packages/client/src"];
-const FILES = ["studio/index.html", "studio/rate.html", "studio/vite.config.ts", "package-lock.json"];
+const FILES = ["studio/index.html", "studio/rate.html", "studio/vite.config.ts", "three.mjs", "package-lock.json"];
 
 /** SHA-256 over file names and contents, sorted by name; `web` is the folder that contains them. */
 export function digest(web: URL): string {

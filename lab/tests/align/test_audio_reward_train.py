@@ -8,13 +8,14 @@ from echoavatar.errors import MotionError
 from echoavatar_lab.align.audio_reward import AudioMotion
 from echoavatar_lab.align.audio_reward_train import (
     AudioMotionWindows,
+    AudioRewardTask,
     AudioRewardTraining,
     embed,
     retrieval_table,
     retrieval_tables,
-    train_audio_reward,
 )
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.training import train
 
 
 def told(count: int, seed: int) -> dict[str, TokenClip]:
@@ -35,7 +36,7 @@ def small(width: int) -> AudioMotion:
 
 def test_it_finds_motion_by_sound_and_sound_by_motion_among_windows_it_never_saw(tmp_path):
     training = AudioRewardTraining(steps=80, batch=20, each=1, learning_rate=3e-3)
-    model = train_audio_reward(small(width=32), AudioMotionWindows(told(30, 0), chunks=4), tmp_path, training)
+    model = train(AudioRewardTask(small(width=32), AudioMotionWindows(told(30, 0), chunks=4), training), tmp_path).model
     table = retrieval_table(*embed(model, AudioMotionWindows(told(12, 1), chunks=4)))
     assert len(table) == 6  # two ways among all, in a gallery, in batches of 32
     for row in table.values():

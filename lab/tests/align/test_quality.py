@@ -24,10 +24,10 @@ from echoavatar_lab.align.quality import (
     draw_quality,
     measure_quality,
     paper_levels,
-    train_quality,
 )
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.training import train
 
 
 def model() -> QualityReward:
@@ -89,9 +89,10 @@ def tokenizer(tiny_bundle: Path) -> BodyTokenizer:
 @pytest.mark.slow
 def test_it_ranks_corruption_on_held_out_clips(tokenizer, tmp_path):
     training = QualityTraining(steps=120, batch=12, pool=20, learning_rate=3e-3)
-    model = train_quality(
-        CorruptedWindows(tokenizer, calm(4, 0), seed=0), tmp_path, training, config=QualityConfig(width=16, heads=2)
-    )
+    model = train(
+        QualityTask(CorruptedWindows(tokenizer, calm(4, 0), seed=0), QualityConfig(width=16, heads=2), training),
+        tmp_path,
+    ).model
     found = measure_quality(model, CorruptedWindows(tokenizer, calm(2, 1), seed=1), paper_scores(), windows=3)
     assert found["pearson_levels"] > 0.8
     assert found["levels"]["uniform 1.0"] < found["levels"]["uniform 0.1"] < found["levels"][CLEAN]

@@ -5,7 +5,8 @@ import msgspec
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import Error, Flush, Motion, ServerMessage, Sound, decode_server
+from echoavatar.wire.codec import decode_server
+from echoavatar.wire.messages import Error, Flush, Motion, ServerMessage, Sound
 from echoavatar_lab.bench.soak import Watcher, bench_soak, read_report
 
 

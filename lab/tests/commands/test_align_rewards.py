@@ -65,7 +65,7 @@ class Hostile:
     ("made", "message"),
     [
         (None, "is missing"),
-        (b"PK\x03\x04 cut off", "is damaged or cut off"),
+        (b"PK\x03\x04 cut off", "is damaged, cut off"),
         ({"model": {"a": Hostile()}}, "is refused: it would run"),
         ({"weights": {}}, "has no entry 'model'"),
         ({"model": {"a": torch.zeros(2)}}, "these are not BEATs weights"),

@@ -48,7 +48,7 @@ def test_a_checkpoint_that_was_cut_off_is_named(tmp_path, share):
     torch.save({"net": {"a": torch.randn(1000)}}, tmp_path / "net.pth")
     data = (tmp_path / "net.pth").read_bytes()
     (tmp_path / "net.pth").write_bytes(data[: int(share * len(data))])
-    with pytest.raises(CheckpointError, match=r"net\.pth is damaged or cut off"):
+    with pytest.raises(CheckpointError, match=r"net\.pth is damaged, cut off"):
         read_tensors(tmp_path / "net.pth", "net")
 
 
@@ -106,7 +106,7 @@ def test_tables_arrays_and_matrices_say_what_is_wrong(tmp_path):
     with pytest.raises(CheckpointError, match="no array 'std'"):
         read_table(tmp_path / "t.npy", ("mean", "std"), (52,))
     (tmp_path / "t.npy").write_bytes((tmp_path / "t.npy").read_bytes()[:200])
-    with pytest.raises(CheckpointError, match="damaged or cut off"):
+    with pytest.raises(CheckpointError, match="damaged, cut off"):
         read_table(tmp_path / "t.npy", ("mean",), (52,))
     np.save(tmp_path / "a.npy", np.full((2, 3), np.nan))
     with pytest.raises(CheckpointError, match="not finite"):
@@ -179,5 +179,5 @@ def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
 
 def test_nested_json_is_refused(tmp_path):
     (tmp_path / "m.json").write_text("[" * 100_000)
-    with pytest.raises(CheckpointError, match="no table of matrices"):
+    with pytest.raises(CheckpointError, match="is damaged"):
         read_matrices(tmp_path / "m.json", ("a",))

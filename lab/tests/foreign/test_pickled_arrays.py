@@ -150,7 +150,7 @@ def test_what_is_no_frame_of_numbers_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"a\.pkl is refused: it would run os\.system"):
         read_pickled_frame(path)
     path.write_bytes(pickled_frame(KNOWN)[:-20])
-    with pytest.raises(CheckpointError, match=r"a\.pkl is refused: it has no end|a\.pkl is no pickle"):
+    with pytest.raises(CheckpointError, match=r"a\.pkl is refused: it has no end|a\.pkl is damaged"):
         read_pickled_frame(path)
 
 

@@ -170,7 +170,7 @@ def test_what_is_no_motion_is_named(tmp_path: Path, beat2) -> None:
     with pytest.raises(MotionError, match=r"a\.pkl has no array 'smpl_poses' \(found: q\)"):
         read_smpl_pickle(tmp_path / "a.pkl")
     (tmp_path / "a.pkl").write_bytes(b"nothing")
-    with pytest.raises(MotionError, match=r"a\.pkl is no pickle"):
+    with pytest.raises(MotionError, match=r"a\.pkl is damaged"):
         read_smpl_pickle(tmp_path / "a.pkl")
     with pytest.raises(MotionError, match="does not exist"):
         read_smpl_pickle(tmp_path / "none.pkl")

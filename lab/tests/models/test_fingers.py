@@ -1,4 +1,3 @@
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,9 +16,8 @@ from echoavatar_lab.models.fingers import (
     count_learned_hands,
     denoising_loss,
     draw_noise,
-    train_fingers,
 )
-from echoavatar_lab.training import Loop
+from echoavatar_lab.training import Loop, train
 
 
 def test_the_rate_ends_at_its_final_share() -> None:
@@ -72,8 +70,12 @@ def test_hands_that_are_given_or_stand_still_do_not_count(model: FingerModel) ->
 
 def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path: Path) -> None:
     clips, recorded = [finger_clip(waving())], [finger_clip(waving(30, 1))]
-    train = partial(train_fingers, TINY, QUICK, clips, recorded=recorded, card={"data": "waving"})
-    check_resume(train, tmp_path, at=3)
+    card = {"data": "waving"}
+    check_resume(
+        lambda folder, **how: train(FingerTask(TINY, QUICK, clips, recorded, card=card), folder, **how).model,
+        tmp_path,
+        at=3,
+    )
     card = read_card(tmp_path / "killed")
     assert (card["data"], card["kind"], card["step"]) == ("waving", "fingers", 6)
 
@@ -92,16 +94,16 @@ def test_another_schedule_or_size_is_refused(tmp_path: Path) -> None:
     clips = [finger_clip(waving(20))]
     Loop(FingerTask(TINY, QUICK, clips)).save(tmp_path)
     with pytest.raises(CheckpointError, match="another training config: seed"):
-        train_fingers(TINY, QUICK.model_copy(update={"seed": 1}), clips, tmp_path)
+        train(FingerTask(TINY, QUICK.model_copy(update={"seed": 1}), clips), tmp_path)
     with pytest.raises(CheckpointError, match="another fingers config: width"):
-        train_fingers(TINY.model_copy(update={"width": 64}), QUICK, clips, tmp_path)
+        train(FingerTask(TINY.model_copy(update={"width": 64}), QUICK, clips), tmp_path)
 
 
 def test_a_run_stops_on_time_and_continues_later(tmp_path: Path) -> None:
     clips = [finger_clip(waving(20))]
-    train_fingers(TINY, QUICK, clips, tmp_path, minutes=0.0)
+    train(FingerTask(TINY, QUICK, clips), tmp_path, minutes=0.0)
     assert losses(tmp_path) == {}
-    train_fingers(TINY, QUICK, clips, tmp_path)
+    train(FingerTask(TINY, QUICK, clips), tmp_path)
     assert len(losses(tmp_path)) == 6
 
 

@@ -107,7 +107,7 @@ def test_a_truncated_file_and_a_renamed_folder_at_once(spoilt):
     first, second = problems(path.parents[3])
     assert "no folder" in first
     assert "body_g_d, which holds the generator" in first
-    assert f"{path} is damaged or cut off" in second
+    assert f"{path} is damaged, cut off" in second
 
 
 def test_what_hinders_all_else_is_said_once(spoilt):

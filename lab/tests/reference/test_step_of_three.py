@@ -20,7 +20,8 @@ from echoavatar.engine import Engine, animate, animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.stages.modes import MotionOptions
-from echoavatar.wire import Flush, Hello, Interrupt, Motion, Sound, unpack_pose
+from echoavatar.wire.blobs import unpack_pose
+from echoavatar.wire.messages import Flush, Hello, Interrupt, Motion, Sound
 from echoavatar_lab.unity import UnitySettings, serve_unity
 
 STEP = 9_600
@@ -37,7 +38,7 @@ def row(engine: Engine) -> list[torch.Tensor]:
 
 def test_its_parts_step_alike(pipeline: Pipeline) -> None:
     """Three motion tokens, thirty audio frames, and a face whose past is four frames shorter than the paper's."""
-    assert (pipeline.chunk_samples, pipeline.chunk_frames) == (STEP, 12)
+    assert (pipeline.chunk.samples, pipeline.chunk.frames) == (STEP, 12)
     assert pipeline.face is not None
     assert (pipeline.face.model.config.step, pipeline.face.model.config.context) == (12, 52)
     assert pipeline.actions["stand"].seconds == pytest.approx(4.0)

@@ -87,7 +87,8 @@ def test_a_reward_of_other_codes_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(alignment, "AudioMotionWindows", lambda *a, **k: None)
     monkeypatch.setattr(alignment.AudioMotion, "from_codebooks", lambda *a, **k: None)
     monkeypatch.setattr(alignment.AudioMotion, "load", lambda folder: folder)
-    monkeypatch.setattr(alignment, "train_audio_reward", lambda *a: made.append(1))
+    monkeypatch.setattr(alignment, "AudioRewardTask", lambda *a: None)
+    monkeypatch.setattr(alignment, "train", lambda *a: made.append(1))
     experiment = Codes()
     for _ in range(2):
         assert alignment.alignment_reward(experiment, {}) == tmp_path / "rewards" / "alignment"

@@ -9,7 +9,7 @@ from echoavatar_lab.tables import main, tokenizer_ablation, user_study
 from echoavatar_lab.tables.scale import PAPER, SCALES, TINY, GeneratorChoice, GeneratorSizes
 
 RECIPES = Path(__file__).parents[2] / "recipes"
-OWN = {"parts", "log_every", "losses", "depth_weights", "is_principal_start", "is_scaled_by_reach"}
+OWN = {"cooling", "parts", "log_every", "losses", "depth_weights", "is_principal_start", "is_scaled_by_reach"}
 
 
 @pytest.mark.parametrize(
@@ -39,8 +39,8 @@ def test_scales_train_without_our_additions() -> None:
 
 
 def test_every_row_departs_in_settings_that_exist() -> None:
-    for variant in tokenizer_ablation.VARIANTS:
-        MotionTokenizerConfig.model_validate(TINY.tokenizer.model_dump() | dict(variant.tokenizer.sizes))
+    for _, _, tokenizer in tokenizer_ablation.VARIANTS:
+        MotionTokenizerConfig.model_validate(TINY.tokenizer.model_dump() | dict(tokenizer.sizes))
     choices = [variant.generator for variant in (*main.VARIANTS, *user_study.VARIANTS)]
     for choice in [*choices, *main.SEQUENCE_ORDERS.values()]:
         GeneratorSizes.model_validate(TINY.generator.model_dump() | dict(choice.sizes))

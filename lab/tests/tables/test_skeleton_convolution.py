@@ -18,9 +18,8 @@ from echoavatar_lab.tables.skeleton_convolution import (
     merged,
     neighbours,
     skeleton_edges,
-    train_skeleton_convolution,
 )
-from echoavatar_lab.training import Loop
+from echoavatar_lab.training import Loop, train
 
 # a root with a chain of three bones, the last of which branches into two
 PARENTS = (-1, 0, 1, 2, 3, 3)
@@ -119,7 +118,7 @@ def settings(**changes: object) -> SkeletonConvolutionTraining:
 @pytest.mark.slow
 def test_it_learns_to_give_motion_back(tmp_path: Path) -> None:
     made = clips()
-    model = train_skeleton_convolution(SMALL, settings(), made, tmp_path)
+    model = train(SkeletonConvolutionTask(SMALL, settings(), made), tmp_path).model
     back = model.decode(model.encode(made[0][None]))
     assert (back - made[0]).square().mean() < 0.5 * made[0].var()
     assert len(model.features(made[0])) == 96 // 4

@@ -30,7 +30,7 @@ def test_all_lines_have_all_four_numbers(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(scores, "generation_scores", counted)
     table = tokenizer_ablation.make(Experiment())
     keys = {"fid", "mpjpe", "trans", "generation_fid"}
-    assert [line.name for line in table.lines[2:]] == [variant.name for variant in VARIANTS]
+    assert [line.name for line in table.lines[2:]] == [name for name, _, _ in VARIANTS]
     for line in table.lines[2:]:
         assert line.paper.keys() == line.ours.keys() == keys
         assert line.ours["mpjpe"].value < 1e-2
@@ -45,4 +45,4 @@ def test_without_auxiliary_only_features_count() -> None:
 
 
 def test_only_the_full_model_has_parts() -> None:
-    assert [variant.tokenizer.is_whole for variant in VARIANTS] == [True] * 5 + [False]
+    assert [tokenizer.is_whole for _, _, tokenizer in VARIANTS] == [True] * 5 + [False]

@@ -93,7 +93,8 @@ def _serve(pipeline: Pipeline, count: int, seconds: float, last: ClientKind = "b
     is_behind = any(len(client.waits) < chunks for client in watched)
     for client in clients:
         client.session.close()
-        client.count_unanswered()
+        now = time.perf_counter()
+        client.waits.extend(now - sent for sent in client.unanswered)  # as if answered now
     waits = np.concatenate([client.waits[WARM_UP_CHUNKS:] for client in watched])
     p50, p99 = np.percentile(waits, [50, 99]) * 1000
     tail = np.mean([client.waits[-4:] for client in watched])
@@ -114,7 +115,7 @@ class _Client:
         self.session, self.kind = session, CLIENT_KINDS[0]
         self.phase = (seat * GOLDEN_RATIO) % 1 * self.session.chunk.seconds
         self.waits: list[float] = []
-        self._sent: list[float] = []
+        self.unanswered: list[float] = []  # when each was sent
         self._rng, self._lock = np.random.default_rng(seat), threading.Lock()
         session.on_motion = self._on_motion
 
@@ -127,20 +128,15 @@ class _Client:
             self.session.close()
         elif self.kind != "stalls" or int(now / 2) % 2:
             with self._lock:
-                self._sent.append(time.perf_counter())
+                self.unanswered.append(time.perf_counter())
             self.session.push(self._sound(1))
 
     def _on_motion(self) -> None:
         now = time.perf_counter()
         with self._lock:
             while self.session.take() is not None:
-                if self._sent:
-                    self.waits.append(now - self._sent.pop(0))
-
-    def count_unanswered(self) -> None:
-        """Count unanswered chunks as having waited until now."""
-        now = time.perf_counter()
-        self.waits.extend(now - sent for sent in self._sent)
+                if self.unanswered:
+                    self.waits.append(now - self.unanswered.pop(0))
 
     def _sound(self, chunks: int) -> np.ndarray:
         return (0.1 * self._rng.standard_normal(chunks * self.session.chunk.samples)).astype(np.float32)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import write_wav
 from echoavatar.timing import SAMPLE_RATE_HZ
 
@@ -63,11 +64,11 @@ def bench_start(model: str, *, runs: int = 4, progress: Callable[[int], None] = 
     """Start `runs` processes one after another (two or more) and time them.
 
     Raises:
-        ValueError: fewer than two runs.
+        EchoAvatarError: fewer than two runs.
         RuntimeError: a process failed.
     """
     if runs < 2:
-        raise ValueError(f"{runs} runs do not show a warm start; ask for two or more")
+        raise EchoAvatarError("--runs needs two or more: the first run is not a warm start")
     report = StartReport({}, [], [], [])
     with tempfile.TemporaryDirectory() as folder:
         sound = Path(folder) / "five_seconds.wav"

@@ -83,9 +83,7 @@ def bench_stream(
     rows["whole chunk"] = _percentiles(counted)
     summary = {
         "rtf": float(counted.mean() / 1000 / chunk.seconds),
-        "chunk_ms_p50": rows["whole chunk"][0],
-        "chunk_ms_p95": rows["whole chunk"][1],
-        "chunk_ms_p99": rows["whole chunk"][2],
+        **dict(zip(("chunk_ms_p50", "chunk_ms_p95", "chunk_ms_p99"), rows["whole chunk"], strict=True)),
         "first_motion_ms": first_ms,
         "rss_mb_start": memory[0],
         "rss_mb_end": memory[-1],
@@ -122,7 +120,7 @@ def _percentiles(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def resident_mb() -> float:
-    """Resident memory of this process in MB: its peak where the system tells no more, 0 where it tells nothing."""
+    """Resident memory of this process in MB; the peak where only that is known (macOS), 0 on Windows."""
     status = Path("/proc/self/statm")
     if status.exists():
         return int(status.read_text("ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # a console may lack letters that we or file names use
     if argv is None:
         atexit.register(gc.freeze)  # or Python looks through all of torch's objects at its end: half a second
-        gc.set_threshold(50_000, 20, 20)  # nor while they are made: a quarter second
+        gc.set_threshold(50_000, 20, 20)  # fewer collections while they are made: a quarter second
     asked = next((word for word in words if not word.startswith("-")), "")
     try:
         if (separate := " ".join(words[:2])) in SEPARATE:
@@ -97,13 +97,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
-        from .doctor import EXTRA_OF
+        from .doctor import missing_package
 
-        if (missing := (error.name or "").partition(".")[0]) not in EXTRA_OF:
+        if (missing := missing_package(error)) is None:
             raise
-        print(f"echoavatar: this needs {missing}: pip install 'echoavatar[{EXTRA_OF[missing]}]'", file=sys.stderr)
+        print(f"echoavatar: this needs {missing[0]}: {missing[1]}", file=sys.stderr)
         return 1
-    except BrokenPipeError:  # whoever read our output has gone, as `head` does
+    except BrokenPipeError:  # the reader of our output has ended, as `head` does
         if argv is None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its end
         return 141

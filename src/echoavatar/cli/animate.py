@@ -15,19 +15,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .options import (
-    DEVICE_HELP,
-    FORMATS,
-    RIG_HELP,
-    RUNTIME_HELP,
-    VIEWS,
-    WITHOUT_HELP,
-    add_model,
-    add_picture,
-    advance,
-    local_path,
-    size,
-)
+from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, size
 
 STDIN = Path("-")
 EXAMPLES = """examples:
@@ -65,8 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SUFFIX",
         help="of the files in a folder (default: %(default)s)",
     )
-    add_model(parser)
-    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
+    add_pipeline(parser)
     parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
@@ -79,8 +66,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_picture(parser)
     parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
-    parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
-    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -94,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.models.audio import stream_audio
     from echoavatar.motion.stages.modes import MotionOptions
 
-    outputs = _outputs(args, SUFFIXES)
+    outputs, is_quiet = _outputs(args, SUFFIXES), not sys.stderr.isatty()
     for output in outputs:
         check_output(output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
@@ -110,14 +95,12 @@ def run(args: argparse.Namespace) -> int:
     fps = args.fps or bundle.runtime.fps
     options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
     for sound, output in zip(args.audio, outputs, strict=True):
-        bar = tqdm(
-            unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=_is_quiet()
-        )
+        bar = tqdm(unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=is_quiet)
         with bar, _readable(sound) as path:
             done = animate(
                 pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(advance, bar)
             )
-        is_hidden = _is_quiet() or output.suffix.lower() not in FILMS
+        is_hidden = is_quiet or output.suffix.lower() not in FILMS
         with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
             Animation(*done).save(
                 output,
@@ -181,7 +164,7 @@ def _readable(sound: Path) -> Iterator[Path]:
 
 
 def _suffix(text: str) -> str:
-    return text if text.startswith(".") else f".{text}"
+    return f".{text.removeprefix('.')}"
 
 
 def _rate(text: str) -> float:
@@ -189,7 +172,3 @@ def _rate(text: str) -> float:
     if not 1 <= rate <= 1000:
         raise argparse.ArgumentTypeError(f"{text} is not a frame rate; choose 1 to 1000")
     return rate
-
-
-def _is_quiet() -> bool:
-    return not sys.stderr.isatty()

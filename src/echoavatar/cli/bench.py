@@ -4,16 +4,16 @@ import argparse
 import json
 import statistics
 import sys
-from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError
 
 from . import command_module
-from .options import DEVICE_HELP, RUNTIME_HELP, WITHOUT_HELP, add_model
+from .options import add_model, add_pipeline, advance
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
@@ -39,13 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _models(stream)
     stream.add_argument("--seconds", type=float, default=60.0, help="length of the audio (default: %(default)s)")
     stream.add_argument("--sessions", type=int, default=1, help="sessions in the batch (default: %(default)s)")
-    stream.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     stream.add_argument(
         "--precision",
         choices=("float32", "bfloat16", "int8"),
         help="precision of the generator's weights (default: int8 on a CPU, bfloat16 on a GPU, as everywhere)",
     )
-    stream.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
     face = kinds.add_parser(
         "face", help="the face model", description="Time the face model for one session and for a batch."
     )
@@ -67,7 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="numbers of sessions to try, such as 1,2,4 (default: 1,2,3,4)",
     )
     many.add_argument("--seconds", type=float, default=20.0, help="length of each session (default: %(default)s)")
-    many.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     many.add_argument(
         "--neighbours", action="store_true", help="also next to a session that floods, stalls or vanishes"
     )
@@ -95,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _models(parser: argparse.ArgumentParser) -> None:
-    add_model(parser)
+    add_pipeline(parser)
     parser.add_argument(
         "--size",
         choices=("bundle", "paper"),
@@ -109,13 +106,10 @@ def _models(parser: argparse.ArgumentParser) -> None:
         help="order of that generator; prefix: the paper's own, which prefills its window at every step; interleaved: "
         "only what is new; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
     )
-    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
-    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
+    parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
 
 
-def _pipeline(
-    args: argparse.Namespace, precision: "Precision | None" = None, without: Sequence[str] = ()
-) -> "Pipeline":
+def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) -> "Pipeline":
     """The pipeline that the arguments of `_models` ask for."""
     import torch
 
@@ -124,7 +118,7 @@ def _pipeline(
 
     if args.threads:
         torch.set_num_threads(args.threads)
-    bundle = load_bundle(args.model).running(args.runtime).without(without)
+    bundle = load_bundle(args.model).running(args.runtime).without(args.without)
     print(f"runtime: {bundle.runtime.label}")
     chosen = with_random_generator(bundle, args.sequence) if args.size == "paper" else bundle
     return Pipeline(chosen, precision=precision, device=args.device)
@@ -140,11 +134,9 @@ def _counts(text: str) -> tuple[int, ...]:
 def _stream(args: argparse.Namespace) -> int:
     from echoavatar.bench.stream import bench_stream
 
-    pipeline = _pipeline(args, args.precision, args.without)
+    pipeline = _pipeline(args, args.precision)
     with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
-        report = bench_stream(
-            pipeline, seconds=args.seconds, sessions=args.sessions, progress=lambda done, _: bar.update(done - bar.n)
-        )
+        report = bench_stream(pipeline, seconds=args.seconds, sessions=args.sessions, progress=partial(advance, bar))
     print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
     for stage, values in report.stages_ms.items():
         print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
@@ -159,9 +151,7 @@ def _sessions(args: argparse.Namespace) -> int:
 
     pipeline = _pipeline(args)
     with tqdm(total=len(args.counts), unit="load", leave=False) as bar:
-        loads = bench_sessions(
-            pipeline, args.counts, seconds=args.seconds, progress=lambda done, _: bar.update(done - bar.n)
-        )
+        loads = bench_sessions(pipeline, args.counts, seconds=args.seconds, progress=partial(advance, bar))
     print(f"{'sessions':<10}{'p50 ms':>10}{'p99 ms':>10}{'busy':>8}{'MB each':>10}  in real time")
     for load in loads:
         numbers = f"{load.p50_ms:>10.1f}{load.p99_ms:>10.1f}{load.busy:>8.2f}{load.memory_mb:>10.2f}"
@@ -211,10 +201,8 @@ def _face(args: argparse.Namespace) -> int:
 def _start(args: argparse.Namespace) -> int:
     from echoavatar.bench.start import bench_start
 
-    if args.runs < 2:
-        raise EchoAvatarError("--runs needs two or more: the first run is not a warm start")
     with tqdm(total=args.runs, unit="start", leave=False, disable=not sys.stderr.isatty()) as bar:
-        report = bench_start(args.model, runs=args.runs, progress=lambda done: bar.update(done - bar.n) and None)
+        report = bench_start(args.model, runs=args.runs, progress=partial(advance, bar))
     print(f"{'s':<10}{'first':>8}{'warm':>8}{'least':>8}")
     for name, values in (report.phases | {"animate": report.animate, "--help": report.help}).items():
         print(f"{name:<10}{values[0]:>8.2f}{statistics.median(values[1:]):>8.2f}{min(values):>8.2f}")

@@ -4,11 +4,10 @@ import argparse
 import asyncio
 import sys
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 from .options import VIEWS, add_picture, add_server, size
 
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from echoavatar.engine import Playhead
     from echoavatar.server.video import LiveStream, VideoSource
     from echoavatar.server.video.broadcast import Output
+    from echoavatar.wire.messages import Ready
 
 RATE_HZ = 25
 RETRY_S = 2.0
@@ -45,11 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Show sessions until stopped."""
-    try:
-        from echoavatar.server.video.broadcast import Broadcast, VirtualCamera, container_of
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"this needs {error.name}: pip install 'echoavatar[camera]'") from error
     from echoavatar.files.avatar.avatar_renderer import RENDERERS
+    from echoavatar.server.video.broadcast import Broadcast, VirtualCamera, container_of
 
     width, height = args.size
     if not (64 <= width <= 3840 and 64 <= height <= 2160):
@@ -72,6 +69,7 @@ class _Show:
 
     def __init__(self, args: argparse.Namespace, output: "Output") -> None:
         self._args, self._output = args, output
+        self._lock = asyncio.Lock()  # an output is not made for two threads
         self._source: VideoSource | None = None
         self._playhead: Playhead
         self._stream: LiveStream
@@ -98,80 +96,66 @@ class _Show:
 
     async def _pictures(self) -> None:
         while True:
-            await self._give(self._output.show, await self._stream.picture())
+            picture = await self._stream.picture()
+            async with self._lock:
+                await asyncio.to_thread(self._output.show, picture)
 
     async def _sounds(self) -> None:
         while True:
-            await self._give(self._output.hear, await self._stream.sound())
-
-    async def _give(self, take: Callable[[Any], None], what: object) -> None:
-        """Hand over, one at a time: an output is not made for two threads."""
-        async with self._lock:
-            await asyncio.to_thread(take, what)
+            sound = await self._stream.sound()
+            async with self._lock:
+                await asyncio.to_thread(self._output.hear, sound)
 
     async def _watch(self) -> None:
         """Take the messages of one session after another."""
-        from echoavatar.agents.client import Avatar, ConnectionLostError, RemoteTools, stream_url
-        from echoavatar.wire import Hello, ProtocolError
+        from echoavatar.agents.client import ConnectionLostError, RemoteTools, connect
+        from echoavatar.wire.codec import ProtocolError
+        from echoavatar.wire.messages import Flush
 
-        self._lock = asyncio.Lock()
         args, tools = self._args, RemoteTools(self._args.server, token=self._args.token)
         while True:
             names = [args.session] if args.session else await asyncio.to_thread(tools.sessions)
-            if names:
-                hello = Hello(role="viewer", session=names[-1], token=args.token)
-                avatar = Avatar(stream_url(args.server), hello)
-                with suppress(ConnectionLostError):
-                    try:
-                        await avatar.open()
-                        await self._follow(avatar)
-                    except ProtocolError as error:
-                        if error.code != "unknown_session":
-                            raise
-                    finally:
-                        await avatar.close()
-            self._say_waiting()
+            try:
+                if names:
+                    async with connect(args.server, token=args.token, watch=names[-1]) as avatar:
+                        source = await self._begin(avatar.ready)
+                        async for message in avatar:
+                            source.take(message)
+                            if isinstance(message, Flush):
+                                self._playhead.jump(min(message.at, self._playhead.sample))
+            except ConnectionLostError:
+                pass
+            except ProtocolError as error:
+                if error.code != "unknown_session":
+                    raise
+            if not self._is_waiting:
+                self._is_waiting = True
+                print(
+                    "no session there; waiting for one (open the server's page, or `echoavatar say`)", file=sys.stderr
+                )
             await asyncio.sleep(RETRY_S)
 
-    async def _follow(self, avatar: Any) -> None:
-        from echoavatar.wire import Flush
-
-        await self._begin(avatar.ready)
-        alive = asyncio.ensure_future(avatar.keep_alive())
-        try:
-            assert self._source is not None
-            async for message in avatar:
-                self._source.take(message)
-                if isinstance(message, Flush):
-                    self._playhead.jump(min(message.at, self._playhead.sample))
-        finally:
-            alive.cancel()
-
-    async def _begin(self, ready: Any) -> None:
+    async def _begin(self, ready: "Ready") -> "VideoSource":
         """Show a session from its present moment on."""
         from echoavatar.engine import Playhead
         from echoavatar.files.avatar.avatar_renderer import Shot
         from echoavatar.server.video import LiveStream, VideoSource
-        from echoavatar.wire import Flush
+        from echoavatar.wire.messages import Flush
 
         args, self._is_waiting = self._args, False
         self._playhead = Playhead()
         self._playhead.jump(ready.at)
         if self._source is not None:
             self._source.take(Flush(at=0, epoch=0, seg=0, heard=0))
-            return
+            return self._source
         shot = Shot(args.size, args.view, args.background, renderer=args.renderer)
         source = await asyncio.to_thread(VideoSource, ready.rig, shot, character=args.character, curves=len(ready.face))
         self._stream = LiveStream(source, self._heard, rate=RATE_HZ)
         self._source = source
+        return source
 
     def _heard(self) -> int:
-        """The sample that is heard now: nobody reports to a viewer, so its clock is the wall's."""
+        """The sample that is heard now, by the wall clock, because a viewer gets no reports of playback."""
         assert self._source is not None
         self._playhead.advance(time.monotonic(), self._source.end)
         return self._playhead.sample
-
-    def _say_waiting(self) -> None:
-        if not self._is_waiting:
-            self._is_waiting = True
-            print("no session there; waiting for one (open the server's page, or `echoavatar say`)", file=sys.stderr)

@@ -1,6 +1,6 @@
-"""`echoavatar doctor`: what works on this machine, and what to do about the rest.
+"""`echoavatar doctor`: tells what works on this machine, and how to repair the rest.
 
-Nothing is called well that was not tried: every module is imported, and one second of motion is made and written.
+It reports only what it tried: it imports every module, and makes and writes one second of motion.
 """
 
 import argparse
@@ -101,12 +101,19 @@ def _modules() -> list[Finding]:
     return [(OK, "modules", f"{loaded} load"), *failed]
 
 
+def missing_package(error: ModuleNotFoundError) -> tuple[str, str] | None:
+    """The absent package and the command that installs it; None for a package that is always installed."""
+    name = (error.name or "").partition(".")[0]
+    if name == "echoavatar_lab":
+        return "echoavatar-lab", "pip install ./lab in a clone of the repository"
+    return (name, f"pip install 'echoavatar[{EXTRA_OF[name]}]'") if name in EXTRA_OF else None
+
+
 def _failure(module: str, error: Exception) -> Finding:
-    """Packages that only an extra brings may be absent; any other reason not to load is a fault."""
+    """The finding for a module that does not load: a fault, unless a package of an extra is absent."""
     room = module.split(".")[1]
-    missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
-    if missing in EXTRA_OF:
-        return OPTIONAL, room, f"needs {missing}; pip install 'echoavatar[{EXTRA_OF[missing]}]'"
+    if isinstance(error, ModuleNotFoundError) and (missing := missing_package(error)):
+        return OPTIONAL, room, f"needs {missing[0]}; {missing[1]}"
     if isinstance(error, DependencyError):
         return OPTIONAL, room, str(error)
     return BROKEN, room, f"{module} does not load ({_said(error)}); install the package again"
@@ -127,7 +134,7 @@ def _separate() -> list[Finding]:
     rows, there = [], {name: importlib.util.find_spec(f"echoavatar_{name}") is not None for name in ("lab", "studio")}
     for name, is_there in there.items():
         added = ", ".join(f"`{command}`" for command, home in SEPARATE.items() if home == name)
-        remark = added if is_there else f"absent, for {added}; in a clone of the repository: pip install ./{name}"
+        remark = added if is_there else f"absent, for {added}; pip install ./{name} in a clone of the repository"
         rows.append((OK if is_there else OPTIONAL, f"echoavatar-{name}", remark))
     if there["lab"]:
         has_flite, has_fluidsynth = find_library("flite") is not None, shutil.which("fluidsynth") is not None

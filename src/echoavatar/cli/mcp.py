@@ -4,8 +4,6 @@ import argparse
 import asyncio
 import sys
 
-from echoavatar.errors import DependencyError
-
 from .options import add_server
 
 
@@ -28,11 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until stopped."""
-    try:
-        from echoavatar.agents.mcp import serve_http, serve_stdio
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"this needs {error.name}: pip install 'echoavatar[mcp]'") from error
     from echoavatar.agents.client import RemoteTools
+    from echoavatar.agents.mcp import serve_http, serve_stdio
 
     tools = RemoteTools(args.server, token=args.token, session=args.session)
     if args.http:

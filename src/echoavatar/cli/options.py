@@ -27,6 +27,14 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
 
 
+def add_pipeline(parser: argparse.ArgumentParser) -> None:
+    """Declare `--model`, and how its bundle runs."""
+    add_model(parser)
+    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
+    parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
+    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
+
+
 def add_server(parser: argparse.ArgumentParser) -> None:
     """Declare `--server` and `--token` of a client."""
     parser.add_argument(
@@ -36,8 +44,8 @@ def add_server(parser: argparse.ArgumentParser) -> None:
 
 
 def add_picture(parser: argparse.ArgumentParser) -> None:
-    """Declare who is filmed, before what, and what draws."""
-    parser.add_argument("--character", default="", metavar="NAME", help="who is filmed: maya (default), theo or amara")
+    """Declare the character, the background and the renderer of a film."""
+    parser.add_argument("--character", default="", metavar="NAME", help="maya (default), theo or amara")
     parser.add_argument(
         "--background",
         default="studio",
@@ -66,5 +74,5 @@ def size(text: str) -> tuple[int, int]:
 
 
 def advance(bar: "tqdm[object]", to: float, _: float = 0) -> None:
-    """Move a bar to a place; the third number, the length, it knows."""
+    """Move a bar to a position. The total, which some callers pass as well, is ignored."""
     bar.update(to - bar.n)

@@ -28,7 +28,8 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.motion.kinematics import HUMANOID
     from echoavatar.server.sinks import SinkGroup
     from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
-    from echoavatar.wire import Pose, Rig
+    from echoavatar.wire.blobs import Pose
+    from echoavatar.wire.messages import Rig
 
     take = read_take(args.recording).on_humanoid()
     motion = take.motion

@@ -8,10 +8,15 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
 
 from .options import TOKEN
+
+if TYPE_CHECKING:
+    from echoavatar.agents.proxy import ProxySettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,7 +58,6 @@ def run(args: argparse.Namespace) -> int:
 
     settings = ProxySettings(
         args.upstream,
-        avatar=args.avatar or "http://to.be.started",
         token=args.token,
         tools=args.tools,
         idle=not args.no_idle,
@@ -61,21 +65,19 @@ def run(args: argparse.Namespace) -> int:
     )
     with contextlib.ExitStack() as stack:
         own = args.avatar or stack.enter_context(own_server(args.model, args.seats, args.token))
-        asyncio.run(_proxy(settings, own, args.host, args.port))
+        asyncio.run(_proxy(replace(settings, avatar=own), args.host, args.port))
     print("echoavatar: stopped", file=sys.stderr)
     return 0
 
 
-async def _proxy(settings: object, avatar: str, host: str, port: int) -> None:
-    from dataclasses import replace
+async def _proxy(settings: "ProxySettings", host: str, port: int) -> None:
+    from echoavatar.agents.proxy import Relay
 
-    from echoavatar.agents.proxy import ProxySettings, Relay
-
-    assert isinstance(settings, ProxySettings)
-    relay = Relay(replace(settings, avatar=avatar))
+    relay = Relay(settings)
     taken = await relay.start(host, port)
     name = f"[{host}]" if ":" in host else host
-    print(f"echoavatar proxy is at ws://{name}:{taken}/v1/realtime  (avatar at {avatar}; Ctrl-C stops)", flush=True)
+    where = f"ws://{name}:{taken}/v1/realtime"
+    print(f"echoavatar proxy is at {where}  (avatar at {settings.avatar}; Ctrl-C stops)", flush=True)
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

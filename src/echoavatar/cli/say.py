@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 async def _say(args: argparse.Namespace) -> dict[str, float]:
     from echoavatar.agents.client import Recorder, connect, read_sound
     from echoavatar.server.sinks import SinkGroup
-    from echoavatar.wire import ActionStatus, Error, Motion, Sound
+    from echoavatar.wire.messages import ActionStatus, Error, Motion, Sound
 
     is_live = args.live or bool(args.sink)
     samples, rate = read_sound(args.audio)

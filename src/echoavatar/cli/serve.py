@@ -1,7 +1,6 @@
 """`echoavatar serve`: the live server for browsers and voice agents."""
 
 import argparse
-import importlib.util
 import os
 import re
 import secrets
@@ -9,10 +8,10 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 
 from . import command_module
-from .options import DEVICE_HELP, RENDERER_HELP, RENDERER_NAMES, RUNTIME_HELP, TOKEN, WITHOUT_HELP, add_model
+from .options import RENDERER_HELP, RENDERER_NAMES, TOKEN, add_pipeline
 
 SINK_HELP = (
     "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
@@ -20,8 +19,8 @@ SINK_HELP = (
 )
 
 VIDEO_HELP = (
-    "serve sessions as WebRTC video and sound (WHEP), drawn here, to so many viewers at once; without a number one for "
-    "two processors. Each takes most of a processor (docs/video.md)"
+    "serve sessions as WebRTC video and sound (WHEP), drawn here, to at most this many viewers at once; without a "
+    "number, one for two processors. Each takes most of a processor (docs/video.md)"
 )
 
 
@@ -36,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar serve --model reference --sink unity://192.168.1.7\n"
         "                                               one session for a Unity project of the paper's authors\n"
     )
-    add_model(parser)
+    add_pipeline(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
@@ -75,9 +74,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         help="time for sessions to finish when the server is stopped (default: %(default)s)",
     )
-    parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
-    parser.add_argument("--without", action="append", default=[], metavar="STAGE", help=WITHOUT_HELP)
-    parser.add_argument("--runtime", default="default", metavar="HOW", help=RUNTIME_HELP)
     parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
     parser.add_argument(
         "--log", choices=("text", "json"), default="text", help="form of log lines (default: %(default)s)"
@@ -128,6 +124,11 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.wire.guard import is_loopback
 
     _check(args)
+    tracer = None
+    if args.traces:
+        from echoavatar.server.tracing import export_to
+
+        tracer = export_to(args.traces)
     if args.log == "json":
         log_json()
     if args.threads:
@@ -148,11 +149,10 @@ def run(args: argparse.Namespace) -> int:
         video_size=(args.video_size, args.video_size),
         video_renderer=args.video_renderer,
         ice_servers=tuple(args.ice),
-        tracer=_tracer(args.traces),
+        tracer=tracer,
         lists_sessions=is_loopback(args.host),
     )
-    how = {"without": args.without, "runtime": args.runtime}
-    engine = load(args.model, seats=args.seats, device=args.device, **how)
+    engine = load(args.model, seats=args.seats, device=args.device, without=args.without, runtime=args.runtime)
     app = create_app(engine, settings)
 
     def ready(address: str) -> None:
@@ -173,28 +173,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _viewers(asked: int) -> int:
-    """How many viewers of video there may be; -1 asks for as many as the processors can draw."""
+    """The largest number of video viewers; `asked` is -1 for as many as the processors can draw."""
     if not asked:
         return 0
-    if importlib.util.find_spec("aiortc") is None:
-        raise DependencyError("video needs aiortc: pip install 'echoavatar[video]'")
+    import aiortc  # noqa: F401  # an absent package is reported before the bundle is loaded
+
     return max(1, (os.cpu_count() or 2) // 2) if asked < 0 else asked
-
-
-def _tracer(address: str | None) -> object | None:
-    if address is None:
-        return None
-    try:
-        from echoavatar.server.tracing import export_to
-
-        tracer: object = export_to(address)
-        return tracer
-    except ModuleNotFoundError as error:
-        raise DependencyError(f"traces need {error.name}: pip install 'echoavatar[traces]'") from error
 
 
 def _check(args: argparse.Namespace) -> None:
     from echoavatar.server.sinks import check_address
+    from echoavatar.wire.guard import check_certificate
 
     for text in args.sink:
         check_address(text)
@@ -210,6 +199,4 @@ def _check(args: argparse.Namespace) -> None:
     if bool(args.certificate) != bool(args.key):
         raise EchoAvatarError("--certificate and --key go together; give both or neither")
     if args.certificate:
-        from echoavatar.wire.guard import check_certificate
-
         check_certificate(args.certificate, args.key)

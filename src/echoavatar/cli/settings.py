@@ -1,4 +1,4 @@
-"""Defaults of options from a file and from the environment, which wins over the file; what is typed wins over both.
+"""Defaults of options from a file and from the environment, which wins over the file; typed options win over both.
 
     # ~/.config/echoavatar/config.toml, or the file that $ECHOAVATAR_CONFIG names
     model = "bundles/mine"    # for every command that has --model
@@ -32,28 +32,18 @@ def config_path(environment: Mapping[str, str] = os.environ) -> Path:
     return Path(base or "~/.config").expanduser() / "echoavatar" / "config.toml"
 
 
-def read_config(path: Path, *, is_named: bool) -> dict[str, Any]:
-    """What the file holds; nothing where it does not exist, unless the user named it.
-
-    Raises:
-        EchoAvatarError: it cannot be read, or is not TOML.
-    """
-    if not path.exists() and not is_named:
-        return {}
-    try:
-        return tomllib.loads(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise EchoAvatarError(f"cannot read the configuration {path}: {error}") from error
-
-
 def apply(parser: argparse.ArgumentParser, command: str, environment: Mapping[str, str] = os.environ) -> None:
     """Set the defaults of a command's parser, and of its sub-commands.
 
     Raises:
         EchoAvatarError: the file cannot be read, or its section for this command names an option that is not there.
     """
-    path = config_path(environment)
-    config = read_config(path, is_named=PREFIX + "CONFIG" in environment)
+    path, config = config_path(environment), dict[str, Any]()
+    if path.exists() or PREFIX + "CONFIG" in environment:
+        try:
+            config = tomllib.loads(path.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise EchoAvatarError(f"cannot read the configuration {path}: {error}") from error
     for_all = {key: value for key, value in config.items() if not isinstance(value, dict)}
     section = config.get(command, {})
     _apply(parser, (command,), for_all, section, environment, path)
@@ -88,7 +78,7 @@ def _apply(
 
 
 def _value(action: argparse.Action, found: Any, name: str) -> Any:
-    """As argparse would have it: a text, which it converts, a list, or a truth."""
+    """The default in the form that argparse expects: a text, which it converts, a list, or a boolean."""
     if isinstance(action, argparse._CountAction):
         return int(found)
     if action.nargs == 0:

@@ -74,7 +74,7 @@ class AudioQueue:
         self._spans: dict[int, tuple[Span, ...]] = {}
         self._ends: dict[int, int] = {}  # clock of the last scheduled sample of each unfinished utterance, in order
 
-    # ---- what waits
+    # ---- waiting speech
 
     def push(self, audio: Float[np.ndarray, "..."], rate: int, utterance: int = 0) -> None:
         """Add speech. A higher `utterance` than before begins a new one; callers without utterances leave it at 0.
@@ -160,7 +160,7 @@ class AudioQueue:
         self._next = chunk
 
     def cut(self, sample: int, last: int | None = None, *, heard: int = 0) -> HeardUntil:
-        """Forget what is scheduled after a sample of the clock, and every waiting utterance up to `last` (None: all).
+        """Forget speech scheduled after a sample of the clock, and every waiting utterance up to `last` (None: all).
 
         Returns the utterance that was cut off there, and how much of it was heard; the player may have heard up to
         `heard`, if that is later. The clock of a paced queue holds whole chunks, so silence completes the last one.
@@ -258,7 +258,7 @@ class AudioQueue:
         self._spans.pop(number - KEPT_SPANS - 1, None)
 
     def _pop(self, most: int) -> _Piece:
-        """The first of what waits, so many samples of it at most."""
+        """Take at most `most` samples of the first waiting piece."""
         first = self._pieces.popleft()
         taken = first._replace(samples=first.samples[:most])
         if len(first.samples) > most:

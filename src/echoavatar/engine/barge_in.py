@@ -56,11 +56,6 @@ class _Step(NamedTuple):
     patches: list[Patch]
 
 
-class _InFlight(NamedTuple):
-    epoch: int
-    music: Playing
-
-
 class BargeIn:
     """Which chunk is next, which can be taken back, and how. The session holds its lock around every call."""
 
@@ -74,7 +69,7 @@ class BargeIn:
         self._steps: deque[_Step] = deque()  # the latest that can be undone
         self._made = 0  # chunks that the model's row has taken in
         self._target: int | None = None  # the chunk before which the row must go back
-        self._in_flight: _InFlight | None = None
+        self._in_flight: tuple[int, Playing] | None = None  # epoch of the chunk being made, the player before it
 
     @property
     def next_chunk(self) -> int:
@@ -89,7 +84,7 @@ class BargeIn:
         if self._target is not None:
             undone = [self._steps.pop().patches for _ in range(self._made - self._target)]
             self._made, self._target = self._target, None
-        self._in_flight = _InFlight(self.epoch, self._music.now)
+        self._in_flight = self.epoch, self._music.now
         return self._made, undone
 
     def end(self, patches: list[Patch]) -> bool:
@@ -131,7 +126,7 @@ class BargeIn:
         if border < self._made:
             self._music.rewind(border, self._steps[border - oldest].music)
         elif self._in_flight is not None:
-            self._music.rewind(border, self._in_flight.music)
+            self._music.rewind(border, self._in_flight[1])
         self._queue.go_back(border)
         self._target = border
         self.played = None if self.played is None else min(self.played, sample)

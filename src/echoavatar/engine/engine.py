@@ -2,9 +2,9 @@
 
 A worker claims a session's seat before it steps it, so several threads may call either at once.
 
-A step that fails leaves each row as it was before. `tick` raises the fault. `work` finds out whose it is. If the
-pipeline cannot step silence either, `fault` holds it, and nobody is stepped until `restart`. Else each session is tried
-once more by itself, and one that fails again has an `error` and takes no further part.
+A step that fails leaves each row as it was before. `tick` raises the fault. `work` finds the session that causes it.
+If the pipeline cannot step silence either, `fault` holds it, and no session is stepped until `restart`. Else each
+session is tried once more by itself; one that fails again gets an `error` and is not stepped any more.
 """
 
 import logging
@@ -67,15 +67,16 @@ class Engine:
         self.chunk, self.actions, self.additions = pipeline.chunk, pipeline.actions, pipeline.additions
         self.step_seconds = 0.0  # duration of the last step
         self.busy_seconds = 0.0  # duration of all steps
-        self.fault: Exception | None = None  # why the pipeline steps nobody any more
+        self.fault: Exception | None = None  # why the pipeline cannot make a step any more
         self.restarts = self.wakes = 0
-        self.on_step: Callable[[Pipeline], None] = _ignore  # called when a step begins, in its thread
+        self.on_step: Callable[[Pipeline], None] = lambda pipeline: None  # called when a step begins, in its thread
         self._reload = reload or (lambda: pipeline)
         self._codes = pipeline.directive_codes
         self._state = pipeline.init_state(seats)
         self._sessions: dict[int, SessionCore] = {}  # by seat, the session that was stepped last at the end
         self._claimed: dict[int, float] = {}  # seats that a thread works on, and since when
-        self._seats, self._look_ahead, self._rewind = seats, look_ahead, rewind
+        self.seats = seats  # how many sessions there can be
+        self._look_ahead, self._rewind = look_ahead, rewind
         own_workers = torch.get_num_threads() if pipeline.device.type == "cpu" else 0
         self._workers = own_workers if workers is None else workers
         self._pool = ThreadPoolExecutor(self._workers, "worker", _in_one_thread) if self._workers > 1 else None
@@ -92,14 +93,9 @@ class Engine:
         return self.pipeline.face is not None
 
     @property
-    def seats(self) -> int:
-        """How many sessions there can be."""
-        return self._seats
-
-    @property
     def free(self) -> int:
         """How many more sessions can be opened now."""
-        return self._seats - len(self._sessions)
+        return self.seats - len(self._sessions)
 
     def open(self, *, seed: int = 0, options: MotionOptions = FREE) -> Session:
         """Open a session. Its motion depends on its seed and audio alone, not on its neighbours.
@@ -121,10 +117,10 @@ class Engine:
     ) -> SessionCore:
         """As `open`, for servers: see `SessionCore`."""
         with self._lock:
-            free = [seat for seat in range(self._seats) if seat not in self._sessions]
+            free = [seat for seat in range(self.seats) if seat not in self._sessions]
             if not free:
                 raise AdmissionError(
-                    f"all {self._seats} seats are taken; close a session or open the engine with more seats"
+                    f"all {self.seats} seats are taken; close a session or open the engine with more seats"
                 )
             core = SessionCore(
                 self,
@@ -152,7 +148,7 @@ class Engine:
             self._awake.notify_all()
 
     def wait(self, wakes: int, seconds: float) -> None:
-        """Sleep until `wake` is called, for so long at most; at once if it was, since `wakes` had this value."""
+        """Sleep until `wake` is called, at most `seconds`; not at all if `wake` was called since `wakes` was read."""
         with self._awake:
             self._awake.wait_for(lambda: self.wakes != wakes, seconds)
 
@@ -168,7 +164,7 @@ class Engine:
 
     def tick(self) -> int:
         """Step every session that is ready; return how many were. Raises what a step raises."""
-        ready = self._claim(self._seats)
+        ready = self._claim(self.seats)
         groups = [[session] for session in ready] if self._workers else [ready] if ready else []
         list((self._pool.map if self._pool else map)(lambda group: self._step(group, self._make), groups))
         for session in ready:
@@ -178,7 +174,7 @@ class Engine:
 
     def work(self) -> bool:
         """Step the session with the least motion ahead, or all that are ready as one batch; False if none is."""
-        ready = self._claim(1 if self._workers else self._seats)
+        ready = self._claim(1 if self._workers else self.seats)
         if ready:
             self._step(ready, self._make_or_contain)
         return bool(ready)
@@ -190,18 +186,18 @@ class Engine:
 
     @property
     def longest_step_s(self) -> float:
-        """How long the oldest step that is not over has lasted; 0 if nobody is stepped."""
+        """How long the oldest step that is not over has lasted; 0 if no session is stepped."""
         with self._lock:
             return max((time.monotonic() - since for since in self._claimed.values()), default=0.0)
 
     def restart(self) -> None:
-        """Load the pipeline again after a `fault`, while nobody steps.
+        """Load the pipeline again after a `fault`, while no thread steps.
 
         Sessions go on from the last state of their rows; those whose rows cannot be read have an `error`. Raises what
         loading raises.
         """
         pipeline = self._reload()
-        state = pipeline.init_state(self._seats)
+        state = pipeline.init_state(self.seats)
         try:
             for new, old in zip(state.tensors(), self._state.tensors(), strict=True):
                 new.copy_(old)
@@ -240,7 +236,7 @@ class Engine:
                 self.step_seconds = time.perf_counter() - began
                 self.busy_seconds += self.step_seconds
             if self._workers > 1:
-                self.wake()  # what this thread does not go on with, another may
+                self.wake()  # another thread may step the next session
 
     def _make_or_contain(self, ready: list[SessionCore]) -> None:
         """Make a chunk of each session; a fault ends the session that causes it, or stops the engine."""
@@ -269,22 +265,17 @@ class Engine:
             return False
         return True
 
-    def _open_row(self, session: SessionCore) -> None:
-        """Reset the row of a new session."""
-        if session.is_new:
-            row = self._state.rows(slice(session.seat, session.seat + 1))
-            active = torch.ones(1, dtype=torch.bool)
-            self.pipeline.reset(row, active, seed=session.seed, options=session.options)
-            session.is_new = False
-
     def _make(self, ready: list[SessionCore]) -> None:
-        seats = slice(0, self._seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
+        seats = slice(0, self.seats) if len(ready) > 1 else slice(ready[0].seat, ready[0].seat + 1)
         rows = seats.stop - seats.start
         audio, active = np.zeros((rows, self.chunk.samples), np.float32), torch.zeros(rows, dtype=torch.bool)
         members, is_asked, forgets = torch.zeros(rows, self._codes), False, torch.zeros_like(active)
         for session in ready:
-            self._open_row(session)
             row = session.seat - seats.start
+            if session.is_new:
+                own, this = self._state.rows(slice(session.seat, session.seat + 1)), torch.ones(1, dtype=torch.bool)
+                self.pipeline.reset(own, this, seed=session.seed, options=session.options)
+                session.is_new = False
             plan = session.begin_chunk(self._codes)
             for patches in plan.undone:  # a second time, after a fault, changes nothing more
                 undo(patches, self._state, session.seat)
@@ -317,10 +308,6 @@ class Engine:
         except Exception as error:
             for session in ready:
                 session.fail(error)
-
-
-def _ignore(pipeline: Pipeline) -> None:
-    del pipeline
 
 
 def _in_one_thread() -> None:

@@ -1,4 +1,4 @@
-"""Listening: what the avatar does while the user speaks. Not in the paper.
+"""Listening: signs in the user's speech that the avatar reacts to. Not in the paper.
 
 The user's sound does not drive the motion model: the avatar does not gesture to the words of others. While the user
 speaks it takes a listening posture; at some pauses after a stretch of speech it nods. Decisions depend on the user's
@@ -47,7 +47,7 @@ class Listener:
         self._nodded, self._has_nodded = -LEAST_GAP_S, False
 
     def hear(self, sound: Float[np.ndarray, " s"]) -> list[Noticed]:
-        """What the next samples tell."""
+        """Take the next samples; returns the changes found in them."""
         sound = np.concatenate([self._rest, sound])
         whole = len(sound) // FRAME * FRAME
         self._rest = sound[whole:]

@@ -4,7 +4,7 @@
 of the session's clock, so a session that goes back plays the same music again.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -43,18 +43,12 @@ class Playing:
     """The player's state: a value, so that a session can go back to it."""
 
     title: str = ""
+    track: Samples | None = field(default=None, compare=False)
     at: int = 0  # samples of the track
     duck: float = 1.0
     quiet: int = HOLD_FRAMES  # frames since the last speech
     fade: float = 1.0
     is_stopping: bool = False
-
-
-class Command(NamedTuple):
-    """A request to the player: a track to play, or None to stop."""
-
-    title: str
-    track: Samples | None
 
 
 class MusicPlayer:
@@ -63,31 +57,29 @@ class MusicPlayer:
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self.now = Playing()
         self._size = chunk.samples
-        self._track: Samples | None = None
-        self._tracks: dict[str, Samples] = {}
-        self._commands: list[tuple[int, Command]] = []  # with the chunk at which each was given
+        self._commands: list[tuple[int, str, Samples | None]] = []  # chunk, title and track; None to stop
         self._chunk = 0
 
     @property
     def is_playing(self) -> bool:
         """Whether the next chunk will hold music."""
-        return self._track is not None
+        return self.now.track is not None
 
     def play(self, title: str, track: Samples) -> None:
-        """Play a track (24 kHz mono) from the next chunk on, instead of what plays now."""
-        self._obey(Command(title, track))
+        """Play a track (24 kHz mono) from the next chunk on, instead of the one that plays."""
+        self._obey(title, track)
 
     def stop(self) -> None:
         """Fade out from the next chunk on."""
-        self._obey(Command("", None))
+        self._obey("", None)
 
     def next_chunk(self, speech: Samples) -> Samples | None:
         """Music for the next chunk, ducked under its speech; None if none plays."""
         self._chunk += 1
-        if self._track is None:
-            return None
         now = self.now
-        piece = self._track[now.at : now.at + self._size]
+        if now.track is None:
+            return None
+        piece = now.track[now.at : now.at + self._size]
         duck, quiet = _ducking(speech, now)
         step = 1 / (FADE_S * SAMPLE_RATE_HZ) if now.is_stopping else 0.0
         fade = np.maximum(now.fade - step * np.arange(1, self._size + 1), 0)
@@ -95,29 +87,21 @@ class MusicPlayer:
         music[: len(piece)] = piece * (duck * fade)[: len(piece)]
         end = now.at + self._size
         self.now = replace(now, at=end, duck=float(duck[-1]), quiet=quiet, fade=float(fade[-1]))
-        if end >= len(self._track) or fade[-1] <= 0:
-            self.now, self._track = Playing(), None
+        if end >= len(now.track) or fade[-1] <= 0:
+            self.now = Playing()
         return music
 
     def rewind(self, chunk: int, now: Playing) -> None:
         """Go back to the state before chunk number `chunk`; commands given since then take effect again."""
-        again = [command for at, command in self._commands if at >= chunk]
-        self._commands = [(at, command) for at, command in self._commands if at < chunk]
+        again = [command for command in self._commands if command[0] >= chunk]
+        self._commands = [command for command in self._commands if command[0] < chunk]
         self._chunk, self.now = chunk, now
-        self._track = self._tracks.get(now.title) if now.title else None
-        for command in again:
-            self._obey(command)
+        for _, title, track in again:
+            self._obey(title, track)
 
-    def _obey(self, command: Command) -> None:
-        self._commands = [*self._commands[-63:], (self._chunk, command)]
-        if command.track is None:
-            self.now = replace(self.now, is_stopping=True)
-            return
-        self._tracks = {command.title: command.track} | (
-            {self.now.title: self._tracks[self.now.title]} if self.now.title in self._tracks else {}
-        )
-        self._track = self._tracks[command.title] = command.track
-        self.now = Playing(title=command.title)
+    def _obey(self, title: str, track: Samples | None) -> None:
+        self._commands = [*self._commands[-63:], (self._chunk, title, track)]
+        self.now = replace(self.now, is_stopping=True) if track is None else Playing(title, track)
 
 
 def _ducking(speech: Samples, now: Playing) -> tuple[Float[np.ndarray, " s"], int]:
@@ -153,17 +137,18 @@ class Tracks:
         """All titles."""
         return tuple(self._paths)
 
-    def find(self, title: str) -> str:
-        """The exact title; case and underscores do not matter.
+    def find(self, title: str | None) -> str:
+        """The exact title; case and underscores do not matter. Without a title (None or empty) the first one.
 
         Raises:
             EchoAvatarError: no such title; the message lists all titles.
         """
-        wanted = title.replace("_", " ").strip().lower()
+        wanted = (title or next(iter(self._paths), "")).replace("_", " ").strip().lower()
         for own in self._paths:
             if own.lower() == wanted:
                 return own
-        raise EchoAvatarError(f"no music {title!r}; there is: {', '.join(self._paths) or 'none'}")
+        why = f"no music {title!r}; there is: {', '.join(self._paths)}" if self._paths else "there is no music"
+        raise EchoAvatarError(why)
 
     def load(self, title: str) -> Float[np.ndarray, " s"]:
         """A track, 24 kHz mono. Decoding it takes a while, so call this on a thread of its own.

@@ -16,7 +16,7 @@ MARGIN_S = 0.15  # allowance for the network, beside the engine's own time
 class Playhead:
     """An estimate of the first sample that was not heard: the player's last report, and the wall clock since.
 
-    It waits at the end of what was sent. Times are seconds of any monotonic clock.
+    It waits at the end of the motion sent. Times are seconds of any monotonic clock.
     """
 
     def __init__(self) -> None:

@@ -26,13 +26,13 @@ class Delivery(NamedTuple):
     motion: MotionChunk
     start: int  # sample of its first frame
     epoch: int  # if higher than that of the delivery before, everything delivered from `start` on is void
-    audio: Float[np.ndarray, " s"]  # what the avatar hears during these frames: speech and music
+    audio: Float[np.ndarray, " s"]  # the sound of these frames: speech and music
     music: Float[np.ndarray, " s"] | None  # the music in it
     source: str  # "action", "speech", "music" or "idle"
 
 
 class PlayoutBuffer:
-    """Motion of one session that the reader has not taken, and as much of what was shown as can be taken back."""
+    """Motion of one session that the reader has not taken, and the shown chunks that can be taken back."""
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._frames = chunk.frames

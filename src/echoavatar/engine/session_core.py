@@ -1,8 +1,8 @@
-"""The inside of a session: what the engine, the server and the benches call. Users call `Session`.
+"""The inside of a session, for the engine, the server and the benches. Users call `Session`.
 
 The session's clock counts samples at 24 kHz from its opening. Silence that was made for a late source counts; sound
-that was cut by a barge-in does not. Calls may come from any thread and only change queues and notes; what concerns the
-model happens when the engine makes the session's next chunk.
+that was cut by a barge-in does not. Calls may come from any thread and only change queues and notes; the
+model's state changes when the engine makes the session's next chunk.
 """
 
 import threading
@@ -43,7 +43,7 @@ class Host(Protocol):
 
     chunk: ChunkSize
     actions: ActionLibrary
-    additions: frozenset[str]  # of `Runtime.session`: what sessions add to the models' motion
+    additions: frozenset[str]  # `Runtime.session`: additions of sessions to the models' motion
     step_seconds: float  # duration of the last step
 
     @property
@@ -65,7 +65,7 @@ class ChunkPlan(NamedTuple):
 
     audio: Float[np.ndarray, " s"]
     members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
-    forgets: bool  # whether the model must forget what it did
+    forgets: bool  # whether the model must forget its past motion
     undone: list[list[Patch]]  # steps to undo before it, latest first
 
 
@@ -104,8 +104,7 @@ class SessionCore:
         self._heard_user = 0  # the next chunk when the user's sound came last
         self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
         self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
-        self._making: tuple[int, Heard] | None = None  # the chunk in the making, and its sound
-        self._plan: ChunkPlan | None = None  # of the chunk in the making
+        self._making: tuple[int, Heard, ChunkPlan] | None = None  # the chunk in the making, its sound and its plan
 
     # ---- sound in
 
@@ -182,7 +181,7 @@ class SessionCore:
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = "") -> ActStatus:
         """Begin an action of the bundle's library with the next chunk. Never raises: it may be rejected.
 
-        Motion that was made far ahead of the player is made again. `take_statuses` reports what becomes of the action.
+        Motion that was made far ahead of the player is made again. `take_statuses` reports its progress.
         """
         with self._lock:
             if self._actions.knows(name):
@@ -229,7 +228,7 @@ class SessionCore:
         return delivery
 
     def take_statuses(self) -> list[ActStatus]:
-        """What became of actions since the last call."""
+        """Changes in the state of actions since the last call."""
         with self._lock:
             return self._actions.take()
 
@@ -274,7 +273,7 @@ class SessionCore:
 
     @property
     def source(self) -> str:
-        """What the latest motion stems from: "action", "speech", "music" or "idle"."""
+        """The cause of the latest motion: "action", "speech", "music" or "idle"."""
         return self._playout.source
 
     @property
@@ -327,12 +326,12 @@ class SessionCore:
                 return True
             return self._music.is_playing and (self._barge_in.played is None or ahead < self.music_ahead)
 
-    # ---- what the engine calls
+    # ---- for the engine
 
     @property
     def is_making(self) -> bool:
         """Whether a chunk was begun and not ended."""
-        return self._plan is not None
+        return self._making is not None
 
     def fail(self, error: Exception) -> None:
         """A fault ends the session: no more chunks are made. Its owner sees `error` and closes it."""
@@ -341,27 +340,27 @@ class SessionCore:
             tell()
 
     def begin_chunk(self, codes: int) -> ChunkPlan:
-        """Take the sound of the next chunk, and what is asked of it; the same again until `end_chunk`.
+        """Take the sound of the next chunk, and its action; returns the same plan until `end_chunk`.
 
         All of it under one lock: if the session went back in between, it would hear old sound in a later state.
         """
         with self._lock, self._or_fail():
-            if self._plan is not None:  # its step failed
-                return self._plan
+            if self._making is not None:  # its step failed
+                return self._making[2]
             chunk, undone = self._barge_in.begin()
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
-            self._making = chunk, heard
             members = self._actions.members(chunk, codes) if codes else None
             forgets = "settling" in self._host.additions and self._settling.must_forget(chunk, heard.audio)
-            self._plan = ChunkPlan(heard.audio, members, forgets, undone)
-            return self._plan
+            plan = ChunkPlan(heard.audio, members, forgets, undone)
+            self._making = chunk, heard, plan
+            return plan
 
     def end_chunk(self, motion: MotionChunk, patches: list[Patch]) -> None:
-        """The chunk is made: add what no sound asks for, and show it unless it was taken back meanwhile."""
+        """The chunk is made: add idle motion, gaze and expression; show it unless it was taken back meanwhile."""
         with self._lock, self._or_fail():
             assert self._making is not None
-            (chunk, heard), self._making, self._plan = self._making, None, None
+            (chunk, heard, _), self._making = self._making, None
             if not (np.isfinite(motion.root).all() and np.isfinite(motion.rotations).all()):
                 raise FloatingPointError("the motion is not finite")
             if not self._barge_in.end(patches):
@@ -438,7 +437,7 @@ class SessionCore:
         return "music" if heard.music is not None else "idle"
 
     def _wake_if_ahead(self) -> None:
-        """The player or the reader went on: what is bound to them may be made now."""
+        """The player or the reader moved on, so chunks that wait for them may be made now."""
         if self._look_ahead is not None or self._music.is_playing:
             self._host.wake()
 

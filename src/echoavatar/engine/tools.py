@@ -1,8 +1,8 @@
-"""What a language model may do with the avatar: typed functions and their schemas, the same for every framework.
+"""Tools for language models: what a model may do with the avatar, declared in the form of every framework.
 
-The schemas' enums come from the live libraries, so a model is only offered gestures and tracks that exist. A tool that
-is asked for another one answers "rejected" with the list; it never raises. All tools are silent: the model need not say
-anything about the result.
+The schemas' enums come from the live libraries, so a model is only offered gestures and tracks that exist. A call that
+asks for another one is answered with "rejected" and the list; nothing is raised. The model need not say anything about
+the result of a tool.
 
 `render` makes the declarations in the form that each framework takes. Fields that a framework does not know are left
 out (`additionalProperties` for Gemini, bounds for ElevenLabs); only fields that it requires are added. A gesture needs
@@ -10,7 +10,7 @@ no comment by the model, so ElevenLabs is told to expect a response from the too
 """
 
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +21,6 @@ from echoavatar.errors import EchoAvatarError
 from .action_scheduler import STRONGEST, ActStatus
 from .music import Tracks
 
-__all__ = ["HIDDEN", "Actor", "Schema", "Style", "Tool", "Toolbox"]
 TrackLoader = Callable[[str], Awaitable[Float[np.ndarray, " s"]]]
 HIDDEN = ("listen", "nod")  # actions that the avatar does by itself
 Schema = dict[str, Any]
@@ -45,141 +44,93 @@ class Actor(Protocol):
         ...
 
 
-class Tool(NamedTuple):
-    """A function on a session, with its name, its purpose and the JSON Schema of its arguments."""
-
-    name: str
-    description: str
-    parameters: Schema
-    function: Callable[..., Schema]
-
-
 class Toolbox:
     """The tools over one action library and one music library."""
 
     def __init__(self, actions: ActionLibrary, tracks: Tracks) -> None:
-        self._actions, self._tracks = actions, tracks
+        self._tracks = tracks
+        self._meanings = {name: action.about for name, action in actions.items() if name not in HIDDEN}
 
-    @property
-    def tools(self) -> tuple[Tool, ...]:
-        """All tools, with the enums of the libraries as they are now."""
-        names = [name for name in self._actions if name not in HIDDEN]
-        meanings = "; ".join(f"{name}: {self._actions[name].about}" for name in names)
-        action = {"type": "string", "enum": names, "description": f"What to do. {meanings}"}
+    def schemas(self, style: Style = "plain") -> list[Schema]:
+        """Declarations in a framework's form, see `render`; their enums are those of the libraries now."""
+        meanings = "; ".join(f"{name}: {about}" for name, about in self._meanings.items())
+        action = {"type": "string", "enum": list(self._meanings), "description": f"What to do. {meanings}"}
         intensity = _number("How strongly; 1 is normal.", STRONGEST)
         hold = _number("Seconds to hold it; left out, it takes its natural time.", LONGEST_S)
         title: Schema = {"type": "string", "description": "Left out, the first one plays."}
         if self._tracks.titles:
             title["enum"] = list(self._tracks.titles)
-        return (
-            Tool(
+        plain = [
+            _tool(
                 "send_action",
                 "Let the avatar do a gesture now, while it speaks or in silence. It ends by itself.",
-                _object({"action": action, "intensity": intensity, "hold": hold}, ["action"]),
-                self.send_action,
+                {"action": action, "intensity": intensity, "hold": hold},
+                ["action"],
             ),
-            Tool(
+            _tool(
                 "play_music",
                 "Play music; the avatar hears it and dances. It goes on until its end or stop_music.",
-                _object({"title": title}, []),
-                self.play_music,
+                {"title": title},
             ),
-            Tool("stop_music", "Fade the music out.", _object({}, []), self.stop_music),
-            Tool("list_actions", "Name the gestures the avatar can do.", _object({}, []), self.list_actions),
-        )
+            _tool("stop_music", "Fade the music out.", {}),
+            _tool("list_actions", "Name the gestures the avatar can do.", {}),
+        ]
+        return render(style, plain)
 
-    def send_action(self, session: Actor, action: str, intensity: float = 1.0, hold: float | None = None) -> Schema:
-        """Begin an action."""
-        asked = session.act(action, intensity=intensity, hold_s=hold)
-        return {"status": asked.status, "id": asked.id, "action": asked.name} | (
-            {"reason": asked.reason} if asked.reason else {}
-        )
+    async def call(self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader) -> Schema:
+        """Run the tool that a model asked for; failure is an answer, not an exception.
 
-    def play_music(self, session: Actor, title: str | None = None) -> Schema:
-        """Begin a track, the first one without a title."""
-        found = self.find_track(title)
-        session.play(found, self._tracks.load(found))
-        return {"status": "accepted", "title": found}
-
-    def find_track(self, title: str | None) -> str:
-        """The exact title that `play_music` plays.
-
-        Raises:
-            EchoAvatarError: there is no such track, or no music at all.
-        """
-        if title is None and not self._tracks.titles:
-            raise EchoAvatarError("there is no music")
-        return self._tracks.find(title or self._tracks.titles[0])
-
-    def stop_music(self, session: Actor) -> Schema:
-        """Fade the music out."""
-        session.stop_music()
-        return {"status": "done"}
-
-    def list_actions(self, session: Actor) -> Schema:
-        """List names and meanings."""
-        del session
-        return {"actions": {n: a.about for n, a in self._actions.items() if n not in HIDDEN}}
-
-    def call(self, session: Actor, name: str, arguments: Mapping[str, Any]) -> Schema:
-        """Run the tool a model asked for; failure is an answer, not an exception.
-
-        `play_music` decodes its track, which may take a while; an event loop awaits `call_async`.
+        `load` decodes a track, which may take a while, away from the event loop.
         """
         try:
-            tool, checked = self._checked(name, arguments)
-            return tool.function(session, **checked)
+            given = _checked(self.schemas(), name, arguments)
+            match name:
+                case "send_action":
+                    asked = session.act(
+                        given["action"], intensity=given.get("intensity", 1.0), hold_s=given.get("hold")
+                    )
+                    reason = {"reason": asked.reason} if asked.reason else {}
+                    return {"status": asked.status, "id": asked.id, "action": asked.name} | reason
+                case "play_music":
+                    title = self._tracks.find(given.get("title"))
+                    session.play(title, await load(title))
+                    return {"status": "accepted", "title": title}
+                case "stop_music":
+                    session.stop_music()
+                    return {"status": "done"}
+                case _:
+                    return {"actions": dict(self._meanings)}
         except EchoAvatarError as error:
             return {"status": "rejected", "reason": str(error)}
-
-    async def call_async(self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader) -> Schema:
-        """As `call`, on the session's event loop; `load` decodes a track elsewhere."""
-        try:
-            tool, checked = self._checked(name, arguments)
-            if name != "play_music":
-                return tool.function(session, **checked)
-            found = self.find_track(checked.get("title"))
-            session.play(found, await load(found))
-            return {"status": "accepted", "title": found}
-        except EchoAvatarError as error:
-            return {"status": "rejected", "reason": str(error)}
-
-    def _checked(self, name: str, arguments: Mapping[str, Any]) -> tuple[Tool, dict[str, Any]]:
-        """A tool by its name, and its arguments, checked against the schema."""
-        tools = {tool.name: tool for tool in self.tools}
-        if name not in tools:
-            raise EchoAvatarError(f"no tool {name!r}; there are: {', '.join(tools)}")
-        return tools[name], _checked(tools[name], arguments)
-
-    def schemas(self, style: Style = "plain") -> list[Schema]:
-        """Declarations in a framework's form; see `render`."""
-        keys = ("name", "description", "parameters")
-        return render(style, [{key: getattr(tool, key) for key in keys} for tool in self.tools])
 
 
 def _number(description: str, most: float) -> Schema:
     return {"type": "number", "minimum": 0, "maximum": most, "description": description}
 
 
-def _object(properties: Schema, required: list[str]) -> Schema:
-    return {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+def _tool(name: str, description: str, properties: Schema, required: Sequence[str] = ()) -> Schema:
+    parameters = {"type": "object", "properties": properties, "required": list(required), "additionalProperties": False}
+    return {"name": name, "description": description, "parameters": parameters}
 
 
-def _checked(tool: Tool, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments, checked against the types and bounds of the schema; null counts as left out."""
-    known, given = tool.parameters["properties"], {k: v for k, v in arguments.items() if v is not None}
-    wrong = [name for name in given if name not in known]
+def _checked(tools: Sequence[Schema], name: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments, checked against the types of the tool's schema; null counts as left out."""
+    parameters = {tool["name"]: tool["parameters"] for tool in tools}
+    if name not in parameters:
+        raise EchoAvatarError(f"no tool {name!r}; there are: {', '.join(parameters)}")
+    known, given = parameters[name]["properties"], {k: v for k, v in arguments.items() if v is not None}
+    wrong = [key for key in given if key not in known]
     if wrong:
-        raise EchoAvatarError(f"{tool.name} knows no {wrong[0]!r}; it takes: {', '.join(known) or 'nothing'}")
-    lacking = [name for name in tool.parameters["required"] if name not in given]
+        raise EchoAvatarError(f"{name} knows no {wrong[0]!r}; it takes: {', '.join(known) or 'nothing'}")
+    lacking = [key for key in parameters[name]["required"] if key not in given]
     if lacking:
-        raise EchoAvatarError(f"{tool.name} needs {lacking[0]!r}")
-    for name, value in given.items():
-        kinds = (int, float) if known[name]["type"] == "number" else (str,)
+        raise EchoAvatarError(f"{name} needs {lacking[0]!r}")
+    for key, value in given.items():
+        kinds = (int, float) if known[key]["type"] == "number" else (str,)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         is_huge = is_number and not abs(value) <= 1e9  # not a number, infinite, or an integer that no float holds
         if not isinstance(value, kinds) or isinstance(value, bool) or is_huge:
-            raise EchoAvatarError(f"{tool.name}: {name} is {repr(value)[:20]}; it must be a {known[name]['type']}")
+            raise EchoAvatarError(f"{name}: {key} is {repr(value)[:20]}; it must be a {known[key]['type']}")
     return given
 
 

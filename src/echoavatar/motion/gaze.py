@@ -86,11 +86,6 @@ def turn_eyes(motion: MotionChunk, shares: Float[np.ndarray, " t"], skeleton: Sk
     return motion._replace(face=face)
 
 
-def off_viewer(motion: MotionChunk, skeleton: Skeleton) -> Float[np.ndarray, " t"]:
-    """Radians between where the head faces and the viewer."""
-    return np.asarray(_to_viewer(_chain(motion, skeleton)[2]).norm(dim=-1).numpy())
-
-
 def _has_neck(skeleton: Skeleton) -> bool:
     return {"neck", "head"} <= set(skeleton.names)
 

@@ -58,8 +58,7 @@ class InertialBlend:
         """
         if len(shown.root) < 2:
             raise MotionError("a blend needs the last two frames on screen to know their speed; pass at least 2")
-        face = None if shown.face is None else shown.face[-1:]
-        self._shown, self._offset = MotionChunk(shown.rotations[-2:], shown.root[-2:], face), None
+        self._shown, self._offset = shown.part(-2), None
 
     def step(self, chunk: MotionChunk) -> MotionChunk:
         """The next frames plus the offset. The first frame after `begin` follows the last one shown by one frame.

@@ -42,14 +42,14 @@ class StreamInterpolator:
         end = self._first + len(known.root) - 1
         made = self._between(known, end)
         keep = min(3, len(known.root))
-        self._past, self._first = _cut(known, slice(len(known.root) - keep, None)), end + 1 - keep
+        self._past, self._first = known.part(-keep), end + 1 - keep
         return made
 
     def finish(self) -> MotionChunk:
         """The frames up to the last source frame, which is continued straight; the next push begins anew."""
         if self._past is None:
             raise MotionError("nothing was pushed, so there is nothing to finish; push a chunk first")
-        last = _cut(self._past, slice(-2, None))
+        last = self._past.part(-2)
         rotations, root, face = _aligned(last)
         next_face = None if face is None else 2 * face[-1:] - face[:1]
         ahead = MotionChunk(2 * rotations[-1:] - rotations[:1], 2 * root[-1:] - root[:1], next_face)
@@ -61,11 +61,10 @@ class StreamInterpolator:
     def _between(self, known: MotionChunk, end: int) -> MotionChunk:
         """The new frames that are due, up to source frame `end` - 1 (included)."""
         count = max(0, int((end - 1) / self._step) + 1 - self._made) if end else 0
-        at = (np.arange(self._made, self._made + count) * self._step.numerator) / self._step.denominator
         exact = np.arange(self._made, self._made + count) * self._step.numerator
         self._made += count
         index = np.minimum(exact // self._step.denominator, max(end - 1, 0))
-        share = at - index
+        share = exact / self._step.denominator - index
         aligned, place = _aligned(known), index - self._first
         rotations, root = (catmull_rom(values, place, share) for values in (aligned.rotations, aligned.root))
         rotations /= np.linalg.norm(rotations, axis=-1, keepdims=True)
@@ -80,8 +79,3 @@ class StreamInterpolator:
 def _aligned(chunk: MotionChunk) -> MotionChunk:
     """Quaternions with signs so that none points away from the one before."""
     return chunk._replace(rotations=align_signs(chunk.rotations))
-
-
-def _cut(chunk: MotionChunk, part: slice) -> MotionChunk:
-    face = None if chunk.face is None else chunk.face[part]
-    return MotionChunk(chunk.rotations[part], chunk.root[part], face)

@@ -22,7 +22,7 @@ from .metrics import CONTENT_TYPE
 from .page import PageHeaders, page_routes
 from .session_manager import SessionManager
 from .settings import ServerSettings
-from .tool_routes import locked, tool_routes
+from .tool_routes import answering, tool_routes
 from .voice import voice_route
 
 if TYPE_CHECKING:
@@ -36,7 +36,11 @@ def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starle
     """
     manager = SessionManager(engine, settings or ServerSettings())
     guards = [Middleware(PageHeaders), Middleware(OneBodyLength)]
-    desk = _video(manager)
+    desk = None
+    if manager.settings.video:
+        from .whep import VideoDesk  # loads aiortc
+
+        desk = VideoDesk(manager)
     app = Starlette(routes=_routes(manager, desk), lifespan=_lifespan, middleware=guards)
     app.state.manager, app.state.video = manager, desk
     return app
@@ -50,15 +54,6 @@ async def _lifespan(app: Starlette) -> AsyncIterator[None]:
         if app.state.video is not None:
             await app.state.video.close()
         tasks.cancel_scope.cancel()
-
-
-def _video(manager: SessionManager) -> "VideoDesk | None":
-    """The desk of WebRTC viewers, where the operator wants them; aiortc is read only then."""
-    if not manager.settings.video:
-        return None
-    from .whep import VideoDesk
-
-    return VideoDesk(manager)
 
 
 def _routes(manager: SessionManager, desk: "VideoDesk | None") -> list[BaseRoute]:
@@ -80,16 +75,16 @@ def _routes(manager: SessionManager, desk: "VideoDesk | None") -> list[BaseRoute
             facts["video"] = {"viewers": manager.settings.video, "free": desk.free}
         return JSONResponse(facts, 200 if is_ready else 503)
 
-    async def metrics(request: Request) -> Response:
-        return locked(manager, request) or Response(manager.metrics.text(), media_type=CONTENT_TYPE)
+    async def metrics(_: Request) -> Response:
+        return Response(manager.metrics.text(), media_type=CONTENT_TYPE)
 
     return [
         WebSocketRoute("/v1/stream", stream),
         *tool_routes(manager),
         *chat_routes(manager),
         Route("/health", health),
-        Route("/metrics", metrics),
-        voice_route(manager.settings.token),
+        Route("/metrics", answering(manager, metrics)),
+        voice_route(manager),
         *(desk.routes() if desk is not None else ()),
         *page_routes(),
     ]

@@ -7,10 +7,9 @@ from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server.companion import MAX_HISTORY_TURNS
 from echoavatar.wire.guard import check_origin
 
-from .companion import ChatTurn, Companion, ToolAccess, from_environment
+from .companion import MAX_HISTORY_TURNS, ChatTurn, Companion, ToolAccess, from_environment
 from .session_manager import SessionManager
 from .tool_routes import answering, asked_session, call_tool, read_body, read_json
 

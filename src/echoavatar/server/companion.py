@@ -1,11 +1,11 @@
-"""A conversation partner for the live page: decides what the avatar says and does.
+"""A conversation partner for the live page: chooses the avatar's words and actions.
 
 `ChatModel` asks a language model at any OpenAI-compatible endpoint (Chat Completions with tools, and transcription),
 set by environment variables. It uses plain HTTP from a thread and needs no package. The key is sent in one header and
 appears nowhere else. Without a model, `Scripted` matches words to lines that show speech, gestures, music and
-interruption. Asked what it is, it says so. Which of several lines it takes depends on the length of the conversation
-only, so the same conversation always goes the same way. Neither keeps the conversation; the caller passes in what was
-said before.
+interruption. If asked, it says that it is a script. Its choice among several lines depends on the length of the
+conversation only, so the same conversation always goes the same way. Neither keeps the conversation; the caller passes
+in the turns so far.
 """
 
 import asyncio
@@ -87,7 +87,7 @@ class ToolAccess(NamedTuple):
 
 
 class Companion(Protocol):
-    """Answers what the user says."""
+    """Answers the user."""
 
     name: str
     hears: bool  # whether `transcribe` works
@@ -206,7 +206,7 @@ class ChatModel:
 
 
 class Cue(NamedTuple):
-    """A pattern to look for, what to say if it matches, and what to do."""
+    """A pattern, the lines to say if it matches, and the tool and action that go with them."""
 
     words: str  # regular expression
     lines: tuple[str, ...]
@@ -281,7 +281,7 @@ class Scripted:
     hears = False
 
     async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
-        """A line for what was said; starts the action or music that goes with it."""
+        """A line in answer to `said`; starts the action or music that goes with it."""
         text, turn = said.lower(), len(history)
         named = _find_action(text, doing.choices("send_action", "action"))
         if named:

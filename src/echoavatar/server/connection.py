@@ -7,7 +7,9 @@ import anyio
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import (
+from echoavatar.wire.codec import ProtocolError, decode_client, encode, negotiate, subprotocol
+from echoavatar.wire.guard import check_origin, check_token
+from echoavatar.wire.messages import (
     Action,
     Audio,
     ClientMessage,
@@ -20,14 +22,8 @@ from echoavatar.wire import (
     Ping,
     Played,
     Pong,
-    ProtocolError,
     ServerMessage,
-    decode_client,
-    encode,
-    negotiate,
-    subprotocol,
 )
-from echoavatar.wire.guard import check_origin, check_token
 
 from .opus import choose
 from .outbox import Outbox

@@ -13,8 +13,7 @@ from av.audio.codeccontext import AudioCodecContext
 from jaxtyping import Float, Int16
 
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import PackedSound
-from echoavatar.wire.messages import SoundFormat
+from echoavatar.wire.messages import PackedSound, SoundFormat
 
 BITS_A_SECOND = 28_000
 PACKET = SAMPLE_RATE_HZ // 50

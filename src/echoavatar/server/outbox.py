@@ -2,14 +2,14 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import msgspec
 
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire import Error, Motion, PackedSound, ProtocolError, ServerMessage, Sound
-from echoavatar.wire.messages import SoundFormat, Stream
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import Error, Motion, PackedSound, ServerMessage, Sound, SoundFormat, Stream
 
 MOST_MOTION = 16  # messages, 4 s
 MOST_SOUND = 128  # messages, 34 s
@@ -31,7 +31,7 @@ class Outbox:
 
     @property
     def plays(self) -> bool:
-        """Whether the client shows or plays what is sent to it."""
+        """Whether the client plays the motion or sound that it receives."""
         return bool(self._wants)
 
     def __len__(self) -> int:
@@ -82,7 +82,7 @@ class Outbox:
         self.close()
 
     def close(self) -> None:
-        """Send what is queued, and no more."""
+        """Send the queued messages, and no more."""
         self._closed = True
         self._filled.set()
 
@@ -96,6 +96,34 @@ class Outbox:
         if len(motions) >= MOST_MOTION:
             self._queue.remove(motions[0])
             self.dropped += 1
+
+
+class Relay(Outbox):
+    """Passes a session's messages on at once; nothing is queued. The session counts it as a client that plays."""
+
+    def __init__(
+        self,
+        take: Callable[[ServerMessage], None],
+        has_source: Callable[[], bool],
+        on_close: Callable[[], None] = lambda: None,
+    ) -> None:
+        """`take` receives each message, `has_source` tells whether the session has a source now."""
+        super().__init__()
+        self._take, self._has_source, self._on_close = take, has_source, on_close
+
+    @property
+    def plays(self) -> bool:
+        """Only while the session has a source: a source that returns finds its session where it left it."""
+        return self._has_source()
+
+    def put(self, message: ServerMessage) -> None:
+        """Pass a message on."""
+        self._take(message)
+
+    def close(self) -> None:
+        """The session is over."""
+        super().close()
+        self._on_close()
 
 
 class Sent(NamedTuple):

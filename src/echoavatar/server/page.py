@@ -43,25 +43,27 @@ def page_routes() -> list[BaseRoute]:
     package = Path(str(files("echoavatar")))
     static, assets = package / "server" / "static", package / "assets"
     routes: list[BaseRoute] = [Route("/avatar.glb", _avatar)]
-    routes += [Route(f"/sounds/{name}", _file(assets / name)) for name in SOUNDS]
+    routes += [Route(f"/sounds/{name}", file_answer(assets / name, "audio/ogg", _FOR_ALL)) for name in SOUNDS]
     if (static / "index.html").is_file():
         routes.append(Route("/", _index((static / "index.html").read_text("utf-8"))))
-        return [*routes, Mount("/", GZipMiddleware(_Static(directory=static, html=True), compresslevel=6))]
+        built = _Built(directory=static / "assets", packages=[("echoavatar", "assets/shared")])
+        routes.append(Mount("/assets", GZipMiddleware(built, compresslevel=6)))
+        return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static), compresslevel=6))]
     return [*routes, Route("/", _plain)]
 
 
-class _Static(StaticFiles):
-    """Built files. The names of those in assets/ hold a hash of what is in them, so they never change."""
+class _Built(StaticFiles):
+    """Built files, whose addresses in the page hold a hash of what is in them, so that they never change."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         answer = await super().get_response(path, scope)
-        if path.startswith("assets/") and answer.status_code == 200:
+        if answer.status_code == 200:
             answer.headers["cache-control"] = "public, max-age=31536000, immutable"
         return answer
 
 
 def _index(text: str) -> Callable[[Request], Awaitable[Response]]:
-    """The page, which asks for the avatar that its address names before its script runs."""
+    """The page. It requests the character of its address before its script runs."""
 
     async def answer(request: Request) -> Response:
         name = request.query_params.get("character", "")
@@ -90,16 +92,19 @@ class PageHeaders:
         await self._app(scope, receive, with_headers)
 
 
-def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
+def file_answer(
+    path: Path, kind: str, headers: Mapping[str, str] | None = None
+) -> Callable[[Request], Awaitable[Response]]:
+    """An endpoint that sends a file, of the media type `kind`."""
+
     async def answer(_: Request) -> Response:
-        data = await anyio.to_thread.run_sync(path.read_bytes)
-        return Response(data, media_type="audio/ogg", headers=_FOR_ALL)
+        return Response(await anyio.to_thread.run_sync(path.read_bytes), media_type=kind, headers=headers)
 
     return answer
 
 
 async def _avatar(request: Request) -> Response:
-    """`?character=` names who; `?level=` 0 to 2 asks for a level of detail, which needs a meshopt decoder."""
+    """`?character=` chooses one; `?level=` 0 to 2 asks for a level of detail, which needs a meshopt decoder."""
     name, level = request.query_params.get("character", CHARACTERS[0]), request.query_params.get("level", "")
     if name not in CHARACTERS:
         return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404)
@@ -112,7 +117,7 @@ async def _avatar(request: Request) -> Response:
 def _tagged(
     request: Request, data: bytes, kind: str, headers: Mapping[str, str] | None = None, *, is_packed: bool = False
 ) -> Response:
-    """An answer that is sent only to who does not have it, and gzipped to who reads that."""
+    """The data; 304 if the client has it already; gzipped if the client accepts that."""
     packed = data if is_packed else gzip.compress(data, 6, mtime=0)
     told = {**(headers or {}), "vary": "Accept-Encoding", "etag": f'"{sha256(packed).hexdigest()[:20]}"'}
     if told["etag"] in request.headers.get("if-none-match", ""):

@@ -18,8 +18,8 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.frames import Frame
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import MAX_MESSAGE_BYTES
 from echoavatar.wire.guard import check_certificate
+from echoavatar.wire.messages import MAX_MESSAGE_BYTES
 from echoavatar.wire.sockets import SPARE_FILES, ConnectionGuard, hurry_handshakes, listen, log_less, raise_file_limit
 
 CLOSE_S = 3.0  # for a client's answer to our close
@@ -115,7 +115,7 @@ class Server(uvicorn.Server):
             self._on_ready()
 
     async def on_tick(self, counter: int) -> bool:
-        """Whether to stop: also if the engine failed for good, so that whoever started us can start us again."""
+        """Whether to stop: also if the engine failed for good, so that a supervisor can restart the process."""
         return await super().on_tick(counter) or self._app.state.manager.failure is not None
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -149,7 +149,7 @@ def serve(
     address = f"{'https' if ssl_certfile else 'http'}://{name}:{listener.getsockname()[1]}"
     gc.collect()
     gc.set_threshold(700, 10, 10)  # Python's own: the command line raised it for the start
-    gc.freeze()  # what was loaded stays: else Python lets 100,000 objects of garbage gather before it looks for cycles
+    gc.freeze()  # without this, Python lets 100,000 objects of garbage gather before it looks for cycles
     config = configure(app, ssl_certfile=ssl_certfile, ssl_keyfile=ssl_keyfile)
     with listener:
         Server(app, config, lambda: on_ready(address) if on_ready else None).run(sockets=[listener])

@@ -1,7 +1,7 @@
 """A session of the server: utterances in, one clock, and the clients that watch.
 
-The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk is to be made. A session turns what
-clients say into calls of its `SessionCore`, and deliveries into messages. `UtteranceReader` keeps one speaker's `audio`
+The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk is to be made. A session turns clients'
+messages into calls of its `SessionCore`, and deliveries into messages. `UtteranceReader` keeps one speaker's `audio`
 messages in order: new samples are taken, repeats dropped, gaps refused. All methods are called on the event loop and
 do not block; the model runs elsewhere.
 """
@@ -18,7 +18,9 @@ from jaxtyping import Float
 from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
 from echoavatar.errors import QueueFullError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose, unpack_audio
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import (
     Action,
     ActionState,
     ActionStatus,
@@ -31,15 +33,10 @@ from echoavatar.wire import (
     Interrupt,
     Music,
     Played,
-    Pose,
-    ProtocolError,
     ServerMessage,
     Sound,
     State,
     Stats,
-    pack_audio,
-    pack_pose,
-    unpack_audio,
 )
 
 from .opus import OpusPacker
@@ -51,7 +48,7 @@ if TYPE_CHECKING:
 
 Samples = Float[np.ndarray, " s"]
 MOST_FLUSHES = 64  # that are kept for clients that resume
-KEPT_S = 8.0  # how much of what was sent is kept for clients that join or resume
+KEPT_S = 8.0  # of sent motion and sound, kept for clients that join or resume
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
 
 
@@ -229,7 +226,7 @@ class ServerSession:
         for outbox in self.listeners:
             outbox.put(message)
 
-    # ---- what clients say
+    # ---- messages of clients
 
     def hear(self, message: Audio) -> None:
         """Take sound of the avatar, or of the user that it listens to.
@@ -268,7 +265,7 @@ class ServerSession:
             self.on_change()
 
     def interrupt(self, message: Interrupt) -> None:
-        """Barge-in: `engine.barge_in` takes back what was not heard, and clients are told with `flush`."""
+        """Barge-in: `engine.barge_in` takes back the unheard motion, and clients receive `flush`."""
         self.collect()
         heard = min(self.place if message.heard is None else message.heard, self.end)
         last = message.seg or self.speech.seg
@@ -407,7 +404,7 @@ class ServerSession:
         self._tell_state(state, delivery.start)
 
     def _flush(self, flush: Flush) -> None:
-        """Forget what was sent from `flush.at` on, and tell all clients."""
+        """Forget motion and sound sent from `flush.at` on, and tell all clients."""
         self.epoch = flush.epoch
         self._flushes.append(flush)
         self.end = min(self.end, flush.at)
@@ -417,7 +414,7 @@ class ServerSession:
             outbox.put(flush)
 
     def _tell_state(self, state: AvatarState, at: int) -> None:
-        """Tell clients what the avatar does, if it changed."""
+        """Send the avatar's state to all clients, if it changed."""
         finished = self._state.finished
         if (done := self.core.take_finished(self.end)) is not None:
             finished, at = done[0], max(at, done[1])

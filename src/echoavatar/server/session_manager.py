@@ -1,7 +1,7 @@
-"""All sessions of a server: admission, resumption, expiry, and what wakes them.
+"""All sessions of a server: admission, resumption, expiry, and the alarms that advance them.
 
-A session is advanced after an event of its own (what a client said, motion that was made, a fault) and at the deadline
-that follows from its playhead. Nothing is asked in between.
+A session is advanced after an event of its own (a client's message, new motion, a fault) and at the deadline that
+follows from its playhead. It is not polled in between.
 """
 
 import asyncio
@@ -26,9 +26,9 @@ from echoavatar.errors import AdmissionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar.wire import VERSIONS, Flush, Hello, Latency, ProtocolError, Ready, Rig
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import Admission
-from echoavatar.wire.messages import SoundFormat
+from echoavatar.wire.messages import VERSIONS, Flush, Hello, Latency, Ready, Rig, SoundFormat
 
 from .metrics import Metrics
 from .outbox import Outbox
@@ -191,7 +191,7 @@ class SessionManager:
         return session
 
     def _trace(self, session: ServerSession, collect: Callable[[], None]) -> Callable[[], None]:
-        """Trace a session; returns what to do after each of its chunks."""
+        """Trace a session; returns the callback for its new motion."""
         from .tracing import SessionTrace, Tracing
 
         self._tracing = self._tracing or Tracing(self.engine, self.settings.tracer)
@@ -264,7 +264,7 @@ class SessionManager:
         rig = self.engine.skeleton.config
         return Rig(names=rig.names, parents=rig.parents, rest=rig.offsets)
 
-    # ---- what wakes a session
+    # ---- alarms
 
     async def run(self) -> None:
         """Serve until cancelled; starts and stops the engine's threads."""
@@ -275,7 +275,7 @@ class SessionManager:
                     tasks.start_soon(_every, STATS_S, self._tell_stats)
                     tasks.start_soon(_every, TRIM_S, _trim)
                     if self.settings.sinks:
-                        tasks.start_soon(_every, SINK_S, self._show_sinks)
+                        tasks.start_soon(_every, SINK_S, lambda: self._sinks.show(self._sessions.values()))
             finally:
                 self._sinks.close()
                 for session in list(self._sessions.values()):
@@ -292,11 +292,13 @@ class SessionManager:
         self._alarms[session.name] = alarm
 
     def _advance(self, session: ServerSession) -> None:
-        """Bring a session to the present: send what was made, schedule what is due, and set the next alarm."""
+        """Bring a session to the present: send new motion, schedule the chunks that are due, set the next alarm."""
         try:
             if session.core.error is not None:
                 raise session.core.error
-            self._collect(session)
+            for seconds in session.collect():
+                self.metrics.chunks.inc()
+                self.metrics.latency.observe(seconds)
             is_due = session.keep_pace()
             deadline = session.deadline
         except Exception:
@@ -304,7 +306,10 @@ class SessionManager:
             return
         if is_due and self.engine.is_batched:
             for other in [each for each in self._sessions.values() if each is not session]:
-                self._go_along(other)
+                try:
+                    other.keep_pace(early=True)  # goes along; its alarm stays
+                except Exception:
+                    self._lose(other)
         if session.left_at is not None:
             expiry = session.left_at + self.settings.resume_seconds
             if time.monotonic() >= expiry:
@@ -315,18 +320,6 @@ class SessionManager:
             loop = asyncio.get_running_loop()
             self._set_alarm(session, loop.call_later(max(0.0, deadline - time.monotonic()), self._advance, session))
 
-    def _go_along(self, session: ServerSession) -> None:
-        """Another session is due, so this one may go along; its alarm stays."""
-        try:
-            session.keep_pace(early=True)
-        except Exception:
-            self._lose(session)
-
-    def _collect(self, session: ServerSession) -> None:
-        for seconds in session.collect():
-            self.metrics.chunks.inc()
-            self.metrics.latency.observe(seconds)
-
     def _lose(self, session: ServerSession) -> None:
         """A fault ends a session; called while it is handled."""
         _LOG.exception("session %s failed", session.name, extra={"session": session.name})
@@ -336,7 +329,7 @@ class SessionManager:
         self.end(session)
 
     def _watch(self) -> None:
-        """See what became of the engine: it was restarted, or it ended for good and all sessions with it."""
+        """Tell clients of a restart of the engine; fail all sessions if it ended for good."""
         self._thread.watch()
         if self.engine.restarts > self._restarts:
             self.metrics.restarts.inc(self.engine.restarts - self._restarts)
@@ -356,9 +349,6 @@ class SessionManager:
         for session in self._sessions.values():
             for outbox in session.listeners:
                 outbox.put(session.stats(step_s=step_s, sessions=self.sessions, dropped=outbox.dropped))
-
-    def _show_sinks(self) -> None:
-        self._sinks.show(self._sessions.values(), time.monotonic())
 
     async def drain(self) -> None:
         """Admit no more clients; end all sessions once their speech is played, or after `drain_seconds`."""

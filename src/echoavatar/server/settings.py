@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from echoavatar.wire import MAX_MESSAGE_BYTES, Limits
+from echoavatar.wire.messages import MAX_MESSAGE_BYTES, Limits
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ServerSettings:
     tracer: Any = None  # an OpenTelemetry `Tracer` that is told of every chunk, see `tracing`
     video: int = 0  # WebRTC viewers at once, each with a renderer; 0: no video
     video_size: tuple[int, int] = (512, 512)  # pixels
-    video_renderer: Literal["cpu", "gpu"] = "cpu"  # what draws it
+    video_renderer: Literal["cpu", "gpu"] = "cpu"  # rasteriser on the processor, or OpenGL
     ice_servers: tuple[str, ...] = ()  # STUN or TURN, for viewers behind other networks' routers
     sinks: tuple[str, ...] = ()  # programs that show the first session's avatar, such as vmc://127.0.0.1:39539
 

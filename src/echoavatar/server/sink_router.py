@@ -4,31 +4,14 @@ The router shows the oldest session, as one more listener of it, and turns to th
 threads of their own; nothing here waits for them.
 """
 
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Iterable
 
-from echoavatar.wire import Rig, ServerMessage
+from echoavatar.wire.messages import Rig, ServerMessage
 
-from .outbox import Outbox
+from .outbox import Relay
 from .session import ServerSession
 from .sinks import SinkPlayer, make_sink
-
-
-class SinkOutbox(Outbox):
-    """Passes a session's messages to the players at once. The session counts it as a client that plays."""
-
-    def __init__(self, players: Sequence[SinkPlayer], session: ServerSession) -> None:
-        super().__init__(("motion",))
-        self._players, self._session = players, session
-
-    @property
-    def plays(self) -> bool:
-        """Only while the session has a source: a source that returns finds its session where it left it."""
-        return self._session.source is not None
-
-    def put(self, message: ServerMessage) -> None:
-        """Pass a message to all players; nothing is queued."""
-        for player in self._players:
-            player.take(message)
 
 
 class SinkRouter:
@@ -38,19 +21,19 @@ class SinkRouter:
         """Raises EchoAvatarError for an invalid address."""
         made = [(text, make_sink(text, rig)) for text in sinks]
         self._players = [SinkPlayer(sink, rig, name=text) for text, sink in made]
-        self._shown: tuple[ServerSession, SinkOutbox] | None = None
+        self._shown: ServerSession | None = None
 
-    def show(self, sessions: Iterable[ServerSession], now: float) -> None:
-        """Go on with the session that is shown, or turn to the first; called with the server's clock."""
+    def show(self, sessions: Iterable[ServerSession]) -> None:
+        """Report the playhead of the session that is shown; show the first session once that one is over."""
         if not self._players:
             return
         there = list(sessions)
-        if self._shown is not None and self._shown[0] not in there:
-            self._shown = None
-        if self._shown is None and there:
-            self._enter(there[0])
+        if self._shown not in there:
+            self._shown = there[0] if there else None
+            if there:
+                self._begin(there[0])
         if self._shown is not None:
-            sample = self._shown[0].place
+            sample, now = self._shown.place, time.monotonic()
             for player in self._players:
                 player.tell(sample, now)
 
@@ -59,9 +42,11 @@ class SinkRouter:
         for player in self._players:
             player.close()
 
-    def _enter(self, session: ServerSession) -> None:
+    def _begin(self, session: ServerSession) -> None:
         for player in self._players:
             player.begin()
-        box = SinkOutbox(self._players, session)
-        session.join(box, received=None)
-        self._shown = session, box
+        session.join(Relay(self._take, lambda: session.source is not None), received=None)
+
+    def _take(self, message: ServerMessage) -> None:
+        for player in self._players:
+            player.take(message)

@@ -15,8 +15,9 @@ from starlette.routing import BaseRoute, Route
 from echoavatar.engine import ActStatus
 from echoavatar.engine.tools import Schema, Style
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import Action, Music, ProtocolError
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin, has_token
+from echoavatar.wire.messages import Action, Music
 
 from .session import ServerSession
 from .session_manager import SessionManager
@@ -46,7 +47,7 @@ async def read_body(request: Request, most: int, *, seconds: float = SECONDS) ->
 
 
 class ToolActor:
-    """A session as the tools see it: every client is told what they do."""
+    """A session as the tools see it; all clients receive the statuses of their calls."""
 
     def __init__(self, session: ServerSession) -> None:
         self._session = session
@@ -67,7 +68,7 @@ class ToolActor:
 
 async def call_tool(manager: SessionManager, session: ServerSession, name: str, arguments: dict[str, Any]) -> Schema:
     """Run the tool a model asked for, in a session."""
-    return await manager.toolbox.call_async(ToolActor(session), name, arguments, manager.load_track)
+    return await manager.toolbox.call(ToolActor(session), name, arguments, manager.load_track)
 
 
 def tool_routes(manager: SessionManager) -> list[BaseRoute]:
@@ -80,9 +81,6 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
         return manager.toolbox.schemas(cast(Style, style))
 
     async def sessions(request: Request) -> Response:
-        refusal = locked(manager, request)
-        if refusal is not None:
-            return refusal
         if not lists_sessions(manager, request):
             return JSONResponse({"error": "this server does not say who is there; name a session"}, 403)
         return JSONResponse({"sessions": list(manager.names)})
@@ -98,33 +96,30 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
     return [
         Route("/v1/tools", answering(manager, declarations)),
         Route("/v1/tools/{name}", answering(manager, call), methods=["POST"]),
-        Route("/v1/sessions", sessions),
+        Route("/v1/sessions", answering(manager, sessions)),
     ]
 
 
 def answering(
     manager: SessionManager, handle: Callable[[Request], Awaitable[object]], *, failure: int = 400
 ) -> Callable[[Request], Awaitable[Response]]:
-    """An endpoint that answers with the JSON that `handle` returns, or with its error. It asks for the token first."""
+    """An endpoint that answers with the response or JSON that `handle` returns, or with its error.
+
+    A request without the server's token is refused.
+    """
 
     async def answer(request: Request) -> Response:
-        if (refusal := locked(manager, request)) is not None:
-            return refusal
+        if not has_token(manager.settings.token, request.headers):
+            return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
         try:
-            return JSONResponse(await handle(request))
+            answer = await handle(request)
+            return answer if isinstance(answer, Response) else JSONResponse(answer)
         except ProtocolError as error:
             return JSONResponse({"error": str(error)}, STATUSES.get(error.code, 400))
         except EchoAvatarError as error:
             return JSONResponse({"error": str(error)}, failure)
 
     return answer
-
-
-def locked(manager: SessionManager, request: Request) -> Response | None:
-    """The refusal of a request without the server's token; None if the request may pass."""
-    if has_token(manager.settings.token, request.headers):
-        return None
-    return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
 
 
 def lists_sessions(manager: SessionManager, request: Request) -> bool:

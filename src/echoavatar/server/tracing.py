@@ -17,7 +17,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 MOST_OPEN = 64  # chunks of a session that are scheduled and not shown, more than can be on their way
 
-Times = list[tuple[str, int]]  # name of what ended, and when in nanoseconds
+Times = list[tuple[str, int]]  # name of a stage, and its end in nanoseconds
 
 
 def export_to(address: str) -> Tracer:
@@ -64,7 +64,7 @@ class SessionTrace:
     def __init__(self, tracing: Tracing, session: str) -> None:
         self._tracing, self._session = tracing, session
         self._waiting: deque[tuple[float, int]] = deque()  # seconds of sound that wait, and when they came
-        self._open: dict[int, Times] = {}  # by clock: what ended, in order; the first entry is the beginning
+        self._open: dict[int, Times] = {}  # by clock: stages in order; the first entry is the beginning
 
     def heard(self, samples: int, rate: int) -> None:
         """Sound came."""
@@ -110,5 +110,5 @@ class SessionTrace:
         chunk.end(end)
 
     def forget(self) -> None:
-        """What waited was taken back."""
+        """Waiting sound was taken back."""
         self._waiting.clear()

@@ -1,6 +1,5 @@
 """Text to speech by a program of this machine, if it has one. No voice ships with us; no text leaves the machine."""
 
-import json
 import shutil
 import subprocess
 import tempfile
@@ -14,9 +13,9 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire.guard import has_token
 
-from .tool_routes import read_body
+from .session_manager import SessionManager
+from .tool_routes import answering, read_json
 
 MAX_LETTERS = 600
 _SECONDS = 20.0
@@ -54,37 +53,22 @@ def speak(voice: str, text: str) -> bytes:
             raise EchoAvatarError(f"{voice} could not say that: {error}") from error
 
 
-def voice_route(token: str) -> Route:
+def voice_route(manager: SessionManager) -> Route:
     """GET names the voice, POST of `{"text": ...}` returns a WAV file."""
     voice = find_voice()
     limiter = anyio.CapacityLimiter(_AT_ONCE)
 
-    async def answer(request: Request) -> Response:
-        if not has_token(token, request.headers):
-            return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
+    async def answer(request: Request) -> object:
         if request.method != "POST":
-            return JSONResponse({"voice": voice, "max_letters": MAX_LETTERS})
+            return {"voice": voice, "max_letters": MAX_LETTERS}
         if not voice:
             return JSONResponse({"error": "no voice here; install espeak-ng or flite"}, 404)
         if "json" not in request.headers.get("content-type", ""):  # a form on another page cannot say so
             return JSONResponse({"error": "send application/json"}, 415)
-        try:
-            text = await _text(request)
-            wav = await anyio.to_thread.run_sync(speak, voice, text, limiter=limiter)
-        except EchoAvatarError as error:
-            return JSONResponse({"error": str(error)}, 400)
+        text = (await read_json(request, manager.settings.origins, most=8 * MAX_LETTERS)).get("text")
+        if not isinstance(text, str):
+            raise EchoAvatarError('send {"text": "..."}')
+        wav = await anyio.to_thread.run_sync(speak, voice, text, limiter=limiter)
         return Response(wav, media_type="audio/wav")
 
-    return Route("/v1/voice", answer, methods=["GET", "POST"])
-
-
-async def _text(request: Request) -> str:
-    body = await read_body(request, 8 * MAX_LETTERS)
-    try:
-        message = json.loads(body)
-    except ValueError as error:
-        raise EchoAvatarError('this is no JSON; send {"text": "..."}') from error
-    text = message.get("text") if isinstance(message, dict) else None
-    if not isinstance(text, str):
-        raise EchoAvatarError('send {"text": "..."}')
-    return text
+    return Route("/v1/voice", answering(manager, answer), methods=["GET", "POST"])

@@ -7,8 +7,7 @@ the viewer, DELETE that to end it. Each viewer has a renderer of its own; there 
 import asyncio
 import logging
 import secrets
-from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
 from importlib.resources import files
@@ -24,17 +23,17 @@ from starlette.routing import BaseRoute, Route
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.files.avatar import CHARACTERS
-from echoavatar.files.avatar.avatar_renderer import VIEWS, Shot, View
+from echoavatar.files.avatar.avatar_renderer import VIEWS, Shot
 from echoavatar.server.video.live_stream import LiveStream, doubled
 from echoavatar.server.video.video_source import VideoSource, prepare
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import ProtocolError, ServerMessage
 from echoavatar.wire.guard import check_origin
 
-from .outbox import Outbox
+from .outbox import Relay
+from .page import file_answer
 from .session import ServerSession
 from .session_manager import SessionManager
-from .tool_routes import STATUSES, asked_session, locked, read_body
+from .tool_routes import answering, asked_session, read_body
 
 _LOG = logging.getLogger(__name__)
 CODECS = ("video/vp8", "video/h264")  # the cheaper first
@@ -44,7 +43,6 @@ NTP_EPOCH_S = 2_208_988_800  # 1970, in the seconds of reports, which count from
 _FRESH = ("new", "connecting")
 MOST_BYTES = 65_536
 RETRY_S = 5
-PAGE = ("video.html", "video.js")
 
 
 try:
@@ -59,28 +57,6 @@ try:
     from aiortc.mediastreams import MediaStreamError
 except ImportError as error:
     raise DependencyError("WebRTC needs aiortc; run: pip install 'echoavatar[video]'") from error
-
-
-class ViewerOutbox(Outbox):
-    """Passes a session's messages to a video source at once. The session counts it as a client that plays."""
-
-    def __init__(self, source: VideoSource, session: ServerSession, on_close: Callable[[], None]) -> None:
-        super().__init__()
-        self._source, self._session, self._on_close = source, session, on_close
-
-    @property
-    def plays(self) -> bool:
-        """Only while the session has a source: a source that returns finds its session where it left it."""
-        return self._session.source is not None
-
-    def put(self, message: ServerMessage) -> None:
-        """Pass a message on; nothing is queued."""
-        self._source.take(message)
-
-    def close(self) -> None:
-        """The session is over."""
-        super().close()
-        self._on_close()
 
 
 class _Track(MediaStreamTrack):  # type: ignore[misc]  # aiortc may be absent
@@ -145,7 +121,7 @@ class Viewer:
         """`ice_servers` are STUN or TURN addresses, such as `stun:stun.example.org`; most servers need none."""
         self.stream = LiveStream(source, lambda: session.place)
         self._session, self._on_end = session, on_end
-        self._outbox = ViewerOutbox(source, session, self._leave)
+        self._outbox = Relay(source.take, lambda: session.source is not None, self._leave)
         servers = [RTCIceServer(address) for address in ice_servers]
         self._peer = RTCPeerConnection(RTCConfiguration(iceServers=servers))  # without a list, aiortc asks Google's
         self._peer.on("connectionstatechange", self._check)
@@ -222,26 +198,6 @@ class Viewer:
             self._on_end()
 
 
-@dataclass(frozen=True)
-class Wish:
-    """What a viewer asks for in the query of its address."""
-
-    character: str
-    view: View
-    background: str
-
-    @classmethod
-    def of(cls, request: Request) -> "Wish":
-        """Raises EchoAvatarError for a character or view that is not there."""
-        query = request.query_params
-        character, view = query.get("character", CHARACTERS[0]), query.get("view", VIEWS[0])
-        if character not in CHARACTERS:
-            raise EchoAvatarError(f"there is no character {character[:40]!r}; choose from {', '.join(CHARACTERS)}")
-        if view not in VIEWS:
-            raise EchoAvatarError(f"there is no view {view[:40]!r}; choose from {', '.join(VIEWS)}")
-        return cls(character, view, query.get("background", "studio")[:40])
-
-
 class VideoDesk:
     """All WebRTC viewers of a server."""
 
@@ -271,39 +227,48 @@ class VideoDesk:
             allow_headers=("authorization", "content-type"),
             expose_headers=("location",),
         )
+        assets = Path(str(files("echoavatar"))) / "assets"
+        begin, end = answering(self._manager, self._begin), answering(self._manager, self._end)
         return [
-            Route("/v1/whep", self._begin, methods=["POST", "OPTIONS"], middleware=[cors]),
-            Route("/v1/sessions/{session}/whep", self._begin, methods=["POST", "OPTIONS"], middleware=[cors]),
-            Route("/v1/whep/{viewer}", self._end, methods=["DELETE", "OPTIONS"], middleware=[cors]),
-            Route("/video", _asset(PAGE[0], "text/html")),
-            Route("/video.js", _asset(PAGE[1], "text/javascript")),
+            Route("/v1/whep", begin, methods=["POST", "OPTIONS"], middleware=[cors]),
+            Route("/v1/sessions/{session}/whep", begin, methods=["POST", "OPTIONS"], middleware=[cors]),
+            Route("/v1/whep/{viewer}", end, methods=["DELETE", "OPTIONS"], middleware=[cors]),
+            Route("/video", file_answer(assets / "video.html", "text/html")),
+            Route("/video.js", file_answer(assets / "video.js", "text/javascript")),
         ]
 
     async def _begin(self, request: Request) -> Response:
-        if (refusal := locked(self._manager, request)) is not None:
-            return refusal
-        try:
-            check_origin(request.headers, self._settings.origins)
-            if "application/sdp" not in request.headers.get("content-type", ""):
-                return _refusal(415, "send application/sdp")
-            session = asked_session(self._manager, request, dict(request.path_params))
-            wish, offer = Wish.of(request), await read_body(request, MOST_BYTES)
-            if not self.free:
-                retry = {"retry-after": str(RETRY_S)}
-                return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
-            name, answer = await self._answer(session, wish, offer.decode("utf-8", "replace"))
-        except ProtocolError as error:
-            return _refusal(STATUSES.get(error.code, 400), str(error))
-        except EchoAvatarError as error:
-            return _refusal(400, str(error))
+        check_origin(request.headers, self._settings.origins)
+        if "application/sdp" not in request.headers.get("content-type", ""):
+            return _refusal(415, "send application/sdp")
+        session = asked_session(self._manager, request, dict(request.path_params))
+        (character, shot), offer = self._wish(request), await read_body(request, MOST_BYTES)
+        if not self.free:
+            retry = {"retry-after": str(RETRY_S)}
+            return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
+        name, answer = await self._answer(session, character, shot, offer.decode("utf-8", "replace"))
         return Response(answer, 201, {"location": f"/v1/whep/{name}"}, "application/sdp")
 
-    async def _answer(self, session: ServerSession, wish: Wish, offer: str) -> tuple[str, str]:
+    def _wish(self, request: Request) -> tuple[str, Shot]:
+        """The character, and how it is pictured, as the query of an address asks.
+
+        Raises:
+            EchoAvatarError: there is no such character or view.
+        """
+        query, settings = request.query_params, self._settings
+        character, view = query.get("character", CHARACTERS[0]), query.get("view", VIEWS[0])
+        if character not in CHARACTERS:
+            raise EchoAvatarError(f"there is no character {character[:40]!r}; choose from {', '.join(CHARACTERS)}")
+        if view not in VIEWS:
+            raise EchoAvatarError(f"there is no view {view[:40]!r}; choose from {', '.join(VIEWS)}")
+        background = query.get("background", "studio")[:40]
+        return character, Shot(settings.video_size, view, background, renderer=settings.video_renderer)
+
+    async def _answer(self, session: ServerSession, character: str, shot: Shot, offer: str) -> tuple[str, str]:
         """Seat a viewer; returns its name and the SDP answer."""
         self._taken += 1
-        shot = Shot(self._settings.video_size, wish.view, wish.background, renderer=self._settings.video_renderer)
         try:
-            make = partial(VideoSource, self._manager.rig, shot, character=wish.character)
+            make = partial(VideoSource, self._manager.rig, shot, character=character)
             source = await anyio.to_thread.run_sync(make)
         except BaseException:
             self._taken -= 1
@@ -327,8 +292,6 @@ class VideoDesk:
         metrics.pictures.labels("skipped").inc(viewer.stream.skipped)
 
     async def _end(self, request: Request) -> Response:
-        if (refusal := locked(self._manager, request)) is not None:
-            return refusal
         viewer = self._viewers.get(request.path_params["viewer"])
         if viewer is None:
             return _refusal(404, "there is no such viewer, or it has ended")
@@ -338,11 +301,3 @@ class VideoDesk:
 
 def _refusal(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:
     return JSONResponse({"error": reason}, status, headers)
-
-
-def _asset(name: str, kind: str) -> Callable[[Request], Awaitable[Response]]:
-    async def answer(_: Request) -> Response:
-        path = Path(str(files("echoavatar"))) / "assets" / name
-        return Response(await anyio.to_thread.run_sync(path.read_bytes), media_type=kind)
-
-    return answer

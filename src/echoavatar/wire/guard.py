@@ -45,7 +45,8 @@ def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
         return
     try:
         page, host = urlsplit(origin), urlsplit(f"//{headers.get('host', '')}")
-        if page.netloc == host.netloc and _is_bare(page.hostname or ""):
+        bare = page.hostname == "localhost" or _address(page.hostname or "")
+        if page.netloc == host.netloc and bare:
             return
         if is_loopback(page.hostname or "") and is_loopback(host.hostname or ""):
             return
@@ -58,28 +59,26 @@ def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
 
 def is_loopback(host: str) -> bool:
     """Whether the host can be reached from this machine only."""
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
+    address = _address(host)
+    return host == "localhost" or (address is not None and address.is_loopback)
 
 
 def network_of(address: str) -> str:
     """The part of an address that its holder cannot change at will: all of IPv4, the first 64 bits of IPv6."""
-    try:
-        found = ipaddress.ip_address(address.partition("%")[0])
-    except ValueError:
+    found = _address(address.partition("%")[0])
+    if found is None:
         return address
     if found.version == 4:
         return str(found)
     return str(found.ipv4_mapped or ipaddress.ip_network((int(found) >> 64 << 64, 64)))
 
 
-def _is_bare(host: str) -> bool:
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    """The IP address that a host is given by; None for a name."""
     try:
-        return host == "localhost" or bool(ipaddress.ip_address(host))
+        return ipaddress.ip_address(host)
     except ValueError:
-        return False
+        return None
 
 
 def _same(a: str, b: str) -> bool:
@@ -106,7 +105,7 @@ def check_certificate(certificate: str, key: str | None) -> None:
 
 
 class Waiting(Protocol):
-    """The hello of a connection, as far as it can be called off: a cancel scope."""
+    """A connection that waits for its hello: the cancel scope of that wait."""
 
     def cancel(self) -> None:
         """Stop waiting."""
@@ -114,8 +113,8 @@ class Waiting(Protocol):
 
 
 class Admission:
-    """Open WebSockets, at most `limit`. Each is known by the scope in which it waits for its hello; it may have to give
-    way to a new one until then.
+    """Open WebSockets, at most `limit`. Each is known by the cancel scope in which it waits for its hello. Until the
+    hello it may have to give way to a new connection.
     """
 
     def __init__(self, limit: int, per_address: int | None = None) -> None:
@@ -129,8 +128,8 @@ class Admission:
     def enter(self, scope: Waiting, address: str) -> bool:
         """Admit a connection; returns False if there is no room.
 
-        If an address has as many as it may, it gives up its own oldest silent connection; if all are taken, the address
-        with the most silent connections does.
+        An address that is at its own limit gives up its oldest connection without hello. If all places are taken, the
+        address with the most connections without hello gives one up.
         """
         address = network_of(address)
         own = [*self._waiting.values(), *self._greeted.values()].count(address)

@@ -1,8 +1,8 @@
-"""Listening sockets that strangers may open: their number, their silence, and what they make a server log.
+"""Bounds on the sockets that any client may open: their number, the time they stay silent, and the lines they log.
 
-A socket needs no token, so nothing here may grow with what a stranger does. A socket that has not sent a whole request
-is silent. It is closed after `SILENCE_S`, or at once if all places are taken and it is the oldest silent one. Needs
-uvicorn, so that only servers import this module.
+Opening a socket needs no token, so nothing here may grow with the client's actions. A socket that has not sent a whole
+request is silent. It is closed after `SILENCE_S`, or at once if all places are taken and it is the oldest silent one.
+This module needs uvicorn, so only servers import it.
 """
 
 import asyncio
@@ -23,7 +23,7 @@ SILENCE_S = 10.0
 SPARE_FILES = 128  # files that are not clients' sockets
 WANTED_FILES = 65_536
 REPEAT_S = 10.0  # a repeated line is logged once in this time
-NOISY_LOGS = ("asyncio", "uvicorn.error")  # what they log depends on what strangers send
+NOISY_LOGS = ("asyncio", "uvicorn.error")  # any client can make them log
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -65,14 +65,14 @@ def raise_file_limit(wanted: int = WANTED_FILES) -> int:
 
 
 def hurry_handshakes() -> None:
-    """Servers that this loop opens from now on give clients `SILENCE_S` for TLS's handshake; asyncio gives a minute."""
+    """Give clients of this loop's later servers `SILENCE_S` for the TLS handshake; asyncio gives them a minute."""
     loop = asyncio.get_running_loop()
     listens = partial(loop.create_server, ssl_handshake_timeout=SILENCE_S)
     loop.create_server = listens  # type: ignore[method-assign]
 
 
 def log_less() -> None:
-    """Log a line that strangers can cause once in a while only."""
+    """Log a line that any client can cause only once per `REPEAT_S`."""
     for name in NOISY_LOGS:
         log = logging.getLogger(name)
         if not any(isinstance(known, RepeatFilter) for known in log.filters):

@@ -14,8 +14,9 @@ from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import whole_file, write_whole
-from echoavatar.wire import Motion as MotionMessage
-from echoavatar.wire import Pose, decode_server, encode, pack_pose, unpack_pose
+from echoavatar.wire.blobs import Pose, pack_pose, unpack_pose
+from echoavatar.wire.codec import decode_server, encode
+from echoavatar.wire.messages import Motion as MotionMessage
 
 Progress = Callable[[int, int, str], None]
 _SPOILT = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")

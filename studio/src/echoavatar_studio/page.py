@@ -66,7 +66,9 @@ def page_routes(static: Path = STATIC, *, words: Path | None = None) -> list[Bas
         page("rate"),
     ]
     if (static / "assets").is_dir():
-        routes.append(Mount("/assets", StaticFiles(directory=static / "assets")))
+        # The installed avatar has three.js, for its own pages too.
+        built = StaticFiles(directory=static / "assets", packages=[("echoavatar", "assets/shared")])
+        routes.append(Mount("/assets", built))
     return routes
 
 

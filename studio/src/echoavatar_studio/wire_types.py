@@ -5,8 +5,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from echoavatar.wire.typescript import interface
-
+from .typescript import interface
 from .wire import CATEGORIES, MAX_CLIPS, QUESTIONS, STATUS, Problem
 from .wire_owner import OWNER_REPLIES, OWNER_REQUESTS
 from .wire_rater import RATER_REPLIES, RATER_REQUESTS

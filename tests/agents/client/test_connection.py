@@ -15,7 +15,8 @@ from echoavatar.agents.client import ConnectionLostError, Recorder, connect
 from echoavatar.agents.client.connection import AHEAD_S, KEPT_UTTERANCES, Avatar, UtteranceQueue, stream_url
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.stages.modes import MotionOptions
-from echoavatar.wire import ActionStatus, Audio, AudioFormat, BodyOptions, End, Flush, ProtocolError, Sound
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import ActionStatus, Audio, AudioFormat, BodyOptions, End, Flush, Sound
 
 
 @pytest.fixture(scope="module")

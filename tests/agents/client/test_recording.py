@@ -6,7 +6,8 @@ import soundfile
 
 from echoavatar.agents.client import Recorder, read_sound
 from echoavatar.errors import AudioError, MotionError
-from echoavatar.wire import Flush, Latency, Limits, Motion, Pose, Ready, Rig, Sound, State, pack_audio, pack_pose
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
+from echoavatar.wire.messages import Flush, Latency, Limits, Motion, Ready, Rig, Sound, State
 
 READY = Ready(
     version=1, server="", session="", resume="", resumed=False, at=0, epoch=0, seg=0, received=0,

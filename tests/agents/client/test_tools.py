@@ -7,7 +7,7 @@ from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar.agents.client import ConnectionLostError, RemoteTools
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ActionStatus, Hello
+from echoavatar.wire.messages import ActionStatus, Hello
 
 
 @pytest.fixture(scope="module")

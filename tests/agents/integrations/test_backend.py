@@ -15,7 +15,8 @@ from echoavatar.agents.client import ConnectionLostError
 from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, find_backend
 from echoavatar.agents.integrations.backend import InProcessSocket, LocalBackend
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.wire import Hello, ProtocolError
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.messages import Hello
 
 
 async def first_chunk(bridge: AvatarBridge) -> AvatarChunk:

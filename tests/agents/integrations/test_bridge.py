@@ -15,7 +15,7 @@ from echoavatar.agents.integrations.backend import LocalBackend
 from echoavatar.agents.integrations.bridge import SpeechResampler
 from echoavatar.agents.integrations.playback import Event
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ActionStatus, BodyOptions, Ready, State
+from echoavatar.wire.messages import ActionStatus, BodyOptions, Ready, State
 
 
 class Scene:

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from echoavatar.agents.integrations.playback import GRACE_S, Playback, make_chunk
-from echoavatar.wire import Motion, Sound
+from echoavatar.wire.messages import Motion, Sound
 
 MOTION = Motion(at=6_400, epoch=1, frames=8, rotations=b"r", root=b"t", face=b"", state="speaking")
 SOUND = Sound(at=6_400, epoch=1, seg=2, pcm=b"\x01\x00" * 6_400)

@@ -11,7 +11,7 @@ from echoavatar.agents.integrations.tools import persona
 from echoavatar.engine.music import Tracks
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
 from echoavatar.engine.tools import Toolbox
-from echoavatar.wire import ActionStatus
+from echoavatar.wire.messages import ActionStatus
 
 
 class AvatarBridge:

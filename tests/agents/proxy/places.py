@@ -10,11 +10,11 @@ from unittest.mock import patch
 
 import numpy as np
 import tests.server.fakes as fakes
+from tests.agents.proxy.scripted import Script, ScriptedSession, ScriptedUpstream
 from tests.server.fakes import Body, RunningServer, serving
 from websockets.asyncio.client import ClientConnection, connect
 
 from echoavatar.agents.proxy import ProxySettings, Relay
-from echoavatar.agents.proxy.scripted import Script, ScriptedSession, ScriptedUpstream
 from echoavatar.agents.proxy.upstream import quiet_logger
 
 

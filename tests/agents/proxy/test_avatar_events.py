@@ -7,9 +7,9 @@ from tests.agents.client.test_recording import READY
 
 from echoavatar.agents.proxy import avatar_events
 from echoavatar.agents.proxy.avatar_events import EventWriter
-from echoavatar.agents.proxy.conversation import Conversation
-from echoavatar.agents.proxy.speech_items import Decoder, SpeechItem
-from echoavatar.wire import Flush, Pose, Sound, pack_pose
+from echoavatar.agents.proxy.conversation import Conversation, Decoder, SpeechItem
+from echoavatar.wire.blobs import Pose, pack_pose
+from echoavatar.wire.messages import Flush, Sound
 
 VOICE = SpeechItem("item_1", "resp_1", 2, 1, Decoder(), begun=0.0)
 FACED = msgspec.structs.replace(READY, face=("a",))

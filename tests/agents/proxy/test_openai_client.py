@@ -5,9 +5,9 @@ import base64
 
 import pytest
 from tests.agents.proxy.places import avatar_server, proxied, tone
+from tests.agents.proxy.scripted import ScriptedSession
 
 from echoavatar.agents.proxy import ProxySettings
-from echoavatar.agents.proxy.scripted import ScriptedSession
 
 openai = pytest.importorskip("openai")
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests.agents.proxy.places import avatar_server, listening, proxied, run, silent, tone
+from tests.agents.proxy.scripted import ScriptedSession
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.http11 import Response
@@ -18,7 +19,6 @@ from websockets.http11 import Response
 from echoavatar.agents.proxy import ProxySettings, Relay
 from echoavatar.agents.proxy import upstream as upstream_module
 from echoavatar.agents.proxy.relay import _cancel
-from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.agents.proxy.upstream import dial
 from echoavatar.errors import EchoAvatarError
 

@@ -4,8 +4,7 @@ import json
 
 import pytest
 from tests.agents.proxy.places import listening, tone
-
-from echoavatar.agents.proxy.scripted import ScriptedSession, ScriptedUpstream
+from tests.agents.proxy.scripted import ScriptedSession, ScriptedUpstream
 
 
 async def script(session: ScriptedSession) -> None:

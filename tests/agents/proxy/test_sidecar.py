@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.agents.proxy.places import FacedBody, Listener, listening, proxied, silent, talking, tone
+from tests.agents.proxy.scripted import ScriptedSession
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.typing import Subprotocol
 
 from echoavatar.agents.proxy import ProxySettings
-from echoavatar.agents.proxy.scripted import ScriptedSession
 from echoavatar.timing import ChunkSize
-from echoavatar.wire import Latency, Limits, Motion, Ready, Rig, Sound, encode, subprotocol, unpack_pose
+from echoavatar.wire.blobs import unpack_pose
+from echoavatar.wire.codec import encode, subprotocol
+from echoavatar.wire.messages import Latency, Limits, Motion, Ready, Rig, Sound
 
 BODY, FACE, FLUSH = ("echoavatar.animation_body.delta", "response.animation_blendshapes.delta", "echoavatar.flush")
 DONE = "response.animation_blendshapes.done"

@@ -18,13 +18,12 @@ from echoavatar.engine.pipeline import Pipeline, PipelineState, load_bundle
 from echoavatar.engine.pipeline import pipeline as room
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
 from echoavatar.engine.pipeline.bundle import Bundle
-from echoavatar.engine.pipeline.pipeline import STAGES, WarmStart, copy_row, find_device
+from echoavatar.engine.pipeline.pipeline import STAGES, find_device
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.motion.stages.modes import FREE, MotionOptions
-from echoavatar.nn import StreamState
 
 EVERYONE = torch.ones(1, dtype=torch.bool)
 HOST, GPU = torch.device("cpu"), torch.device("cuda", 0)
@@ -228,32 +227,29 @@ def test_one_that_forgets_goes_on_from_there_and_stays_where_it_is(with_face: Pi
     assert all(torch.equal(a, b) for a, b in zip(body, state.post.tensors(), strict=True))
 
 
-class Counted(StreamState):
-    def __init__(self, number: torch.Tensor) -> None:
-        self.number = number
+def test_threads_that_come_at_once_make_the_warm_start_once(tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pipeline, together, made = Pipeline(load_bundle(tiny_bundle)), threading.Barrier(4), list[PipelineState]()
+    state, make = pipeline.init_state(4), pipeline._after_silence
 
-
-def test_threads_that_come_at_once_make_it_once() -> None:
-    made, together = [], threading.Barrier(4)
-
-    def slowly() -> Counted:
-        made.append(threading.get_ident())
+    def slowly() -> PipelineState:
+        made.append(make())
         threading.Event().wait(0.05)
-        return Counted(torch.tensor([len(made)]))
+        return made[-1]
 
-    beginning, state = WarmStart(), Counted(torch.zeros(4, dtype=torch.int64))
+    monkeypatch.setattr(pipeline, "_after_silence", slowly)
 
     def open_row(row: int) -> None:
         together.wait()
-        copy_row(state, torch.arange(4) == row, beginning.state(slowly))
+        pipeline.reset(state, torch.arange(4) == row, seed=row)
 
     threads = [threading.Thread(target=open_row, args=(row,)) for row in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert len(made) == 1
-    assert state.number.tolist() == [1, 1, 1, 1]
+    [start] = made
+    for own, new in zip(state.generator.tensors(), start.generator.tensors(), strict=True):
+        assert torch.equal(own, new.expand_as(own))
 
 
 class There(Tensor):

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from tests.motion.ik.poses import kept_out
 from torch import Tensor
 
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig
@@ -81,9 +82,9 @@ def touching(seconds: float = 5.2) -> Motion:
             palm = palm + share[:, None] * (place - palm)
             hand = slerp(hand, quaternion_from_matrix(turn), share)
         turns = _limb(turns, root, side, "Arm", "Hand", *_wrist(sign, palm, matrix_from_quaternion(hand)))
-    free = (
-        HandCollisions(HUMANOID, body).step(turns[None].float())[0].double()
-    )  # fingers are straight: they may be inside
+    free = kept_out(HandCollisions(HUMANOID, body), turns[None].float())[
+        0
+    ].double()  # fingers are straight: they may be inside
     return _motion(free, root)
 
 
@@ -187,4 +188,6 @@ def palms(motion: Motion) -> torch.Tensor:
     """World positions of the left and the right palm, (t, 2, 3)."""
     pose = forward_kinematics(motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double())
     arms = [find_arm(motion.skeleton, side) for side in ("left", "right")]
-    return torch.stack([pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm) for arm in arms], 1)
+    return torch.stack(
+        [pose.positions[:, arm.limb.joints[2]] + (pose.rotations[:, arm.limb.joints[2]] @ arm.palm) for arm in arms], 1
+    )

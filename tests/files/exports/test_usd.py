@@ -7,7 +7,7 @@ import pytest
 
 from echoavatar.errors import DependencyError
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.halfway import BONES, with_halfway
+from echoavatar.files.avatar.halfway import BONES, REST, with_halfway
 from echoavatar.files.exports import Take
 from echoavatar.files.exports import usd as room
 from echoavatar.files.exports.usd import write_usd
@@ -59,7 +59,7 @@ def test_skinned_points_and_shapes_are_those_of_the_character(short: Take, tmp_p
     pose = few.motion.pose()
     turned, moved = with_halfway(pose.rotations[2].numpy(), pose.positions[2].numpy())
     used = np.unique(character.triangles[character.triangles[:, 0] >= character.face.reach])
-    rest = character.positions[used][:, None] - character.rest_joints
+    rest = character.positions[used][:, None] - REST
     each = np.einsum("jab,vjb->vja", turned, rest) + moved
     ours = np.einsum("vj,vja->va", character.bone_weights[used], each)
     np.testing.assert_allclose(np.array(points), ours, atol=1e-4)

@@ -16,7 +16,7 @@ from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.sinks.encoders import JsonEncoder
 from echoavatar.server.sinks.sink import Frame
-from echoavatar.wire import Rig
+from echoavatar.wire.messages import Rig
 
 PACKAGE = Path(__file__).parents[3] / "integrations/unity"
 NEWTONSOFT = sorted(Path("/usr/lib").glob("*/Newtonsoft.Json-5.0/Newtonsoft.Json.dll"))

@@ -23,7 +23,8 @@ from tests.integrations.livekit.rooms import Room, Speaker, pair
 
 from echoavatar.agents.integrations import AvatarBridge, find_backend
 from echoavatar.engine.music import Tracks
-from echoavatar.wire import Flush, Motion, Ready, decode_server
+from echoavatar.wire.codec import decode_server
+from echoavatar.wire.messages import Flush, Motion, Ready
 
 BLOCK = 2_400
 

@@ -7,7 +7,8 @@ from tests.models.fingers.moving import TINY, waving
 
 from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import finger_clip
-from echoavatar_lab.models.fingers import FingerTraining, train_fingers
+from echoavatar_lab.models.fingers import FingerTask, FingerTraining
+from echoavatar_lab.training import train
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +26,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
         body_noise=0.02,
         body_offset=0.0,
     )
-    train_fingers(TINY, training, clips, folder, card={"data": "waving bodies"})
+    train(FingerTask(TINY, training, clips, card={"data": "waving bodies"}), folder)
     return folder
 
 

@@ -12,8 +12,9 @@ from echoavatar.models.generator import Exemplar, Generator, open_stream
 from echoavatar.models.generator.exemplar import control_ids
 from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.models.generator.losses import code_nll
-from echoavatar_lab.models.generator.train import GeneratorTask, train_generator
+from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.models.generator.windows import TokenClip, draw_exemplar
+from echoavatar_lab.training import train
 
 EVERYONE = torch.ones(2, dtype=torch.bool)
 
@@ -103,7 +104,7 @@ def test_trained_control_steers_and_lets_go(tmp_path):
     """After a short training the codes drawn come mostly from a set that is told, and no longer when it is not."""
     clips = [TokenClip(*clip_arrays(seed)) for seed in range(30)]
     training = settings(steps=150, batch=8, chunks=6, learning_rate=1e-2, warmup=5, exemplar=0.7, blind=0.3)
-    model = train_generator(config(layers=1, exemplar=True), training, clips, tmp_path)
+    model = train(GeneratorTask(config(layers=1, exemplar=True), training, clips), tmp_path).generator
     stream, x, sets = open_stream(model), audio(2, 400), members({2, 6}, {0, 3})
     state = stream.init_state(2)
     told = stream.step(x, state, EVERYONE, exemplar=sets)[:, :, 1, 0]
@@ -170,7 +171,7 @@ def test_trained_control_tokens_tell(tmp_path) -> None:
     """On new clips their own set in front costs less than another of the same size: the tokens are read."""
     training = settings(steps=220, batch=8, learning_rate=1e-2, warmup=20, exemplar=1.0, corruption="none", blind=1.0)
     clips = [TokenClip(*clip_arrays(seed)) for seed in range(30)]
-    model = train_generator(config(**PROMPTED, layers=2), training, clips, tmp_path)
+    model = train(GeneratorTask(config(**PROMPTED, layers=2), training, clips), tmp_path).generator
     sounds, motions = zip(*(clip_arrays(seed)[:2] for seed in range(100, 140)), strict=True)
     sound, motion = torch.tensor(np.stack(sounds))[:, :60], torch.tensor(np.stack(motions))[:, :6]
     own = torch.zeros(40, 8).scatter_(1, motion[:, :, 1, 0], 1.0)

@@ -13,8 +13,9 @@ from echoavatar.models.generator import Generator
 from echoavatar.models.generator import model as attention
 from echoavatar.models.generator.model import banded_attention, masked_attention
 from echoavatar_lab.models.generator.losses import CueReader, code_nll, freeze_body, nll_by_domain, stream_nll
-from echoavatar_lab.models.generator.train import train_generator
+from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.models.generator.windows import WindowSampler, draw_exemplar
+from echoavatar_lab.training import train
 
 
 def naive(q, k, v, lookback, valid=None):
@@ -120,7 +121,7 @@ def test_asking_for_some_frames_gives_their_losses_among_those_of_all():
 
 def test_a_training_run_that_asks_for_a_third_of_the_frames_learns(tmp_path):
     training = settings(steps=60, batch=8, learning_rate=5e-3, warmup=5, cue_weight=0.1, asked=0.34, exemplar=0.0)
-    train_generator(config(sequence="depth"), training, clips(8), tmp_path)
+    train(GeneratorTask(config(sequence="depth"), training, clips(8)), tmp_path)
     rows = [json.loads(row) for row in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert rows[-1]["codes"] < 0.7 * rows[0]["codes"]
 
@@ -128,7 +129,7 @@ def test_a_training_run_that_asks_for_a_third_of_the_frames_learns(tmp_path):
 @pytest.mark.parametrize("autocast", [False, True])
 def test_a_few_steps_lower_the_loss(tmp_path, autocast):
     training = settings(steps=40, batch=8, learning_rate=5e-3, warmup=5, cue_weight=0.1, autocast=autocast)
-    train_generator(config(sequence="depth"), training, clips(8), tmp_path)
+    train(GeneratorTask(config(sequence="depth"), training, clips(8)), tmp_path)
     rows = [json.loads(row) for row in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     assert rows[-1]["codes"] < 0.6 * rows[0]["codes"]
     assert rows[-1]["cues"] < rows[0]["cues"]
@@ -137,7 +138,7 @@ def test_a_few_steps_lower_the_loss(tmp_path, autocast):
 def test_it_learns_to_follow_the_audio_and_keeps_its_weights(tmp_path):
     """As `test_train` asks of the flattened order: uniform guessing costs 2.08 nats."""
     training = settings(steps=100, batch=8, learning_rate=5e-3, warmup=5)
-    train_generator(config(sequence="depth", layers=1), training, clips(16), tmp_path)
+    train(GeneratorTask(config(sequence="depth", layers=1), training, clips(16)), tmp_path)
     model, held = Generator.load(tmp_path), clips(20)[16:]
     true, shuffled = nll_by_domain(model, held), nll_by_domain(model, held, shuffled_audio=True)
     assert true["speech"] < 1.0

@@ -1,6 +1,7 @@
 import csv
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import tables
-from echoavatar.motion.formats.tables import read_npz, write_csv, write_npz
+from echoavatar.motion.formats.tables import read_npz, write_csv, write_live_link, write_npz
+from echoavatar_lab.models.face.clip import read_live_link
 
 
 def test_npz_comes_back(tmp_path):
@@ -70,8 +72,8 @@ def test_arrays_that_unpack_to_too_much_are_refused_before_they_do(tmp_path, mon
     ids=["rate", "root", "texts", "nested", "joints"],
 )
 def test_arrays_that_are_no_motion_are_refused(tmp_path, change):
-    motion = swaying(2)
-    np.savez(tmp_path / "a.npz", **(tables._arrays(motion) | change))
+    write_npz(tmp_path / "a.npz", swaying(2))
+    np.savez(tmp_path / "a.npz", **(tables.arrays_of(tmp_path / "a.npz") | change))
     with pytest.raises(MotionError):
         read_npz(tmp_path / "a.npz")
 
@@ -80,3 +82,22 @@ def test_a_pipe_is_refused_before_it_is_opened(tmp_path):
     os.mkfifo(tmp_path / "a.npz")
     with pytest.raises(MotionError, match="not a regular file"):
         read_npz(tmp_path / "a.npz")
+
+
+def curves(frames: int) -> np.ndarray:
+    return np.random.default_rng(0).random((frames, 52)).astype(np.float32)
+
+
+@pytest.mark.parametrize("fps", [30.0, 60.0])
+def test_a_live_link_take_reads_back(tmp_path: Path, fps: float) -> None:
+    """At 60 fps the reader keeps every second frame; frames past a full second carry over into the seconds."""
+    written = curves(70)
+    write_live_link(tmp_path / "take.csv", written, fps)
+    take = read_live_link(tmp_path / "take.csv")
+    assert take.rate_hz == pytest.approx(fps, rel=1e-3)
+    np.testing.assert_allclose(take.curves, written[:: round(fps / 30)], atol=2e-3)
+
+
+def test_an_unwritable_live_link_take_is_named(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match="choose another place"):
+        write_live_link(tmp_path / "no" / "take.csv", curves(3))

@@ -5,8 +5,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from echoavatar.motion.ik import HandCollisions
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
+from echoavatar.motion.kinematics.rotations import (
+    matrix_from_axis_angle,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
 from echoavatar.motion.kinematics.two_bone import reach
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, make_clip
 
@@ -46,3 +51,14 @@ def pushed_inwards(seconds: float = 12.0) -> torch.Tensor:
     turns[HUMANOID.index("leftUpperArm")] = torch.tensor([0.0, -0.6, -0.1])
     turns[HUMANOID.index("rightUpperArm")] = torch.tensor([0.0, 0.6, 0.1])
     return matrix_from_axis_angle(turns) @ matrix_from_quaternion(torch.from_numpy(np.array(clip.rotations)))
+
+
+def kept_out(collisions: HandCollisions, rotations: torch.Tensor) -> torch.Tensor:
+    """`HandCollisions.resolve` for matrices (b, t, j, 3, 3); those of joints that it leaves alone keep every bit."""
+    before = quaternion_from_matrix(rotations).numpy()
+    after = before.copy()
+    collisions.resolve(after)
+    is_moved = torch.from_numpy((after != before).any(-1))
+    out = rotations.clone()
+    out[is_moved] = matrix_from_quaternion(torch.from_numpy(after)[is_moved])
+    return out

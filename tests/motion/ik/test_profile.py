@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.files.avatar.weights import humanoid_weights
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import MATERIALS, load_character
@@ -48,7 +49,7 @@ SKIN = ~np.array([material.name in ("hair", "lash") for material in MATERIALS])[
 
 def test_the_shipped_character_is_what_the_fallback_says_it_is() -> None:
     """The fallback's numbers were measured on it; cloth may change by two centimetres before this asks."""
-    measured = measure_body(HUMANOID, CHARACTER.positions[SKIN], CHARACTER.dense_weights[SKIN])
+    measured = measure_body(HUMANOID, CHARACTER.positions[SKIN], humanoid_weights(CHARACTER)[SKIN])
     known = body_of_rig(HUMANOID)
     assert [part.bone for part in measured.parts] == [part.bone for part in known.parts]
     for ours, theirs in zip(known.parts, measured.parts, strict=True):
@@ -63,7 +64,7 @@ def test_the_ellipsoids_hold_the_trunk_and_little_air() -> None:
     profile = body_of_rig(HUMANOID)
     rest = HUMANOID.rest_positions.numpy()
     joints = HUMANOID.indices([part.bone for part in profile.parts])
-    trunk = CHARACTER.positions[SKIN & (CHARACTER.dense_weights[:, joints].sum(1) > 0.5)]
+    trunk = CHARACTER.positions[SKIN & (humanoid_weights(CHARACTER)[:, joints].sum(1) > 0.5)]
     sizes = [
         np.linalg.norm((trunk - rest[joint] - part.centre) / part.radii, axis=1)
         for joint, part in zip(joints, profile.parts, strict=True)
@@ -75,7 +76,7 @@ def test_the_ellipsoids_hold_the_trunk_and_little_air() -> None:
 
 
 def test_a_finely_meshed_mouth_does_not_outvote_the_skull() -> None:
-    positions, weights = CHARACTER.positions[SKIN], CHARACTER.dense_weights[SKIN]
+    positions, weights = CHARACTER.positions[SKIN], humanoid_weights(CHARACTER)[SKIN]
     lips = np.flatnonzero((weights.argmax(1) == HUMANOID.index("head")) & (positions[:, 2] > 0.08))
     order = np.concatenate([np.arange(len(positions)), np.repeat(lips, 8)])
     finer = measure_body(HUMANOID, positions[order], weights[order])

@@ -10,7 +10,8 @@ import numpy as np
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.sinks import Frame
 from echoavatar.server.sinks.sink import Encoder
-from echoavatar.wire import Pose, Rig
+from echoavatar.wire.blobs import Pose
+from echoavatar.wire.messages import Rig
 
 _CONFIG = HUMANOID.config
 RIG = Rig(names=_CONFIG.names, parents=_CONFIG.parents, rest=_CONFIG.offsets)

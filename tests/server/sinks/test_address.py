@@ -3,13 +3,14 @@ from tests.server.sinks.receiving import RIG
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server.sinks import make_sink, parse_address
+from echoavatar.server.sinks.address import Address
 
 
 def test_ports_have_the_defaults_of_their_protocols() -> None:
-    assert str(parse_address("vmc://127.0.0.1")) == "vmc://127.0.0.1:39539"
-    assert str(parse_address("livelink://studio.local")) == "livelink://studio.local:11111"
-    assert str(parse_address("unity://10.0.0.2")) == "unity://10.0.0.2:12346"
-    assert str(parse_address("json://[::1]:99")) == "json://[::1]:99"
+    assert parse_address("vmc://127.0.0.1") == Address("vmc", "127.0.0.1", 39_539)
+    assert parse_address("livelink://studio.local") == Address("livelink", "studio.local", 11_111)
+    assert parse_address("unity://10.0.0.2") == Address("unity", "10.0.0.2", 12_346)
+    assert parse_address("json://[::1]:99") == Address("json", "::1", 99)
 
 
 def test_options_change_rate_and_names() -> None:

@@ -10,7 +10,8 @@ from echoavatar.server.sinks import Frame, SinkGroup, SinkPlayer
 from echoavatar.server.sinks.player import FollowingClock, PoseTrack
 from echoavatar.timing import SAMPLE_RATE_HZ as RATE
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.wire import Flush, pack_pose
+from echoavatar.wire.blobs import pack_pose
+from echoavatar.wire.messages import Flush
 
 
 def followed(told, read_hz: float = 60.0, seconds: float = 4.0) -> np.ndarray:  # type: ignore[no-untyped-def]

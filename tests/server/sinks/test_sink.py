@@ -23,7 +23,6 @@ def test_datagrams_arrive_in_order() -> None:
         sink = UdpSink(Says(b"one", bytearray(b"two")), "127.0.0.1", receiver.port, 60)
         sink.send(random_frame())
         assert [packet for _, packet in receiver.packets(2)] == [b"one", b"two"]
-        assert (sink.sent, sink.dropped) == (2, 0)
         sink.close()
 
 
@@ -33,15 +32,17 @@ def test_a_missing_receiver_is_no_error() -> None:
     sink = UdpSink(Says(b"x"), "127.0.0.1", port, 60)
     for _ in range(50):
         sink.send(random_frame())
-    assert sink.sent == 50
     sink.close()
 
 
 def test_a_full_network_drops_and_does_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     sink = UdpSink(Says(b"x", b"y"), "127.0.0.1", 9, 60)
 
+    tried: list[bytes] = []
+
     class Full:
-        def sendto(self, *_: object) -> None:
+        def sendto(self, packet: bytes, _: object) -> None:
+            tried.append(packet)
             raise BlockingIOError
 
         def close(self) -> None:
@@ -51,4 +52,4 @@ def test_a_full_network_drops_and_does_not_wait(monkeypatch: pytest.MonkeyPatch)
     whole.close()
     monkeypatch.setattr(sink, "_socket", Full())
     sink.send(random_frame())
-    assert (sink.sent, sink.dropped) == (0, 2)
+    assert tried == [b"x", b"y"]

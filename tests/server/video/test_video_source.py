@@ -7,7 +7,8 @@ from tests.server.sinks.receiving import RIG
 from echoavatar.errors import EchoAvatarError
 from echoavatar.files.avatar.avatar_renderer import Shot
 from echoavatar.server.video.video_source import SoundTrack, VideoSource, prepare
-from echoavatar.wire import Flush, Motion, Pose, Rig, Sound, pack_audio, pack_pose
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
+from echoavatar.wire.messages import Flush, Motion, Rig, Sound
 
 SMALL = Shot((64, 64), background="#ffffff", samples=1)
 

@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 from pipecat.frames.frames import OutputAudioRawFrame, TTSAudioRawFrame
 
-from echoavatar.wire import ServerMessage
+from echoavatar.wire.messages import ServerMessage
 
 
 @dataclass

@@ -38,7 +38,7 @@ from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, AvatarTool
 from echoavatar.files.avatar.avatar_renderer import Shot
 from echoavatar.server.video import LiveStream, VideoSource
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import BodyOptions, Ready
+from echoavatar.wire.messages import BodyOptions, Ready
 
 from .frames import AvatarMusicFrame, AvatarSpeechFrame, asks_for_avatar, rtvi
 from .pending_frames import PendingFrames

@@ -70,9 +70,10 @@ class AudioMotionConfig(Config):
         return self
 
 
-class AudioMotion(nn.Module):
+class AudioMotion(checkpoint.Checkpointed):
     """An audio encoder and a motion encoder that share one embedding space."""
 
+    config_type = AudioMotionConfig
     motion_book: Tensor
     mean: Tensor
     std: Tensor
@@ -212,10 +213,6 @@ class AudioMotion(nn.Module):
         shown = motion.features[motion.lead :].astype(np.float32) if is_read else motion.motion_codes
         seen = self.embed_motion(torch.from_numpy(shown)[None])
         return float((heard * seen).sum())
-
-    def save(self, folder: Path, card: Mapping[str, object]) -> None:
-        """Write a checkpoint folder."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=dict(card))
 
     @classmethod
     def load(cls, folder: Path) -> Self:

@@ -26,7 +26,7 @@ from echoavatar_lab.evaluation.metrics.retrieval import (
     similarity,
 )
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask
 
 from .audio_encoders import RATE_HZ, decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
@@ -198,20 +198,6 @@ class AudioRewardTask(TrainingTask[Windows]):
         """Write the reward."""
         about = {"kind": "audio_reward", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
-
-
-def train_audio_reward(
-    model: AudioMotion,
-    pairs: AudioMotionWindows,
-    folder: Path,
-    training: AudioRewardTraining,
-    *,
-    card: Mapping[str, object] | None = None,
-    progress: Progress | None = None,
-) -> AudioMotion:
-    """Train into a checkpoint folder, or resume the run in it."""
-    train(AudioRewardTask(model, pairs, training, card), folder, progress=progress)
-    return model.eval()
 
 
 @torch.no_grad()

@@ -5,7 +5,6 @@ reported: FID against the prompts' true motion, diversity, beat alignment minus 
 Runs of one method with different seeds are one line (`over_seeds`). `draw_run` draws the curves of a run.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
+from echoavatar_lab.training.metrics_log import read_metrics
 
 from .policy import GeneratorPolicy, check_reference
 from .probe import DecodingJudge, Measurements, MotionMetrics, Probe, mean_and_error
@@ -37,7 +37,7 @@ def draw_run(metrics: Path, picture: Path) -> None:
         CheckpointError: the file is missing or holds no step.
     """
     try:
-        lines = [json.loads(line) for line in metrics.read_text(encoding="utf-8").splitlines()]
+        lines = read_metrics(metrics)
     except (OSError, ValueError) as error:
         raise CheckpointError(f"{metrics} holds no metrics ({error}); train first") from error
     steps = [one for one in lines if "loss" in one]

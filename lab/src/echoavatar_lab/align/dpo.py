@@ -21,6 +21,7 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.training import Loss
 
 from .losses import dpo_loss
@@ -51,7 +52,7 @@ def write_pairs(path: Path, pairs: Iterable[PreferencePair]) -> int:
     """Write a file of pairs; returns how many there are."""
     lines = [pair.model_dump_json() for pair in pairs]
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
+    write_whole(path, "".join(line + "\n" for line in lines))
     return len(lines)
 
 

@@ -13,7 +13,7 @@ from clips of another split.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, Self, cast, get_args
+from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from pydantic import Field
 from scipy.stats import pearsonr, spearmanr
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
+from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import FeatureStatistics
@@ -32,7 +32,7 @@ from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 from .corruption import (
     CLEAN,
@@ -66,8 +66,10 @@ class QualityConfig(Config):
     differences: bool = Field(default=True, description="whether differences in time are read too (paper: false)")
 
 
-class QualityReward(nn.Module):
+class QualityReward(Checkpointed):
     """Motion features in; a score from 0 (noise) to 1 (true motion) out."""
+
+    config_type = QualityConfig
 
     mean: Tensor
     std: Tensor
@@ -106,19 +108,6 @@ class QualityReward(nn.Module):
                 x = self.down[level](pairs) + (pairs.unflatten(2, (2, -1)).mean(2) if is_dual else 0)
         y: Tensor = torch.sigmoid(self.head(x.mean(1)))
         return y[:, 0]
-
-    def save(self, folder: Path, card: Mapping[str, object]) -> None:
-        """Write a checkpoint folder."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: the folder holds no quality reward.
-        """
-        return checkpoint.load(folder, QualityConfig, cls).eval()
 
     @torch.no_grad()
     def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
@@ -234,15 +223,16 @@ class QualityTask(TrainingTask[ScoredWindows]):
         levels: CorruptedWindows,
         config: QualityConfig,
         training: QualityTraining,
-        scores: Mapping[str, float],
+        scores: Mapping[str, float] | None = None,
         card: Mapping[str, object] | None = None,
     ) -> None:
+        """`scores` of levels are the paper's where none are given."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = QualityReward(config)
         self.model.set_statistics(levels.tokenizer.statistics)
         super().__init__(training, {"model": self.model})
-        self._levels, self._scores, self._card = levels, dict(scores), dict(card or {})
+        self._levels, self._scores, self._card = levels, dict(scores or paper_scores()), dict(card or {})
         self._pool: dict[int, ScoredWindows] = {}
 
     def identity(self) -> Mapping[str, Config]:
@@ -281,23 +271,6 @@ class QualityTask(TrainingTask[ScoredWindows]):
         self.model.save(folder, self._card | about | {"scores": self._scores})
 
 
-def train_quality(
-    levels: CorruptedWindows,
-    folder: Path,
-    training: QualityTraining,
-    *,
-    config: QualityConfig | None = None,
-    scores: Mapping[str, float] | None = None,
-    card: Mapping[str, object] | None = None,
-    progress: Progress | None = None,
-) -> QualityReward:
-    """Train into a checkpoint folder, or resume the run in it."""
-    config = config or QualityConfig(features=levels.tokenizer.mean.numel())
-    task = QualityTask(levels, config, training, scores or paper_scores(), card)
-    train(task, folder, progress=progress)
-    return task.model.eval()
-
-
 @torch.no_grad()
 def measure_quality(
     model: QualityReward, levels: CorruptedWindows, scores: Mapping[str, float], *, windows: int = 32
@@ -316,7 +289,7 @@ def measure_quality(
         "pearson_levels": float(pearsonr(wanted, [means[name] for name in by_level])[0]),
         "pearson_windows": float(pearsonr(np.repeat(wanted, windows), single)[0]),
         "spearman_windows": float(spearmanr(np.repeat(wanted, windows), single)[0]),
-        "is_ordered": {kind: _falls(means, kind) for kind in _kinds(scores)},
+        "is_ordered": {kind: bool((np.diff(_course(means, kind)[1]) < 0).all()) for kind in _kinds(scores)},
         "levels": means,
     }
     unseen, motion = {}, levels.tokenizer.decode(clean)
@@ -341,11 +314,6 @@ def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[f
     """Severities of a kind with the clean level as 0, and the value of each."""
     found = {float(name.split()[1]): value for name, value in levels.items() if name.split()[0] == kind}
     return [0.0, *sorted(found)], [levels[CLEAN], *(found[rate] for rate in sorted(found))]
-
-
-def _falls(means: Mapping[str, float], kind: str) -> bool:
-    """Whether the mean falls with every step in severity."""
-    return bool(np.all(np.diff(_course(means, kind)[1]) < 0))
 
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:

@@ -33,6 +33,7 @@ from pydantic import Field, ValidationError
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.data.faults import skate
 from echoavatar_lab.evaluation.metrics.beat_alignment import (
     ARM_JOINTS,
@@ -78,7 +79,7 @@ class JsonFile(Config):
     def save(self, path: Path) -> None:
         """Write as JSON."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        write_whole(path, self.model_dump_json(indent=1) + "\n")
 
 
 class ReferenceStatistics(JsonFile):

@@ -16,7 +16,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import Progress, has_state, train
-from echoavatar_lab.training.metrics_log import FILE
+from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
 from .audio_reward import AudioMotion
 from .decoded_motion import decode_truth
@@ -244,8 +244,7 @@ def _tell(folder: Path, step: int, values: Mapping[str, object]) -> None:
 
 
 def _is_told(folder: Path, step: int) -> bool:
-    lines = (json.loads(line) for line in (folder / FILE).read_text(encoding="utf-8").splitlines())
-    return any(line["step"] == step and "held_out" in line for line in lines)
+    return any(line["step"] == step and "held_out" in line for line in read_metrics(folder / FILE))
 
 
 def make_pairs(

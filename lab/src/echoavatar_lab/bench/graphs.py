@@ -55,12 +55,12 @@ def bench_graphs(bundle: Bundle, *, device: str = "cuda", chunks: int = 100) -> 
     for _ in range(WARM_UP + chunks):
         chunk_times.append({})
         last = _now(is_cuda)
-        pipeline.step(0.1 * torch.randn(1, pipeline.chunk_samples, generator=random), state, everyone)
+        pipeline.step(0.1 * torch.randn(1, pipeline.chunk.samples, generator=random), state, everyone)
     stages = {name: np.array([times[name] for times in chunk_times[WARM_UP:]]) for name in _STAGES.values()}
     stages["total"] = sum(stages.values(), np.zeros(chunks))
     rows = {name: (float(np.percentile(v, 50)), float(np.percentile(v, 95))) for name, v in stages.items()}
     name = torch.cuda.get_device_name() if is_cuda else "CPU"
-    return GraphReport(rows, name, is_cuda, 1e3 * pipeline.chunk_samples / SAMPLE_RATE_HZ)
+    return GraphReport(rows, name, is_cuda, 1e3 * pipeline.chunk.samples / SAMPLE_RATE_HZ)
 
 
 def _now(is_cuda: bool) -> float:

@@ -33,7 +33,9 @@ from echoavatar import engine as engines
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app, serve
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import (
+from echoavatar.wire.blobs import pack_audio
+from echoavatar.wire.codec import decode_server, encode, subprotocol
+from echoavatar.wire.messages import (
     Audio,
     End,
     Error,
@@ -45,10 +47,6 @@ from echoavatar.wire import (
     ServerMessage,
     Sound,
     State,
-    decode_server,
-    encode,
-    pack_audio,
-    subprotocol,
 )
 from echoavatar_lab.evaluation.pictures import save_figure
 

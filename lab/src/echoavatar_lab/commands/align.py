@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import write_whole
 
 from . import align_rewards
-from .config_options import add_fields, given_fields
+from .config_options import add_fields, add_minutes, add_track, given_fields
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -97,14 +98,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         child.add_argument(
             "--autocast", action="store_true", help="multiply in bfloat16 on processors that are fast at it"
         )
-        child.add_argument(
-            "--track",
-            action="append",
-            default=[],
-            choices=("tensorboard", "wandb"),
-            help="log metrics there as well as in metrics.jsonl; may be given twice",
-        )
-        _add_minutes(child)
+        add_track(child)
+        add_minutes(child)
 
 
 def _settings() -> list[str]:
@@ -161,12 +156,8 @@ def _add_targets(child: argparse.ArgumentParser) -> None:
     child.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate BUNDLE alive`")
     child.add_argument("--like", type=Path, help="generator that sets the targets (default: the bundle's)")
     _add_policy(child)
-    _add_minutes(child)
+    add_minutes(child)
     add_fields(child, AlignTraining, TARGET_SETTINGS, default=recipe("targets", "grpo").model_dump())
-
-
-def _add_minutes(child: argparse.ArgumentParser) -> None:
-    child.add_argument("--minutes", type=float, help="stop this call after so many minutes; call again to resume")
 
 
 def _add_policy(child: argparse.ArgumentParser) -> None:
@@ -292,8 +283,8 @@ def _compare(args: argparse.Namespace, ready: "AlignmentSetup") -> int:
         for folders in args.beside
     }
     told = {"prompts": len(prompts), "group": args.group, "seed": args.seed, "found": found, "over_seeds": lines}
-    args.output.write_text(json.dumps(told) + "\n", encoding="utf-8")
-    args.output.with_suffix(".md").write_text(as_markdown(found, lines), encoding="utf-8")
+    write_whole(args.output, json.dumps(told) + "\n")
+    write_whole(args.output.with_suffix(".md"), as_markdown(found, lines))
     print(json.dumps(told))
     return 0
 

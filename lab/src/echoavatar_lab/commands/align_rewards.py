@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import write_whole
 
 from .config_options import add_fields, given_fields
 from .progress import progress_bar
@@ -112,8 +113,8 @@ def run(args: argparse.Namespace) -> int:
 
     bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
-    train, test = train_and_test(clips, args.source)
-    if not test and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
+    taught, asked = train_and_test(clips, args.source)
+    if not asked and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
         raise EchoAvatarError(f"{args.source} holds no clip of split test, on which {args.kind} is measured")
     kinds = {
         "calibrate": _calibrate,
@@ -122,7 +123,7 @@ def run(args: argparse.Namespace) -> int:
         "reward-realism": _realism,
     }
     with progress_bar() as say:
-        found = kinds[args.kind](args, bundle, train, test, partial(say, args.kind))
+        found = kinds[args.kind](args, bundle, taught, asked, partial(say, args.kind))
     print(json.dumps(found))
     return 0
 
@@ -138,67 +139,71 @@ Progress = Callable[[int, int], None]
 
 
 def _calibrate(
-    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
     from echoavatar_lab.align.corruption import scores_from_fid
     from echoavatar_lab.align.quality import CorruptedWindows, calibrate
     from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 
-    levels = CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed)
+    levels = CorruptedWindows(bundle.tokenizer, list(taught.values()), seed=args.seed)
     fid = calibrate(levels, load_shipped(), windows=args.windows)
     found = {"fid": fid, "scores": scores_from_fid(fid)}
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_whole(args.output, json.dumps(found, indent=1) + "\n")
     return found
 
 
 def _quality(
-    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
     from echoavatar_lab.align.corruption import degraded_scores, paper_scores, read_scores
     from echoavatar_lab.align.quality import (
         CorruptedWindows,
         QualityConfig,
+        QualityTask,
         QualityTraining,
         draw_quality,
         measure_quality,
-        train_quality,
     )
+    from echoavatar_lab.training import train
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
     scores |= degraded_scores(args.kinds)
     channels = bundle.tokenizer.mean.numel()
-    model = train_quality(
-        CorruptedWindows(bundle.tokenizer, list(train.values()), seed=args.seed),
+    model = train(
+        QualityTask(
+            CorruptedWindows(bundle.tokenizer, list(taught.values()), seed=args.seed),
+            QualityConfig.model_validate(_chosen(args, *QUALITY_SIZES, *QUALITY_FORM) | {"features": channels}),
+            QualityTraining.model_validate(_chosen(args, "steps", *RUN)),
+            scores=scores,
+            card=_card(args),
+        ),
         args.output,
-        QualityTraining.model_validate(_chosen(args, "steps", *RUN)),
-        config=QualityConfig.model_validate(_chosen(args, *QUALITY_SIZES, *QUALITY_FORM) | {"features": channels}),
-        scores=scores,
-        card=_card(args),
         progress=progress,
-    )
-    held_out = CorruptedWindows(bundle.tokenizer, list(test.values()), seed=args.seed + 1)
+    ).model
+    held_out = CorruptedWindows(bundle.tokenizer, list(asked.values()), seed=args.seed + 1)
     found = measure_quality(model, held_out, scores, windows=args.windows)
-    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_whole(args.output / "held_out.json", json.dumps(found, indent=1) + "\n")
     draw_quality(found, scores, args.output / "held_out.png")
     return found
 
 
 def _alignment(
-    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
     from echoavatar_lab.align.audio_reward_train import (
         AudioMotionWindows,
+        AudioRewardTask,
         AudioRewardTraining,
         decoded_features,
         decoded_waveforms,
         retrieval_tables,
-        train_audio_reward,
     )
     from echoavatar_lab.align.prompts import read_token_clips
+    from echoavatar_lab.training import train
 
     layout = bundle.generator.config.layout
-    asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else test
+    asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else asked
     encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
     reads_features = _chosen(args, "motion").get("motion") == "features"
     model = _listener(args, bundle, encoder, reads_features=reads_features)
@@ -210,14 +215,16 @@ def _alignment(
 
     rate = {"learning_rate": args.rate} if args.rate else {}
     training = AudioRewardTraining.model_validate(_chosen(args, "steps", "batch", "learning_rate", *RUN) | rate)
-    model = train_audio_reward(model, pairs(train), args.output, training, card=_card(args), progress=progress)
+    model = train(
+        AudioRewardTask(model, pairs(taught), training, card=_card(args)), args.output, progress=progress
+    ).model
     found = retrieval_tables(model, pairs(asked))
-    (args.output / "held_out.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_whole(args.output / "held_out.json", json.dumps(found, indent=1) + "\n")
     return found
 
 
 def _realism(
-    args: argparse.Namespace, bundle: "Bundle", train: Clips, test: Clips, progress: Progress
+    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
     from echoavatar.models.generator import Generator
     from echoavatar_lab.align.policy import GeneratorPolicy
@@ -229,7 +236,7 @@ def _realism(
         raise EchoAvatarError(f"--own-past ({args.own_past}) chunks are the last of --past ({args.past}): lower it")
     generator = Generator.load(args.generator) if args.generator else bundle.generator
     book = PromptSampler(
-        train,
+        taught,
         past=args.past - args.own_past,
         length=args.own_past + args.length,
         seed=args.seed,

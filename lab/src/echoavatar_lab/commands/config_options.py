@@ -36,3 +36,19 @@ def add_fields(
 def given_fields(args: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     """The fields whose options were given; a field may have no option."""
     return {name: value for name in names if (value := getattr(args, name, None)) is not None}
+
+
+def add_minutes(parser: argparse._ActionsContainer) -> None:
+    """Declare `--minutes`, which ends a call but not the run."""
+    parser.add_argument("--minutes", type=float, help="stop this call after so many minutes; call again to resume")
+
+
+def add_track(parser: argparse._ActionsContainer) -> None:
+    """Declare `--track`."""
+    parser.add_argument(
+        "--track",
+        action="append",
+        default=[],
+        choices=("tensorboard", "wandb"),
+        help="log metrics of training there as well as in metrics.jsonl; may be given twice",
+    )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from echoavatar.cli.options import RUNTIME_HELP
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import write_whole
 
 from .progress import progress_bar
 
@@ -264,7 +265,7 @@ def _write_scores(path: Path, command: str, numbers: dict[str, dict[str, float |
     try:
         card = json.loads(path.read_text("utf-8"))
         scores = {label: row for label, row in numbers.items() if "people" not in label and "captured" not in label}
-        path.write_text(json.dumps(card | {"alive": {"command": command} | scores}, indent=2) + "\n", "utf-8")
+        write_whole(path, json.dumps(card | {"alive": {"command": command} | scores}, indent=2) + "\n")
     except (OSError, ValueError, TypeError) as error:
         raise EchoAvatarError(f"--card {path} is not the card of a bundle ({error}); give its card.json") from error
 

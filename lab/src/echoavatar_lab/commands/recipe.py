@@ -68,12 +68,6 @@ class Options:
         action = self._parser.add_argument(flag, default=None, help=text.replace("%", "%%"), **how)
         self._fields[action.dest] = _Field(section, name, kind is bool and bool(default))
 
-    def add_minutes(self) -> None:
-        """Declare `--minutes`, which ends a call but not the run."""
-        self._parser.add_argument(
-            "--minutes", type=float, help="stop this call after so many minutes; call again to resume"
-        )
-
     def settings(self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None) -> "Settings":
         """Merge the settings; priority: command line, recipe, `base` (by default the options' own)."""
         values: dict[str, dict[str, Any]] = {section: {} for section in SECTIONS}

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
 
+from .config_options import add_track
+
 if TYPE_CHECKING:
     from echoavatar_lab.tables.experiment import Experiment
 
@@ -89,13 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="parts made at a time; with --device cuda on all GPUs by turns (default: %(default)s)",
     )
-    parser.add_argument(
-        "--track",
-        action="append",
-        default=[],
-        choices=("tensorboard", "wandb"),
-        help="also send metrics of training there; may be repeated",
-    )
+    add_track(parser)
     parser.add_argument(
         "--runtime",
         default="paper",

@@ -11,6 +11,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from . import train_body, train_others
+from .config_options import add_track
 from .recipe import Given, Options
 
 ORDER = """all commands from nothing to a bundle:
@@ -44,13 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         child.set_defaults(stage=stage)
         if name != "tokens":
             child.add_argument("--device", default="cpu", help="cpu or cuda (default: %(default)s)")
-            child.add_argument(
-                "--track",
-                action="append",
-                default=[],
-                choices=("tensorboard", "wandb"),
-                help="log metrics there as well as in metrics.jsonl; may be given twice",
-            )
+            add_track(child)
         stage.add(child, options)
 
 

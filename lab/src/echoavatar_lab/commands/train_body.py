@@ -16,14 +16,16 @@ from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import Skeleton, part_sizes
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, read_groups
-from echoavatar_lab.models.audio.train import CodecTrainingConfig, train_codec
-from echoavatar_lab.models.generator.train import GeneratorTraining, train_generator
+from echoavatar_lab.models.audio.train import CodecTask, CodecTrainingConfig
+from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip, leveled_of, patience_of
 from echoavatar_lab.models.published import read_encodec
 from echoavatar_lab.models.tokenize import TokenSettings, tokenize_corpus
-from echoavatar_lab.models.tokenizer.decoder_train import DecoderTraining, train_decoder
-from echoavatar_lab.models.tokenizer.train import TokenizerTraining, bundle_training, continued, train_tokenizer
+from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining
+from echoavatar_lab.models.tokenizer.train import TokenizerTask, TokenizerTraining, bundle_training, continued
+from echoavatar_lab.training import train
 
+from .config_options import add_minutes
 from .recipe import Given, Options, Settings, Stage, shipped
 
 
@@ -60,13 +62,13 @@ def _train_codec(given: Given) -> None:
     if args.recordings:
         groups += read_groups(args.recordings)
     start = AudioCodec.load(args.start) if args.start else None
-    train_codec(config, args.output, AudioPool(groups), card=given.card, start=start, **given.how)
+    train(CodecTask(config, AudioPool(groups), card=given.card), args.output, start=start, **given.how)
 
 
 def _add_tokenizer(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--steps", "training.steps")
     parser.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to start from")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_tokenizer(given: Given) -> None:
@@ -83,8 +85,12 @@ def _train_tokenizer(given: Given) -> None:
     )
     start = BodyTokenizer.load(args.start) if args.start else None
     training = continued(training) if start else training
-    train_tokenizer(
-        config, training, clips, tests, args.output, card=given.card, start=start, minutes=args.minutes, **given.how
+    train(
+        TokenizerTask(config, training, clips, tests=tests, card=given.card),
+        args.output,
+        start=start,
+        minutes=args.minutes,
+        **given.how,
     )
 
 
@@ -118,7 +124,7 @@ def _add_decoder(parser: argparse.ArgumentParser, options: Options) -> None:
     parser.add_argument("--tokenizer", type=Path, required=True, help="trained tokenizer; its codes keep their meaning")
     options.add("--steps", "training.steps")
     options.add("--patience", "training.patience")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_decoder(given: Given) -> None:
@@ -130,7 +136,12 @@ def _train_decoder(given: Given) -> None:
         [corpus.motion(name) for name in corpus.names(split, has_mirrored=False)] for split in ("train", "test")
     )
     start = BodyTokenizer.load(args.tokenizer)
-    train_decoder(start, training, clips, tests, args.output, card=given.card, minutes=args.minutes, **given.how)
+    train(
+        DecoderTask(start, training, clips, tests=tests, card=given.card, progress=given.how["progress"]),
+        args.output,
+        minutes=args.minutes,
+        **given.how,
+    )
 
 
 def _add_tokens(parser: argparse.ArgumentParser, options: Options) -> None:
@@ -169,7 +180,7 @@ def _add_generator(parser: argparse.ArgumentParser, options: Options) -> None:
         "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to initialise a new run's transformer"
     )
     options.add("--seed", "training.seed")
-    options.add_minutes()
+    add_minutes(parser)
     parser.add_argument(
         "--sharded", action="store_true", help="each of several processes holds a share of the weights (FSDP2)"
     )
@@ -201,17 +212,18 @@ def _train_generator(given: Given) -> None:
         has_example=settings.model.get("control") == "prompt",
     )
     heard = {"patience": patience_of(clips), "is_leveled": leveled_of(clips)}
-    train_generator(
-        settings.checked(GeneratorConfig, "model", layout=layout, **heard),
-        settings.checked(GeneratorTraining, "training"),
-        clips,
+    train(
+        GeneratorTask(
+            settings.checked(GeneratorConfig, "model", layout=layout, **heard),
+            settings.checked(GeneratorTraining, "training"),
+            clips,
+            audio_codebooks=codec.codebooks,
+            motion_codebooks=tokenizer.codebooks(),
+        ),
         args.output,
         minutes=args.minutes,
         sharded=args.sharded,
-        start=Generator.load(args.start) if args.start else None,
-        qwen=args.qwen,
-        audio_codebooks=codec.codebooks,
-        motion_codebooks=tokenizer.codebooks(),
+        start=Generator.load(args.start) if args.start else args.qwen,
         **given.how,
     )
 

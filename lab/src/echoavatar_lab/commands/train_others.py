@@ -15,24 +15,26 @@ from tqdm import tqdm
 from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.face import FaceConfig, FaceModel, MelConfig, paper_face
-from echoavatar.models.fingers import FingerConfig
+from echoavatar.models.fingers import FingerConfig, FingerModel
 from echoavatar.models.fingers.clips import FingerClip, finger_clip
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.evaluation.fingers import measure_fingers
-from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoderConfig, motion_features
+from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, MotionEncoderConfig, motion_features
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import (
+    MotionEncoderTask,
     MotionEncoderTraining,
     explained_variance,
-    train_motion_encoder,
 )
 from echoavatar_lab.models.face.clip import load_clips
-from echoavatar_lab.models.face.train import FaceTraining, train_face
-from echoavatar_lab.models.fingers import FingerTraining, train_fingers
+from echoavatar_lab.models.face.train import FaceTask, FaceTraining
+from echoavatar_lab.models.fingers import FingerTask, FingerTraining
 from echoavatar_lab.models.published import read_hubert
+from echoavatar_lab.training import train
 
+from .config_options import add_minutes
 from .recipe import Given, Options, Stage, shipped
 
 _log = logging.getLogger(__name__)
@@ -54,7 +56,7 @@ def _add_face(parser: argparse.ArgumentParser, options: Options) -> None:
         "multilingual, with 768 channels. Goes with --recipe lab/recipes/paper/face.yaml or --paper",
     )
     parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_face(given: Given) -> None:
@@ -65,15 +67,17 @@ def _train_face(given: Given) -> None:
     encoder = read_hubert(args.hubert) if args.hubert else None
     if encoder is not None:
         settings.model["encoder"] = encoder.config.model_dump()
-    train_face(
-        settings.checked(FaceConfig, "model"),
-        settings.checked(FaceTraining, "training"),
-        load_clips(args.source),
+    train(
+        FaceTask(
+            settings.checked(FaceConfig, "model"),
+            settings.checked(FaceTraining, "training"),
+            load_clips(args.source),
+            card=given.card,
+            encoder=encoder,
+        ),
         args.output,
         minutes=args.minutes,
         start=FaceModel.load(args.start) if args.start else None,
-        encoder=encoder,
-        card=given.card,
         **given.how,
     )
 
@@ -85,7 +89,7 @@ def _add_fingers(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--rate", "training.learning_rate")
     options.add("--width", "model.width")
     options.add("--layers", "model.layers")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_fingers(given: Given) -> None:
@@ -95,9 +99,10 @@ def _train_fingers(given: Given) -> None:
     training = settings.checked(FingerTraining, "training")
     clips = list(_clips(args.source, "train", config.frames))
     recorded = list(_recordings(args.recordings, config.frames)) if args.recordings else []
-    model = train_fingers(
-        config, training, clips, args.output, recorded=recorded, minutes=args.minutes, card=given.card, **given.how
+    train(
+        FingerTask(config, training, clips, recorded, card=given.card), args.output, minutes=args.minutes, **given.how
     )
+    model = FingerModel.load(args.output)
     tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_moving.all()]
     if tests:
         scores = measure_fingers(model, tests)
@@ -136,7 +141,7 @@ def _add_fid_encoder(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--steps", "training.steps")
     options.add("--width", "model.width")
     options.add("--latent", "model.latent")
-    options.add_minutes()
+    add_minutes(parser)
 
 
 def _train_fid_encoder(given: Given) -> None:
@@ -147,9 +152,8 @@ def _train_fid_encoder(given: Given) -> None:
     clips = _features(corpus, "train")
     if not clips:
         raise EchoAvatarError(f"{args.source} has no training clips; make a longer corpus")
-    model = train_motion_encoder(
-        config, training, clips, args.output, minutes=args.minutes, card=given.card, **given.how
-    )
+    train(MotionEncoderTask(config, training, clips, card=given.card), args.output, minutes=args.minutes, **given.how)
+    model = MotionEncoder.load(args.output)
     scores = {"explained_train": round(explained_variance(model, clips[:32]), 4)}
     if tests := _features(corpus, "test"):
         scores["explained_test"] = round(explained_variance(model, tests), 4)

@@ -35,11 +35,12 @@ from echoavatar_lab.data import MUSIC, Clip
 from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, clip_features, motion_codes
+from echoavatar_lab.models.tokenizer.measure import code_usage
 
 from .beat_rows import event_rows
 from .measures import Track, track
 from .metrics.liveliness import POINTS, shoulder_turn_deg
-from .metrics.positions import codebook_use, jerk_m_s3, reconstruction
+from .metrics.positions import jerk_m_s3, reconstruction
 from .table import Row, row_of_means
 
 HEARD = ("silence", "speech", "music", "all")
@@ -131,8 +132,8 @@ def reconstruction_rows(tokenizer: BodyTokenizer, clips: Sequence[Clip], *, seed
     weights = np.array([clip.frames for clip in clips], float)
     named = zip(("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), np.array(errors).T, strict=True)
     rows = [row_of_means(f"codes_{name}", unit, values, weights=weights, seed=seed) for name, unit, values in named]
-    use = codebook_use(torch.cat(codes), tokenizer.config.codes)[:, 0]
-    return [*rows, Row("codebook_use_min", "", float(use.min()))]
+    use = min(float(code_usage(own, tokenizer.config.codes).fraction[0]) for own in torch.cat(codes).unbind(1))
+    return [*rows, Row("codebook_use_min", "", use)]
 
 
 def true_codes(

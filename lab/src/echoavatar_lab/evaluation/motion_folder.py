@@ -28,6 +28,7 @@ from echoavatar.motion.formats.tables import NpzArrays, read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.motion import resample
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
@@ -312,7 +313,7 @@ def make_motion(
         raise MotionError(f"{folder} holds motion without {NOTE}, made elsewhere; name a new folder, or drop --model")
     if known is not None and known != wanted:
         raise MotionError(f"{folder} was made with {known}, now asked for {wanted}; name another folder")
-    (folder / NOTE).write_text(json.dumps(wanted) + "\n", encoding="utf-8")
+    write_whole(folder / NOTE, json.dumps(wanted) + "\n")
     there = sources(true, how.split)
     left = [(number, name) for number, name in enumerate(there) if not (folder / f"{name}.npz").exists()]
     for first in range(0, len(left), BATCH):

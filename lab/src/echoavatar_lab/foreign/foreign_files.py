@@ -10,6 +10,7 @@ import json
 import pickletools
 import zipfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -34,29 +35,37 @@ _TORCH_NAMES = (  # what state dicts and their optimisers name; besides, torch's
 _MISSING_STATS = "is missing; it belongs to the release's stats folder"
 
 
+@contextmanager
+def _named(path: Path, missing: str = _MISSING_STATS) -> Iterator[None]:
+    """Failures to read a file as CheckpointErrors that name it; `missing` ends the message where there is none."""
+    try:
+        yield
+    except CheckpointError:
+        raise
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path} {missing}") from error
+    except RefusedError as error:
+        raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
+    except Exception as error:  # a damaged file makes zipfile, pickletools, NumPy and torch raise errors of any kind
+        reason = str(error).split("\n")[0][:120]
+        what = f"{type(error).__name__}: {reason}"
+        raise CheckpointError(f"{path} is damaged, cut off or of another kind ({what}); fetch it again") from error
+
+
 def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
     """The state dict under `key` of a torch file (torch 1.6 and later).
 
     Raises:
         CheckpointError: the file is missing, cut off, holds more than tensors and containers, or has no such entry.
     """
-    try:
+    with _named(path, "is missing; download it again"):
         check_file(path, _WEIGHT_BYTES, CheckpointError)
-        foreign = _foreign_names(path)
-        if not foreign:
-            stored = torch.load(path, map_location="cpu", weights_only=True)  # noqa: TID251
-    except CheckpointError:
-        raise
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{path} is missing; download it again") from error
-    except Exception as error:  # a damaged file makes zipfile, pickletools and torch raise errors of any kind
-        reason = str(error).split("\n")[0][:120]
-        raise CheckpointError(f"{path} is damaged or cut off ({reason}); download it again") from error
-    if foreign:
-        raise CheckpointError(
-            f"{path} is refused: it would run {', '.join(foreign)} when read, which weights never need; "
-            "do not open it with other programs, and download it again from where you trust"
-        )
+        if foreign := _foreign_names(path):
+            raise CheckpointError(
+                f"{path} is refused: it would run {', '.join(foreign)} when read, which weights never need; "
+                "do not open it with other programs, and download it again from where you trust"
+            )
+        stored = torch.load(path, map_location="cpu", weights_only=True)  # noqa: TID251
     if not isinstance(stored, dict) or key not in stored:
         found = _listed(stored) if isinstance(stored, dict) else type(stored).__name__
         raise CheckpointError(f"{path} has no entry {key!r} (found: {found}); is it a file of the release?")
@@ -110,13 +119,9 @@ def read_array(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     Raises:
         CheckpointError: missing, damaged, of another shape, or with values that are not finite.
     """
-    try:
+    with _named(path):
         check_file(path, ARRAYS_BYTES, CheckpointError)
         array = array_of(path.read_bytes())
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
-    except (OSError, ValueError, EOFError) as error:
-        raise CheckpointError(f"{path} is no plain array or is cut off ({error}); fetch it again") from error
     return _checked(path, "the array", array, shape)
 
 
@@ -126,20 +131,12 @@ def read_table(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> di
     Raises:
         CheckpointError: missing, damaged, of another shape, or with anything but arrays of numbers in it.
     """
-    try:
+    with _named(path):
         check_file(path, PICKLED_BYTES, CheckpointError)
         with path.open("rb") as file:
             is_first = np.lib.format.read_magic(file) == (1, 0)
             (np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0)(file)
             stored = unpickle_arrays(file.read())
-    except CheckpointError:
-        raise
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
-    except RefusedError as error:
-        raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
-    except Exception as error:  # a damaged header or pickle raises errors of any kind
-        raise CheckpointError(f"{path} is damaged or cut off ({type(error).__name__}); fetch it again") from error
     if isinstance(stored, PickledArray) and isinstance(stored.content, list) and len(stored.content) == 1:
         stored = stored.content[0]
     if not isinstance(stored, dict):
@@ -181,17 +178,9 @@ def read_pickled_frame(path: Path) -> dict[str, np.ndarray]:
 
 
 def _unpickled(path: Path, noted: tuple[str, ...] = ()) -> object:
-    try:
+    with _named(path, "does not exist; check the name"):
         check_file(path, PICKLED_BYTES, CheckpointError)
         return unpickle_arrays(path.read_bytes(), noted)
-    except CheckpointError:
-        raise
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{path} does not exist; check the name") from error
-    except RefusedError as error:
-        raise CheckpointError(f"{path} is refused: {error}; fetch it again from where you trust") from error
-    except Exception as error:  # a damaged pickle raises errors of any kind
-        raise CheckpointError(f"{path} is no pickle or is cut off ({type(error).__name__}); fetch it again") from error
 
 
 def read_pickled_array(data: bytes) -> np.ndarray:
@@ -217,15 +206,11 @@ def read_arrays(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     Raises:
         CheckpointError: missing, damaged, or without one of them.
     """
-    try:
+    with _named(path):
         stored = arrays_of(path)
+        if missing := [name for name in names if name not in stored]:
+            raise CheckpointError(f"{path} has no array {missing[0]!r}; is it a file of the release?")
         return {name: stored[name] for name in names}
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
-    except KeyError as error:
-        raise CheckpointError(f"{path} has no array {error}; is it a file of the release?") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise CheckpointError(f"{path} is damaged or holds pickles ({error}); fetch it again") from error
 
 
 def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
@@ -234,7 +219,7 @@ def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
     Raises:
         CheckpointError: missing, damaged, or without one of the names.
     """
-    try:
+    with _named(path):
         check_file(path, CONFIG_BYTES, CheckpointError)
         stored = json.loads(path.read_text(encoding="utf-8"))
         missing = [name for name in names if name not in stored]
@@ -246,10 +231,6 @@ def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
             side = 4 if matrix.size == 16 else 3
             found.append(matrix.reshape(side, side)[:3, :3])
         return _checked(path, "the matrices", np.stack(found), (len(names), 3, 3))
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{path} {_MISSING_STATS}") from error
-    except (OSError, ValueError, TypeError, RecursionError) as error:
-        raise CheckpointError(f"{path} is no table of matrices ({error}); fetch it again") from error
 
 
 def _listed(table: dict[object, object]) -> str:

@@ -17,7 +17,7 @@ from torch import Tensor
 from echoavatar.errors import MotionError
 from echoavatar.models.fingers.clips import FingerClip, HandBasis, mirror_body
 from echoavatar.models.fingers.model import FingerConfig, FingerModel
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 
 class FingerTraining(TrainingConfig):
@@ -229,27 +229,6 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
         """The finger model, in half precision."""
         about = {"kind": "fingers", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
-
-
-def train_fingers(
-    config: FingerConfig,
-    training: FingerTraining,
-    clips: Sequence[FingerClip],
-    folder: Path,
-    *,
-    recorded: Sequence[FingerClip] = (),
-    minutes: float | None = None,
-    card: Mapping[str, object] | None = None,
-    trackers: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> FingerModel:
-    """Train with checkpoints in `folder`, or continue from the checkpoint there.
-
-    Stops after the schedule's steps, or after `minutes` of this call.
-    """
-    stage = FingerTask(config, training, clips, recorded, card=card)
-    train(stage, folder, minutes=minutes, trackers=trackers, progress=progress)
-    return FingerModel.load(folder)
 
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:

@@ -16,6 +16,7 @@ from echoavatar.models.face.config import ChannelOrder
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.reference.expected_tensors import from_reference
 
 from .inspection import Inspection
@@ -58,7 +59,7 @@ def convert(
         level_control=False, lead_in_s=0.0, rig=found.rig
     )
     as_published.save(output)
-    (output / "card.json").write_text(json.dumps(card, indent=2) + "\n", "utf-8")
+    write_whole(output / "card.json", json.dumps(card, indent=2) + "\n")
 
 
 def _write_tokenizer(found: Inspection, folder: Path, card: dict[str, object]) -> None:

@@ -13,7 +13,6 @@ one gallery of 300: all their entries are multiples of 1/300.
 """
 
 import copy
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,7 +20,6 @@ from operator import methodcaller
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import torch
 
 from echoavatar.errors import EchoAvatarError
@@ -31,17 +29,19 @@ from echoavatar_lab.align.audio_reward import AudioMotion
 from echoavatar_lab.align.audio_reward_train import (
     WINDOW_CHUNKS,
     AudioMotionWindows,
+    AudioRewardTask,
     AudioRewardTraining,
     embed,
-    train_audio_reward,
 )
 from echoavatar_lab.align.prompts import read_token_clips, train_and_test
-from echoavatar_lab.align.quality import CorruptedWindows, QualityConfig, QualityReward, QualityTraining, train_quality
+from echoavatar_lab.align.quality import CorruptedWindows, QualityConfig, QualityReward, QualityTask, QualityTraining
 from echoavatar_lab.align.rewards import ReferenceStatistics, RewardMix
 from echoavatar_lab.align.start import AlignmentSetup, make_pairs, training_task, tune
 from echoavatar_lab.align.trainer import AlignTraining, Method, fingerprint, recipe
 from echoavatar_lab.evaluation.metrics.retrieval import PAPER_GALLERY, Retrieval, chance, gallery, retrieval, similarity
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.training import train
+from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
 from .experiment import Experiment, make_once, motion_of
 from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
@@ -151,8 +151,7 @@ def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
 
 def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
     """Both rewards and the KL divergence on held-out prompts, from the last measurement of a run or from the first."""
-    lines = [json.loads(line) for line in (folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()]
-    probe = [line["held_out"] for line in lines if "held_out" in line][0 if is_first else -1]
+    probe = [line["held_out"] for line in read_metrics(folder / FILE) if "held_out" in line][0 if is_first else -1]
     found = {name: probe["rewards"][name] for name in REWARDS}
     made = {name: Cell(mean, mean - NORMAL * error, mean + NORMAL * error) for name, (mean, error) in found.items()}
     return made | {"kl": Cell(probe["kl"])}
@@ -192,7 +191,7 @@ def _quality(experiment: Experiment, clips: dict[str, TokenClip]) -> QualityRewa
     levels = CorruptedWindows(tokenizer, list(clips.values()), seed=experiment.seed, chunks=reward_window(clips))
     settings = _reward_settings(experiment, training, budget)
     config = QualityConfig(features=tokenizer.mean.numel(), width=budget.width)
-    make_once(folder, settings, lambda: train_quality(levels, folder, training, config=config))
+    make_once(folder, settings, lambda: train(QualityTask(levels, config, training), folder).model)
     return QualityReward.load(folder)
 
 
@@ -208,7 +207,7 @@ def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> Aud
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(experiment.seed)
             model = AudioMotion.from_codebooks(*books, width=budget.width)
-        train_audio_reward(model, pairs, folder, training)
+        train(AudioRewardTask(model, pairs, training), folder)
 
     make_once(folder, settings, work)
     return AudioMotion.load(folder)
@@ -303,7 +302,7 @@ def make_retrieval(experiment: Experiment) -> Table:
     lines = [Line(f"{one.name} (quoted)", _quoted(one)) for one in QUOTED]
     lines += _retrieval_lines(f"all ({len(toward)})", retrieval(toward, KS), retrieval(back, KS))
     if len(toward) > PAPER_GALLERY:
-        both = (_gallery(matrix, experiment.seed) for matrix in (toward, back))
+        both = (gallery(matrix, PAPER_GALLERY, seed=experiment.seed) for matrix in (toward, back))
         lines += _retrieval_lines(f"{PAPER_GALLERY}", *both)
     notes = (
         f"Windows of {chunks} chunks of 0.267 s that do not overlap, of the clips that are not for training; the"
@@ -318,10 +317,6 @@ def make_retrieval(experiment: Experiment) -> Table:
         lines,
         notes,
     )
-
-
-def _gallery(matrix: np.ndarray, seed: int) -> Retrieval:
-    return gallery(matrix, PAPER_GALLERY, seed=seed)
 
 
 def _retrieval_lines(protocol: str, toward: Retrieval, back: Retrieval) -> list[Line]:

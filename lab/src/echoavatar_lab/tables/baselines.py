@@ -30,6 +30,7 @@ from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.metrics.positions import heading, turn_about_up
 
 Kind = Literal["mean", "random", "nearest"]
+BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}
 STRETCH_FRAMES = 64
 STRIDE_FRAMES = 8
 BLOCK_FRAMES = 4

@@ -21,12 +21,12 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.exports.smplx import skeleton
+from echoavatar.files.exports.smplx import skeleton, write_smplx
+from echoavatar.files.exports.take import Take
 from echoavatar.models.audio import write_wav
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
+from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import SPEECH, Clip, Corpus
 from echoavatar_lab.datasets import SetOptions, prepare, survey_of
@@ -37,8 +37,9 @@ from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 from echoavatar_lab.evaluation.report import fid_row
 from echoavatar_lab.evaluation.table import Row, row_of_means
+from echoavatar_lab.training import train
 
-from .baselines import Baselines, Kind
+from .baselines import BASELINES, Baselines
 from .experiment import Experiment, Sources, want_test_clips
 from .generate import Sounds, decoded_motion
 from .main import foreign_notes
@@ -46,9 +47,9 @@ from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
 from .skeleton_convolution import (
     SkeletonConvolution,
     SkeletonConvolutionConfig,
+    SkeletonConvolutionTask,
     SkeletonConvolutionTraining,
     extractor_input,
-    train_skeleton_convolution,
 )
 from .table import Cell, Column, Line, Table, Wanted, cells
 
@@ -65,29 +66,13 @@ def write_sample(corpus: Corpus, folder: Path) -> Path:
     rows = []
     for number, clip in enumerate(corpus.clips(), 1):
         name = f"{SAMPLE_SPEAKER}_0_{number}_{number}"
-        _write(clip, place, name)
+        write_smplx(place / "smplxflame_30" / f"{name}.npz", Take(clip.motion()))
+        sound = soxr.resample(clip.audio, SAMPLE_RATE_HZ, RATE_HZ)
+        write_wav(place / "wave16k" / f"{name}.wav", sound.astype(np.float32), rate=RATE_HZ)
         rows.append((name, "test" if number % TEST_EVERY == 0 else "train"))
     with (place / BEAT2_SPLIT).open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([("id", "type"), *rows])
     return place
-
-
-def _write(clip: Clip, place: Path, name: str) -> None:
-    rig = skeleton()
-    quaternions = torch.zeros(clip.frames, rig.joints, 4)
-    quaternions[..., 0] = 1
-    for bone, joint in rig.config.vrm.items():
-        quaternions[:, joint] = torch.from_numpy(clip.rotations[:, HUMANOID.index(bone)])
-    np.savez(
-        place / "smplxflame_30" / f"{name}.npz",
-        poses=axis_angle_from_quaternion(quaternions).reshape(clip.frames, -1).numpy(),
-        trans=clip.root - rig.offsets[0].numpy(),
-        betas=np.zeros(300),
-        mocap_frame_rate=np.array(FRAME_RATE_HZ),
-        gender=np.array("neutral"),
-    )
-    sound = soxr.resample(clip.audio, SAMPLE_RATE_HZ, RATE_HZ)
-    write_wav(place / "wave16k" / f"{name}.wav", sound.astype(np.float32), rate=RATE_HZ)
 
 
 SPEAKERS = ("2",)  # the speaker of EMAGE's and MECo's tables; the paper does not name its own
@@ -145,13 +130,10 @@ class Beat2Experiment(Experiment):
         def make() -> None:
             names = self.corpus.names("train", has_mirrored=False)
             clips = [extractor_input(torch.from_numpy(self.corpus.motion(name).rotations)) for name in names]
-            train_skeleton_convolution(
-                config,
-                training,
-                clips,
+            train(
+                SkeletonConvolutionTask(config, training, clips, card=self._card("extractor")),
                 folder,
                 device=self.device,
-                card=self._card("extractor"),
                 progress=self.progress,
             )
 
@@ -233,7 +215,6 @@ QUOTED = {
     "PersonaGesture": (3.930, 7.100, 13.25),
 }
 PAPER = (2.874, 7.342, 13.53)
-BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}
 
 
 def waves(experiment: Beat2Experiment) -> list[Sequence[Part]]:

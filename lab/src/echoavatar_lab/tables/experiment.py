@@ -20,12 +20,13 @@ from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, as
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.training import Progress
+from echoavatar_lab.training import Progress, train
 
 from .generate import Sounds, foreign_motion, live_motion
 from .scale import GeneratorChoice, Scale, TokenizerChoice
@@ -55,7 +56,7 @@ def make_once(folder: Path, settings: Mapping[str, object], make: Callable[[], o
 
 
 def _write_stamp(stamp: Path, settings: object, *, is_finished: bool) -> None:
-    stamp.write_text(json.dumps({"asked": settings, "is_finished": is_finished}, indent=1) + "\n", encoding="utf-8")
+    write_whole(stamp, json.dumps({"asked": settings, "is_finished": is_finished}, indent=1) + "\n")
 
 
 BATCH = 16  # sounds per batch
@@ -175,7 +176,7 @@ class Experiment:
 
     def tokenizer(self, choice: TokenizerChoice) -> BodyTokenizer:
         """Train the tokenizer, or load it if it is finished."""
-        from echoavatar_lab.models.tokenizer.train import train_tokenizer
+        from echoavatar_lab.models.tokenizer.train import TokenizerTask
 
         folder, settings = self.folder / "tokenizers" / choice.name, self._tokenizer_settings(choice)
         sizes = MotionTokenizerConfig.model_validate(settings["sizes"])
@@ -187,13 +188,9 @@ class Experiment:
             skeleton = self.corpus.skeleton
             config = body_config(as_one_part(skeleton) if choice.is_whole else skeleton, sizes)
             clips = [self.corpus.motion(name) for name in self.corpus.names("train", has_mirrored=False)]
-            train_tokenizer(
-                config,
-                training,
-                clips,
-                [],
+            train(
+                TokenizerTask(config, training, clips, card=self._card("tokenizer")),
                 folder,
-                card=self._card("tokenizer"),
                 device=self.device,
                 trackers=self.trackers,
                 progress=self.progress,
@@ -232,7 +229,7 @@ class Experiment:
         return Generator.load(folder)
 
     def _train_generator(self, choice: GeneratorChoice, folder: Path) -> None:
-        from echoavatar_lab.models.generator.train import train_generator
+        from echoavatar_lab.models.generator.train import GeneratorTask
 
         tokenizer = self.tokenizer(choice.tokenizer)
         clips = [clip for clip in self.codes(choice.tokenizer) if is_mostly(clip, choice.only)]
@@ -254,16 +251,17 @@ class Experiment:
             "depth_weights": tuple(0.7**layer for layer in range(layers)),
             "seed": self.seed,
         }
-        train_generator(
-            config,
-            GeneratorTraining.model_validate(training.model_dump() | chosen | dict(choice.training)),
-            clips,
+        train(
+            GeneratorTask(
+                config,
+                GeneratorTraining.model_validate(training.model_dump() | chosen | dict(choice.training)),
+                clips,
+                audio_codebooks=self.codec.codebooks,
+                motion_codebooks=tokenizer.codebooks(),
+            ),
             folder,
             device=self.device,
-            start=None if before is None else self.generator(before),
-            qwen=self.sources.qwen if before is None else None,
-            audio_codebooks=self.codec.codebooks,
-            motion_codebooks=tokenizer.codebooks(),
+            start=self.sources.qwen if before is None else self.generator(before),
             trackers=self.trackers,
             progress=self.progress,
         )

@@ -9,18 +9,19 @@ is due, as live. Not in the paper.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.pipeline import Pipeline, PipelineState
+from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec
-from echoavatar.models.generator import Generator
+from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, Skeleton, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
@@ -49,13 +50,6 @@ def live_motion(
 
     A generator with lookahead is given the whole sounds beforehand.
     """
-    from echoavatar.engine import animate_many
-    from echoavatar.engine.pipeline import Pipeline
-    from echoavatar.engine.pipeline.bundle import Bundle
-    from echoavatar.engine.pipeline.runtime import Runtime
-
-    from .generate import LookaheadPipeline
-
     own = Runtime(level_control=generator.config.is_leveled)
     bundle = Bundle(name, codec, tokenizer, generator.eval(), {}, runtime=own).running(runtime)
     hears_ahead = generator.config.ahead_chunks > 0
@@ -78,9 +72,6 @@ def decoded_motion(
 
     Nothing behind the decoder runs: published tables do so.
     """
-    from echoavatar.models.generator import open_stream
-    from echoavatar_lab.models.tokenize import audio_codes
-
     stream, count = open_stream(generator.eval().to(device)), len(sounds)
     longest = max(len(sound) for sound in sounds.values())
     samples = longest + -longest % CHUNK_SAMPLES
@@ -110,8 +101,6 @@ class LookaheadState(PipelineState):
 
 class LookaheadPipeline(Pipeline):
     """A pipeline of sessions whose whole sound is known. With `ahead_chunks` 0 it equals `Pipeline`."""
-
-    has_lookahead: ClassVar[bool] = True
 
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]], *, device: str = "cpu") -> None:
         """`sounds` (24 kHz) are keyed by the seed of the session that will hear them; silence follows each."""

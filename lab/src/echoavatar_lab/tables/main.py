@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 
 from echoavatar.motion.kinematics import Motion
 
-from .baselines import Baselines, Kind
+from .baselines import BASELINES, Baselines
 from .experiment import EXTRA_CHUNKS, Experiment, motion_of
 from .scale import OURS, GeneratorChoice, Part, Scale, Variant, generator_waves
-from .scores import GENERATION_COLUMNS, generation_cells, papers
+from .scores import GENERATION_COLUMNS, generated_line, generation_cells, papers
 from .table import Line, Table
 
 NAME = "main"
@@ -25,7 +25,6 @@ QUOTED = {
 }
 OFFLINE = "Ours, offline (hears ahead)"
 EXEMPLARS = "Ours, with exemplars (stage 3)"
-BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}
 
 
 VARIANTS = (
@@ -82,18 +81,14 @@ def make(experiment: Experiment) -> Table:
     for name, motions in others.items():
         experiment.say(f"line: {name}")
         lines.append(Line(name, _quoted(name), generation_cells(experiment, motions)))
-    for name, paper, choice in VARIANTS:
-        experiment.say(f"line: {name}")
-        lines.append(Line(name, paper, generation_cells(experiment, experiment.generated_motions(choice))))
-    for name, choice in ((EXEMPLARS, directed(experiment.scale)), (OFFLINE, offline(experiment.scale))):
-        experiment.say(f"line: {name}")
-        lines.append(Line(name, {}, generation_cells(experiment, experiment.generated_motions(choice))))
+    more = (Variant(EXEMPLARS, {}, directed(experiment.scale)), Variant(OFFLINE, {}, offline(experiment.scale)))
+    lines += [generated_line(experiment, one) for one in (*VARIANTS, *more)]
     scored = {name.lower() for name in others}
     lines += [Line(f"{name} (quoted)", _quoted(name)) for name in QUOTED if name.lower() not in scored]
     notes = (
         "Diversity: L1 deviation from the mean pose, summed over joints, metres; the paper does not give its unit.",
-        f"{OFFLINE}: hierarchical corruption, and sound that is heard {choice.sizes['ahead_chunks']} chunks of 0.27 s"
-        " before it is due; it cannot stream. An upper reference of ours, not the paper's.",
+        f"{OFFLINE}: hierarchical corruption, and sound that is heard {more[1].generator.sizes['ahead_chunks']} chunks"
+        " of 0.27 s before it is due; it cannot stream. An upper reference of ours, not the paper's.",
         f"{EXEMPLARS}: trained further from the line of hierarchical corruption, given no exemplar here.",
         "The paper has no uniform corruption. Lines marked as quoted are the paper's numbers and nothing else.",
         *foreign_notes(experiment, others),
@@ -133,10 +128,7 @@ def order_waves(experiment: Experiment) -> list[Sequence[Part]]:
 
 def make_orders(experiment: Experiment) -> Table:
     """The table `layouts`: the two orders trained alike, on the same codes. The paper uses only the first."""
-    lines = []
-    for name, choice in SEQUENCE_ORDERS.items():
-        experiment.say(f"line: {name}")
-        lines.append(Line(name, {}, generation_cells(experiment, experiment.generated_motions(choice))))
+    lines = [generated_line(experiment, Variant(name, {}, choice)) for name, choice in SEQUENCE_ORDERS.items()]
     notes = (
         "The paper has no such table; both lines are ours, trained on the same codes for as many steps.",
         "Diversity is in metres.",

@@ -82,17 +82,13 @@ def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1
         if not is_finished:
             notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
-    notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; {_seeds(experiments)}.")
+    used = ("seeds " if len(experiments) > 1 else "seed ") + ", ".join(str(one.seed) for one in experiments)
+    notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; {used}.")
     if name not in (sound_probes.CODEC, sound_probes.LABELS):
         told = {beat2.NAME: "none: codes decoded alone", runtimes.NAME: "as the line says"}
         how = told.get(name, experiment.runtime)
         notes.append(f"Runtime: {how}.")
     return dataclasses.replace(table, notes=notes)
-
-
-def _seeds(experiments: Sequence[Experiment]) -> str:
-    seeds = [str(one.seed) for one in experiments]
-    return f"seed{'s' * (len(seeds) > 1)} {', '.join(seeds)}"
 
 
 def commit() -> str:

@@ -25,7 +25,8 @@ from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.models.tokenizer.train import clip_features
 
 from .experiment import Experiment, motion_of
-from .table import Cell, Column, Wanted, cells
+from .scale import Variant
+from .table import Cell, Column, Line, Wanted, cells
 
 GENERATION = {
     "fid": Wanted("fid"),
@@ -102,6 +103,13 @@ def generation_cells(
     at = range(len(experiment.test_clips)) if chosen is None else chosen
     made, clips = [motions[number] for number in at], [experiment.test_clips[number] for number in at]
     return cells(generation_scores(made, clips, experiment.extractor, seed=experiment.seed), wanted)
+
+
+def generated_line(experiment: Experiment, variant: Variant) -> Line:
+    """The line of one of our generators, which is trained where it is missing."""
+    experiment.say(f"line: {variant.name}")
+    motions = experiment.generated_motions(variant.generator)
+    return Line(variant.name, variant.paper, generation_cells(experiment, motions))
 
 
 def _pair(motion: Motion, clip: Clip) -> Pair:

@@ -31,16 +31,13 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
+from echoavatar.files.exports.smplx import skeleton
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, train
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 Edge = tuple[int, int]
 
-SMPLX_PARENTS = (
-    (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 15, 15, 15)
-    + tuple(parent for first in range(25, 40, 3) for parent in (20, first, first + 1))
-    + tuple(parent for first in range(40, 55, 3) for parent in (21, first, first + 1))
-)
+SMPLX_PARENTS = skeleton().parents
 """Parents of SMPL-X's 55 joints: body, jaw and eyes, left fingers, right fingers."""
 
 
@@ -176,8 +173,10 @@ class _Residual(nn.Module):
         return y
 
 
-class SkeletonConvolution(nn.Module):
+class SkeletonConvolution(checkpoint.Checkpointed):
     """Variational autoencoder; FID uses the encoder's output, the variational heads are unused."""
+
+    config_type = SkeletonConvolutionConfig
 
     def __init__(self, config: SkeletonConvolutionConfig) -> None:
         super().__init__()
@@ -227,12 +226,8 @@ class SkeletonConvolution(nn.Module):
         whole = len(rotations) - len(rotations) % CLIP_MULTIPLE
         return self.encode(rotations[None, :whole])[0]
 
-    def save(self, folder: Path, card: Mapping[str, object]) -> None:
-        """Write config, weights and card."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card)
-
     @classmethod
-    def load(cls, folder: Path) -> "SkeletonConvolution":
+    def load(cls, folder: Path) -> Self:
         """Read `config.json` and `model.safetensors`; names may have the released files' prefix `module.`."""
         config = checkpoint.read_config(folder, SkeletonConvolutionConfig)
         return cls.from_weights(checkpoint.read_weights(folder), config, origin=str(folder))
@@ -244,7 +239,7 @@ class SkeletonConvolution(nn.Module):
         config: SkeletonConvolutionConfig | None = None,
         *,
         origin: str = "the weights",
-    ) -> "SkeletonConvolution":
+    ) -> Self:
         """Build from tensors by name."""
         plain = {key.removeprefix(_PREFIX): value for key, value in weights.items()}
         build = partial(cls, config or SkeletonConvolutionConfig())
@@ -318,19 +313,3 @@ class SkeletonConvolutionTask(TrainingTask[Tensor]):
         """Write the extractor."""
         about = {"kind": "beat2-extractor", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
-
-
-def train_skeleton_convolution(
-    config: SkeletonConvolutionConfig,
-    training: SkeletonConvolutionTraining,
-    clips: Sequence[Float[Tensor, "_ c"]],
-    folder: Path,
-    *,
-    device: str = "cpu",
-    card: Mapping[str, object] | None = None,
-    progress: Progress | None = None,
-) -> SkeletonConvolution:
-    """Train on clips of `extractor_input`, with checkpoints in `folder`; resumes the run in it."""
-    task = SkeletonConvolutionTask(config, training, clips, card=card)
-    train(task, folder, device=device, progress=progress)
-    return SkeletonConvolution.load(folder)

@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 
 from matplotlib.figure import Figure
 
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.evaluation.table import UNKNOWN, Row
 
 NAN = float("nan")
@@ -152,7 +153,7 @@ def write(table: Table, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{table.name}{suffix}" for suffix in (".md", ".csv", ".tex", ".png")]
     for path, text in zip(paths, (markdown(table), as_csv(table), latex(table)), strict=False):
-        path.write_text(text, encoding="utf-8")
+        write_whole(path, text)
     draw(table, paths[-1])
     return paths
 

@@ -11,7 +11,6 @@ of the codes; "w/ bodypart" is the full model. We read the names as follows:
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from echoavatar_lab.models.tokenizer.losses import LossWeights
 
@@ -30,43 +29,35 @@ COLUMNS = (
 )
 
 
-class Variant(NamedTuple):
-    """A line: the paper's name and numbers, and the tokenizer."""
-
-    name: str
-    paper: tuple[float, float, float, float]
-    tokenizer: TokenizerChoice
-
-
-VARIANTS = (
-    Variant(
+VARIANTS: tuple[tuple[str, tuple[float, ...], TokenizerChoice], ...] = (
+    (
         "CausalConv-RVQ",
         (9.208, 525.6, 12.94, 18.06),
         TokenizerChoice("causal-conv", sizes={"blocks": "convolution", "resampling": "strided"}, is_whole=True),
     ),
-    Variant("Attn", (4.183, 411.6, 12.53, 12.25), TokenizerChoice("attention", is_whole=True)),
-    Variant(
+    ("Attn", (4.183, 411.6, 12.53, 12.25), TokenizerChoice("attention", is_whole=True)),
+    (
         "Attn (w/o dual)",
         (12.21, 982.4, 48.77, 18.55),
         TokenizerChoice("without-dual", sizes={"resampling": "learned"}, is_whole=True),
     ),
-    Variant(
+    (
         "Attn (w/o auxiliary)",
         (8.775, 778.5, 55.67, 17.68),
         TokenizerChoice("without-auxiliary", losses=NO_AUXILIARY, is_whole=True),
     ),
-    Variant(
+    (
         "Attn (w/o lookback)",
         (6.612, 468.8, 12.89, 15.53),
         TokenizerChoice("without-lookback", sizes={"lookback": 0}, is_whole=True),
     ),
-    Variant("Attn (w/ bodypart)", (1.306, 184.1, 9.637, 9.465), OURS),
+    ("Attn (w/ bodypart)", (1.306, 184.1, 9.637, 9.465), OURS),
 )
 
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
     """The parts of the table, see `scale.generator_waves`."""
-    return generator_waves([GeneratorChoice(one.tokenizer.name, tokenizer=one.tokenizer) for one in VARIANTS])
+    return generator_waves([GeneratorChoice(choice.name, tokenizer=choice) for _, _, choice in VARIANTS])
 
 
 def make(experiment: Experiment) -> Table:

@@ -18,6 +18,7 @@ import yaml
 
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import Motion
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import MUSIC, SPEECH, Clip
 
 from .alignment import LINES, tuned
@@ -121,7 +122,7 @@ def write_study(experiment: Experiment) -> Path:
         "seed": experiment.seed,
     }
     path = folder / "study.yaml"
-    path.write_text(yaml.safe_dump(study, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    write_whole(path, yaml.safe_dump(study, sort_keys=False, allow_unicode=True))
     return path
 
 

@@ -1,6 +1,5 @@
 """Plots the metrics of runs: one plot for each metric, runs side by side, smoothed curves over the raw values."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,12 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from echoavatar.errors import EchoAvatarError
 
-from .metrics_log import FILE
+from .metrics_log import FILE, read_metrics
 
 COLOURS = ("#1f5fa8", "#c8553d", "#3a8f5c", "#8d5fb0", "#b8860b", "#4d4d4d")
 LEFT_OUT = ("seconds",)
@@ -37,16 +35,12 @@ def read_curves(folder: Path) -> dict[str, Curve]:
     """
     path = folder / FILE if folder.is_dir() else folder
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_metrics(path)
     except (OSError, UnicodeDecodeError) as error:
         raise EchoAvatarError(f"{folder} holds no {FILE} ({error}); give the folder of a run") from error
     found: dict[str, list[tuple[float, float]]] = {}
-    for line in lines:
-        try:
-            told = json.loads(line)
-            step = float(told.pop("step"))
-        except (ValueError, KeyError, AttributeError):  # the cut-off last line of a run that was killed
-            continue
+    for told in lines:
+        step = float(told.pop("step"))
         for name, value in _flat(told):
             found.setdefault(name, []).append((step, value))
     curves = {name: Curve(*np.array(points, float).T) for name, points in found.items() if name not in LEFT_OUT}
@@ -93,7 +87,6 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure = Figure(figsize=(4.2 * columns, 0.5 + 2.5 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat[len(shown) :]:
         axis.set_axis_off()

@@ -3,10 +3,12 @@
 import importlib.util
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
 from echoavatar.errors import DependencyError
+from echoavatar.whole_file import write_whole
 
 FILE = "metrics.jsonl"
 
@@ -28,8 +30,8 @@ class MetricsLog:
         """
         path = folder / FILE
         if path.exists():
-            kept = [line for line in path.read_text(encoding="utf-8").splitlines() if _step(line) <= step]
-            path.write_text("".join(line + "\n" for line in kept), encoding="utf-8")
+            kept = [one for one in read_metrics(path) if one["step"] <= step]
+            write_whole(path, "".join(json.dumps(one) + "\n" for one in kept))
         self._outputs: list[_Output] = [_Lines(path)]
         openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
         self._outputs += [openers[name](folder) for name in trackers]
@@ -56,12 +58,14 @@ def want_trackers(trackers: Sequence[str]) -> None:
             raise DependencyError(f"--track {name} needs the package {name}; run: pip install {name}")
 
 
-def _step(line: str) -> float:
-    """The step of a line; infinity for a line that was cut off when the run was killed."""
-    try:
-        return float(json.loads(line)["step"])
-    except (ValueError, KeyError, TypeError):
-        return float("inf")
+def read_metrics(path: Path) -> list[dict[str, Any]]:
+    """The lines of a `metrics.jsonl`, without one that was cut off when the run was killed."""
+    found = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        with suppress(ValueError):
+            told = json.loads(line)
+            found += [told] if isinstance(told, dict) and isinstance(told.get("step"), int | float) else []
+    return found
 
 
 class _Lines:
@@ -102,7 +106,7 @@ class _Wandb:
         mark = folder / "wandb-run"  # a resumed run continues the same W&B run
         name = mark.read_text(encoding="utf-8").strip() if mark.exists() else None
         self._run: Any = wandb.init(project="echoavatar", name=folder.name, id=name, resume="allow", dir=folder)
-        mark.write_text(f"{self._run.id}\n", encoding="utf-8")
+        write_whole(mark, f"{self._run.id}\n")
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
         self._run.log(dict(values), step=step)

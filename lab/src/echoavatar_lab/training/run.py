@@ -10,11 +10,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from .loop import Loop
 from .metrics_log import MetricsLog
 from .processes import processes_here
+from .state import has_state
 from .task import TrainingTask
 
 _ASKED = (signal.SIGTERM, signal.SIGINT)
@@ -58,29 +59,35 @@ class Signals:
         self._before = {}
 
 
+TaskT = TypeVar("TaskT", bound=TrainingTask[Any])
 Progress = Callable[[int, int], None]
 """Called with (steps done, total steps) after each step."""
 
 
 def train(
-    stage: TrainingTask[Any],
+    stage: TaskT,
     folder: Path,
     *,
+    start: Any = None,
     minutes: float | None = None,
     device: str = "cpu",
     sharded: bool = False,
     trackers: Sequence[str] = (),
     progress: Progress | None = None,
-) -> None:
+) -> TaskT:
     """Train, or resume the run in `folder`, until the schedule's end, or for `minutes` of this call.
 
-    `folder` gets what the task saves, `training.safetensors` (for resuming) and `metrics.jsonl`.
+    `folder` gets what the task saves, `training.safetensors` (for resuming) and `metrics.jsonl`. A new run begins with
+    the weights of `start`, where given (`TrainingTask.begin_with`), under a schedule of its own. Returns the task; its
+    modules are then in eval mode.
 
     Raises:
         Interrupted: SIGTERM or SIGINT arrived; the run is saved and can be resumed.
-        CheckpointError: the folder holds another run, or a damaged one.
+        CheckpointError: the folder holds another run, or a damaged one; or `start` is of other sizes.
         EchoAvatarError: the loss is not finite, or the batch cannot be divided evenly.
     """
+    if start is not None and not has_state(folder):
+        stage.begin_with(start)
     processes = processes_here(device, sharded=sharded)
     loop = Loop(stage, processes)
     loop.resume(folder)
@@ -99,6 +106,9 @@ def train(
             f"stopped at step {loop.step} of {stage.config.steps}, saved in {folder}; call again to resume",
             signals.number,
         )
+    for module in stage.modules.values():
+        module.eval()
+    return stage
 
 
 def _run(

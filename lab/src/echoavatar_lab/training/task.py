@@ -16,6 +16,7 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from echoavatar import checkpoint
 from echoavatar.config import Config
 
 from .processes import Processes
@@ -118,6 +119,15 @@ class TrainingTask(ABC, Generic[BatchT]):
     @abstractmethod
     def save(self, folder: Path, step: int) -> None:
         """Write the model after `step` steps; the modules hold the weights to save."""
+
+    def begin_with(self, start: Any) -> None:
+        """Take the weights of a trained model before a new run; by default they are those of the first module.
+
+        Raises:
+            CheckpointError: it is of other sizes.
+        """
+        name, module = next(iter(self.modules.items()))
+        checkpoint.load_into(module, start.state_dict(), origin=f"the {name} to start from")
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over all trained parameters; called when the modules are on their final device.

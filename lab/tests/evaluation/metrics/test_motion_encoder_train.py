@@ -10,9 +10,8 @@ from echoavatar_lab.evaluation.metrics.motion_encoder_train import (
     MotionEncoderTraining,
     explained_variance,
     part_weights,
-    train_motion_encoder,
 )
-from echoavatar_lab.training import Loop
+from echoavatar_lab.training import Loop, train
 
 CONFIG = MotionEncoderConfig(features=6, width=16, latent=4)
 TRAINING = MotionEncoderTraining(steps=60, batch=8, frames=32, warmup=5, save_every=10)
@@ -31,7 +30,9 @@ def clips() -> list[torch.Tensor]:
 
 def test_training_explains_the_variance(tmp_path: Path) -> None:
     told: list[int] = []
-    model = train_motion_encoder(CONFIG, TRAINING, clips(), tmp_path, progress=lambda done, total: told.append(done))
+    model = train(
+        MotionEncoderTask(CONFIG, TRAINING, clips()), tmp_path, progress=lambda done, total: told.append(done)
+    ).model
     assert explained_variance(model, clips()) > 0.6
     assert told == list(range(1, 61))
     assert {path.name for path in tmp_path.iterdir()} >= {"config.json", "model.safetensors", "card.json"}

@@ -15,9 +15,8 @@ from echoavatar_lab.models.audio.train import (
     make_batch,
     sound_loss,
     source_samples,
-    train_codec,
 )
-from echoavatar_lab.training import Loop
+from echoavatar_lab.training import Loop, train
 
 
 def piece(seed: int, samples: int = 24_000) -> tuple[np.random.Generator, np.ndarray, float]:
@@ -125,7 +124,9 @@ def test_training_lowers_the_losses_and_uses_the_codes(pool):
 
 def test_a_resumed_run_is_the_same_run(pool, tmp_path):
     """Stopped after 24 of 30 steps and taken up again at step 20."""
-    check_resume(lambda folder, **more: train_codec(CONFIG, folder, pool, card=LICENCE, **more), tmp_path, at=24)
+    check_resume(
+        lambda folder, **more: train(CodecTask(CONFIG, pool, card=LICENCE), folder, **more).codec, tmp_path, at=24
+    )
     card = checkpoint.read_card(tmp_path / "killed")
     assert (card["steps_done"], card["sound_seconds"]) == (30, {"tones": 8.0})
     assert card.items() >= LICENCE.items()
@@ -150,15 +151,15 @@ def test_pieces_share_one_trajectory(pool):
 
 
 def test_a_run_of_other_sizes_is_refused(pool, tmp_path):
-    train_codec(CONFIG.model_copy(update={"steps": 6}), tmp_path, pool)
+    train(CodecTask(CONFIG.model_copy(update={"steps": 6}), pool), tmp_path)
     other = CONFIG.model_copy(update={"codec": CodecConfig(filters=4, width=8, codes=16, lstm_layers=1)})
     with pytest.raises(CheckpointError, match="another codec config: filters was 2, is 4"):
-        train_codec(other, tmp_path, pool)
+        train(CodecTask(other, pool), tmp_path)
 
 
 def test_the_clock_can_end_a_run(pool, tmp_path):
     config = CONFIG.model_copy(update={"steps": 10**9, "minutes": 1e-4})
-    train_codec(config, tmp_path, pool)
+    train(CodecTask(config, pool), tmp_path)
     assert int(checkpoint.read_card(tmp_path)["steps_done"]) < 50
 
 
@@ -173,9 +174,11 @@ def test_fresh_weights_answer_speech_with_unit_variance(pool):
 
 
 def test_a_run_begins_with_a_trained_codec(pool, tmp_path):
-    start = train_codec(CONFIG, tmp_path / "a", pool)
+    start = train(CodecTask(CONFIG, pool), tmp_path / "a").codec
     still = CONFIG.model_copy(update={"learning_rate": 1e-12, "steps": 1})
-    again, fresh = (train_codec(still, tmp_path / name, pool, start=one) for name, one in (("b", start), ("c", None)))
+    again, fresh = (
+        train(CodecTask(still, pool), tmp_path / name, start=one).codec for name, one in (("b", start), ("c", None))
+    )
     for near, is_same in ((again, True), (fresh, False)):
         assert torch.allclose(near.encoder.layers[0].conv.weight, start.encoder.layers[0].conv.weight) == is_same
         assert (torch.dist(near.codebooks, start.codebooks) < 0.3 * start.codebooks.norm()) == is_same

@@ -1,5 +1,3 @@
-from functools import partial
-
 import numpy as np
 import pytest
 import torch
@@ -22,9 +20,8 @@ from echoavatar_lab.models.face.train import (
     lip_error,
     resample_curves,
     stretch,
-    train_face,
 )
-from echoavatar_lab.training import Loop
+from echoavatar_lab.training import Loop, train
 
 
 def test_windows_are_whole_chunks_and_unknown_names_are_refused():
@@ -164,7 +161,9 @@ TRAIN_QUICK = FaceTraining(steps=6, batch=2, frames=16, warmup=1, save_every=2, 
 def test_a_killed_run_repeats_the_curve_it_would_have_had(tmp_path, at):
     """Two steps train the encoder alone, then all learn; checkpoints come every second step."""
     training = TRAIN_QUICK.model_copy(update={"listen": 2, "average": 0.5})
-    check_resume(partial(train_face, CONFIG, training, [clip()]), tmp_path, at=at)
+    check_resume(
+        lambda folder, **how: train(FaceTask(CONFIG, training, [clip()]), folder, **how).model, tmp_path, at=at
+    )
 
 
 def test_pieces_share_one_trajectory():
@@ -180,15 +179,15 @@ def test_pieces_share_one_trajectory():
 def test_another_schedule_or_size_is_refused(tmp_path):
     Loop(FaceTask(CONFIG, TRAIN_QUICK, [clip()])).save(tmp_path)
     with pytest.raises(CheckpointError, match="another training config: seed"):
-        train_face(CONFIG, TRAIN_QUICK.model_copy(update={"seed": 1}), [clip()], tmp_path)
+        train(FaceTask(CONFIG, TRAIN_QUICK.model_copy(update={"seed": 1}), [clip()]), tmp_path)
     with pytest.raises(CheckpointError, match="another face config: width"):
-        train_face(CONFIG.model_copy(update={"width": 32}), TRAIN_QUICK, [clip()], tmp_path)
+        train(FaceTask(CONFIG.model_copy(update={"width": 32}), TRAIN_QUICK, [clip()]), tmp_path)
 
 
 def test_it_learns_to_open_the_jaw_with_the_sound(tmp_path):
     """A tiny model overfits one clip: streamed from nothing but sound, its jaw follows the truth."""
     training = FaceTraining(steps=250, batch=8, frames=32, warmup=10, learning_rate=5e-3, save_every=1000)
-    model = train_face(CONFIG, training, [clip()], tmp_path)
+    model = train(FaceTask(CONFIG, training, [clip()]), tmp_path).model
     curve = list(losses(tmp_path).values())
     assert np.mean(curve[-20:]) < 0.35 * np.mean(curve[:10])
     truth = clip()
@@ -201,9 +200,9 @@ def test_it_learns_to_open_the_jaw_with_the_sound(tmp_path):
 
 
 def test_a_new_run_begins_with_another_models_weights(tmp_path):
-    first = train_face(CONFIG, TRAIN_QUICK, [clip()], tmp_path / "first")
+    first = train(FaceTask(CONFIG, TRAIN_QUICK, [clip()]), tmp_path / "first").model
     still = TRAIN_QUICK.model_copy(update={"learning_rate": 1e-12})
-    second = train_face(CONFIG, still, [clip()], tmp_path / "second", start=first)
+    second = train(FaceTask(CONFIG, still, [clip()]), tmp_path / "second", start=first).model
     for key, value in first.state_dict().items():
         torch.testing.assert_close(second.state_dict()[key], value, atol=1e-6, rtol=1e-5)
 

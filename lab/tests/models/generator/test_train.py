@@ -1,7 +1,5 @@
 """Training learns what audio says, and resumes to the same curve."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 import torch
@@ -12,8 +10,9 @@ from tests.models.runs import check_pieces, check_resume, losses
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar_lab.models.generator.losses import nll_by_domain
-from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining, align_embeddings, train_generator
+from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining, align_embeddings
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler
+from echoavatar_lab.training import train
 
 
 def test_the_default_is_stage_two_and_unknown_choices_are_refused():
@@ -72,7 +71,13 @@ def settings(**changes):
 def test_a_run_that_was_killed_resumes_to_the_same_curve(tmp_path, sequence, optimiser, at):
     """Killed after some step of 6, with its last checkpoint at step 3 or none: what was lost is repeated to the bit."""
     training = settings(optimiser=optimiser, cue_weight=0.1, out_of_step=0.5, average=0.5)
-    check_resume(partial(train_generator, config(sequence=sequence), training, clips()), tmp_path, at=at)
+    check_resume(
+        lambda folder, **how: (
+            train(GeneratorTask(config(sequence=sequence), training, clips()), folder, **how).generator
+        ),
+        tmp_path,
+        at=at,
+    )
 
 
 @pytest.mark.parametrize(("sequence", "asked"), [("interleaved", 1.0), ("prefix", 1.0), ("depth", 1.0), ("depth", 0.4)])
@@ -100,7 +105,7 @@ def test_training_learns_to_follow_the_audio(tmp_path):
     """Uniform guessing costs ln 8 = 2.08 nats. With another clip's audio the first code of each chunk is a surprise,
     and the 11 others contradict the audio."""
     training = settings(steps=60, batch=8, learning_rate=5e-3, warmup=5)
-    model = train_generator(config(layers=1), training, clips(16), tmp_path)
+    model = train(GeneratorTask(config(layers=1), training, clips(16)), tmp_path).generator
     held = clips(20)[16:]
     true, shuffled = nll_by_domain(model, held), nll_by_domain(model, held, shuffled_audio=True)
     assert true["speech"] < 1.0
@@ -165,17 +170,17 @@ def test_cues_are_learned_from_the_sound(tmp_path):
     """Every clip beats where its audio code is below 4: known cues make that readable in the hidden state."""
     made = [TokenClip(c.audio, c.motion, c.domain, cues=(c.audio < 4).astype(np.uint8)) for c in clips(8)]
     training = settings(steps=60, batch=8, learning_rate=5e-3, warmup=5, cue_weight=1.0)
-    train_generator(config(layers=1), training, made, tmp_path)
+    train(GeneratorTask(config(layers=1), training, made), tmp_path)
     rows = list(losses(tmp_path, "cues").values())
     assert np.mean(rows[-5:]) < 0.3 * np.mean(rows[:5])
 
 
 def test_other_settings_or_another_model_are_not_resumed(tmp_path):
-    train_generator(config(), settings(steps=1), clips(), tmp_path)
+    train(GeneratorTask(config(), settings(steps=1), clips()), tmp_path)
     with pytest.raises(CheckpointError, match="another training config: steps was 1, is 2"):
-        train_generator(config(), settings(steps=2), clips(), tmp_path)
+        train(GeneratorTask(config(), settings(steps=2), clips()), tmp_path)
     with pytest.raises(CheckpointError, match="another generator config: mlp"):
-        train_generator(config(mlp=56), settings(steps=1), clips(), tmp_path)
+        train(GeneratorTask(config(mlp=56), settings(steps=1), clips()), tmp_path)
     with pytest.raises(CheckpointError, match="depth_weights"):
         GeneratorTask(config(), settings(depth_weights=(1.0,)), clips())
 
@@ -185,7 +190,7 @@ def test_a_finished_model_is_a_start_for_a_new_run(tmp_path):
     old.save(tmp_path / "old", {"kind": "generator"})
     still = settings(steps=1, learning_rate=1e-12)
     start = Generator.load(tmp_path / "old")
-    new = train_generator(config(), still, clips(), tmp_path / "new", start=start)
+    new = train(GeneratorTask(config(), still, clips()), tmp_path / "new", start=start).generator
     for key, value in old.state_dict().items():
         torch.testing.assert_close(new.state_dict()[key], value, atol=1e-6, rtol=1e-5)
 
@@ -195,7 +200,7 @@ def test_in_stage_one_only_the_embeddings_learn_and_the_streams_get_likelier(tmp
     training = settings(steps=40, batch=8, objective="streams", learning_rate=2e-2, warmup=2, cue_weight=0.3)
     stage = GeneratorTask(config(layers=1), training, clips(16))
     before = {key: value.clone() for key, value in stage.generator.state_dict().items()}
-    model = train_generator(config(layers=1), training, clips(16), tmp_path)
+    model = train(GeneratorTask(config(layers=1), training, clips(16)), tmp_path).generator
     changed = {key for key, value in model.state_dict().items() if not torch.equal(value, before[key])}
     assert changed == {"model.embed_tokens.weight", "lm_head.weight"}
     for key in ("nll_audio", "nll_motion"):
@@ -210,6 +215,6 @@ def test_only_a_generator_that_hears_ahead_foretells_what_a_later_sound_decides(
     heard = {}
     for ahead in (0, 1):
         shape = config(layers=1, ahead_chunks=ahead)
-        model = train_generator(shape, training, made[:16], tmp_path / str(ahead))
+        model = train(GeneratorTask(shape, training, made[:16]), tmp_path / str(ahead)).generator
         heard[ahead] = nll_by_domain(model, made[16:])["speech"]
     assert heard[1] < heard[0] - 0.1

@@ -1,5 +1,4 @@
 import copy
-from functools import partial
 
 import pytest
 import torch
@@ -11,8 +10,9 @@ from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.data.clip import mirror_features
-from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining, train_decoder
+from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining
 from echoavatar_lab.models.tokenizer.train import clip_features
+from echoavatar_lab.training import train
 
 TRAINING = DecoderTraining(
     steps=30, batch=4, tokens=8, unheard=2, learning_rate=5e-3, warmup=2, log_every=1, evaluate_every=0
@@ -23,7 +23,7 @@ CLIPS = [dance(seed, 96) for seed in range(2)]
 def test_the_decoder_learns_and_codes_keep_their_meaning(tmp_path):
     start = small_body()
     before = copy.deepcopy(start.state_dict())
-    train_decoder(start, TRAINING, CLIPS, [dance(9, 64)], tmp_path, card={"licence": "Apache-2.0"})
+    train(DecoderTask(start, TRAINING, CLIPS, tests=[dance(9, 64)], card={"licence": "Apache-2.0"}), tmp_path)
     curve = list(losses(tmp_path).values())
     assert sum(curve[-5:]) < 0.8 * sum(curve[:5])
     assert all(torch.equal(value, start.state_dict()[key]) for key, value in before.items())
@@ -61,7 +61,9 @@ def test_what_comes_first_in_a_window_costs_nothing():
 
 def test_a_run_that_was_stopped_goes_on_to_the_same_curve(tmp_path):
     short = TRAINING.model_copy(update={"steps": 6, "save_every": 2})
-    check_resume(partial(train_decoder, small_body(), short, CLIPS, []), tmp_path, at=3)
+    check_resume(
+        lambda folder, **how: train(DecoderTask(small_body(), short, CLIPS), folder, **how).tokenizer, tmp_path, at=3
+    )
 
 
 def test_pieces_share_one_trajectory():

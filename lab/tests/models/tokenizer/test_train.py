@@ -1,5 +1,3 @@
-from functools import partial
-
 import pytest
 import torch
 from tests.models.motion_tokens import dance, small_config
@@ -23,9 +21,8 @@ from echoavatar_lab.models.tokenizer.train import (
     joint_reach,
     reach_statistics,
     start_from_principal_axes,
-    train_tokenizer,
 )
-from echoavatar_lab.training import Loop
+from echoavatar_lab.training import Loop, train
 
 
 def test_the_rate_drops_in_steps():
@@ -149,7 +146,9 @@ def test_training_learns_and_leaves_a_usable_checkpoint(tmp_path):
     training = TRAINING.model_copy(
         update={"steps": 30, "temperature": 0.0, "dropout": 0.0, "learning_rate": 5e-3, "log_every": 5}
     )
-    train_tokenizer(small_config(), training, CLIPS, [dance(9, 64)], tmp_path, card={"licence": "Apache-2.0"})
+    train(
+        TokenizerTask(small_config(), training, CLIPS, tests=[dance(9, 64)], card={"licence": "Apache-2.0"}), tmp_path
+    )
     assert losses(tmp_path)[30] < 0.9 * losses(tmp_path)[5]
     card = read_card(tmp_path)
     assert card["licence"] == "Apache-2.0"
@@ -169,10 +168,10 @@ def test_a_start_as_an_auto_encoder_fills_the_codebooks_at_the_switch():
 
 def test_a_run_may_begin_with_a_trained_tokenizer(tmp_path):
     """One step at the lower rate changes little: codes stay what they were, and the statistics too."""
-    trained = train_tokenizer(small_config(), TRAINING, CLIPS, [], tmp_path / "first")
+    trained = train(TokenizerTask(small_config(), TRAINING, CLIPS), tmp_path / "first").tokenizer
     training = continued(TRAINING).model_copy(update={"steps": 1})
     other = [dance(seed, 80) for seed in (5, 6)]
-    after = train_tokenizer(small_config(), training, other, [], tmp_path / "second", start=trained)
+    after = train(TokenizerTask(small_config(), training, other), tmp_path / "second", start=trained).tokenizer
     torch.testing.assert_close(after.mean, trained.mean)
     x = clip_features(HUMANOID, CLIPS[0])[None]
     agree = (after.eval().encode(x) == trained.eval().encode(x)).float().mean()
@@ -182,7 +181,11 @@ def test_a_run_may_begin_with_a_trained_tokenizer(tmp_path):
 @pytest.mark.parametrize("at", [1, 5])
 def test_a_killed_run_goes_on_to_the_same_curve_to_the_bit(tmp_path, at):
     training = TRAINING.model_copy(update={"quantize_from": 2, "average": 0.5, "save_every": 2})
-    check_resume(partial(train_tokenizer, small_config(), training, CLIPS, []), tmp_path, at=at)
+    check_resume(
+        lambda folder, **how: train(TokenizerTask(small_config(), training, CLIPS), folder, **how).tokenizer,
+        tmp_path,
+        at=at,
+    )
 
 
 def test_pieces_share_one_trajectory():

@@ -18,7 +18,9 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
+from echoavatar.wire.blobs import pack_audio
+from echoavatar.wire.codec import ProtocolError, decode_server, encode, subprotocol
+from echoavatar.wire.messages import (
     CLOSE_CODES,
     MAX_MESSAGE_BYTES,
     Action,
@@ -34,13 +36,10 @@ from echoavatar.wire import (
     Music,
     Ping,
     Played,
-    ProtocolError,
     Ready,
+    Role,
     ServerMessage,
     Sound,
-    decode_server,
-    encode,
-    subprotocol,
 )
 
 BLOCK_BYTES = 1 << 16
@@ -123,7 +122,7 @@ class UtteranceQueue:
         self.received = min(self.received, flush.at)
 
     def interrupt(self) -> None:
-        """Drop everything that was said."""
+        """Drop all utterances; the server discards them too."""
         self._utterances.clear()
         self._sent_s = self.received / SAMPLE_RATE_HZ
 
@@ -151,7 +150,7 @@ class ConnectionLostError(EchoAvatarError):
 
 
 class MessageSocket(Protocol):
-    """What carries the messages: a WebSocket, or anything with these three methods."""
+    """The connection that carries the messages: a WebSocket, or anything with these three methods."""
 
     async def send(self, message: bytes) -> None:
         """Send one frame; raises `ConnectionClosed` once the connection is broken."""
@@ -207,13 +206,15 @@ class Avatar:
 
     async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> str:
         """Request an action; its id comes back in `ActionStatus` messages."""
-        await self.send(Action(id=self._next_id(), name=name, intensity=intensity, hold=hold))
-        return f"py-{self._requests}"
+        request = Action(id=self._next_id(), name=name, intensity=intensity, hold=hold)
+        await self.send(request)
+        return request.id
 
     async def play_music(self, title: str = "") -> str:
         """Play one of `ready.tracks`."""
-        await self.send(Music(id=self._next_id(), op="play", title=title))
-        return f"py-{self._requests}"
+        request = Music(id=self._next_id(), op="play", title=title)
+        await self.send(request)
+        return request.id
 
     async def stop_music(self) -> None:
         """Fade the music out."""
@@ -276,22 +277,18 @@ class Avatar:
             ProtocolError: the server refused the session.
         """
         try:
-            await self._handshake()
-        except BaseException:
-            await self.close()
-            raise
-
-    async def _handshake(self) -> None:
-        try:
             self._socket = await self._dial()
             await self._socket.send(encode(self._hello))
             ready = await asyncio.wait_for(self.receive(), TIMEOUT_S)
-        except (OSError, TimeoutError, InvalidHandshake, ConnectionClosed) as error:
-            raise ConnectionLostError(
-                f"no server answers at {self._url} ({type(error).__name__}); start one with `echoavatar serve`"
-            ) from error
-        if not isinstance(ready, Ready):
-            raise ProtocolError("bad_order", "the server's first message was not `ready`")
+            if not isinstance(ready, Ready):
+                raise ProtocolError("bad_order", "the server's first message was not `ready`")
+        except BaseException as error:
+            await self.close()
+            if isinstance(error, OSError | TimeoutError | InvalidHandshake | ConnectionClosed):
+                raise ConnectionLostError(
+                    f"no server answers at {self._url} ({type(error).__name__}); start one with `echoavatar serve`"
+                ) from error
+            raise
         self.ready, self.epoch = ready, ready.epoch
 
     async def _dial_websocket(self) -> MessageSocket:
@@ -352,17 +349,20 @@ class Avatar:
 
 @asynccontextmanager
 async def connect(
-    url: str, *, token: str = "", rate: int = 24_000, seed: int = 0, body: BodyOptions | None = None
+    url: str, *, token: str = "", rate: int = 24_000, seed: int = 0, body: BodyOptions | None = None, watch: str = ""
 ) -> AsyncIterator[Avatar]:
     """Open a session at a server such as `http://127.0.0.1:8765`.
 
     `body` keeps the avatar near its place, such as `BodyOptions(leash_m=0.5)` before a camera that does not follow.
+    `watch` is the public name of a running session to watch instead.
 
     Raises:
         ConnectionLostError: no server answers there.
         ProtocolError: the server refused the session: wrong token, or no free seat.
     """
-    hello = Hello(token=token, audio=AudioFormat(rate=rate), seed=seed, body=body or BodyOptions())
+    role: Role = "viewer" if watch else "source"
+    form = AudioFormat(rate=rate)
+    hello = Hello(token=token, audio=form, seed=seed, body=body or BodyOptions(), role=role, session=watch)
     avatar = Avatar(stream_url(url), hello)
     await avatar.open()
     alive = asyncio.create_task(avatar.keep_alive())
@@ -393,7 +393,7 @@ def _pcm(samples: np.ndarray) -> bytes:
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             raise EchoAvatarError("the samples are not all finite; replace NaN and infinity by 0")
-        return bytes(np.rint(np.clip(samples, -1, 1) * 32_767).astype("<i2").data)
+        return pack_audio(samples)
     if samples.dtype == np.int16:
         return bytes(samples.astype("<i2").data)
     raise EchoAvatarError(f"samples of type {samples.dtype}; give floats in -1..1 or int16")

@@ -9,18 +9,8 @@ from jaxtyping import Float
 
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import (
-    AudioFormat,
-    Flush,
-    Motion,
-    Pose,
-    Ready,
-    ServerMessage,
-    Sound,
-    State,
-    unpack_audio,
-    unpack_pose,
-)
+from echoavatar.wire.blobs import Pose, unpack_audio, unpack_pose
+from echoavatar.wire.messages import AudioFormat, Flush, Motion, Ready, ServerMessage, Sound, State
 
 
 @dataclass(frozen=True)
@@ -104,7 +94,9 @@ class Recorder:
         Raises:
             MotionError: no motion has arrived.
         """
-        start, end = (0, self.end) if seg is None else self._range(seg)
+        start, end = 0, self.end
+        if seg is not None:  # from its first chunk to its last sample
+            start, end = self._began.get(seg, end), self._finished.get(seg, end)
         at = [at for at in sorted(self._frames) if start <= at < end]
         if not at:
             raise MotionError("the server has sent no motion")
@@ -123,10 +115,6 @@ class Recorder:
             face=np.concatenate(faces),
             audio=audio,
         )
-
-    def _range(self, seg: int) -> tuple[int, int]:
-        """The clock from the first chunk of the utterance to its last sample."""
-        return self._began.get(seg, self.end), self._finished.get(seg, self.end)
 
 
 def read_sound(path: str | Path) -> tuple[Float[np.ndarray, " s"], int]:

@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable, Iterator, MutableMapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError, ConnectionClosedOK
@@ -18,7 +18,8 @@ from echoavatar.engine import Engine, load
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server, configure
-from echoavatar.wire import Hello, subprotocol
+from echoavatar.wire.codec import subprotocol
+from echoavatar.wire.messages import Hello
 from echoavatar.wire.sockets import listen
 
 Message = MutableMapping[str, Any]
@@ -32,11 +33,11 @@ Schema = dict[str, Any]
 class InProcessSocket:
     """The client's side of one WebSocket connection to an ASGI application."""
 
-    def __init__(self, app: Application, path: str = "/v1/stream") -> None:
+    def __init__(self, app: Application) -> None:
         scope = {
             "type": "websocket",
             "asgi": {"version": "3.0"},
-            "path": path,
+            "path": "/v1/stream",
             "headers": [],
             "subprotocols": [subprotocol("msgpack")],
         }
@@ -96,28 +97,7 @@ class InProcessSocket:
             self._in.put_nowait({"type": "websocket.close", "code": 1006})
 
 
-class AvatarBackend(Protocol):
-    """Opens avatar sessions."""
-
-    async def open(self, hello: Hello) -> Avatar:
-        """Open a session.
-
-        Raises:
-            ConnectionLostError: no server answers there.
-            ProtocolError: the token is wrong, or no seat is free.
-        """
-
-    async def tools(self) -> list[Schema]:
-        """The tools that a language model may call there: name, description and parameters of each."""
-
-    def page(self, session: str) -> str:
-        """Address of the page that shows a session; empty if the backend has none."""
-
-    async def close(self) -> None:
-        """Release the backend; no more sessions are opened."""
-
-
-def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | None = None) -> AvatarBackend:
+def find_backend(where: "str | Path | Engine", *, token: str = "", port: int | None = None) -> "AvatarBackend":
     """The backend at `where`: a server's address such as `http://127.0.0.1:8765`, or an engine, bundle name or folder.
 
     An engine or bundle runs in this process. `port` then serves its page, on this machine only; 0 takes any free port.
@@ -135,13 +115,18 @@ class RemoteBackend:
         self._tools = RemoteTools(url, token=token)
 
     async def open(self, hello: Hello) -> Avatar:
-        """Open a session there."""
+        """Open a session there.
+
+        Raises:
+            ConnectionLostError: no server answers there.
+            ProtocolError: the token is wrong, or no seat is free.
+        """
         avatar = Avatar(self._url, msgspec.structs.replace(hello, token=self._token))
         await avatar.open()
         return avatar
 
     async def tools(self) -> list[Schema]:
-        """The tools that the server declares.
+        """The tools that a language model may call there: name, description and parameters of each.
 
         Raises:
             EchoAvatarError: the server does not answer, or refuses the request.
@@ -168,7 +153,11 @@ class LocalBackend:
         self._started, self._stopped = asyncio.Event(), asyncio.Event()
 
     async def open(self, hello: Hello) -> Avatar:
-        """Open a session here; the first one loads the model, which takes a while."""
+        """Open a session here; the first one loads the model, which takes a while.
+
+        Raises:
+            ProtocolError: no seat is free.
+        """
         await self._start()
         avatar = Avatar("this process", hello, self._dial)
         await avatar.open()
@@ -221,6 +210,9 @@ class LocalBackend:
                 await self._stopped.wait()
                 page_server.should_exit = page_server.force_exit = True
                 await serving
+
+
+AvatarBackend = RemoteBackend | LocalBackend
 
 
 class _PageServer(Server):

@@ -8,7 +8,7 @@ adapters: how sound is played, where motion goes, and how playback is reported. 
 import asyncio
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Any
 
@@ -20,7 +20,7 @@ from jaxtyping import Shaped
 from echoavatar.agents.client import Avatar
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import (
+from echoavatar.wire.messages import (
     ActionStatus,
     Audio,
     BodyOptions,
@@ -53,10 +53,9 @@ class SpeechResampler:
     def push(self, pcm: Shaped[np.ndarray, " s"], rate: int) -> Shaped[np.ndarray, " t"]:
         """Resample a block; some of its samples may come out with the next block."""
         if rate != self._rate:
-            self._rate = rate
-            self._stream = (
-                None if rate == SAMPLE_RATE_HZ else soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
-            )
+            self._rate, self._stream = rate, None
+            if rate != SAMPLE_RATE_HZ:
+                self._stream = soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
         return pcm if self._stream is None else self._stream.resample_chunk(pcm)
 
     def flush(self) -> Shaped[np.ndarray, " t"]:
@@ -76,18 +75,15 @@ class SpeechResampler:
 class AvatarBridge:
     """One avatar session in the form that a framework's adapter needs."""
 
-    def __init__(
-        self, backend: AvatarBackend, *, seed: int = 0, body: BodyOptions | None = None, lead_s: float = LEAD_S
-    ) -> None:
+    def __init__(self, backend: AvatarBackend, *, seed: int = 0, body: BodyOptions | None = None) -> None:
         """`body` says how far the avatar may walk, such as `BodyOptions(leash_m=0.5)`; by default anywhere."""
         self.backend = backend
         self.playback = Playback(0, 0.0)
         self._hello = Hello(seed=seed, body=body or BodyOptions())
-        self._lead = round(lead_s * SAMPLE_RATE_HZ)
         self._avatar: Avatar | None = None
         self._events: deque[Event] = deque()
         self._filled = asyncio.Event()
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: list[asyncio.Task[None]] = []
         self._error: BaseException | None = None
         self._motion: Motion | None = None  # motion whose sound has not arrived
         self._released_to = 0  # clock up to which sound was released
@@ -114,8 +110,8 @@ class AvatarBridge:
             avatar = await self.backend.open(self._hello)
             self._avatar = avatar
             self._begin(avatar.ready)
-            for task in (self._read(avatar), self._report(), avatar.keep_alive()):
-                self._start_task(task)
+            work = (self._read(avatar), self._report(), avatar.keep_alive())
+            self._tasks = [asyncio.create_task(part) for part in work]
         return self._avatar.ready
 
     async def close(self) -> None:
@@ -217,7 +213,7 @@ class AvatarBridge:
                 continue
             event = self._events[0]
             if isinstance(event, AvatarChunk):
-                if event.at - self.playback.position(time.monotonic()) > self._lead:
+                if event.at - self.playback.position(time.monotonic()) > LEAD_S * SAMPLE_RATE_HZ:
                     await asyncio.sleep(_POLL_S)
                     continue
                 self._release(event)
@@ -233,11 +229,6 @@ class AvatarBridge:
         if self._avatar is None:
             raise EchoAvatarError("the session is not open; await start() first")
         return self._avatar
-
-    def _start_task(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
 
     def _release(self, chunk: AvatarChunk) -> None:
         samples = chunk.motion.frames * SAMPLE_RATE_HZ // self.ready.frame_rate

@@ -19,7 +19,7 @@ import soxr
 from echoavatar.engine import Engine
 from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import BodyOptions
+from echoavatar.wire.messages import BodyOptions
 
 from .backend import find_backend
 from .bridge import AvatarBridge
@@ -87,7 +87,19 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
 
     async def register(self, client_tools: ClientTools) -> tuple[str, ...]:
         """Register the avatar's tools with the agent's client tools; returns their names."""
-        return register_tools(client_tools, await self.prepare(), asyncio.get_running_loop())
+        tools, loop = await self.prepare(), asyncio.get_running_loop()  # the SDK may call from another loop
+
+        def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:
+            async def handle(parameters: dict[str, Any]) -> str:
+                arguments = {key: value for key, value in parameters.items() if key != "tool_call_id"}
+                calling = asyncio.run_coroutine_threadsafe(tools.call(name, arguments), loop)
+                return json.dumps(await asyncio.wrap_future(calling))
+
+            return handle
+
+        for name in tools.names:
+            client_tools.register(name, handler(name), is_async=True)
+        return tools.names
 
     # ---- called by the SDK
 
@@ -100,7 +112,8 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
 
             async def hear(audio: bytes) -> None:
                 await input_callback(audio)
-                await self._listen(audio)
+                if not self._has_failed:
+                    await self._try(self.bridge.hear_user(np.frombuffer(audio, "<i2"), DEVICE_RATE))
 
             def hear_in_thread(audio: bytes) -> None:
                 asyncio.run_coroutine_threadsafe(hear(audio), loop)
@@ -177,10 +190,6 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
             pcm = soxr.resample(pcm, rate, DEVICE_RATE)
         await _maybe(self._device.output(pcm.astype("<i2").tobytes()))
 
-    async def _listen(self, audio: bytes) -> None:
-        if not self._has_failed:
-            await self._try(self.bridge.hear_user(np.frombuffer(audio, "<i2"), DEVICE_RATE))
-
     async def _try(self, work: Awaitable[object]) -> bool:
         try:
             await work
@@ -194,10 +203,10 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
 
     def __init__(self, where: str | Path | Engine = "default", **options: Any) -> None:
         """As `AsyncAvatarAudioInterface`; `device` may be `DefaultAudioInterface()`."""
+        self.avatar = AsyncAvatarAudioInterface(where, **options)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="echoavatar audio", daemon=True)
         self._thread.start()
-        self.avatar = self._run(self._make(where, options))
 
     @property
     def page(self) -> str:
@@ -235,27 +244,8 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
         """Stop speaking at once: the user spoke."""
         self._run(self.avatar.interrupt())
 
-    async def _make(self, where: str | Path | Engine, options: dict[str, Any]) -> AsyncAvatarAudioInterface:
-        return AsyncAvatarAudioInterface(where, **options)
-
     def _run(self, work: Coroutine[Any, Any, _Result]) -> _Result:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
-
-
-def register_tools(client_tools: ClientTools, tools: AvatarTools, loop: asyncio.AbstractEventLoop) -> tuple[str, ...]:
-    """Register the avatar's tools; `loop` is the bridge's and may differ from that of `client_tools`."""
-
-    def handler(name: str) -> Callable[[dict[str, Any]], Awaitable[str]]:
-        async def handle(parameters: dict[str, Any]) -> str:
-            arguments = {key: value for key, value in parameters.items() if key != "tool_call_id"}
-            calling = asyncio.run_coroutine_threadsafe(tools.call(name, arguments), loop)
-            return json.dumps(await asyncio.wrap_future(calling))
-
-        return handle
-
-    for name in tools.names:
-        client_tools.register(name, handler(name), is_async=True)
-    return tools.names
 
 
 async def _maybe(result: object) -> None:

@@ -9,8 +9,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from echoavatar.engine import Playhead
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import ActionStatus, Flush, Motion, Ready, Sound, State
+from echoavatar.wire.messages import ActionStatus, Flush, Motion, Ready, Sound, State
 
 _FRAME_BYTES = 2 * SAMPLES_PER_FRAME
 GRACE_S = 0.1  # a framework writes in blocks; after a block it is assumed to play on for this long
@@ -77,10 +78,10 @@ class Playback:
     """Estimates the clock of the first sample that was not heard; times are seconds of any monotonic clock."""
 
     def __init__(self, at: int, now: float) -> None:
-        self.end = at  # clock up to which there is something to play
-        self._at, self._now = float(at), now
+        self._playhead = Playhead()
         self._spans: deque[_Span] = deque()  # sound that is not written completely
         self._reports = False
+        self.jump(at, now)
 
     def pushed(self, start: int, samples: int, *, audible: bool) -> None:
         """A stretch of the session was released. A stretch that is not audible was not handed to the framework."""
@@ -97,39 +98,42 @@ class Playback:
             part = min(samples, span.samples - span.written)
             span.written += part
             samples -= part
-            self._at, self._now = span.start + span.written, now
+            self._move(span.start + round(span.written), now)
             if span.samples - span.written < 1:
                 self._spans.popleft()
 
     def plays(self, at: int, now: float) -> None:
         """The framework knows that exactly this sample is being heard."""
-        self._at, self._now = float(min(at, self.end)), now
+        self._move(min(at, self.end), now)
         self._spans = deque(span for span in self._spans if span.start + span.samples > at)
 
     def position(self, now: float) -> int:
         """The clock of the first sample that was not heard."""
-        self._at = max(self._at, min(self._at + (now - self._now) * SAMPLE_RATE_HZ, self._bound()))
-        self._now = now
-        return round(self._at)
+        self._playhead.advance(now, self._bound())
+        return self._playhead.sample
 
     def jump(self, at: int, now: float) -> None:
         """Everything after `at` was discarded; the listener is at `at`."""
-        self.end = at
-        self._at, self._now = float(at), now
+        self.end = at  # clock up to which there is something to play
+        self._move(at, now)
         self._spans.clear()
 
     @property
     def is_sounding(self) -> bool:
         """Whether sound was released that may not have been heard yet."""
-        return any(span.start + span.samples > self._at for span in self._spans)
+        return any(span.start + span.samples > self._playhead.sample for span in self._spans)
 
-    def _bound(self) -> float:
+    def _move(self, at: int, now: float) -> None:
+        self._playhead.advance(now, self.end)
+        self._playhead.jump(at)
+
+    def _bound(self) -> int:
         """The latest position that the wall clock may reach without a report."""
         if not self._reports:
-            while self._spans and self._spans[0].start + self._spans[0].samples <= self._at:
+            while self._spans and self._spans[0].start + self._spans[0].samples <= self._playhead.sample:
                 self._spans.popleft()
-            return float(self.end)
+            return self.end
         for span in self._spans:
             if span.samples - span.written > REST_S * SAMPLE_RATE_HZ:
-                return min(float(self.end), span.start + span.written + GRACE_S * SAMPLE_RATE_HZ)
-        return float(self.end)
+                return min(self.end, span.start + round(span.written + GRACE_S * SAMPLE_RATE_HZ))
+        return self.end

@@ -8,7 +8,7 @@ model never mentions gestures or songs that do not exist.
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from echoavatar.wire import ActionStatus
+from echoavatar.wire.messages import ActionStatus
 
 from .bridge import AvatarBridge
 

@@ -15,10 +15,9 @@ import numpy as np
 from jaxtyping import Int16
 
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import ActionStatus, Flush, Motion, Ready, ServerMessage, Sound
+from echoavatar.wire.messages import ActionStatus, Flush, Motion, Ready, ServerMessage, Sound
 
-from .conversation import Conversation
-from .speech_items import SpeechItem
+from .conversation import Conversation, SpeechItem
 
 AvatarEvent = dict[str, Any]
 _NUMBERS = itertools.count(1)

@@ -1,7 +1,7 @@
 """`echoavatar bench proxy`: the delay that the avatar adds to the voice, compared with a plain relay in the same run.
 
-One scripted upstream sends the same speech over three routes at nearly the same time: straight to the client, through a
-plain relay, and through the proxy with an avatar. Upstream, relay and proxy run in processes of their own. Every event
+One upstream sends the same speech over three routes at nearly the same time: straight to the client, through a plain
+relay, and through the proxy with an avatar. Upstream, relay and proxy run in processes of their own. Every event
 carries the time it was sent, and the routes take turns in going first.
 """
 
@@ -18,11 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 from websockets.asyncio.client import connect
+from websockets.asyncio.server import ServerConnection, serve
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .relay import Relay
-from .scripted import ScriptedSession, ScriptedUpstream
 from .upstream import ProxySettings, quiet_logger
 
 ROUTES = ("direct", "relay", "proxy")
@@ -128,28 +128,28 @@ def _upstream(pipe: Connection, seconds: float) -> None:
 
 
 async def _serve_upstream(pipe: Connection, seconds: float) -> None:
-    sessions: dict[str, ScriptedSession] = {}
-    all_there = asyncio.Event()
-    is_over = asyncio.Event()
+    websockets: dict[str, ServerConnection] = {}  # by route
+    all_there, is_over = asyncio.Event(), asyncio.Event()
 
-    async def script(session: ScriptedSession) -> None:
-        sessions[(await session.until("route"))["route"]] = session
-        if len(sessions) == len(ROUTES):
+    async def play(websocket: ServerConnection) -> None:
+        await websocket.send(json.dumps({"type": "session.created"}))  # the avatar's session waits for it
+        websockets[json.loads(await websocket.recv())["route"]] = websocket
+        if len(websockets) == len(ROUTES):
             all_there.set()
         await is_over.wait()
-        await session.send("bye")
+        await websocket.send(json.dumps({"type": "bye"}))
 
-    async with ScriptedUpstream(script) as upstream:
-        pipe.send(int(upstream.url.split(":")[2].split("/")[0]))
+    async with serve(play, "127.0.0.1", 0, compression=None, max_size=None, logger=quiet_logger()) as server:
+        pipe.send(int(next(iter(server.sockets)).getsockname()[1]))
         await all_there.wait()
         await asyncio.sleep(WARM_UP_S)  # time for the avatar's session to start
-        await _say([sessions[route] for route in ROUTES], seconds)
+        await _say([websockets[route] for route in ROUTES], seconds)
         await asyncio.sleep(2.0)
         is_over.set()
         await asyncio.sleep(1.0)
 
 
-async def _say(sessions: list[ScriptedSession], seconds: float) -> None:
+async def _say(websockets: list[ServerConnection], seconds: float) -> None:
     """Send syllables of noise at the pace of playback, each route in turn."""
     rng = np.random.default_rng(0)
     size = round(DELTA_S * SAMPLE_RATE_HZ)
@@ -159,12 +159,12 @@ async def _say(sessions: list[ScriptedSession], seconds: float) -> None:
         loud = 6_000 * abs(np.sin(number * DELTA_S * np.pi * 4))
         delta = base64.b64encode(rng.normal(0, loud, size).astype("<i2").tobytes()).decode()
         address = {"item_id": f"item_{item}", "response_id": f"resp_{item}", "output_index": 0, "content_index": 0}
-        for offset in range(len(sessions)):
-            session = sessions[(number + offset) % len(sessions)]
+        for offset in range(len(websockets)):
+            websocket = websockets[(number + offset) % len(websockets)]
             event = {"event_id": f"at_{time.perf_counter_ns()}", "type": "response.output_audio.delta", **address}
-            await session.websocket.send(json.dumps({**event, "delta": delta}))
+            await websocket.send(json.dumps({**event, "delta": delta}))
             if at == round(ITEM_S / DELTA_S) - 1:
-                await session.websocket.send(json.dumps({"type": "response.output_audio.done", **address}))
+                await websocket.send(json.dumps({"type": "response.output_audio.done", **address}))
             await asyncio.sleep(APART_S)
         await asyncio.sleep(max(0.0, begun + (number + 1) * DELTA_S - time.perf_counter()))
 

@@ -10,6 +10,7 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from http import HTTPStatus
 
 from websockets.asyncio.client import ClientConnection
@@ -21,7 +22,7 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import ProtocolError
+from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin
 
 from .sidecar import AvatarSidecar
@@ -142,8 +143,9 @@ class Relay:
         sidecar = AvatarSidecar(self._settings, client=client, upstream=upstream)
         avatar = asyncio.create_task(sidecar.run())
         try:
-            down = asyncio.create_task(_forward(upstream, client, sidecar.observe_server))
-            up = asyncio.create_task(_forward(client, upstream, sidecar.observe_client, sidecar.rewrite))
+            of_model, of_client = (partial(sidecar.observe, is_server=is_server) for is_server in (True, False))
+            down = asyncio.create_task(_forward(upstream, client, of_model))
+            up = asyncio.create_task(_forward(client, upstream, of_client, sidecar.rewrite))
             await asyncio.wait((down, up), return_when=asyncio.FIRST_COMPLETED)
             if down.done():  # everything that arrived from upstream before it closed has been sent
                 await client.close(*_close_reason(upstream))

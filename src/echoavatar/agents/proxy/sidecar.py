@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import ChunkSize
-from echoavatar.wire import Ready, Sound
+from echoavatar.wire.messages import Ready, Sound
 
 from ..client import Avatar, RemoteTools, connect
 from . import avatar_events
@@ -49,14 +49,19 @@ class AvatarSidecar:
 
     # ---- called by the relay; must not wait and must not raise
 
-    def observe_server(self, message: str | bytes) -> None:
-        """Take an event of the model's, which was forwarded."""
-        self._upstream_spoke.set()
-        self._enqueue(True, message)
-
-    def observe_client(self, message: str | bytes) -> None:
-        """Take an event of the client's, which was forwarded."""
-        self._enqueue(False, message)
+    def observe(self, message: str | bytes, *, is_server: bool) -> None:
+        """Take an event, of the model or of the client, that was forwarded."""
+        if is_server:
+            self._upstream_spoke.set()
+        if self._tools is None:
+            return
+        if self._queued_bytes > MAX_QUEUED_BYTES:
+            self._queue.clear()
+            self._queued_bytes = 0
+            self._conversation.detach()
+        self._queue.append((is_server, message))
+        self._queued_bytes += len(message)
+        self._filled.set()
 
     def rewrite(self, message: str | bytes) -> str | bytes | None:
         """What to forward instead of a client's event; None if the event is addressed to the proxy."""
@@ -69,17 +74,6 @@ class AvatarSidecar:
         except Exception:  # outer edge: an event that we cannot read is forwarded unchanged
             _LOG.exception("a client's event could not be read")
             return message
-
-    def _enqueue(self, is_server: bool, message: str | bytes) -> None:
-        if self._tools is None:
-            return
-        if self._queued_bytes > MAX_QUEUED_BYTES:
-            self._queue.clear()
-            self._queued_bytes = 0
-            self._conversation.detach()
-        self._queue.append((is_server, message))
-        self._queued_bytes += len(message)
-        self._filled.set()
 
     # ---- connection to the avatar
 

@@ -25,8 +25,8 @@ class ToolCalls:
     def __init__(self, send: Send, do: Do) -> None:
         self.declared: list[dict[str, Any]] = []  # the avatar's tools in the Realtime form; empty: none are offered
         self._send, self._do = send, do
-        self._client_tools: list[Any] = []  # the client's
-        self._client_names: set[str] = set()  # and their names
+        self._client_tools: list[Any] = []  # declared by the client
+        self._client_names: set[str] = set()  # names of those tools
         self._session_type: Any = None  # the session's `type`
         self._is_begun = self._is_offered = False
         self._answered: set[str] = set()  # ids of calls
@@ -60,7 +60,7 @@ class ToolCalls:
         return own + [tool for tool in self.declared if tool["name"] not in names]
 
     def on_model_event(self, event: Event) -> None:
-        """Handle an event of the model's and start the calls in it."""
+        """Handle an event of the model and start the calls in it."""
         if event.type == "response.output_item.done" and inside(event.item, "type") == "function_call":
             self._begin(
                 inside(event.item, "call_id"),

@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
-from torch import Tensor
 
 from echoavatar.engine.pipeline.actions import Action
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter, RigConfig
@@ -46,9 +45,9 @@ def action_from_motion(
     about: str = "",
     guides: bool | None = None,
 ) -> Action:
-    """An action of a clip on any rig; `hold_s` is what repeats when it is held (default: the middle half).
+    """An action of a clip on any rig; `hold_s` is the part that repeats when it is held (default: the middle half).
 
-    Without `guides`, the codes are asked for unless the clip has one only: then they say nothing but "stand".
+    Without `guides`, the generator is asked for the codes, unless the clip has a single code: that only means "stand".
 
     Raises:
         MotionError: the clip is too short or too long, or the name is not a name.
@@ -101,7 +100,7 @@ def set_from_motion(
 
 @torch.inference_mode()
 def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...], Overlay | None]:
-    """First-layer upper-body codes of a clip, whole chunks, and what of torso and head they do not say.
+    """First-layer upper-body codes of a clip, whole chunks, and the motion of torso and head that they do not express.
 
     The last pose is held to fill the last chunk.
 
@@ -124,7 +123,7 @@ def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...]
     coarse = torch.full_like(codes, -1)
     coarse[:, :, UPPER, 0] = codes[:, :, UPPER, 0]
     said = from_features(skeleton, tokenizer.decode(coarse)[0]).rotations
-    turns = _turn(said.transpose(-1, -2) @ rotations)[lead:]
+    turns = axis_angle_from_quaternion(quaternion_from_matrix(said.transpose(-1, -2) @ rotations))[lead:].numpy()
     first = codes[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
     return tuple(first.tolist()), _overlay(skeleton, turns)
 
@@ -152,7 +151,3 @@ def _plain(name: str, motion: Motion) -> str:
             f"a clip of {motion.seconds:.1f} s cannot be an action; cut it to {SHORTEST_S:g} to {LONGEST_S:g} s"
         )
     return plain
-
-
-def _turn(rotations: Float[Tensor, "t j 3 3"]) -> Float[np.ndarray, "t j 3"]:
-    return axis_angle_from_quaternion(quaternion_from_matrix(rotations)).numpy()

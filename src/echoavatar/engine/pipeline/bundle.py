@@ -12,8 +12,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Literal
 
-from torch import nn
-
 from echoavatar import hub
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, EchoAvatarError
@@ -61,10 +59,8 @@ class Bundle:
     @property
     def parameters(self) -> int:
         """The number of weights of all parts."""
-        parts: tuple[nn.Module | None, ...]
         parts = (self.codec, self.tokenizer, self.generator, self.face)
-        modules = [part for part in parts if part is not None]
-        return sum(weight.numel() for module in modules for weight in module.parameters())
+        return sum(weight.numel() for part in parts if part is not None for weight in part.parameters())
 
     def running(self, runtime: str) -> "Bundle":
         """The same bundle run as `paper`, `default` or with some of our additions, see `Runtime.chosen`.
@@ -135,19 +131,13 @@ def _folder(name: str | Path) -> Iterator[Path]:
     yield folder
 
 
-def lookahead_refusal(bundle: Bundle) -> str:
-    """The message for a generator that hears ahead and so cannot run live."""
-    chunks = bundle.generator.config.ahead_chunks
-    return (
-        f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
-        " before it is due, so it is an offline reference and cannot stream; train one with ahead_chunks 0"
-        " (`echoavatar reproduce main` runs such a reference on whole files)"
-    )
-
-
 def _check(bundle: Bundle) -> None:
-    if bundle.generator.config.ahead_chunks:
-        raise CheckpointError(lookahead_refusal(bundle))
+    if chunks := bundle.generator.config.ahead_chunks:
+        raise CheckpointError(
+            f"bundle {bundle.name}: its generator hears the sound {chunks} chunks ({chunks * CHUNK_SECONDS:.2f} s)"
+            " before it is due, so it is an offline reference and cannot stream; train one with ahead_chunks 0"
+            " (`echoavatar reproduce main` runs such a reference on whole files)"
+        )
     layout, tokenizer = bundle.generator.config.layout, bundle.tokenizer.config
     pairs = [
         ("audio codes", layout.audio_codes, bundle.codec.config.codes),

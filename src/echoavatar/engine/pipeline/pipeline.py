@@ -16,13 +16,13 @@ import math
 import threading
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import LevelControl, LevelState, NetworkState
 from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
@@ -35,11 +35,10 @@ from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import compilations
-from echoavatar.nn.stream import StateT
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
-from .bundle import Bundle, lookahead_refusal
+from .bundle import Bundle
 from .foreign_rig import Output, RigAdapter, RigState
 
 _LOG = logging.getLogger(__name__)
@@ -47,20 +46,6 @@ OnStage = Callable[[str], None]
 BIAS = 14.0  # nats that an action of intensity 1 adds to the logits of its codes
 LEARNED_BIAS = 12.0  # the same for a generator that was trained with exemplars
 STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
-
-
-class WarmStart(Generic[StateT]):
-    """The state of one row after silence, made on first use; safe to call from any thread."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._made: StateT | None = None
-
-    def state(self, make: Callable[[], StateT]) -> StateT:
-        """The row, to be copied and not changed. `Pipeline.warm_up` makes it, so that no session waits for it."""
-        with self._lock:
-            self._made = self._made or make()
-            return self._made
 
 
 def copy_row(state: StreamState, rows: Bool[Tensor, " b"], source: StreamState) -> None:
@@ -112,8 +97,6 @@ class PipelineState(StreamState):
 class Pipeline:
     """The trained parts of a bundle as one streaming machine."""
 
-    has_lookahead: ClassVar[bool] = False  # whether sound is known before it is due, see `lookahead`
-
     def __init__(
         self,
         bundle: Bundle,
@@ -136,11 +119,8 @@ class Pipeline:
                 decoder are compiled loops on the host.
 
         Raises:
-            CheckpointError: the generator hears ahead, which a stream cannot provide.
             EchoAvatarError: there is no such device.
         """
-        if bundle.generator.config.ahead_chunks and not self.has_lookahead:
-            raise CheckpointError(lookahead_refusal(bundle))
         runtime = bundle.runtime
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
@@ -153,7 +133,7 @@ class Pipeline:
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
-        self.additions = frozenset(runtime.session)  # what sessions add, see `SessionCore`
+        self.additions = frozenset(runtime.session)  # additions of sessions, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
         self.face = FaceStream(bundle.face, has_idle="blinks" in self.additions) if bundle.face else None
         self.actions = bundle.actions
@@ -162,19 +142,10 @@ class Pipeline:
         self.directive_codes = len(config.directed) * config.layout.motion_codes
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
-        self.on_stage: OnStage = _ignore
+        self.on_stage: OnStage = lambda stage: None
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
-        self._warm_start: WarmStart[PipelineState] = WarmStart()
-
-    @property
-    def chunk_samples(self) -> int:
-        """Samples of sound per step, 24 kHz."""
-        return self.chunk.samples
-
-    @property
-    def chunk_frames(self) -> int:
-        """Frames of motion per step, 30 fps."""
-        return self.chunk.frames
+        self._warm_start: PipelineState | None = None
+        self._warm_lock = threading.Lock()
 
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""
@@ -198,15 +169,16 @@ class Pipeline:
         state.post.modes.choose(rows, options)
 
     def _warm_row(self) -> PipelineState:
-        # Handed over at each call: kept, the method would tie the pipeline into a cycle, and one that a fault replaces
-        # would stay in memory, with its weights.
-        return self._warm_start.state(self._after_silence)
+        """The state of a new session, to be copied and not changed. `warm_up` makes it, so that no session waits."""
+        with self._warm_lock:
+            self._warm_start = self._warm_start or self._after_silence()
+            return self._warm_start
 
     def _after_silence(self) -> PipelineState:
-        """One row that has heard the lead-in silence. The state of what was shown, position included, is reset."""
+        """One row that has heard the lead-in silence. Stages behind the decoder, and the position, are reset."""
         state, everyone = self.init_state(1), torch.ones(1, dtype=torch.bool)
         for _ in range(self._lead_in):
-            self.step(torch.zeros(1, self.chunk_samples), state, everyone)
+            self.step(torch.zeros(1, self.chunk.samples), state, everyone)
         state.post.reset(everyone)
         return state
 
@@ -222,7 +194,7 @@ class Pipeline:
         everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
         state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
         with compilations(lambda: _LOG.warning("compiling for this processor, once; up to a minute")):
-            self.step(torch.zeros(1, self.chunk_samples), state, ~everyone)
+            self.step(torch.zeros(1, self.chunk.samples), state, ~everyone)
             self._warm_row()
 
     def encode_audio(
@@ -246,9 +218,9 @@ class Pipeline:
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; ignore what inactive rows return.
 
-        A chunk is `chunk_samples` long (6,400 in our bundles and the paper) and gives `chunk_frames` frames (8). The
-        smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
-        `directive` is what actions ask for, row by row. `on_stage(name)` is called after each stage, for benchmarks.
+        A chunk has `chunk.samples` samples (6,400 in our bundles and the paper) and gives `chunk.frames` frames (8).
+        The smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
+        `directive` holds the requests of actions, row by row. Benchmarks set `on_stage`, called after each stage.
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")
@@ -277,7 +249,3 @@ class Pipeline:
         if self.cylinder:
             motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
         return motion.split(face)
-
-
-def _ignore(stage: str) -> None:
-    del stage

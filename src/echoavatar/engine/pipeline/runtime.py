@@ -21,7 +21,7 @@ from .foreign_rig import RigConfig
 
 FILE = "runtime.json"
 PAPER_FPS = 60.0  # paper, Settings: 30 frames per second, "subsequently interpolated to 60 FPS for final rendering"
-SESSION = ("settling", "idle", "expression", "blinks", "listening", "overlays")  # what a session adds to the models
+SESSION = ("settling", "idle", "expression", "blinks", "listening", "overlays")  # by sessions
 NUMBERS = {"level": ("level_control", False), "lead-in": ("lead_in_s", 0.0)}  # addition -> field, the paper's value
 ADDITIONS = (*NUMBERS, *SWITCHES, *SESSION)
 
@@ -52,14 +52,14 @@ class Runtime(Config):
 
     @property
     def additions(self) -> tuple[str, ...]:
-        """What of ours is on, in the order of `ADDITIONS`."""
+        """Our additions that are on, in the order of `ADDITIONS`."""
         numbers = [name for name, (field, paper) in NUMBERS.items() if getattr(self, field) != paper]
         on = {*numbers, *self.stages, *self.session}
         return tuple(name for name in ADDITIONS if name in on)
 
     @property
     def label(self) -> str:
-        """`bare`, `paper`, `default` (all of ours) or the names of what is on, as `chosen` takes them; for headers."""
+        """`bare`, `paper`, `default` (all of ours) or the names of the additions that are on; for headers."""
         on = self.additions
         if on:
             return "default" if on == ADDITIONS else ",".join(on)
@@ -69,8 +69,8 @@ class Runtime(Config):
         """These settings run otherwise: `default` changes nothing, `paper` leaves out everything of ours, `bare`
         the paper's cylinder and 60 fps too.
 
-        Any other name lists what to keep of ours, such as `ground,feet`; the rest is as in the paper. A value that this
-        runtime has off is then that of our bundles. The adapter of a foreign rig, with its own cylinder, always stays.
+        Any other name lists the additions to keep, such as `ground,feet`; the rest is as in the paper. A switched-off
+        setting that is named gets our bundles' value. A foreign rig's adapter and cylinder always stay.
 
         Raises:
             EchoAvatarError: there is no addition of that name.

@@ -1,7 +1,7 @@
-"""The one way from a pose to a picture: films, live video and virtual cameras all draw through it."""
+"""Draw a pose as a picture; films, live video and virtual cameras all use this module."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -25,7 +25,7 @@ CLOSE: tuple[View, ...] = ("bust", "face")
 
 @dataclass(frozen=True)
 class Shot:
-    """How an avatar is pictured: size in pixels, view, background, and samples a pixel along each axis.
+    """The settings of a picture: size in pixels, view, background, and samples a pixel along each axis.
 
     With `alpha` pictures have a fourth channel and no backdrop. `renderer` is our rasteriser on the processor, or
     OpenGL on a graphics card.
@@ -63,7 +63,7 @@ class AvatarRenderer:
 
     def twin(self) -> "AvatarRenderer":
         """Another renderer of the same character, for another thread."""
-        return AvatarRenderer(self._character, replace(self.shot), self.paint)
+        return AvatarRenderer(self._character, self.shot, self.paint)
 
 
 def followed_joint(view: View) -> int:

@@ -1,4 +1,4 @@
-"""What stands around the character: backdrop, light and the film's tone curve."""
+"""The surroundings of the character: backdrop, light and the film's tone curve."""
 
 import re
 from dataclasses import dataclass

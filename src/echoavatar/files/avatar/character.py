@@ -5,7 +5,7 @@ targets say what each blendshape adds to the vertices of the neutral face, kept 
 """
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from importlib.resources import files
@@ -20,7 +20,7 @@ from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.nn.kernels import kernel
 
-from .halfway import BONES, PARENTS, REST, SOURCES
+from .halfway import BONES
 
 NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
 # In glTF; films read the roughness of skin alone.
@@ -31,8 +31,8 @@ DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "t
 class Textures:
     """Encoded pictures, JPEG or PNG, or nothing for a detail that is left out.
 
-    `hair` has alpha. `knit` and `twill` are grey and repeat, as their normal and roughness maps do; that of skin lies
-    on the atlas.
+    `hair` has alpha. `knit` and `twill` are grey and repeat, as their normal and roughness maps do; the roughness map
+    of skin has the atlas's coordinates.
     """
 
     atlas: bytes
@@ -60,7 +60,7 @@ class Textures:
 
     @classmethod
     def of_arrays(cls, stored: dict[str, np.ndarray]) -> "Textures":
-        """What `arrays` made."""
+        """The inverse of `arrays`."""
         return cls(*(stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS))
 
 
@@ -135,7 +135,7 @@ def grey_at(encoded: bytes, uvs: Float[np.ndarray, "v 2"]) -> Float[np.ndarray, 
 
 MOVE_UNIT = 2e-6  # metres; how moves are stored
 TURN_UNIT = 1 / 64  # how changes of normals are stored
-LEAST_MOVE, LEAST_TURN = 1.5e-4, 0.06  # what is less is left out
+LEAST_MOVE, LEAST_TURN = 1.5e-4, 0.06  # smaller changes are left out
 
 
 @dataclass(frozen=True)
@@ -165,6 +165,18 @@ class Morphs:
         """The entries of one shape."""
         return slice(int(self.starts[index]), int(self.starts[index + 1]))
 
+    def on(
+        self, used: Int[np.ndarray, " u"]
+    ) -> Iterator[tuple[str, Int[np.ndarray, " k"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]]:
+        """Each shape on a part of the mesh: its name, and its vertices as indices into `used`, moves and turns."""
+        place = np.full(max(self.reach, int(used.max()) + 1), -1)
+        place[used] = np.arange(len(used))
+        for index, name in enumerate(self.names):
+            part = self.part(index)
+            at = place[self.vertices[part]]
+            here = at >= 0
+            yield name, at[here], self.moves[part][here], self.turns[part][here]
+
     def arrays(self) -> dict[str, Any]:
         """Small arrays for an npz."""
         return {
@@ -177,7 +189,7 @@ class Morphs:
 
     @classmethod
     def of_arrays(cls, stored: Mapping[str, np.ndarray]) -> "Morphs":
-        """What `arrays` made."""
+        """The inverse of `arrays`."""
         return cls(
             tuple(str(name) for name in stored["face_names"]),
             stored["face_starts"].astype(np.int64),
@@ -287,21 +299,6 @@ class Character:
         for column in range(self.joints.shape[1]):
             np.add.at(dense, (rows, self.joints[:, column]), self.weights[:, column])
         return dense
-
-    @cached_property
-    def dense_weights(self) -> Float[np.ndarray, "v j"]:
-        """Weights over the joints of `HUMANOID`: those of a halfway bone go to its bone and to its parent in halves."""
-        joints = len(BONES) - len(SOURCES)
-        dense, halves = self.bone_weights[:, :joints].copy(), self.bone_weights[:, joints:] / 2
-        dense[:, SOURCES] += halves
-        for row, parent in enumerate(PARENTS):
-            dense[:, parent] += halves[:, row]
-        return dense
-
-    @cached_property
-    def rest_joints(self) -> Float[np.ndarray, "b 3"]:
-        """World positions of all `BONES` in the rest pose."""
-        return REST
 
     def flat_colours(self) -> Float[np.ndarray, "v 3"]:
         """The sRGB colour of each vertex, 0 to 1, for files without pictures."""

@@ -184,20 +184,13 @@ def _face_primitives(buffer: Buffer, character: Character, triangles: Int[np.nda
 
 def _targets(buffer: Buffer, character: Character, used: Int[np.ndarray, " v"]) -> list[dict[str, int]]:
     """One morph target per blendshape, which stores only the vertices that it moves."""
-    face = character.face
-    place = np.full(len(character.positions), -1)
-    place[used] = np.arange(len(used))
     targets = []
-    for index in range(len(face.names)):
-        part = face.part(index)
-        at = place[face.vertices[part]]
-        here = at >= 0
-        places = buffer.view(at[here].astype(np.uint16)) if here.any() else -1
-        moves, turns = stepped(face.moves[part][here], MOVE_STEP), stepped(face.turns[part][here], TURN_STEP)
+    for _, at, moves, turns in character.face.on(used):
+        places = buffer.view(at.astype(np.uint16)) if len(at) else -1
         targets.append(
             {
-                "POSITION": buffer.sparse(len(used), places, moves, bounds=True),
-                "NORMAL": buffer.sparse(len(used), places, turns),
+                "POSITION": buffer.sparse(len(used), places, stepped(moves, MOVE_STEP), bounds=True),
+                "NORMAL": buffer.sparse(len(used), places, stepped(turns, TURN_STEP)),
             }
         )
     return targets

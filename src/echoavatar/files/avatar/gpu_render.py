@@ -174,11 +174,11 @@ void main() {
 class GpuRenderer(Renderer):
     """Draws what `Renderer` draws; any thread may draw, one at a time.
 
-    A context of OpenGL is current in one thread: `draw` takes it and lets go of it. It dies with the renderer. moderngl
-    holds the interpreter's lock while the card draws.
+    A context of OpenGL is current in one thread: `draw` takes it and releases it. The context ends with the renderer.
+    moderngl holds the interpreter's lock while the card draws.
 
     Attributes:
-        card: what draws, in the driver's words; with `llvmpipe` in them it is no card.
+        card: the driver's name of the renderer; `llvmpipe` in it means software instead of a card.
     """
 
     def _allocate(self) -> None:
@@ -264,7 +264,7 @@ class GpuRenderer(Renderer):
             self._shape.render(gl.TRIANGLES, vertices=count, first=first)
 
     def _upload(self, paint: Paint) -> None:
-        """Bring to the card what stays the same; triangles of one kind are drawn at once."""
+        """Send the data that all frames share to the card; triangles of one kind are drawn at once."""
         context, self._painted = self._context, paint
         kinds = np.column_stack([paint.pictures, paint.two_sided, paint.cutouts >= 0, paint.glosses])
         kinds, kind = np.unique(kinds, axis=0, return_inverse=True)

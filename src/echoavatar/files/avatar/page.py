@@ -3,6 +3,7 @@
 import base64
 import html
 import json
+import re
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -11,23 +12,13 @@ from typing import NamedTuple
 from echoavatar.errors import MotionError
 from echoavatar.whole_file import write_whole
 
-MIME_TYPES = {
-    ".ogg": "audio/ogg",
-    ".opus": "audio/ogg",
-    ".mp3": "audio/mpeg",
-    ".wav": "audio/wav",
-    ".m4a": "audio/mp4",
-    ".webm": "audio/webm",
-}
-
 
 class PageClip(NamedTuple):
-    """One entry of the page: a title, the name of an animation in the GLB, and encoded sound."""
+    """One entry of the page: a title, the name of an animation in the GLB, and its sound as an Ogg file."""
 
     title: str
     animation: str
     audio: bytes
-    suffix: str = ".ogg"  # a key of MIME_TYPES
     note: str = ""
 
 
@@ -42,13 +33,14 @@ def page_text(glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar
     """The page's HTML. All clips share the mesh in `glb` (`gltf.pack_glb`) and name one of its animations."""
     assets = files("echoavatar") / "assets"
     data = {"glb": base64.b64encode(glb).decode(), "clips": [_entry(clip, glb) for clip in clips]}
-    viewer = (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script")
-    filled = (assets / "page.html").read_text("utf-8")
-    for mark, text in (("@TITLE@", html.escape(title)), ("@NOTE@", html.escape(note))):
-        filled = filled.replace(mark, text)
-    start, rest = filled.split("@DATA@")
-    middle, end = rest.split("@VIEWER@")
-    return start + json.dumps(data).replace("<", "\\u003c") + middle + viewer + end
+    filled = {
+        "@TITLE@": html.escape(title),
+        "@NOTE@": html.escape(note),
+        "@DATA@": json.dumps(data).replace("<", "\\u003c"),
+        "@THREE@": (assets / "shared" / "three.js").read_text("utf-8").replace("</script", "<\\/script"),
+        "@VIEWER@": (assets / "viewer.js").read_text("utf-8").replace("</script", "<\\/script"),
+    }
+    return re.sub("@[A-Z]+@", lambda mark: filled[mark[0]], (assets / "page.html").read_text("utf-8"))
 
 
 def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
@@ -56,7 +48,5 @@ def _entry(clip: PageClip, glb: bytes) -> dict[str, str]:
         raise MotionError(
             f"clip {clip.title!r} names the animation {clip.animation!r}, which is not in the GLB; name one that is"
         )
-    if clip.suffix not in MIME_TYPES:
-        raise MotionError(f"clip {clip.title!r} has sound of type {clip.suffix!r}; use one of {', '.join(MIME_TYPES)}")
-    sound = f"data:{MIME_TYPES[clip.suffix]};base64,{base64.b64encode(clip.audio).decode()}"
+    sound = f"data:audio/ogg;base64,{base64.b64encode(clip.audio).decode()}"
     return {"title": clip.title, "animation": clip.animation, "audio": sound, "note": clip.note}

@@ -1,6 +1,6 @@
-"""Which triangle is seen in each sample of a picture, and how high the surface is from the light.
+"""The visible triangle in each sample of a picture, and the height of the surface towards the light.
 
-One picture is drawn by one thread; two threads draw two pictures. Every loop stays inside the box of what it draws.
+One thread draws one picture; two threads draw two. Every loop stays inside the bounding box of its triangles.
 Constants are float32, or numba would compute in double precision.
 """
 
@@ -175,7 +175,7 @@ def shadow_depth(points, triangles, two_sided, to_light, light, shadow):  # type
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         ax, ay, bx, by, cx, cy = light[a, 0], light[a, 1], light[b, 0], light[b, 1], light[c, 0], light[c, 1]
         area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
-        if area == ZERO or (area < ZERO and not two_sided[t]):  # what faces away is hidden by what faces the light
+        if area == ZERO or (area < ZERO and not two_sided[t]):  # hidden by a surface that faces the light
             continue
         first, behind = centres(min(ax, bx, cx), max(ax, bx, cx), 0, size)
         low, under = centres(min(ay, by, cy), max(ay, by, cy), 0, size)

@@ -45,7 +45,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Paint:
-    """What stays the same from frame to frame: colours, triangles, pictures, and highlights (strength, exponent)."""
+    """Data that all frames share: colours, triangles, pictures, and highlights (strength, exponent)."""
 
     colours: Float[np.ndarray, "v 3"]  # linear factors on the pictures
     triangles: Integer[np.ndarray, "f 3"]  # unsigned, or the kernels ask whether each counts from the end
@@ -75,7 +75,7 @@ class Paint:
 
 
 def _glosses(character: Character, material: Integer[np.ndarray, " f"]) -> Float[np.ndarray, "f 2"]:
-    """Each triangle's highlight is its material's; hair painted on skin has none, as skin's roughness map tells."""
+    """Each triangle's highlight is its material's; hair painted on skin (by the roughness map) has none."""
     glosses: Float[np.ndarray, "f 2"] = np.array([_gloss(m.roughness) for m in MATERIALS], np.float32)[material]
     if character.textures.skin_roughness:
         skin = [m.name for m in MATERIALS].index("skin")
@@ -91,7 +91,7 @@ def _gloss(roughness: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Surface:
-    """One frame to draw: world positions and normals, and what is painted on them."""
+    """One frame to draw: world positions and normals, and the paint on them."""
 
     points: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
@@ -124,7 +124,6 @@ class Renderer:
         if alpha:
             self._empty = np.zeros((height, width, 4), np.uint8)
         self._contact = np.zeros((CONTACT_CELLS, CONTACT_CELLS), np.float32)
-        self._spread = np.zeros(CONTACT_CELLS, np.float32)
         self._strength = np.array(self._backdrop.shadow, np.float32)
         self._tone = tone_curve()
         self._bounds = np.zeros((3, 2, 3), np.float32)
@@ -208,10 +207,14 @@ class Renderer:
 
     def _touch(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Fill the contact shadow; gives the body's middle on the floor, and the map from metres to cells."""
+        from scipy.ndimage import uniform_filter
+
         middle = self._bounds[0, :, ::2].mean(0)
         scale = CONTACT_CELLS / CONTACT_METRES
         contact_map = np.array([[scale, CONTACT_CELLS / 2 - scale * at] for at in middle], np.float32)
-        shading.contact_shadow(points, self._contact, contact_map, self._spread)
+        shading.nearness(points, self._contact, contact_map)
+        for _ in range(3):
+            uniform_filter(self._contact, 9, self._contact, mode="constant")
         return middle, contact_map
 
     @property

@@ -1,6 +1,6 @@
-"""The light on what is seen: the body sample by sample where its edges are, and its shadow on the floor.
+"""The light on the visible surface: each sample of the body at its edges, and its shadow on the floor.
 
-Every pixel that sees neither keeps the backdrop. Constants are float32, or numba would compute in double precision.
+Every other pixel keeps the backdrop. Constants are float32, or numba would compute in double precision.
 """
 
 import math
@@ -166,8 +166,8 @@ def floor_shadow(image, box, samples, camera, rays, middle, to_light, shadow, co
 
 
 @kernel(fastmath=True)
-def contact_shadow(points, contact, contact_map, spread):  # type: ignore[no-untyped-def]
-    """Fill `contact` (n, n) with how much of the sky the body hides from the floor there; `spread` is for the blur."""
+def nearness(points, contact, contact_map):  # type: ignore[no-untyped-def]
+    """Fill `contact` (n, n) with the nearness of the body above each cell of the floor: 1 on it, 0 from 35 cm on."""
     cells = contact.shape[0]
     contact[:, :] = ZERO
     for v in range(points.shape[0]):
@@ -178,21 +178,6 @@ def contact_shadow(points, contact, contact_map, spread):  # type: ignore[no-unt
             if i >= 0 and j >= 0 and i < cells and j < cells:
                 near = ONE - max(ZERO, y) / F(0.35)
                 contact[j, i] = max(contact[j, i], near * near)
-    for _ in range(3):
-        for axis in range(2):
-            for line in range(cells):
-                total = ZERO
-                for k in range(-4, cells):
-                    if k + 4 < cells:
-                        total += contact[line, k + 4] if axis == 0 else contact[k + 4, line]
-                    if k - 5 >= 0:
-                        total -= spread[k - 5]
-                    if k >= 0:
-                        spread[k] = contact[line, k] if axis == 0 else contact[k, line]
-                        if axis == 0:
-                            contact[line, k] = total / F(9.0)
-                        else:
-                            contact[k, line] = total / F(9.0)
 
 
 @kernel(fastmath=True)

@@ -6,7 +6,7 @@ from jaxtyping import Float
 from echoavatar.nn.kernels import kernel
 
 from .character import Character
-from .halfway import with_halfway
+from .halfway import REST, with_halfway
 
 F = np.float32
 
@@ -23,7 +23,7 @@ def skin(
     """
     positions, normals = (character.positions, character.normals) if face is None else character.with_face(face)
     rotations, places = with_halfway(np.asarray(world_rotations, np.float32), np.asarray(world_positions, np.float32))
-    shift = places - np.einsum("jik,jk->ji", rotations, character.rest_joints)
+    shift = places - np.einsum("jik,jk->ji", rotations, REST)
     moves = np.concatenate([rotations, shift[:, :, None]], 2).astype(np.float32)
     vertices, turned = np.empty_like(positions), np.empty_like(normals)
     blended(positions, normals, character.joints, character.weights, moves, vertices, turned)

@@ -103,7 +103,7 @@ def film(
 
 
 def default_size(view: View) -> tuple[int, int]:
-    """The size of a film of which none was asked for."""
+    """The size of a film in pixels, where the user gives none."""
     return (720, 720) if view in CLOSE else (1280, 720)
 
 

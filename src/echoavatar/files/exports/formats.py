@@ -37,7 +37,7 @@ def write_take(
 ) -> None:
     """Write a take, retargeted to `rig` where one is given.
 
-    `character` (default: Maya) is who is filmed, `shot` how; `progress` receives the frames filmed, and all frames.
+    A film shows `character` (default: Maya) as `shot` says; `progress` receives the frames filmed, and all frames.
 
     Raises:
         EchoAvatarError: as `check_output`, or the take does not fit the format.
@@ -56,7 +56,7 @@ def write_take(
 
 
 def check_output(output: Path, *, has_rig: bool) -> None:
-    """Refuse what cannot be written, before any work is done.
+    """Refuse a file that cannot be written, before any work is done.
 
     Raises:
         EchoAvatarError: the suffix is unknown, `--rig` does not fit the format, or the file cannot be written there.
@@ -131,10 +131,8 @@ def _fbx(path: Path, take: Take, rig: Rig | None) -> None:
 def _npz(path: Path, take: Take, _: Rig | None) -> None:
     from echoavatar.motion.formats.tables import write_npz
 
-    if take.face is None:
-        write_npz(path, take.motion)
-    else:
-        write_npz(path, take.motion, face=take.face, face_names=np.array(ARKIT_NAMES))
+    face = {} if take.face is None else {"face": take.face, "face_names": np.array(ARKIT_NAMES)}
+    write_npz(path, take.motion, **face)
 
 
 def _csv(path: Path, take: Take, rig: Rig | None) -> None:
@@ -146,7 +144,7 @@ def _csv(path: Path, take: Take, rig: Rig | None) -> None:
 
 
 def _face_csv(path: Path, take: Take, _: Rig | None) -> None:
-    from echoavatar.models.face.export import write_live_link
+    from echoavatar.motion.formats.tables import write_live_link
 
     write_live_link(path, _face(path, take), take.motion.fps)
 
@@ -166,12 +164,12 @@ def _face(path: Path, take: Take) -> np.ndarray:
     return take.face
 
 
-def _smplx(path: Path, take: Take, _: Rig | None) -> None:
-    write_smplx(path, take)
-
-
 FACE_CSV, FACE47_CSV = ".face.csv", ".face47.csv"
-_SPECIAL: Mapping[str, Writer] = {FACE_CSV: _face_csv, FACE47_CSV: _face47_csv, ".smplx.npz": _smplx}
+_SPECIAL: Mapping[str, Writer] = {
+    FACE_CSV: _face_csv,
+    FACE47_CSV: _face47_csv,
+    ".smplx.npz": lambda path, take, _: write_smplx(path, take),
+}
 _WRITERS: Mapping[str, Writer] = {
     ".bvh": _bvh,
     ".glb": _glb,

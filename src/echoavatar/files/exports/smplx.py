@@ -82,7 +82,7 @@ def skeleton(rest: Float[np.ndarray, "55 3"] | None = None) -> Skeleton:
             names=tuple(name for name, _, _ in rows),
             parents=tuple(parent for _, parent, _ in rows),
             offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
-            tips=_tips(rows),
+            tips={name: HUMANOID.config.tips[bone] for name, _, bone in rows if bone in HUMANOID.config.tips},
             vrm={bone: j for j, (_, _, bone) in enumerate(rows) if bone},
         )
     )
@@ -92,11 +92,6 @@ def _our_rest(rows: list[tuple[str, int, str]]) -> Float[np.ndarray, "55 3"]:
     rest = HUMANOID.rest_positions.numpy()
     head = rest[HUMANOID.index("head")]
     return np.stack([rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows])
-
-
-def _tips(rows: list[tuple[str, int, str]]) -> dict[str, tuple[float, float, float]]:
-    ours = HUMANOID.config.tips
-    return {name: ours[bone] for name, _, bone in rows if bone in ours}
 
 
 JAW_RADIANS = 0.35  # a wide open jaw

@@ -26,10 +26,10 @@ from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_tog
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar.motion.kinematics.rigs import bone_map, feet_of, is_upright
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 
-from ..avatar.gltf import Buffer, Tracks, container
+from ..avatar.gltf import Buffer, Tracks, packed
 from .take import Take
 
 _HALF_TURN = np.diag([-1.0, 1.0, -1.0])  # about Y
@@ -61,7 +61,7 @@ def _packed(rig: GltfRig, take: Take) -> bytes:
     buffer.views, buffer.accessors = document.get("bufferViews", []), document.get("accessors", [])
     tracks = Tracks(buffer, take.motion.frames, take.motion.fps)
     rotations, hips = file_rotations(rig, take.motion)
-    rest = file_rotations(rig, _at_rest(take.motion))[0][0]
+    rest = file_rotations(rig, Motion.at_rest(take.motion.skeleton))[0][0]
     mapped = set(take.motion.skeleton.config.vrm.values())
     for joint, node in enumerate(rig.order):
         is_moving = bool((np.abs((rotations[:, joint] * rest[joint]).sum(-1)) < 1 - 1e-7).any())
@@ -73,9 +73,7 @@ def _packed(rig: GltfRig, take: Take) -> bytes:
         for node, weights in face_weights(document, take.face).items():
             tracks.add(node, "weights", weights.reshape(-1))
     document["animations"] = [{"name": "take", "samplers": tracks.samplers, "channels": tracks.channels}]
-    document["bufferViews"], document["accessors"] = buffer.views, buffer.accessors
-    document["buffers"] = [{"byteLength": len(buffer.data)}]
-    return container(document, bytes(buffer.data))
+    return packed(document, buffer)
 
 
 def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:
@@ -102,12 +100,6 @@ def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"],
         inverse = np.linalg.inv(rig.worlds[over])
         root = root @ inverse[:3, :3].T + inverse[:3, 3]
     return align_signs(quaternions), root
-
-
-def _at_rest(motion: Motion) -> Motion:
-    still = np.zeros((1, motion.skeleton.joints, 4), np.float32)
-    still[..., 0] = 1
-    return Motion(motion.skeleton, still, motion.skeleton.offsets[:1].numpy(), motion.fps)
 
 
 def _rotation(matrix: Float[Array, "4 4"]) -> Float[Array, "3 3"]:
@@ -148,12 +140,11 @@ def face_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict
 
 
 def _target_names(mesh: dict[str, Any]) -> list[str]:
-    count = len(mesh["primitives"][0].get("targets", []))
+    targets = mesh["primitives"][0].get("targets", [])
     names = mesh.get("extras", {}).get("targetNames")
     if names is None:  # where VRM 0.x exporters put them
-        targets = mesh["primitives"][0].get("targets", [])
         names = [target.get("extra", {}).get("name", "") for target in targets]
-    return [str(name) for name in names] if len(names) == count else [""] * count
+    return [str(name) for name in names] if len(names) == len(targets) else [""] * len(targets)
 
 
 def _expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Array]:
@@ -210,9 +201,9 @@ class Rig:
         motion, body = take.motion, self.body
         moved = keep_hands_on_body(motion, retarget(motion, self.skeleton), body_of_rig(motion.skeleton), body)
         moved = keep_hands_together(motion, moved)
-        matrices = HandCollisions(self.skeleton, body).step(moved.matrices()[None])[0]
-        moved = replace(moved, rotations=quaternion_from_matrix(matrices).numpy())
-        return Take(moved, take.face, take.audio)
+        rotations = moved.rotations[None].copy()
+        HandCollisions(self.skeleton, body).resolve(rotations)
+        return Take(replace(moved, rotations=rotations[0]), take.face, take.audio)
 
     @cached_property
     def body(self) -> BodyProfile:
@@ -276,17 +267,14 @@ def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
     config = skeleton.config
     offsets = np.array(config.offsets)
     offsets[0, 1] -= low
-    feet = config.feet or tuple(
-        bones.get(f"{side}{part}", bones[f"{side}Foot"]) for side in ("left", "right") for part in ("Foot", "Toes")
-    )
+    feet = config.feet or tuple(feet_of(bones))
     placed = Skeleton(
         config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "vrm": bones, "feet": feet})
     )
-    rest = placed.rest_positions
-    is_upright = bool(rest[bones["head"], 1] > rest[bones["hips"], 1] > rest[bones["leftFoot"], 1])
-    if not is_upright or not _SMALLEST < float(rest[bones["hips"], 1]) < _LARGEST:
+    hips = float(placed.rest_positions[bones["hips"], 1])
+    if not is_upright(placed, bones) or not _SMALLEST < hips < _LARGEST:
         raise MotionError(
-            f"{path}: its rest pose does not stand upright (Y up, hips {float(rest[bones['hips'], 1]):.2f} m above the"
+            f"{path}: its rest pose does not stand upright (Y up, hips {hips:.2f} m above the"
             " floor); export it standing, in metres (BVH: in centimetres)"
         )
     return placed

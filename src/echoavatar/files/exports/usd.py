@@ -154,18 +154,12 @@ def _shapes(stage: Any, path: str, character: Character, used: Int[np.ndarray, "
     """One BlendShape prim per shape, with only the points that it moves."""
     from pxr import UsdSkel, Vt
 
-    face = character.face
-    place = np.full(len(character.positions), -1)
-    place[used] = np.arange(len(used))
     paths = []
-    for index, name in enumerate(face.names):
-        part = face.part(index)
-        at = place[face.vertices[part]]
-        here = at >= 0
+    for name, at, moves, turns in character.face.on(used):
         shape = UsdSkel.BlendShape.Define(stage, f"{path}/{name}")
-        shape.CreateOffsetsAttr(Vt.Vec3fArray.FromNumpy(face.moves[part][here].astype(np.float32)))
-        shape.CreateNormalOffsetsAttr(Vt.Vec3fArray.FromNumpy(face.turns[part][here].astype(np.float32)))
-        shape.CreatePointIndicesAttr(Vt.IntArray.FromNumpy(at[here].astype(np.int32)))
+        shape.CreateOffsetsAttr(Vt.Vec3fArray.FromNumpy(moves.astype(np.float32)))
+        shape.CreateNormalOffsetsAttr(Vt.Vec3fArray.FromNumpy(turns.astype(np.float32)))
+        shape.CreatePointIndicesAttr(Vt.IntArray.FromNumpy(at.astype(np.int32)))
         paths.append(shape.GetPath())
-    binding.CreateBlendShapesAttr(list(face.names))
+    binding.CreateBlendShapesAttr(list(character.face.names))
     binding.CreateBlendShapeTargetsRel().SetTargets(paths)

@@ -21,7 +21,7 @@ from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.whole_file import write_whole
 
-from ..avatar.gltf import Buffer, Tracks, container
+from ..avatar.gltf import Buffer, Tracks, packed
 from .take import Take
 
 PRESETS = VRM_NAMES[:8]  # vowels and blinks; the gaze is `lookAt`
@@ -61,7 +61,7 @@ def pack_vrma(take: Take) -> bytes:
         "humanoid": {"humanBones": {bone: {"node": joint} for bone, joint in sorted(bones.items())}},
     }
     if take.face is not None:
-        extension |= _face(take.face, nodes, tracks, bones)
+        extension |= _face(take.face, nodes, tracks)
     document = {
         "asset": {"version": "2.0", "generator": "EchoAvatar"},
         "extensionsUsed": ["VRMC_vrm_animation"],
@@ -70,20 +70,14 @@ def pack_vrma(take: Take) -> bytes:
         "nodes": nodes,
         "animations": [{"name": "take", "samplers": tracks.samplers, "channels": tracks.channels}],
         "extensions": {"VRMC_vrm_animation": extension},
-        "accessors": tracks.buffer.accessors,
-        "bufferViews": tracks.buffer.views,
-        "buffers": [{"byteLength": len(tracks.buffer.data)}],
     }
-    return container(document, bytes(tracks.buffer.data))
+    return packed(document, tracks.buffer)
 
 
 def in_t_pose(motion: Motion) -> Motion:
     """The same motion on a skeleton of the same body that rests in T-pose, which the format requires."""
     skeleton = motion.skeleton
-    still = np.zeros((1, HUMANOID.joints, 4), np.float32)
-    still[..., 0] = 1
-    ours = Motion(HUMANOID, still, HUMANOID.offsets[:1].numpy(), motion.fps)
-    stands = retarget(ours, skeleton, has_footing=False).pose()
+    stands = retarget(Motion.at_rest(HUMANOID), skeleton, has_footing=False).pose()
     places, turns = stands.positions[0].numpy(), stands.rotations[0].double()
     parents = np.array(skeleton.parents)
     offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
@@ -100,7 +94,7 @@ def _xyzw(wxyz: Float[np.ndarray, "t 4"]) -> Float[np.ndarray, "t 4"]:
     return unit[:, [1, 2, 3, 0]]
 
 
-def _face(curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks, bones: dict[str, int]) -> dict[str, Any]:
+def _face(curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks) -> dict[str, Any]:
     """The extension's expressions and gaze, each driven by a node that is added to `nodes`."""
 
     def node(name: str) -> int:

@@ -271,12 +271,8 @@ def _merge_root(joints: list[_Joint], rotations: _Frames, places: _Frames) -> tu
     moved = (above @ torch.from_numpy(places[:, 1, :, None])).squeeze(-1).numpy() + places[:, 0]
     turned = quaternion_multiply(torch.from_numpy(rotations[:, 0]), torch.from_numpy(rotations[:, 1])).numpy()
     first, second = joints[0], joints[1]
-    offset = (
-        first.offset[0] + second.offset[0],
-        first.offset[1] + second.offset[1],
-        first.offset[2] + second.offset[2],
-    )
-    kept = [_Joint(second.name, -1, offset, second.channels, second.tip)]
+    x, y, z = np.add(first.offset, second.offset).tolist()
+    kept = [_Joint(second.name, -1, (x, y, z), second.channels, second.tip)]
     kept += [_Joint(j.name, j.parent - 1, j.offset, j.channels, j.tip) for j in joints[2:]]
     return (
         kept,

@@ -21,7 +21,7 @@ from echoavatar.errors import MotionError
 from echoavatar.limits import DEPTH, GLB_BYTES, NODES, VERTICES, WEIGHTS, check_file
 
 from ..kinematics import Skeleton, SkeletonConfig
-from ..kinematics.rigs import REQUIRED, bone_map
+from ..kinematics.rigs import REQUIRED, bone_map, feet_of
 from ..kinematics.rotations import matrix_from_quaternion
 
 Array = np.ndarray
@@ -36,7 +36,6 @@ _DAMAGE = (
     np.linalg.LinAlgError,
     struct.error,
 )
-_FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 
 
 class GltfRig(NamedTuple):
@@ -81,7 +80,10 @@ def _read(path: Path) -> GltfRig:
     if not document.get("skins"):
         raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
     parents = _parents(document["nodes"])
-    worlds = _worlds(document["nodes"], parents)
+    worlds: list[Array] = [np.eye(4)] * len(parents)
+    for node, parent in parents.items():
+        local = _local(document["nodes"][node])
+        worlds[node] = local if parent < 0 else worlds[parent] @ local
     order, bones = _rig(document, parents, path)
     slot = {node: index for index, node in enumerate(order)}
     places = np.array([worlds[node][:3, 3] for node in order])
@@ -92,12 +94,11 @@ def _read(path: Path) -> GltfRig:
         place - (places[slot[parents[node]]] if index else 0)
         for index, (node, place) in enumerate(zip(order, places, strict=True))
     ]
-    feet = [bones.get(name, bones[name.replace("Toes", "Foot")]) for name in _FEET]
     config = SkeletonConfig(
         names=_names(document["nodes"], order),
         parents=tuple(-1 if not index else slot[parents[node]] for index, node in enumerate(order)),
         offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
-        feet=tuple(feet),
+        feet=tuple(feet_of(bones)),
         vrm=bones,
     )
     return GltfRig(path, document, binary, order, parents, worlds, Skeleton(config), is_turned)
@@ -122,7 +123,7 @@ def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """Each node's parent (-1 for none). Raises for missing nodes, nodes with two parents, and cycles."""
+    """Each node's parent (-1 for none), parents first. Raises for missing nodes, two parents of one, and cycles."""
     if len(nodes) > NODES:
         raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
     parents = dict.fromkeys(range(len(nodes)), -1)
@@ -141,24 +142,11 @@ def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
         raise ValueError("a node is among its own parents")
     if max(depths.values()) > DEPTH:
         raise ValueError(f"nodes are more than {DEPTH} deep")
-    return parents
-
-
-def _worlds(nodes: list[dict[str, Any]], parents: dict[int, int]) -> list[Array]:
-    """World matrix of every node in the file's rest pose."""
-    worlds: list[Array | None] = [None] * len(nodes)
-
-    def world(index: int) -> Array:
-        known = worlds[index]
-        if known is None:
-            local = _local(nodes[index])
-            known = worlds[index] = local if parents[index] < 0 else world(parents[index]) @ local
-        return known
-
-    return [world(index) for index in range(len(nodes))]
+    return {node: parents[node] for node in below}
 
 
 def _local(node: dict[str, Any]) -> Array:
+    """A node's matrix, relative to its parent."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0, 0, 0, 1))
@@ -204,14 +192,12 @@ def _humanoid(document: dict[str, Any]) -> dict[str, int]:
         bones = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
         return {bone: int(entry["node"]) for bone, entry in bones.items()}
     if "VRM" in extensions:
-        found = {e["bone"]: int(e["node"]) for e in extensions["VRM"]["humanoid"]["humanBones"]}
-        return {_renamed(bone): node for bone, node in found.items()}
+        found: dict[str, int] = {}
+        for entry in extensions["VRM"]["humanoid"]["humanBones"]:
+            stem, thumb, part = entry["bone"].partition("Thumb")
+            found[stem + thumb + (_OLD_THUMB[part] if thumb else part)] = int(entry["node"])
+        return found
     return {}
-
-
-def _renamed(bone: str) -> str:
-    stem, thumb, part = bone.partition("Thumb")
-    return stem + thumb + _OLD_THUMB[part] if thumb else bone
 
 
 def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:

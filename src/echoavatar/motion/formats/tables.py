@@ -1,4 +1,4 @@
-"""Motion as plain tables: CSV for spreadsheets and other programs, NPZ for NumPy."""
+"""Motion and faces as plain tables: CSV for spreadsheets and other programs, NPZ for NumPy."""
 
 import io
 import math
@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import ValidationError
 
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.limits import ARRAYS_BYTES, check_file
 from echoavatar.whole_file import write_whole
 
+from ..arkit import LIVE_LINK_NAMES, to_live_link
 from ..kinematics.motion import Motion
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
 
@@ -30,13 +32,43 @@ def write_csv(path: Path | str, motion: Motion) -> None:
     write_whole(path, text + "\n", error=MotionError)
 
 
+def write_live_link(path: Path, curves: Float[np.ndarray, "t 52"], fps: float = 30.0) -> None:
+    """Write curves as a Live Link Face CSV (61 columns, timecode from 00:00:00 at 30 or 60 frames per second).
+
+    Raises:
+        MotionError: the file cannot be written.
+    """
+    base = 60 if fps > 30 else 30
+    head = ["Timecode", "BlendshapeCount", *(name[:1].upper() + name[1:] for name in LIVE_LINK_NAMES)]
+    rows = [",".join(head)]
+    for frame, values in enumerate(to_live_link(curves)):
+        stamp = _timecode(frame / fps, base)
+        rows.append(",".join([stamp, str(len(values)), *(f"{value:.6f}" for value in values)]))
+    write_whole(path, "\n".join(rows) + "\n", error=MotionError)
+
+
+def _timecode(seconds: float, base: int) -> str:
+    """hh:mm:ss:ff.fff, ff counting 1/base s."""
+    thousandths = round(seconds * base * 1000)
+    whole, part = divmod(thousandths, base * 1000)
+    minutes, second = divmod(whole, 60)
+    hour, minute = divmod(minutes, 60)
+    return f"{hour:02d}:{minute:02d}:{second:02d}:{part // 1000:02d}.{part % 1000:03d}"
+
+
 def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
     """Write arrays `rotations` (t, j, 4) `wxyz`, `root` (t, 3), `fps`, and `skeleton` as JSON text; no pickles.
 
     `beside` are further arrays to store, such as a face.
     """
+    arrays: dict[str, Any] = {
+        "rotations": motion.rotations,
+        "root": motion.root,
+        "fps": np.array(motion.fps),
+        "skeleton": np.array(motion.skeleton.config.model_dump_json()),
+    }
     packed = io.BytesIO()
-    np.savez_compressed(packed, **(_arrays(motion) | beside))
+    np.savez_compressed(packed, **(arrays | beside))
     write_whole(path, packed.getvalue(), error=MotionError)
 
 
@@ -121,12 +153,3 @@ def array_of(data: bytes) -> np.ndarray:
     if math.prod(shape) * dtype.itemsize > len(data) - file.tell():
         raise ValueError(f"the header says {shape}, and there is less")
     return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-
-
-def _arrays(motion: Motion) -> dict[str, Any]:
-    return {
-        "rotations": motion.rotations,
-        "root": motion.root,
-        "fps": np.array(motion.fps),
-        "skeleton": np.array(motion.skeleton.config.model_dump_json()),
-    }

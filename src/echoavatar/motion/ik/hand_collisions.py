@@ -21,9 +21,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from jaxtyping import Bool, Float
-from torch import Tensor
+from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.nn.kernels import kernel
@@ -45,7 +43,6 @@ from ..kinematics.quaternions import (
     write_vector,
 )
 from ..kinematics.rigs import bone_map
-from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from .limbs import Array, ChainPose, Chains, reach
 from .profile import BodyProfile, RoundedPart, body_of_rig
 
@@ -247,7 +244,6 @@ def keep_off(tables, chains, rotations):  # type: ignore[no-untyped-def]
 
 CLEARANCE = 0.006  # metres of air between hand and body
 BEHIND, ACROSS = 0.70, 0.30  # where the way out starts, in half depths and half widths of a part
-TOLERANCE = 0.01  # relative error of the squared norm of a rotation matrix
 SIDES = ("left", "right")
 
 
@@ -255,92 +251,43 @@ class HandCollisions:
     """Moves arms so that no hand is inside the body. The motion of a rig whose arms are not known passes unchanged."""
 
     def __init__(self, skeleton: Skeleton, profile: BodyProfile | None = None) -> None:
-        self.is_able = _has_arms(skeleton)
-        self.joints: list[int] = []
+        """`chains` holds the hips and the feet too, so that other stages can share its pose."""
+        self.is_able, ends = _has_arms(skeleton), [0, *skeleton.config.feet]
         if not self.is_able:
+            self.chains = Chains(skeleton, ends)
             return
         self.profile = profile or body_of_rig(skeleton)
         bones, body = bone_map(skeleton), Body(skeleton, self.profile)
-        self._body, self._hands = body, _common_points(skeleton, bones)
-        self.joints = body.joints + [point.joint for hand in self._hands for point in hand]
+        self._hands = _common_points(skeleton, bones)
+        carriers = [[point.joint for point in hand] for hand in self._hands]
+        self.chains = Chains(skeleton, [*ends, *body.joints, *carriers[0], *carriers[1]])
         own = [self.profile.palm if point.is_palm else self.profile.finger for point in self._hands[0]]
-        self._thicker = np.array(own, np.float32) - np.float32(min(own))
-        self._radii = body.radii + np.float32(min(own) + CLEARANCE)
-        self._zone = _zone(self._radii, _span(skeleton, self._hands[0]) + SHELL + float(self._thicker.max()))
-        self._arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
-        self._skeleton = skeleton
-        self.use_chains(Chains(skeleton, self.joints))
-
-    def use_chains(self, chains: Chains) -> None:
-        """Use the caller's chains, which must hold `joints`, so that their pose is computed only once."""
-        if not self.is_able:
-            return
+        thicker = np.array(own, np.float32) - np.float32(min(own))
+        radii = body.radii + np.float32(min(own) + CLEARANCE)
+        arms = [[bones[f"{side}{bone}"] for bone in ("UpperArm", "LowerArm", "Hand")] for side in SIDES]
 
         def slots(joints: list[list[int]]) -> Array:
-            return np.array([[chains.slot[joint] for joint in row] for row in joints], np.int64)
+            return np.array([[self.chains.slot[joint] for joint in row] for row in joints], np.int64)
 
-        parents = self._skeleton.parents
-        is_head = [part.bone == "head" for part in self._body.parts]
-        self._chains = chains
         self._tables = Tables(
-            carriers=slots([self._body.joints])[0],
-            centres=self._body.centres,
-            radii=self._radii,
-            zone=self._zone,
-            starts=_starts(self._body),
-            is_head=np.array(is_head),
-            points=slots([[point.joint for point in hand] for hand in self._hands]),
+            carriers=slots([body.joints])[0],
+            centres=body.centres,
+            radii=radii,
+            zone=_zone(radii, _span(skeleton, self._hands[0]) + SHELL + float(thicker.max())),
+            starts=_starts(body),
+            is_head=np.array([part.bone == "head" for part in body.parts]),
+            points=slots(carriers),
             offsets=np.array([[point.offset for point in hand] for hand in self._hands], np.float32),
-            thicker=self._thicker,
-            arms=slots(self._arms),
-            above=slots([[parents[joint] for joint in arm] for arm in self._arms]),
-            joints=np.array(self._arms, np.int64),
+            thicker=thicker,
+            arms=slots(arms),
+            above=slots([[skeleton.parents[joint] for joint in arm] for arm in arms]),
+            joints=np.array(arms, np.int64),
         )
 
-    def resolve(self, rotations: Float[Array, "b t j 4"], chains: ChainPose) -> None:
-        """Correct upper arms, forearms and hands in place where a hand is inside; `chains` is the pose's."""
+    def resolve(self, rotations: Float[Array, "b t j 4"], chains: ChainPose | None = None) -> None:
+        """Correct upper arms, forearms and hands in place where a hand is inside; `chains` is the pose's, if known."""
         if self.is_able:
-            keep_off(self._tables, chains, rotations)
-
-    def step(
-        self, rotations: Float[Tensor, "b t j 3 3"], active: Bool[Tensor, " b"] | None = None
-    ) -> Float[Tensor, "b t j 3 3"]:
-        """`resolve` for parent-relative rotation matrices of any number of frames.
-
-        Frames and arms that need no correction return bit for bit. Not differentiable; `swing_clear` is.
-
-        Raises:
-            MotionError: an active row holds rotations that are not finite or not normalised.
-        """
-        if not self.is_able:
-            return rotations
-        given = rotations.detach().cpu().float()
-        self._check(given[:, :, self._chains.joints].numpy(), active)
-        quaternions = quaternion_from_matrix(given).numpy()
-        resolved = quaternions.copy()
-        self.resolve(resolved, self._chains.pose(quaternions))
-        is_moved = torch.from_numpy((resolved != quaternions).any(-1))
-        if not is_moved.any():
-            return rotations
-        given = given.clone()
-        given[is_moved] = matrix_from_quaternion(torch.from_numpy(resolved)[is_moved])
-        return given.to(rotations)
-
-    def _check(self, rotations: Float[Array, "b t c 3 3"], active: Tensor | None) -> None:
-        size = np.einsum("btcij,btcij->btc", rotations, rotations) - 3
-        bad = ~(np.abs(size) < 3 * TOLERANCE)  # true for NaN too
-        if active is not None:
-            bad &= active.cpu().numpy()[:, None, None]
-        if not bad.any():
-            return
-        row, frame, joint = (int(index) for index in np.argwhere(bad)[0])
-        value = rotations[row, frame, joint]
-        problem = "is not normalised" if np.isfinite(value).all() else "is not finite"
-        raise MotionError(
-            f"the rotation of {self._skeleton.names[self._chains.joints[joint]]} in row {row}, frame {frame}"
-            f" {problem} ({np.array2string(value.flatten(), precision=3)}); normalise the quaternions or 6D features"
-            " it was made of, and leave out frames that are not finite"
-        )
+            keep_off(self._tables, chains or self.chains.pose(rotations), rotations)
 
 
 def _has_arms(skeleton: Skeleton) -> bool:

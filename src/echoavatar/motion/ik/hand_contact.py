@@ -15,11 +15,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from ..kinematics import Motion, Pose, Skeleton, forward_kinematics
+from ..kinematics import Motion, Pose, Skeleton
 from ..kinematics.easing import falloff
-from ..kinematics.rigs import bone_map
+from ..kinematics.rigs import bone_map, is_upright
 from ..kinematics.rotations import quaternion_from_matrix
-from ..kinematics.two_bone import reach
+from ..kinematics.two_bone import Limb, bend_limb
 from .hand_collisions import hand_points
 from .profile import BodyProfile, RoundedPart
 
@@ -34,10 +34,7 @@ _STRAIGHT = 0.15  # weight of the rest pose's hinge, which decides where the elb
 class Arm(NamedTuple):
     """The joints of an arm, its palm, and how its elbow bends."""
 
-    above: tuple[int, int, int]  # parents of upper arm, lower arm and hand
-    upper: int
-    lower: int
-    hand: int
+    limb: Limb
     palm: Float[Tensor, "3"]  # from the wrist, in the hand's frame
     length: float  # from wrist to knuckles
     hinge: Float[Tensor, "3"]  # axis about which the elbow flexes, at rest
@@ -46,13 +43,13 @@ class Arm(NamedTuple):
 def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     """`moved` (`source` on another rig) with its palms together wherever the source's are."""
     theirs, ours = ([find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
-    pose = _pose(source)
+    pose = source.pose(torch.float64)
     gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
     size = sum(arm.length for arm in theirs) / 2
     weight = falloff(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
     if not bool((weight > 0).any()):
         return moved
-    rotations, pose = moved.matrices().double(), _pose(moved)
+    rotations, pose = moved.matrices().double(), moved.pose(torch.float64)
     palms = [_palm(pose, arm) for arm in ours]
     middle = (palms[0] + palms[1]) / 2
     wanted = gap * (sum(arm.length for arm in ours) / 2 / size)
@@ -70,39 +67,26 @@ def find_arm(skeleton: Skeleton, side: str) -> Arm:
     forearm = rest[hand] - rest[lower]
     to_knuckles = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
     hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
-    return Arm(
-        (skeleton.parents[upper], skeleton.parents[lower], skeleton.parents[hand]),
-        upper,
-        lower,
-        hand,
-        PALM * to_knuckles,
-        float(to_knuckles.norm()),
-        hinge / hinge.norm(),
-    )
+    limb = Limb.of(skeleton, (upper, lower, hand))
+    return Arm(limb, PALM * to_knuckles, float(to_knuckles.norm()), hinge / hinge.norm())
 
 
 def _palm(pose: Pose, arm: Arm) -> Tensor:
-    return pose.positions[:, arm.hand] + (pose.rotations[:, arm.hand] @ arm.palm)
+    hand = arm.limb.joints[2]
+    return pose.positions[:, hand] + pose.rotations[:, hand] @ arm.palm
 
 
 def move_hand(
     arm: Arm, rotations: Float[Tensor, "t j 3 3"], pose: Pose, shift: Float[Tensor, "t 3"]
 ) -> Float[Tensor, "t j 3 3"]:
     """Local rotations with this arm bent so that its hand moves by `shift` and keeps its orientation."""
-    place, world = pose.positions, pose.rotations
-    shoulder, elbow, wrist = (place[:, joint] for joint in (arm.upper, arm.lower, arm.hand))
-    upper, lower = elbow - shoulder, wrist - elbow
+    _, elbow, hand = arm.limb.joints
+    upper, lower, wrist = _bones(pose, arm)
     bend = torch.linalg.cross(upper, lower) / (upper.norm(dim=-1) * lower.norm(dim=-1))[:, None]
-    hinge = bend + _STRAIGHT * (world[:, arm.lower] @ arm.hinge)
+    hinge = bend + _STRAIGHT * (pose.rotations[:, elbow] @ arm.hinge)
     hinge = hinge / hinge.norm(dim=-1, keepdim=True).clamp_min(1e-9)
-    first, second = reach(hip=shoulder, knee=elbow, ankle=wrist, hinge=hinge, target=wrist + shift)
-    above = first @ world[:, arm.upper]
-    below = second @ world[:, arm.lower]
-    bent = rotations.clone()
-    over_upper, over_lower, over_hand = arm.above  # a rig may have extra joints in an arm
-    bent[:, arm.upper] = world[:, over_upper].transpose(-1, -2) @ above
-    bent[:, arm.lower] = (first @ world[:, over_lower]).transpose(-1, -2) @ below
-    bent[:, arm.hand] = (second @ world[:, over_hand]).transpose(-1, -2) @ world[:, arm.hand]
+    end = pose.rotations[:, hand]
+    bent = bend_limb(arm.limb, rotations, pose, hinge=hinge, target=wrist + shift, end=end)
     return torch.where((shift != 0).any(-1)[:, None, None, None], bent, rotations)
 
 
@@ -112,10 +96,10 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
     The body of a source whose rest pose does not stand is not known; then nothing changes.
     """
     maps = [bone_map(motion.skeleton) for motion in (source, moved)]
-    if not _stands(source.skeleton, maps[0]):
+    if not is_upright(source.skeleton, maps[0]):
         return moved
     shared = maps[0].keys() & maps[1].keys()
-    poses = [_pose(motion) for motion in (source, moved)]
+    poses = [motion.pose(torch.float64) for motion in (source, moved)]
     parts: list[str] = [
         part.bone for part in theirs.parts if part.bone in {p.bone for p in ours.parts} and part.bone in shared
     ]
@@ -128,7 +112,7 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
     axes = poses[1].rotations[:, joints]  # used for the source's parts too, because its rest pose may differ
     for side in ("left", "right"):
         arm = find_arm(source.skeleton, side)
-        elbow = _bend(poses[0], arm.upper, arm.lower, arm.hand)
+        elbow = _bend(poses[0], arm)
         hands = [
             _points(motion.skeleton, {name: bones[name] for name in shared}, side, pose, profile)
             for motion, bones, pose, profile in zip((source, moved), maps, poses, (theirs, ours), strict=True)
@@ -146,15 +130,6 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
         shift = (share * (wanted - our_points[:, :, None])).sum((1, 2)) / share.sum((1, 2)).clamp_min(1e-9)
         rotations = move_hand(find_arm(moved.skeleton, side), rotations, poses[1], weight.amax((1, 2))[:, None] * shift)
     return replace(moved, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
-
-
-def _pose(motion: Motion) -> Pose:
-    return forward_kinematics(motion.skeleton, motion.matrices().double(), torch.from_numpy(motion.root).double())
-
-
-def _stands(skeleton: Skeleton, bones: dict[str, int]) -> bool:
-    height = skeleton.rest_positions[:, 1]
-    return bool(height[bones["head"]] > height[bones["hips"]] > height[bones["leftFoot"]])
 
 
 def _points(
@@ -178,8 +153,13 @@ def _body(
     return pose.positions[:, [bones[bone] for bone in parts]], centres, radii
 
 
-def _bend(pose: Pose, shoulder: int, elbow: int, wrist: int) -> Float[Tensor, " t"]:
+def _bones(pose: Pose, arm: Arm) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
+    """The vectors along upper arm and forearm, and the position of the wrist."""
+    shoulder, elbow, wrist = (pose.positions[:, joint] for joint in arm.limb.joints)
+    return elbow - shoulder, wrist - elbow, wrist
+
+
+def _bend(pose: Pose, arm: Arm) -> Float[Tensor, " t"]:
     """Radians between upper arm and forearm; 0 is straight."""
-    upper = pose.positions[:, elbow] - pose.positions[:, shoulder]
-    lower = pose.positions[:, wrist] - pose.positions[:, elbow]
+    upper, lower, _ = _bones(pose, arm)
     return torch.atan2(torch.linalg.cross(upper, lower).norm(dim=-1), (upper * lower).sum(-1))

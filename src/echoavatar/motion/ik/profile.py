@@ -66,10 +66,17 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
     Raises MotionError when the rig's bones are not known.
     """
     bones, ours = bone_map(skeleton), bone_map(HUMANOID)
-    broad = _breadth(skeleton, bones) / _breadth(HUMANOID, ours)
-    tall = _trunk(skeleton, bones) / _trunk(HUMANOID, ours)
-    thick = min(broad, 1.25 * tall)
-    hand = _forearm(skeleton, bones) / _forearm(HUMANOID, ours)
+
+    def ratio(start: str, end: str) -> float:
+        """The distance between two joints of the rig, relative to ours."""
+        theirs, own = (
+            (rig.rest_positions[joints[start]] - rig.rest_positions[joints[end]]).norm()
+            for rig, joints in ((skeleton, bones), (HUMANOID, ours))
+        )
+        return float(theirs) / float(own)
+
+    tall, hand = ratio("head", "hips"), ratio("leftHand", "leftLowerArm")
+    thick = min(ratio("leftUpperArm", "rightUpperArm"), 1.25 * tall)
     parts = []
     for part in _OURS.parts:
         if part.bone not in bones:
@@ -87,21 +94,6 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
             )
         )
     return BodyProfile(parts=tuple(parts), palm=_OURS.palm * hand, finger=_OURS.finger * hand)
-
-
-def _breadth(skeleton: Skeleton, bones: dict[str, int]) -> float:
-    rest = skeleton.rest_positions
-    return float((rest[bones["leftUpperArm"]] - rest[bones["rightUpperArm"]]).norm())
-
-
-def _trunk(skeleton: Skeleton, bones: dict[str, int]) -> float:
-    rest = skeleton.rest_positions
-    return float((rest[bones["head"]] - rest[bones["hips"]]).norm())
-
-
-def _forearm(skeleton: Skeleton, bones: dict[str, int]) -> float:
-    rest = skeleton.rest_positions
-    return float((rest[bones["leftHand"]] - rest[bones["leftLowerArm"]]).norm())
 
 
 def _ours() -> BodyProfile:

@@ -1,4 +1,4 @@
-"""Motion features: what the tokenizer sees of a frame (paper, Motion Tokenizer and Settings).
+"""Motion features: the tokenizer's input for each frame (paper, Motion Tokenizer and Settings).
 
 A frame lists the parts in the skeleton's order (lower body, upper body, hands). Each part lists the 6D rotations of its
 joints in ascending order. The first part ends with three travel values: the root's horizontal velocity (metres per

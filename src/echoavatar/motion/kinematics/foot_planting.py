@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .easing import smootherstep
-from .motion import Motion, forward_kinematics
-from .rigs import bone_map
+from .motion import Motion, Pose, forward_kinematics
+from .rigs import bone_map, feet_of
 from .rotations import axis_angle_from_quaternion, matrix_from_axis_angle, quaternion_from_matrix
 from .skeleton import Skeleton
-from .two_bone import REACH, reach
+from .two_bone import REACH, Limb, bend_limb
 
 ENTER_HEIGHT_M = 0.020
 LEAVE_HEIGHT_M = 0.035
@@ -88,11 +88,11 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
     legs = [_Leg(skeleton, bones, side, rest) for side in ("left", "right")]
     contacts = foot_contacts(motion) if contacts is None else contacts
     pose = forward_kinematics(skeleton, rotations, root)
-    goals = [leg.goal(pose.rotations, pose.positions, contacts[:, i], motion.fps) for i, leg in enumerate(legs)]
+    goals = [leg.goal(pose, contacts[:, i], motion.fps) for i, leg in enumerate(legs)]
     root = root - _lowering(legs, goals, pose.positions, motion.fps)
     pose = forward_kinematics(skeleton, rotations, root)
     for leg, goal in zip(legs, goals, strict=True):
-        rotations = leg.bring(rotations, pose.rotations, pose.positions, goal)
+        rotations = leg.bring(rotations, pose, goal)
     quaternions = quaternion_from_matrix(rotations).numpy().astype(np.float32)
     return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
 
@@ -104,8 +104,7 @@ def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float =
     size relative to an adult's, because the steps of a small body are lower and slower.
     """
     bones = bone_map(motion.skeleton)
-    names = ("leftFoot", "leftToes", "rightFoot", "rightToes")
-    joints = [bones[name] if name in bones else bones[name.replace("Toes", "Foot")] for name in names]
+    joints = feet_of(bones)
     places = motion.pose().positions[:, joints].numpy().astype(np.float64) / size
     heights = motion.skeleton.rest_positions[joints, 1].numpy() / size if stands_on_rest else None
     is_low = planted(places, motion.fps, standing_height=heights)
@@ -161,16 +160,16 @@ class _Leg:
     def __init__(self, skeleton: Skeleton, bones: dict[str, int], side: str, rest: Tensor) -> None:
         self.hip, self.knee, self.ankle = (bones[side + name] for name in ("UpperLeg", "LowerLeg", "Foot"))
         self.toes = bones.get(f"{side}Toes", self.ankle)
-        self.above = [skeleton.parents[joint] for joint in (self.hip, self.knee, self.ankle)]
+        self.limb = Limb.of(skeleton, (self.hip, self.knee, self.ankle))
         floor = float(rest[:, 1].min()) if self.toes == self.ankle else 0.0
         self.toe_height = float(rest[self.toes, 1]) - floor
         self.toe_offset = rest[self.toes] - rest[self.ankle]
         self.length = float((rest[self.knee] - rest[self.hip]).norm() + (rest[self.ankle] - rest[self.knee]).norm())
 
-    def goal(self, rotations: Tensor, places: Tensor, contact: NDArray[np.bool_], fps: float) -> tuple[Tensor, Tensor]:
+    def goal(self, pose: Pose, contact: NDArray[np.bool_], fps: float) -> tuple[Tensor, Tensor]:
         """Corrected world rotation of the foot and position of the ankle."""
-        foot, ankle = rotations[:, self.ankle], places[:, self.ankle].numpy()
-        points = places[:, [self.ankle, self.toes]].numpy()
+        foot, ankle = pose.rotations[:, self.ankle], pose.positions[:, self.ankle].numpy()
+        points = pose.positions[:, [self.ankle, self.toes]].numpy()
         fade = max(1, round(FADE_SECONDS * fps))
         change, is_held = np.zeros_like(ankle), np.zeros(len(ankle), np.bool_)
         for stance in stances(contact[:, 0], points, fps):
@@ -192,22 +191,12 @@ class _Leg:
         path[:, 1] = _soft_floor(path[:, 1] + _lifts(found, path, self.toe_height, fps), self.toe_height)
         return foot, torch.from_numpy(path - carried)
 
-    def bring(self, rotations: Tensor, world: Tensor, places: Tensor, goal: tuple[Tensor, Tensor]) -> Tensor:
+    def bring(self, rotations: Tensor, pose: Pose, goal: tuple[Tensor, Tensor]) -> Tensor:
         """Local rotations with this leg bent so that ankle and foot reach the goal."""
         foot, ankle = goal
-        hinge = world[:, self.knee][:, :, 0]
-        first, second = reach(
-            hip=places[:, self.hip], knee=places[:, self.knee], ankle=places[:, self.ankle], hinge=hinge, target=ankle
+        return bend_limb(
+            self.limb, rotations, pose, hinge=pose.rotations[:, self.knee][:, :, 0], target=ankle, end=foot
         )
-        thigh, shin = first @ world[:, self.hip], second @ world[:, self.knee]
-        rotations = rotations.clone()
-        over_hip, over_knee, over_ankle = (
-            world[:, joint] for joint in self.above
-        )  # a rig may have extra joints in a leg
-        rotations[:, self.hip] = over_hip.transpose(-1, -2) @ thigh
-        rotations[:, self.knee] = (first @ over_knee).transpose(-1, -2) @ shin
-        rotations[:, self.ankle] = (second @ over_ankle).transpose(-1, -2) @ foot
-        return rotations
 
 
 def _level_mean(foot: Tensor) -> Tensor:
@@ -219,6 +208,8 @@ def _level_mean(foot: Tensor) -> Tensor:
 
 def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tensor, fps: float) -> Tensor:
     """How far the hips must be lowered (t, 3) for both legs to reach their ankles, smoothed."""
+    from scipy.ndimage import maximum_filter1d
+
     need = np.zeros(len(places))
     for leg, (_, ankle) in zip(legs, goals, strict=True):
         hip = places[:, leg.hip].numpy()
@@ -227,8 +218,7 @@ def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tens
         depth = np.sqrt(np.maximum((REACH * leg.length * 0.998) ** 2 - flat**2, 0.0))
         need = np.maximum(need, -gap[:, 1] - depth)
     half = max(1, round(0.2 * fps))
-    padded = np.pad(np.maximum(need, 0.0), half, mode="edge")
-    peak = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1).max(-1)
+    peak = maximum_filter1d(need, 2 * half + 1, mode="nearest")
     drop = torch.zeros(len(places), 3, dtype=torch.double)
     drop[:, 1] = torch.from_numpy(_smooth(peak, half))
     return drop
@@ -270,9 +260,7 @@ def _faded(change: _Array, is_held: NDArray[np.bool_], fade: int) -> _Array:
 
 def _smooth(values: _Array, half: int) -> _Array:
     """Mean over a Hann window of 2 half + 1 frames along time."""
+    from scipy.ndimage import correlate1d
+
     window = np.hanning(2 * half + 3)[1:-1]
-    window /= window.sum()
-    padded = np.pad(np.asarray(values, np.float64), [(half, half)] + [(0, 0)] * (np.ndim(values) - 1), mode="edge")
-    view = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
-    smooth: _Array = view @ window
-    return smooth
+    return np.asarray(correlate1d(values, window / window.sum(), axis=0, mode="nearest"))

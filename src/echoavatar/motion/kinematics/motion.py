@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from echoavatar.errors import MotionError
+from echoavatar.timing import FRAME_RATE_HZ
 
 from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
@@ -71,6 +72,12 @@ class Motion:
         if not 0 < self.fps < 10_000:
             raise MotionError(f"{self.fps} frames per second is not a frame rate; give one between 0 and 10,000")
 
+    @classmethod
+    def at_rest(cls, skeleton: Skeleton) -> "Motion":
+        """One frame of the rest pose, where the skeleton stands."""
+        still = np.tile(np.array([1, 0, 0, 0], np.float32), (1, skeleton.joints, 1))
+        return cls(skeleton, still, skeleton.offsets[:1].numpy(), FRAME_RATE_HZ)
+
     @property
     def frames(self) -> int:
         """How many frames there are."""
@@ -85,9 +92,9 @@ class Motion:
         """Parent-relative rotation matrices."""
         return matrix_from_quaternion(torch.from_numpy(self.rotations))
 
-    def pose(self) -> Pose:
-        """World rotations and positions of every joint and frame."""
-        return forward_kinematics(self.skeleton, self.matrices(), torch.from_numpy(self.root))
+    def pose(self, dtype: torch.dtype = torch.float32) -> Pose:
+        """World rotations and positions of every joint and frame; the sums along the tree are in `dtype`."""
+        return forward_kinematics(self.skeleton, self.matrices().to(dtype), torch.from_numpy(self.root).to(dtype))
 
     def cut(self, start: int, stop: int) -> "Motion":
         """Frames `start` to `stop`, which is not included."""

@@ -9,6 +9,7 @@ which must stand upright; the stages behind the decoder correct its feet.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from echoavatar.errors import MotionError
 from .alignment import align
 from .foot_planting import foot_contacts, settle_feet
 from .motion import Motion, Pose, forward_kinematics
-from .rigs import bone_map, known_bones
+from .rigs import bone_map, is_upright, known_bones
 from .rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from .skeleton import HUMANOID, Skeleton
 
@@ -46,8 +47,7 @@ def retarget(
     """
     motion = motion if source_map else with_wrists(motion)
     source, theirs, ours = motion.skeleton, dict(source_map or bone_map(motion.skeleton)), bone_map(target)
-    matrices = motion.matrices().double()
-    pose = forward_kinematics(source, matrices, torch.from_numpy(motion.root).double())
+    pose = motion.pose(torch.float64)
     world = {
         ours[bone]: pose.rotations[:, theirs[bone]] @ rotation
         for bone, rotation in align(source, pose, theirs, target, ours).items()
@@ -59,7 +59,8 @@ def retarget(
     if not has_footing:
         return moved
     size = min(1.0, leg_length(target, ours) / leg_length(HUMANOID, bone_map(HUMANOID)))
-    contacts = foot_contacts(_with_map(motion, theirs)) | foot_contacts(moved, stands_on_rest=True, size=size)
+    mapped = replace(motion, skeleton=Skeleton(source.config.model_copy(update={"vrm": theirs})))
+    contacts = foot_contacts(mapped) | foot_contacts(moved, stands_on_rest=True, size=size)
     return settle_feet(moved, contacts)
 
 
@@ -88,11 +89,6 @@ def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
     rest = skeleton.rest_positions  # not offsets: a rig may have extra joints in a bone
     chains = [[bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")]
     return float(sum(rest[chain].diff(dim=0).norm(dim=-1).sum() for chain in chains) / 2)
-
-
-def _with_map(motion: Motion, bones: Mapping[str, int]) -> Motion:
-    config = motion.skeleton.config.model_copy(update={"vrm": dict(bones)})
-    return Motion(Skeleton(config), motion.rotations, motion.root, motion.fps)
 
 
 def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
@@ -153,7 +149,7 @@ class LiveRetarget:
         """
         theirs, ours = bone_map(source), bone_map(target)
         rest = source.rest_positions
-        if not rest[theirs["head"], 1] > rest[theirs["hips"], 1] > rest[theirs["leftFoot"], 1]:
+        if not is_upright(source, theirs):
             raise MotionError("the rest pose of the rig does not stand upright (Y up, metres); rotate it first")
         self.source, self.target = source, target
         self.scale = leg_length(target, ours) / leg_length(source, theirs)

@@ -5,6 +5,7 @@ Bandai-Namco, Daz and Rigify (FreeMoCap, whose wrist is the tip of the lower arm
 """
 
 import re
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from echoavatar.errors import MotionError
@@ -37,11 +38,22 @@ def bone_map(skeleton: Skeleton) -> dict[str, int]:
 
 
 def known_bones(skeleton: Skeleton) -> dict[str, int]:
-    """VRM bone name to joint index, for those bones that the rig's names tell."""
+    """VRM bone name to joint index, for the bones that are found by their names."""
     if skeleton.config.vrm:
         return dict(skeleton.config.vrm)
     plain = {_PREFIX.sub("", name): i for i, name in enumerate(skeleton.names)}
     return max(({bone: plain[name] for bone, name in table.items() if name in plain} for table in _TABLES), key=len)
+
+
+def feet_of(bones: Mapping[str, int]) -> list[int]:
+    """Joints of left foot and toes, then of the right; the foot again where there are no toes."""
+    return [bones.get(f"{s}{part}", bones[f"{s}Foot"]) for s in ("left", "right") for part in ("Foot", "Toes")]
+
+
+def is_upright(skeleton: Skeleton, bones: Mapping[str, int]) -> bool:
+    """Whether the rest pose has the head above the hips and these above the feet (Y up)."""
+    height = skeleton.rest_positions[:, 1]
+    return bool(height[bones["head"]] > height[bones["hips"]] > height[bones["leftFoot"]])
 
 
 def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
@@ -56,7 +68,7 @@ def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
 
 
 class _Rig(NamedTuple):
-    """How a family of rigs calls its bones.
+    """The bone names of a family of rigs.
 
     `{s}` stands for the side, `{digit}` or `{Digit}` for a finger's name and `{n}` for its number, `{k}` for 1 to 3
     and `{j}` for nothing, 1 and 2 along it.

@@ -1,12 +1,50 @@
 """Two-bone IK in closed form, for whole clips in torch; `ik.limbs` has the compiled loops of the stages."""
 
+from typing import NamedTuple
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from .motion import Pose
 from .rotations import least_rotation, matrix_from_axis_angle
+from .skeleton import Skeleton
 
 REACH = 0.9995  # greatest distance to the target, as a share of the stretched length
+
+
+class Limb(NamedTuple):
+    """The joints of a leg or an arm: of its upper and lower bone and its foot or hand, and their parents."""
+
+    joints: tuple[int, int, int]
+    parents: tuple[int, int, int]  # a rig may have extra joints in a limb
+
+    @classmethod
+    def of(cls, skeleton: Skeleton, joints: tuple[int, int, int]) -> "Limb":
+        """The limb of these joints."""
+        a, b, c = joints
+        return cls(joints, (skeleton.parents[a], skeleton.parents[b], skeleton.parents[c]))
+
+
+def bend_limb(
+    limb: Limb,
+    rotations: Float[Tensor, "t j 3 3"],
+    pose: Pose,
+    *,
+    hinge: Float[Tensor, "t 3"],
+    target: Float[Tensor, "t 3"],
+    end: Float[Tensor, "t 3 3"],
+) -> Float[Tensor, "t j 3 3"]:
+    """Parent-relative rotations with the limb bent as by `reach`, and its foot or hand in the world rotation `end`."""
+    hip, knee, ankle = limb.joints
+    places, world = pose.positions, pose.rotations
+    first, second = reach(hip=places[:, hip], knee=places[:, knee], ankle=places[:, ankle], hinge=hinge, target=target)
+    over_hip, over_knee, over_ankle = (world[:, parent] for parent in limb.parents)
+    bent = rotations.clone()
+    bent[:, hip] = over_hip.mT @ (first @ world[:, hip])
+    bent[:, knee] = (first @ over_knee).mT @ (second @ world[:, knee])
+    bent[:, ankle] = (second @ over_ankle).mT @ end
+    return bent
 
 
 def reach(

@@ -19,6 +19,7 @@ from echoavatar.nn.kernels import kernel
 
 from ..ik.limbs import ChainPose, Chains
 from ..kinematics import Skeleton
+from ..kinematics.easing import smoothstep
 from ..kinematics.quaternions import read_quaternion, read_vector, rotate, write_vector
 from .feet import STANDING_SPEED, STEPPING_SPEED
 from .pose import Array, Pose
@@ -57,13 +58,6 @@ class Ground:
 
 
 @kernel()
-def falling(share):  # type: ignore[no-untyped-def]
-    """From 1 at 0 to 0 at 1, without a step in speed."""
-    share = min(max(share, 0.0), 1.0)
-    return 1.0 - share * share * (3.0 - 2.0 * share)
-
-
-@kernel()
 def travel(slots, rest, chains, rotations, root, memory, active, fps):  # type: ignore[no-untyped-def]
     """Integrate the root of active rows from the movement of their ankles and toes relative to it, in world axes."""
     seen, places, all_points = memory
@@ -78,12 +72,12 @@ def travel(slots, rest, chains, rotations, root, memory, active, fps):  # type: 
             for point in range(len(slots)):
                 x, y, z = rotate(hips, read_vector(chains.places[row, frame, slots[point]]))
                 clearance = height + y - rest[point]
-                weight = falling(clearance / RELEASE_HEIGHT)
+                weight = 1.0 - smoothstep(clearance / RELEASE_HEIGHT)
                 if is_first:
                     write_vector(points[point], (x, z, weight))
                 last_x, last_z, last_weight = read_vector(points[point])
                 speed = fps * math.hypot(x - last_x + root[row, frame, 0], z - last_z + root[row, frame, 2])
-                standing = falling((speed - STANDING_SPEED) / (STEPPING_SPEED - STANDING_SPEED))
+                standing = 1.0 - smoothstep((speed - STANDING_SPEED) / (STEPPING_SPEED - STANDING_SPEED))
                 both = min(weight, last_weight) * standing
                 lead = both**4  # the more firmly planted point leads
                 held_x, held_z = held_x + lead * (last_x - x), held_z + lead * (last_z - z)

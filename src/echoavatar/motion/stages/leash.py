@@ -18,6 +18,7 @@ from torch import Tensor
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
 
+from ..kinematics.easing import smoothstep
 from .pose import Array, Pose
 
 NEAR, EDGE = 0.4, 0.7  # of the leash's length: where the pull begins, and where the way outwards is slowed
@@ -58,13 +59,6 @@ class Leash:
         memory, radii = tuple(tensor.numpy() for tensor in state.tensors()), np.ascontiguousarray(radius)
         chosen = active & ((radius > 0) | is_pinned)
         hold(pose.root, memory, chosen, radii, is_pinned, lean, PULL_SPEED / pose.fps)
-
-
-@kernel()
-def smoothstep(share):  # type: ignore[no-untyped-def]
-    """0 to 1 without a step in speed."""
-    share = min(max(share, 0.0), 1.0)
-    return share * share * (3.0 - 2.0 * share)
 
 
 @kernel()

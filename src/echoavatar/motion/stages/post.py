@@ -19,7 +19,6 @@ from echoavatar.nn import StreamState
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
 
 from ..ik import BodyProfile, HandCollisions
-from ..ik.limbs import Chains
 from ..kinematics import Motion, Skeleton, to_features
 from ..motion_chunk import MotionBatch, join_batches
 from .feet import LARGEST, Feet, FeetState
@@ -62,8 +61,7 @@ class Post:
         refuse_unknown(stages, SWITCHES)
         self.skeleton, self.stages, self.repaired = skeleton, frozenset(stages), 0
         self._hands = HandCollisions(skeleton, body)
-        self._chains = Chains(skeleton, [0, *self._hands.joints, *skeleton.config.feet])
-        self._hands.use_chains(self._chains)
+        self._chains = self._hands.chains
         self._unpacking = Unpacking(skeleton)
         self._smoother = Smoother(skeleton.joints)
         self._idle_legs = IdleLegs(skeleton)

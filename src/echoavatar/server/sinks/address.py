@@ -5,7 +5,7 @@ from typing import cast
 from urllib.parse import parse_qsl, urlsplit
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire import Rig
+from echoavatar.wire.messages import Rig
 
 from .encoders import NAMES, JsonEncoder, LiveLinkEncoder, Names, VmcEncoder
 from .sink import Encoder, Sink, UdpSink
@@ -24,10 +24,6 @@ class Address:
     host: str
     port: int
     options: dict[str, str] = field(default_factory=dict)
-
-    def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.scheme}://{host}:{self.port}"
 
 
 def parse_address(text: str) -> Address:

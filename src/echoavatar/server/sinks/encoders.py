@@ -24,7 +24,7 @@ from jaxtyping import Float
 
 from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES, HEAD_AND_EYES, VRM_NAMES, reorder, to_live_link, to_vrm
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import Rig
+from echoavatar.wire.messages import Rig
 
 from .sink import Frame
 
@@ -49,7 +49,7 @@ class JsonEncoder:
 
     def __init__(self, rig: Rig) -> None:
         names = {"names": rig.names, "parents": rig.parents, "rest": rig.rest, "face": ARKIT_NAMES}
-        self._rig = _packed({"type": "rig", **names})
+        self._rig = msgspec.json.encode({"type": "rig", **names})
         self._next = 0.0
 
     def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 52"]:
@@ -61,7 +61,7 @@ class JsonEncoder:
         if frame.seconds >= self._next:
             self._next = frame.seconds + RIG_SECONDS
             yield self._rig
-        yield _packed(
+        yield msgspec.json.encode(
             {
                 "type": "pose",
                 "seconds": round(frame.seconds, _DIGITS),
@@ -75,10 +75,6 @@ class JsonEncoder:
 
 def _rounded(values: np.ndarray) -> object:
     return np.round(values.astype(np.float64), _DIGITS).tolist()
-
-
-def _packed(what: object) -> bytes:
-    return msgspec.json.encode(what)
 
 
 class LiveLinkEncoder:

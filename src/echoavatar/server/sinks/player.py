@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire import Flush, Motion, Pose, Rig, ServerMessage, unpack_pose
+from echoavatar.wire.blobs import Pose, unpack_pose
+from echoavatar.wire.messages import Flush, Motion, Rig, ServerMessage
 
 from .address import make_sink
 from .sink import Frame, Sink
@@ -190,7 +191,7 @@ class SinkPlayer:
         self._quietly(self._sink.close)
 
     def _hear(self) -> None:
-        """Process what is queued; runs on the sink's thread."""
+        """Process the queue; runs on the sink's thread."""
         while self._queue:
             match self._queue.popleft():
                 case None:
@@ -213,7 +214,7 @@ class SinkPlayer:
             self.shown += 1
 
     def _quietly(self, what: Callable[[], None]) -> bool:
-        """Run `what`; the first failure is logged, and none is passed on."""
+        """Call `what`; the first failure is logged, and none is raised."""
         try:
             what()
         except Exception as error:

@@ -2,6 +2,7 @@
 
 import socket
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -15,7 +16,7 @@ class Frame(NamedTuple):
 
     rotations: Float[np.ndarray, "j 4"]  # quaternions wxyz, parent-relative
     root: Float[np.ndarray, "3"]  # metres, of the hips
-    face: Float[np.ndarray, " n"] | None  # what the sink's `faces` made of the curves; None without a face
+    face: Float[np.ndarray, " n"] | None  # the result of the sink's `faces`; None without a face
     seconds: float  # since the sink started, on its own clock
     at: int  # sample of the session's clock that is heard with it
 
@@ -26,7 +27,7 @@ class Sink(Protocol):
     rate: float  # wanted frames per second
 
     def faces(self, curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t n"]:
-        """Convert ARKit curves (0..1, canonical order) to what the sink shows; called per chunk, not per frame."""
+        """Convert ARKit curves (0..1, canonical order) to the sink's own; called per chunk, not per frame."""
 
     def send(self, frame: Frame) -> None:
         """Show a frame."""
@@ -46,11 +47,11 @@ class Encoder(Protocol):
 
 
 class UdpSink:
-    """Sends datagrams to one address without blocking; what the network does not accept at once is dropped."""
+    """Sends datagrams to one address without blocking; packets that the network does not accept at once are dropped."""
 
     def __init__(self, encoder: Encoder, host: str, port: int, rate: float) -> None:
         """Raises EchoAvatarError if the host cannot be resolved."""
-        self.rate, self.dropped, self.sent = rate, 0, 0
+        self.rate = rate
         self._encoder = encoder
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -71,15 +72,8 @@ class UdpSink:
     def send(self, frame: Frame) -> None:
         """Encode and send a frame."""
         for packet in self._encoder(frame):
-            try:
+            with suppress(BlockingIOError):
                 self._socket.sendto(packet, self._address)
-            except BlockingIOError:
-                self.dropped += 1
-            except OSError:
-                self.dropped += 1
-                raise
-            else:
-                self.sent += 1
 
     def close(self) -> None:
         """Close the socket."""

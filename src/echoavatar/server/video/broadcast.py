@@ -1,6 +1,7 @@
 """Where a stream goes beside WebRTC: a virtual camera of this machine, or a file or RTMP server through FFmpeg."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,15 +17,13 @@ FORMATS = {".flv": "flv", ".mp4": "mp4", ".mkv": "matroska", ".ts": "mpegts"}
 SCHEMES = {"rtmp": "flv", "rtmps": "flv"}
 SOUND_RATE_HZ = 2 * SAMPLE_RATE_HZ
 CLOCK_HZ = 1_000  # of pictures: FLV counts milliseconds
-KEY_S = 2  # between whole pictures, which is what streaming servers ask for
+KEY_S = 2  # between key frames, as streaming servers require
 
 
 class Output(Protocol):
     """Takes a stream; its methods may block, and one thread calls them."""
 
-    @property
-    def name(self) -> str:
-        """What it is called."""
+    name: str  # the camera's, as other programs list it, or the address
 
     def show(self, picture: Picture) -> None:
         """Show a picture; raises EchoAvatarError where it cannot go on."""
@@ -47,16 +46,12 @@ class VirtualCamera:
             raise DependencyError("a virtual camera needs pyvirtualcam: pip install 'echoavatar[camera]'") from error
         try:
             self._camera: Any = pyvirtualcam.Camera(size[0], size[1], rate)
+            self.name = str(self._camera.device)
         except RuntimeError as error:
             raise DependencyError(
                 "this machine has no virtual camera; Linux: `sudo modprobe v4l2loopback`; Windows and macOS: install "
                 f"OBS and start its virtual camera once ({str(error).splitlines()[0][:120]})"
             ) from error
-
-    @property
-    def name(self) -> str:
-        """The camera's name, as other programs list it."""
-        return str(self._camera.device)
 
     def show(self, picture: Picture) -> None:
         """Show a picture."""
@@ -75,8 +70,8 @@ class Broadcast:
 
     def __init__(self, to: str, size: Sequence[int], rate: int) -> None:
         """Raises EchoAvatarError for an address of another kind, or one that cannot be opened."""
-        self._name, self._last = to, -1
-        try:
+        self.name, self._last = to, -1
+        with self._naming_itself():
             self._container = av.open(to, "w", format=container_of(to))
             self._video = self._container.add_stream("libx264", rate=rate)
             self._sound = self._container.add_stream("aac", rate=SOUND_RATE_HZ, layout="mono")
@@ -87,13 +82,6 @@ class Broadcast:
             self._video.codec_context.gop_size = KEY_S * rate
             self._video.options = {"preset": "veryfast", "tune": "zerolatency", "crf": "22"}
             self._container.start_encoding()
-        except (OSError, av.FFmpegError) as error:
-            raise self._failed(error) from error
-
-    @property
-    def name(self) -> str:
-        """The address."""
-        return self._name
 
     def show(self, picture: Picture) -> None:
         """Encode and send a picture."""
@@ -111,24 +99,27 @@ class Broadcast:
         self._mux(self._sound, frame)
 
     def close(self) -> None:
-        """Send what is left, and end the file or connection."""
+        """Send the rest, and end the file or connection."""
         try:
             for stream in (self._video, self._sound):
                 self._mux(stream, None)
         finally:
-            try:
+            with self._naming_itself():
                 self._container.close()
-            except (OSError, av.FFmpegError) as error:
-                raise self._failed(error) from error
 
     def _mux(self, stream: Any, frame: Any) -> None:
-        try:
+        with self._naming_itself():
             self._container.mux(stream.encode(frame))
-        except (OSError, av.FFmpegError) as error:
-            raise self._failed(error) from error
 
-    def _failed(self, error: Exception) -> EchoAvatarError:
-        return EchoAvatarError(f"cannot send to {self.name} ({error}); check the address, and that something listens")
+    @contextmanager
+    def _naming_itself(self) -> Iterator[None]:
+        """FFmpeg's errors become EchoAvatarError with the address in it."""
+        try:
+            yield
+        except (OSError, av.FFmpegError) as error:
+            raise EchoAvatarError(
+                f"cannot send to {self.name} ({error}); check the address, and that something listens"
+            ) from error
 
 
 def container_of(to: str) -> str:

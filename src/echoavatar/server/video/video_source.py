@@ -1,4 +1,4 @@
-"""What a session looks and sounds like at any moment of its clock."""
+"""Pictures and sound of a session at any moment of its clock."""
 
 import math
 from collections import deque
@@ -16,7 +16,8 @@ from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.server.sinks.player import PoseTrack
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import Flush, Motion, Rig, ServerMessage, Sound, unpack_pose
+from echoavatar.wire.blobs import unpack_pose
+from echoavatar.wire.messages import Flush, Motion, Rig, ServerMessage, Sound
 
 FOLLOW_S = 0.5  # the camera reaches 63 % of a new place in this time
 KEPT_S = 2.0  # of sound behind the newest reading
@@ -24,7 +25,7 @@ MOST_MOTION = 1_000  # messages that wait to be drawn
 
 
 class SoundTrack:
-    """Samples on the session's clock. The writer bounds its length; what lies far behind the reader is dropped."""
+    """Samples on the session's clock. The writer bounds its length; samples far behind the reader are dropped."""
 
     def __init__(self) -> None:
         self._blocks: deque[tuple[int, Int16[np.ndarray, " s"]]] = deque()
@@ -35,7 +36,7 @@ class SoundTrack:
         return self._blocks[-1][0] + len(self._blocks[-1][1]) if self._blocks else 0
 
     def put(self, at: int, samples: Int16[np.ndarray, " s"]) -> None:
-        """Add samples from `at` on; they replace what was there from that moment on."""
+        """Add samples from `at` on; they replace existing samples from that moment on."""
         self.cut(at)
         self._blocks.append((at, samples))
 
@@ -111,7 +112,8 @@ class VideoSource:
         self._hear()
         pose = self._poses.read(at)
         if pose is None:
-            rotations, root, face = np.tile(np.array([1, 0, 0, 0], np.float32), (HUMANOID.joints, 1)), _hips(), None
+            rotations = np.tile(np.array([1, 0, 0, 0], np.float32), (HUMANOID.joints, 1))
+            root, face = HUMANOID.rest_positions.numpy()[0], None
         else:
             rotations, root, face = pose.rotations.astype(np.float32), pose.root, pose.face
         world = forward_kinematics(
@@ -156,7 +158,3 @@ def prepare(shot: Shot, character: str = "") -> None:
 def _painted(name: str) -> tuple[Character, Paint]:
     character = load_character(name or None)
     return character, Paint.of(character)
-
-
-def _hips() -> Float[np.ndarray, " 3"]:
-    return np.asarray(HUMANOID.rest_positions.numpy()[0], np.float32)

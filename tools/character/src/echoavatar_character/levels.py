@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
 from echoavatar.files.avatar.character import FOLDER, Morphs
 from echoavatar.files.avatar.gltf import pack_glb
+from echoavatar.files.avatar.halfway import REST
 
 from .pose import DOWN, posed
 
@@ -103,7 +104,7 @@ def _fewer(character: Character, faces: Int[np.ndarray, "f 3"], target: int) -> 
     used, local = np.unique(faces, return_inverse=True)
     shown, normals, _ = posed(character, DOWN)
     points = shown[used]
-    neck = character.rest_joints[[i for i, y in enumerate(character.rest_joints[:, 1]) if y > 1.4]].min(0)[1]
+    neck = REST[[i for i, y in enumerate(REST[:, 1]) if y > 1.4]].min(0)[1]
     high = np.clip((points[:, 1:2] - neck) / 0.05, 0, 1)
     warped = points + high * (HEAD_SCALE - 1) * (points - [0, neck, 0])
     extent = float(np.ptp(warped, axis=0).max())

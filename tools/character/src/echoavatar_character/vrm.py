@@ -127,7 +127,7 @@ def _constrain(nodes: list[dict[str, Any]]) -> None:
 
 def _humanoid(character: Character, name: str, *, thumbnail: int) -> dict[str, Any]:
     eyes = character.positions[character.materials == [m.name for m in MATERIALS].index("eye")]
-    middle = (eyes.min(0) + eyes.max(0)) / 2 - character.rest_joints[HUMANOID.index("head")]
+    middle = (eyes.min(0) + eyes.max(0)) / 2 - REST[HUMANOID.index("head")]
     across, upwards = ({"inputMaxValue": float(np.degrees(x)), "outputScale": 1.0} for x in (ACROSS, UPWARDS))
     return {
         "specVersion": "1.0",
@@ -161,7 +161,7 @@ def _portrait(character: Character, name: str, buffer: Buffer) -> dict[str, Any]
 def hair_chains(character: Character) -> list[Chain]:
     """Chains of bones in the hair around the head, each from the height of the ears to the ends."""
     hair = character.positions[_hair(character)].astype(float)
-    head = character.rest_joints[HUMANOID.index("head")].astype(float)
+    head = REST[HUMANOID.index("head")].astype(float)
     turn, top = _around(hair, head), head[1] + SWING_FROM
     made = []
     for middle in _sectors():
@@ -182,7 +182,7 @@ def with_chains(character: Character, chains: list[Chain]) -> Character:
         return character
     rows = np.flatnonzero(_hair(character))
     head = HUMANOID.index("head")
-    middle = character.rest_joints[head]
+    middle = REST[head]
     points = character.positions[rows]
     turns = np.array([_around(chain.places[:1], middle)[0] for chain in chains])
     apart = np.abs(_around(points, middle)[:, None] - turns)

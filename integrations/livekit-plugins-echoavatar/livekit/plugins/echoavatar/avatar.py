@@ -17,7 +17,7 @@ from echoavatar import Engine
 from echoavatar.agents.integrations import AvatarBridge, AvatarTools, find_backend
 from echoavatar.files.avatar.avatar_renderer import Shot
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import BodyOptions
+from echoavatar.wire.messages import BodyOptions
 
 from .film import Film, runner
 from .motion import MotionChannel

@@ -18,7 +18,7 @@ from echoavatar.files.avatar.avatar_renderer import Shot
 from echoavatar.server.video import LiveStream, VideoSource
 from echoavatar.server.video.live_stream import EDGE, PICTURE_RATE_HZ
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import Flush
+from echoavatar.wire.messages import Flush
 
 Item = rtc.VideoFrame | rtc.AudioFrame
 MOST_LATE_S = 0.1  # what the runner's queue holds; sound that is later would stay behind its pictures for good

@@ -7,7 +7,8 @@ from typing import Any
 
 from livekit import rtc
 
-from echoavatar.wire import Motion, ServerMessage, encode
+from echoavatar.wire.codec import encode
+from echoavatar.wire.messages import Motion, ServerMessage
 
 from .log import logger
 

@@ -17,7 +17,7 @@ from livekit.agents.voice.avatar import AudioReceiver, AudioSegmentEnd
 from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.wire import Flush, Ready
+from echoavatar.wire.messages import Flush, Ready
 
 from .film import Film
 from .log import logger

@@ -14,7 +14,7 @@ from livekit.agents.voice.avatar import AudioReceiver, AvatarRunner, DataStreamA
 from echoavatar import Engine
 from echoavatar.agents.integrations import AvatarBridge, AvatarTools, find_backend
 from echoavatar.files.avatar.avatar_renderer import Shot
-from echoavatar.wire import BodyOptions
+from echoavatar.wire.messages import BodyOptions
 
 from .avatar import SAMPLES, publish_sound
 from .film import Film, runner

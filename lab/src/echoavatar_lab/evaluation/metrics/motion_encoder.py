@@ -19,7 +19,7 @@ from jaxtyping import Float
 from pydantic import Field
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
+from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
@@ -78,8 +78,10 @@ class _Block(nn.Module):
         return y
 
 
-class MotionEncoder(nn.Module):
-    """Autoencoder of motion; FID is computed on `features`."""
+class MotionEncoder(Checkpointed):
+    """Autoencoder of motion; FID is computed on `features`. Its weights are saved in half precision."""
+
+    config_type = MotionEncoderConfig
 
     feature_mean: Tensor
     feature_std: Tensor
@@ -145,18 +147,9 @@ class MotionEncoder(nn.Module):
         latents: Tensor = self.encoder(self.normalize(clip[None, :whole]).transpose(1, 2))[0].T
         return (latents - self.latent_mean) / self.latent_std
 
-    def save(self, folder: Path, card: Mapping[str, object]) -> None:
-        """Write config, weights in half precision, and card."""
-        checkpoint.save(folder, config=self.config, weights=self.state_dict(), card=card, dtype=torch.float16)
-
-    @classmethod
-    def load(cls, folder: Path) -> "MotionEncoder":
-        """Read what `save` wrote.
-
-        Raises:
-            CheckpointError: the folder holds no such model.
-        """
-        return checkpoint.load(folder, MotionEncoderConfig, cls).eval()
+    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16) -> None:
+        """See `Checkpointed.save`."""
+        super().save(folder, card, dtype=dtype)
 
 
 def load_shipped() -> MotionEncoder:

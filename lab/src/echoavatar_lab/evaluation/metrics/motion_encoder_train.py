@@ -16,7 +16,7 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, adamw
 
 from .motion_encoder import TRAVEL, MotionEncoder, MotionEncoderConfig
 
@@ -125,26 +125,6 @@ def part_weights(features: int) -> Float[Tensor, " c"]:
             weights[columns] = share / len(columns)
         weights[-TRAVEL:] = share / TRAVEL
     return weights
-
-
-def train_motion_encoder(
-    config: MotionEncoderConfig,
-    training: MotionEncoderTraining,
-    clips: Sequence[Float[Tensor, "_ c"]],
-    folder: Path,
-    *,
-    minutes: float | None = None,
-    card: Mapping[str, object] | None = None,
-    trackers: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> MotionEncoder:
-    """Train on clips of `motion_features`, with checkpoints in `folder`; resumes the run in it.
-
-    Stops after the schedule's steps, or after `minutes` of this call.
-    """
-    stage = MotionEncoderTask(config, training, clips, card=card)
-    train(stage, folder, minutes=minutes, trackers=trackers, progress=progress)
-    return MotionEncoder.load(folder)
 
 
 @torch.no_grad()

@@ -3,8 +3,8 @@
 - MPJPE: mean distance of corresponding joints. The paper calls it "character-centric" without a definition; ours puts
   both roots at the origin and turns both bodies so that the hips face +Z (`without_heading`), so only the pose counts.
   Fingers are many, and their errors, measured from the wrist, are small.
-- Trans loss: mean over frames of |v_made - v_true| of the root's planar steps. The paper does not name the norm: L2 by
-  default, L1 as an option. The paper prints both in 1e-4 m (its 184.1 is 18.41 mm).
+- Trans loss: mean over frames of |v_made - v_true| of the root's planar steps. The paper does not name the norm;
+  ours is L2. The paper prints both in 1e-4 m (its 184.1 is 18.41 mm).
 - L1 diversity (paper, appendix L1 Diversity; the best value is the truth's):
   Div = (1/N) sum over frames and joints of |p - mean of p over its clip|_1, root at the origin, metres. The sum runs
   over the three axes of all joints, so the value grows with their number: 55 joints of SMPL-X in the published tables,
@@ -17,11 +17,11 @@ Names carry the units; without one it is metres.
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.motion.kinematics import Skeleton, forward_kinematics
@@ -55,9 +55,9 @@ def mean_joint_error(made: Float[Tensor, "t j 3"], true: Float[Tensor, "t j 3"])
     return float((true - made).norm(dim=-1).mean())
 
 
-def trans_loss(made: Float[Tensor, "t 2"], true: Float[Tensor, "t 2"], norm: Literal["l1", "l2"] = "l2") -> float:
+def trans_loss(made: Float[Tensor, "t 2"], true: Float[Tensor, "t 2"]) -> float:
     """Mean length of the error of the root's planar steps, metres a frame."""
-    return float((true - made).norm(dim=-1, p=1 if norm == "l1" else 2).mean())
+    return float((true - made).norm(dim=-1).mean())
 
 
 class Reconstruction(NamedTuple):
@@ -88,12 +88,6 @@ def reconstruction(
         mean_joint_error(finger_guess, finger_truth) * 1000,
         trans_loss(rebuilt_velocity, velocity) * 1000,
     )
-
-
-def codebook_use(codes: Int[Tensor, "n p q"], size: int) -> Float[Tensor, "p q"]:
-    """Share of each codebook's entries that occur."""
-    parts, layers = codes.shape[1:]
-    return torch.tensor([[len(torch.unique(codes[:, p, q])) / size for q in range(layers)] for p in range(parts)])
 
 
 def _centred(skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"]) -> Float[Tensor, "t j 3"]:

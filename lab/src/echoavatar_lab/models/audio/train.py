@@ -9,7 +9,7 @@ target, so that the codes learn to look through it. The loss compares mel spectr
 readout of the codes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +26,7 @@ from echoavatar.models.audio.network import CODE_LAYERS, CodecConfig, Convolutio
 from echoavatar.models.quantize import ResidualVectorQuantizer, Share
 from echoavatar.nn.mel import log_mel, mel_spectrum
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, exact_div
-from echoavatar_lab.training import Gather, Loss, Progress, TrainingConfig, TrainingTask, adamw, has_state, train
+from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, adamw
 
 from ..tokenizer.measure import code_usage
 from .recordings import AudioPool
@@ -330,30 +330,3 @@ def make_batch(config: CodecTrainingConfig, pool: AudioPool, step: int) -> Sound
     heard = torch.from_numpy(np.stack([pair.heard for pair in pairs]))
     target = torch.from_numpy(np.stack([pair.target for pair in pairs]))
     return Sounds(heard, target, torch.arange(config.batch))
-
-
-def train_codec(
-    config: CodecTrainingConfig,
-    folder: Path,
-    pool: AudioPool,
-    *,
-    card: Mapping[str, object] | None = None,
-    start: AudioCodec | None = None,
-    device: str = "cpu",
-    trackers: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> AudioCodec:
-    """Train, or continue the run in `folder`, until the steps or minutes are used up.
-
-    `folder` gets the codec's checkpoint, `training.safetensors` (to go on) and `metrics.jsonl`.
-
-    A new run begins with the weights and codebooks of `start`, where given.
-
-    Raises:
-        CheckpointError: the folder holds a run of other sizes, or `start` is of other sizes.
-    """
-    stage = CodecTask(config, pool, card=card)
-    if start is not None and not has_state(folder):
-        stage.begin_with(start)
-    train(stage, folder, device=device, trackers=trackers, progress=progress)
-    return stage.codec.eval()

@@ -35,7 +35,7 @@ from echoavatar.models.face.flow import FULL_NOISE
 from echoavatar.models.face.model import FaceModel
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, has_state, train
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 from .clip import FaceClip
 
@@ -296,12 +296,17 @@ class FaceTask(TrainingTask[FaceLesson]):
         training: FaceTraining,
         clips: Sequence[FaceClip],
         *,
+        encoder: HubertEncoder | None = None,
         card: Mapping[str, object] | None = None,
     ) -> None:
+        """A pretrained `encoder`, of the config's sizes, is kept as it is; the rest learns."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = FaceModel(config)
             self.reader = FaceReader(config.encoder.outputs, config.channels)
+        if encoder is not None:
+            checkpoint.load_into(self.model.encoder, encoder.state_dict(), origin="the pretrained encoder")
+            self.model.encoder.freeze()  # type: ignore[operator]
         super().__init__(training, {"model": self.model, "reader": self.reader})
         self.has_idle = training.listen > 0
         chosen = [levelled(clip) for clip in clips if clip.split == "train"]
@@ -349,33 +354,3 @@ class FaceTask(TrainingTask[FaceLesson]):
         """The face model."""
         about = {"kind": "face", "step": step, "training": self.config.model_dump()}
         self.model.save(folder, self._card | about)
-
-
-def train_face(
-    config: FaceConfig,
-    training: FaceTraining,
-    clips: Sequence[FaceClip],
-    folder: Path,
-    *,
-    minutes: float | None = None,
-    device: str = "cpu",
-    start: FaceModel | None = None,
-    encoder: HubertEncoder | None = None,
-    card: Mapping[str, object] | None = None,
-    trackers: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> FaceModel:
-    """Train on the clips of split "train", checkpointing into `folder` with `card`; continues what is there.
-
-    A new run begins with the weights of `start`, where given, under a schedule of its own. A pretrained `encoder`, of
-    the config's sizes, is kept as it is; the rest learns.
-    Stops after the schedule's steps, or after `minutes` of this call.
-    """
-    stage = FaceTask(config, training, clips, card=card)
-    if encoder is not None:
-        checkpoint.load_into(stage.model.encoder, encoder.state_dict(), origin="the pretrained encoder")
-        stage.model.encoder.freeze()  # type: ignore[operator]
-    if start is not None and not has_state(folder):
-        checkpoint.load_into(stage.model, start.state_dict(), origin="the face model to start from")
-    train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
-    return stage.model.eval()

@@ -34,7 +34,7 @@ from echoavatar.models.generator.model import Generator
 from echoavatar.models.tokens import Sequences
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
-from .windows import CUES, DOMAINS, TokenClip, Window, WindowSampler, corrupt_hierarchically
+from .windows import CUES, DOMAINS, TokenClip, Window, WindowSampler
 
 
 def code_nll(
@@ -212,13 +212,12 @@ def nll_by_domain(
     chunks: int | None = None,
     batch: int = 8,
     most_windows: int | None = None,
-    corruption: float = 0.0,
 ) -> dict[str, float]:
     """Mean NLL per motion code in nats by domain ("silence", "speech", "music", "all").
 
     Windows of `chunks` chunks (default: the generator's window) are cut without overlap; `most_windows` of them, spread
     evenly, are scored. `shuffled_audio` gives every window the audio of another clip's window (of another window where
-    there is one clip only). `corruption` damages the context hierarchically at that rate.
+    there is one clip only).
 
     Raises:
         MotionError: no clip is as long as a window.
@@ -226,17 +225,13 @@ def nll_by_domain(
     order, device = generator.config.order, str(next(generator.parameters()).device)
     clips = [clip.heard_ahead(generator.config.ahead_chunks) for clip in clips]
     windows, audio = _windows(clips, chunks or generator.config.window_chunks, shuffled_audio)
-    random = torch.Generator().manual_seed(0)
     count = len(audio)
     picked = torch.arange(count) if most_windows is None else torch.arange(0, count, -(-count // most_windows))
     total, number = torch.zeros(len(DOMAINS)).double(), torch.zeros(len(DOMAINS)).double()
     for at in torch.split(picked, batch):
-        motion = context = windows.motion[at]
-        if corruption > 0:
-            codebook = generator.config.layout.motion_codes
-            context = corrupt_hierarchically(motion, corruption, codebook=codebook, generator=random)
+        motion = windows.motion[at]
         missing = torch.zeros(len(motion), dtype=torch.int64)
-        sequences = to_device(order.build(audio[at], context, motion, missing), device)
+        sequences = to_device(order.build(audio[at], motion, motion, missing), device)
         nll = code_nll(generator, sequences).mean(dim=1).double().cpu()
         for index in range(len(DOMAINS)):
             here = windows.domain[at] == index

@@ -24,7 +24,7 @@ from echoavatar.models.generator.config import GeneratorConfig
 from echoavatar.models.generator.exemplar import Exemplar, control_ids, segment_of
 from echoavatar.models.generator.model import Generator
 from echoavatar.models.tokens import Prefix, Sequences
-from echoavatar_lab.training import Loss, Muon, Progress, TrainingConfig, TrainingTask, adamw, has_state, train
+from echoavatar_lab.training import Loss, Muon, TrainingConfig, TrainingTask, adamw
 
 from ..published import init_from_qwen
 from .losses import CueReader, code_nll, freeze_body, hierarchical_loss, nll_by_domain, stream_loss, stream_nll, summary
@@ -198,8 +198,11 @@ class GeneratorTask(TrainingTask[Lesson]):
         self.held_out = [clip for clip in clips if clip.split == "test" and clip.chunks >= self.chunks]
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
 
-    def begin_with(self, start: Generator) -> None:
-        """Take the weights of a trained generator, which may lack exemplar control."""
+    def begin_with(self, start: Generator | Path) -> None:
+        """Take the weights of a trained generator, which may lack exemplar control, or the body of a Qwen2 folder."""
+        if isinstance(start, Path):
+            init_from_qwen(self.generator, start)
+            return
         weights = start.state_dict()
         if start.exemplar is None:
             own = self.generator.state_dict()
@@ -311,37 +314,6 @@ class GeneratorTask(TrainingTask[Lesson]):
             whole=config.sequence == "prefix",
             generator=self.config.noise(step, _EXEMPLARS),
         )
-
-
-def train_generator(
-    config: GeneratorConfig,
-    training: GeneratorTraining,
-    clips: Sequence[TokenClip],
-    folder: Path,
-    *,
-    minutes: float | None = None,
-    device: str = "cpu",
-    sharded: bool = False,
-    audio_codebooks: Float[Tensor, "l A a"] | None = None,
-    motion_codebooks: Float[Tensor, "p q K c"] | None = None,
-    start: Generator | None = None,
-    qwen: Path | None = None,
-    trackers: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> Generator:
-    """Train on the clips of split "train", checkpointing into `folder`; continues what is there.
-
-    A new run begins with the weights of `start`, or with the body of the Qwen2 checkpoint in `qwen`, where given,
-    under a schedule of its own. Stops after the schedule's steps, or after `minutes` of this call.
-    """
-    stage = GeneratorTask(config, training, clips, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
-    if not has_state(folder):
-        if qwen is not None:
-            init_from_qwen(stage.generator, qwen)
-        if start is not None:
-            stage.begin_with(start)
-    train(stage, folder, minutes=minutes, device=device, sharded=sharded, trackers=trackers, progress=progress)
-    return stage.generator.eval()
 
 
 def _out_of_step(motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator) -> Int[Tensor, "b n p q"]:

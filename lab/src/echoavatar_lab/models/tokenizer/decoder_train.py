@@ -22,7 +22,7 @@ from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw, train
+from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw
 
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
@@ -77,8 +77,12 @@ class DecoderTask(TrainingTask[Pairs]):
         card: Mapping[str, object] | None = None,
         progress: Progress | None = None,
     ) -> None:
-        """Encode all clips, whole. Raises MotionError when none is as long as a window."""
-        self.tokenizer = tokenizer
+        """Encode all clips, whole; `progress` is called with (clip, clips).
+
+        `tokenizer` itself does not change. Raises MotionError when no clip is as long as a window.
+        """
+        # codes come from this tokenizer, whatever the folder of the run holds
+        self.tokenizer = tokenizer = copy.deepcopy(tokenizer).eval()
         self.terms = MotionLoss(tokenizer.skeleton, training.losses)
         super().__init__(training, {"tokenizer": tokenizer, "terms": self.terms})
         room = [len(clip.rotations) // FRAMES_PER_MOTION_TOKEN - training.tokens + 1 for clip in clips]
@@ -169,40 +173,3 @@ class DecoderTask(TrainingTask[Pairs]):
         if is_mirrored:
             cut = mirror_features(self.tokenizer.skeleton, cut)
         return Pairs(cut, codes[is_mirrored][first:last].long())
-
-
-def train_decoder(
-    start: BodyTokenizer,
-    training: DecoderTraining,
-    clips: Sequence[MovingBody],
-    tests: Sequence[MovingBody],
-    folder: Path,
-    *,
-    card: Mapping[str, object] | None = None,
-    minutes: float | None = None,
-    device: str = "cpu",
-    trackers: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> BodyTokenizer:
-    """Teach a tokenizer's decoder steady codes, or go on where a run stopped; saves the whole tokenizer in `folder`.
-
-    Args:
-        start: a trained tokenizer; its encoder, codebooks and statistics stay as they are.
-        training: schedule and losses.
-        clips: motion to learn.
-        tests: motion to measure on.
-        folder: receives the checkpoint, `metrics.jsonl` and the training state.
-        card: goes into `card.json` beside the scores.
-        minutes: of this call.
-        device: where to compute.
-        trackers: where else metrics go.
-        progress: called with (clip, clips) while they are encoded, then with (step, steps).
-
-    Raises:
-        MotionError: no clip is as long as a window.
-        CheckpointError: the folder holds a training state of other sizes.
-    """
-    tokenizer = copy.deepcopy(start).eval()  # codes come from `start`, whatever the folder holds
-    stage = DecoderTask(tokenizer, training, clips, tests=tests, card=card, progress=progress)
-    train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
-    return tokenizer

@@ -22,7 +22,6 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.quantize import Share
@@ -32,17 +31,7 @@ from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
-from echoavatar_lab.training import (
-    Gather,
-    Loss,
-    Progress,
-    Schedule,
-    TrainingConfig,
-    TrainingTask,
-    adamw,
-    has_state,
-    train,
-)
+from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
 
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
@@ -363,43 +352,3 @@ class TokenizerTask(TrainingTask[Windows]):
         normal = split_parts(self.tokenizer.skeleton, self.tokenizer.statistics.normalize(frames))
         for name, part in self.tokenizer.tokenizers().items():
             start_from_principal_axes(part, normal[name])
-
-
-def train_tokenizer(
-    config: BodyTokenizerConfig,
-    training: TokenizerTraining,
-    clips: Sequence[MovingBody],
-    tests: Sequence[MovingBody],
-    folder: Path,
-    *,
-    card: Mapping[str, object] | None = None,
-    start: BodyTokenizer | None = None,
-    minutes: float | None = None,
-    device: str = "cpu",
-    trackers: Sequence[str] = (),
-    progress: Progress | None = None,
-) -> BodyTokenizer:
-    """Train, or go on where a run stopped, and save the tokenizer in `folder`.
-
-    Args:
-        config: sizes and skeleton.
-        training: schedule and losses.
-        clips: motion to learn.
-        tests: motion to measure on.
-        folder: receives the checkpoint, `metrics.jsonl` and the training state.
-        card: goes into `card.json` beside the scores.
-        start: a trained tokenizer of the same sizes whose weights, codebooks and statistics a new run begins with.
-        minutes: of this call.
-        device: where to compute.
-        trackers: where else metrics go.
-        progress: called with (step, steps).
-
-    Raises:
-        MotionError: no clip is as long as a window.
-        CheckpointError: the folder holds a training state of other sizes, or `start` is of other sizes.
-    """
-    stage = TokenizerTask(config, training, clips, tests=tests, card=card)
-    if start is not None and not has_state(folder):
-        checkpoint.load_into(stage.tokenizer, start.state_dict(), origin="the tokenizer to start from")
-    train(stage, folder, minutes=minutes, device=device, trackers=trackers, progress=progress)
-    return stage.tokenizer

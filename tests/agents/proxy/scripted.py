@@ -1,4 +1,4 @@
-"""A scripted voice agent: a Realtime upstream without a model, for tests, benchmarks and trying things offline.
+"""A scripted voice agent: a Realtime upstream without a model.
 
 It sends what a script tells it to, in the events that OpenAI documents, and acknowledges every session update and every
 item that the client adds.
@@ -14,9 +14,8 @@ from typing import Any
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
+from echoavatar.agents.proxy.upstream import quiet_logger
 from echoavatar.timing import SAMPLE_RATE_HZ
-
-from .upstream import quiet_logger
 
 Script = Callable[["ScriptedSession"], Awaitable[None]]
 DELTA_S = 0.1

@@ -2,7 +2,7 @@
 
 import pytest
 
-from echoavatar.wire.typescript import interface, type_of
+from echoavatar_studio.typescript import interface, type_of
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,2 @@
+// For the viewer: an exported page runs three.js before it.
+module.exports = globalThis.echoavatarThree;
