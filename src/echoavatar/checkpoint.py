@@ -134,8 +134,8 @@ class _Unset(TorchFunctionMode):
 def _no_larger_than(weights: Mapping[str, Tensor]) -> Iterator[None]:
     """While this thread builds a module, its parameters may not far outgrow the weights in number or in size.
 
-    Twice as many are let through, because a normalised layer registers its weight before it is split in two; what
-    does not fit exactly, `load_into` names.
+    Twice as many are let through, because a normalised layer registers its weight before it is split in two.
+    `load_into` names the weights that do not fit exactly.
     """
     numbers = sum(weight.numel() for weight in weights.values())
     left = {"parameters": 2 * len(weights) + 64, "numbers": 2 * numbers + (1 << 22)}

@@ -26,7 +26,7 @@ _CONNECTION = {  # error classes that mean "no connection" in requests, httpx, t
 
 
 class Pulled(NamedTuple):
-    """What was fetched."""
+    """The result of a pull."""
 
     folder: Path
     files: int
@@ -116,7 +116,7 @@ def _cell(card: Mapping[str, object], key: str) -> str:
 
 @contextmanager
 def _in_words(name: str) -> Iterator[tuple[Any, Any]]:
-    """The hub's client and its `snapshot_download`; what they raise becomes one sentence."""
+    """The hub's client and its `snapshot_download`; their errors become one sentence each."""
     try:
         from huggingface_hub import HfApi, snapshot_download
         from huggingface_hub.errors import GatedRepoError, HfHubHTTPError, HFValidationError, RepositoryNotFoundError
@@ -146,7 +146,7 @@ def _in_words(name: str) -> Iterator[tuple[Any, Any]]:
 
 
 def fetch(name: str) -> Path:
-    """The folder of a model: what the hub's cache has of it, or else what `pull` brings."""
+    """The folder of a model: from the hub's cache, or else fetched by `pull`."""
     try:
         from huggingface_hub import snapshot_download
 

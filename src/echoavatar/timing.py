@@ -32,34 +32,34 @@ MOTION_TOKENS_PER_CHUNK = exact_div(CHUNK_FRAMES, FRAMES_PER_MOTION_TOKEN)  # 2 
 
 @dataclass(frozen=True)
 class ChunkSize:
-    """What one step of a pipeline consumes and produces: two motion tokens, unless its bundle has it otherwise."""
+    """What one step of a pipeline consumes and produces: two motion tokens, unless its bundle says another number."""
 
     tokens: int = MOTION_TOKENS_PER_CHUNK
 
     @classmethod
     def of(cls, samples: int) -> "ChunkSize":
-        """By its samples of sound, as a server names it.
+        """The chunk of so many samples of sound.
 
         Raises:
-            ValueError: that is no whole number of motion tokens.
+            ValueError: `samples` is no whole number of motion tokens.
         """
         if samples < 1:
-            raise ValueError(f"a chunk has some samples, not {samples}")
+            raise ValueError(f"a chunk has one sample or more, not {samples}")
         return cls(exact_div(samples, SAMPLES_PER_MOTION_TOKEN))
 
     @property
     def frames(self) -> int:
-        """Of motion, 30 a second."""
+        """Frames of motion in a chunk, 30 a second."""
         return self.tokens * FRAMES_PER_MOTION_TOKEN
 
     @property
     def samples(self) -> int:
-        """Of sound, 24,000 a second."""
+        """Samples of sound in a chunk, 24,000 a second."""
         return self.tokens * SAMPLES_PER_MOTION_TOKEN
 
     @property
     def seconds(self) -> float:
-        """Of either."""
+        """Length of a chunk, in seconds."""
         return self.samples / SAMPLE_RATE_HZ
 
     def within(self, seconds: float) -> int:

@@ -8,6 +8,7 @@ from tests import golden as fixtures
 from echoavatar.checkpoint import load_into
 from echoavatar.models.tokenizer import MotionTokenizer, MotionTokenizerConfig
 from echoavatar.nn import lookback_mask
+from echoavatar_lab.models.tokenizer.train import learning_quantizer
 
 
 def procedural(shapes: dict[str, tuple[int, ...]], seed: int) -> dict[str, torch.Tensor]:
@@ -75,10 +76,12 @@ def test_blocks_one_by_one(model, golden):
 
 @torch.no_grad()
 def test_eval_pass_and_commitment(model, golden):
-    result = model(golden["x"])
-    near(result.features, golden["fwd_rec"])
+    quantizer = learning_quantizer(model.config).eval()
+    quantizer.load_state_dict(model.quantizer.state_dict())
+    result = quantizer(model.to_latents(golden["x"]))
+    near(model.from_latents(result.latents), golden["fwd_rec"])
     near(result.commitment, golden["fwd_commit"])
-    near(model(golden["x100"]).features, golden["fwd_once_rec100"])
+    near(model.from_latents(quantizer(model.to_latents(golden["x100"])).latents), golden["fwd_once_rec100"])
 
 
 @torch.no_grad()

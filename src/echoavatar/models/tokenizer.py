@@ -7,10 +7,11 @@ the released checkpoints (`input_liner` is their spelling), which therefore load
 variants of the paper's ablation.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
+from typing import Any, Literal, Self
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -24,8 +25,9 @@ from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonCo
 from echoavatar.nn import CausalBlock, CausalConvBlock, Mlp, StreamingModule, StreamState
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
-from .quantize import ResidualVectorQuantizer, Share
+from .quantize import ResidualVectorQuantizer
 
+Block = Callable[[Tensor], Tensor]  # a layer that looks back, of one level
 LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()  # 3: every level but the last halves the rate
 
 
@@ -42,7 +44,7 @@ class MotionTokenizerConfig(Config):
     dead_below: float = Field(default=1.0, ge=0, description="average use per step under which a code is replaced")
     kmeans_steps: int = Field(default=0, ge=0, le=10000, description="k-means steps when the codebooks are initialised")
     blocks: Literal["attention", "convolution"] = Field(
-        default="attention", description="what looks back; convolutions are the paper's baseline"
+        default="attention", description="layers that look back; convolutions are the paper's baseline"
     )
     resampling: Literal["dual", "learned", "strided"] = Field(
         default="dual",
@@ -61,25 +63,10 @@ class MotionTokenizerConfig(Config):
 
 
 @dataclass
-class EncoderState(StreamState):
-    """Past of each encoder block."""
+class BlocksState(StreamState):
+    """Past of each block of an encoder or decoder."""
 
     blocks: list[StreamState]
-
-
-@dataclass
-class DecoderState(StreamState):
-    """Past of each decoder block."""
-
-    blocks: list[StreamState]
-
-
-class TokenizerPass(NamedTuple):
-    """One training pass: normalised features again, codes, commitment loss."""
-
-    features: Float[Tensor, "b t c"]
-    codes: Int[Tensor, "b n q"]
-    commitment: Float[Tensor, ""]
 
 
 class MotionTokenizer(nn.Module):
@@ -93,32 +80,10 @@ class MotionTokenizer(nn.Module):
         self.input_liner = nn.Linear(config.features, width)
         self.encoder = nn.ModuleList(self._block(level) for level in down)
         self.down_sample = nn.ModuleList(self._resampler(2 * width, width) for _ in down[1:])
-        self.quantizer = ResidualVectorQuantizer(
-            codes=config.codes,
-            width=width,
-            layers=config.layers,
-            decay=config.decay,
-            dead_below=config.dead_below,
-            kmeans_steps=config.kmeans_steps,
-        )
+        self.quantizer = ResidualVectorQuantizer(codes=config.codes, width=width, layers=config.layers)
         self.decoder = nn.ModuleList(self._block(level) for level in reversed(down))
         self.up_sample = nn.ModuleList(self._resampler(width, 2 * width) for _ in down[1:])
         self.output_liner = nn.Linear(width, config.features)
-
-    def forward(
-        self,
-        features: Float[Tensor, "b t c"],
-        *,
-        temperature: float = 0.0,
-        dropout: float = 0.0,
-        generator: torch.Generator | None = None,
-        share: Share | None = None,
-    ) -> TokenizerPass:
-        """Encode, quantise with gradient, decode; see `ResidualVectorQuantizer.forward` for the options."""
-        quantized = self.quantizer(
-            self.to_latents(features), temperature=temperature, dropout=dropout, generator=generator, share=share
-        )
-        return TokenizerPass(self.from_latents(quantized.latents), quantized.codes, quantized.commitment)
 
     def encode(self, features: Float[Tensor, "b t c"]) -> Int[Tensor, "b n q"]:
         """Codes of normalised features; the number of frames must be a multiple of four."""
@@ -128,62 +93,61 @@ class MotionTokenizer(nn.Module):
         """Normalised features of codes; trailing layers may be missing or -1."""
         return self.from_latents(self.quantizer.decode(codes))
 
-    def to_latents(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, "b n c2"]:
-        """The encoder alone."""
-        return self._encode_with(features, self.encoder)
-
-    def from_latents(self, latents: Float[Tensor, "b n c2"]) -> Float[Tensor, "b t c"]:
-        """The decoder alone."""
-        return self._decode_with(latents, self.decoder)
-
-    def init_encoder(self, rows: int) -> EncoderState:
-        """Encoder streams that have seen nothing."""
-        return EncoderState([block.init_state(rows) for block in _blocks(self.encoder)])
-
-    def init_decoder(self, rows: int) -> DecoderState:
-        """Decoder streams that have seen nothing."""
-        return DecoderState([block.init_state(rows) for block in _blocks(self.decoder)])
-
-    def encode_step(
-        self, features: Float[Tensor, "b t c"], state: EncoderState, active: Bool[Tensor, " b"]
-    ) -> Int[Tensor, "b n q"]:
-        """Codes of the next 4k frames of running clips."""
-        return self.quantizer.encode(self.latents_step(features, state, active))
-
-    def latents_step(
-        self, features: Float[Tensor, "b t c"], state: EncoderState, active: Bool[Tensor, " b"]
+    def to_latents(
+        self, features: Float[Tensor, "b t c"], blocks: Iterable[Block] | None = None
     ) -> Float[Tensor, "b n c2"]:
-        """The next 4k frames of running clips before they are quantised."""
-        bound = (_Bound(b, s, active) for b, s in zip(_blocks(self.encoder), state.blocks, strict=True))
-        return self._encode_with(features, bound)
-
-    def decode_step(
-        self, codes: Int[Tensor, "b n q"], state: DecoderState, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b t c"]:
-        """The next 4k frames of running clips from k tokens."""
-        bound = (_Bound(b, s, active) for b, s in zip(_blocks(self.decoder), state.blocks, strict=True))
-        return self._decode_with(self.quantizer.decode(codes), bound)
-
-    def _encode_with(self, features: Tensor, blocks: "Iterable[nn.Module | _Bound]") -> Tensor:
+        """The encoder alone; `blocks` are its blocks with their streams, where clips are running."""
         if features.shape[1] % FRAMES_PER_MOTION_TOKEN:
             raise ValueError(f"{features.shape[1]} frames are not a multiple of {FRAMES_PER_MOTION_TOKEN}")
+        steps: Iterable[Block] = blocks or self.encoder
         h: Tensor = self.input_liner(features)
-        for level, block in enumerate(blocks):
+        for level, block in enumerate(steps):
             h = block(h)
             if level + 1 < LEVELS:
                 joined: Tensor = self.down_sample[level](h.reshape(h.shape[0], h.shape[1] // 2, -1))
-                h = pool_pairs(h) + joined if self.config.resampling == "dual" else joined
+                is_dual = self.config.resampling == "dual"  # whose short path is the mean of neighbouring frames
+                h = (h[:, 0::2] + h[:, 1::2]) / 2 + joined if is_dual else joined
         return h
 
-    def _decode_with(self, latents: Tensor, blocks: "Iterable[nn.Module | _Bound]") -> Tensor:
+    def from_latents(
+        self, latents: Float[Tensor, "b n c2"], blocks: Iterable[Block] | None = None
+    ) -> Float[Tensor, "b t c"]:
+        """The decoder alone; `blocks` as in `to_latents`."""
+        steps: Iterable[Block] = blocks or self.decoder
         z = latents
-        for level, block in enumerate(blocks):
+        for level, block in enumerate(steps):
             z = block(z)
             if level + 1 < LEVELS:
                 spread: Tensor = self.up_sample[level](z).reshape(z.shape[0], -1, z.shape[2])
                 z = z.repeat_interleave(2, 1) + spread if self.config.resampling == "dual" else spread
         result: Tensor = self.output_liner(z)
         return result
+
+    def init_encoder(self, rows: int) -> BlocksState:
+        """Encoder streams that have seen nothing."""
+        return BlocksState([block.init_state(rows) for block in _blocks(self.encoder)])
+
+    def init_decoder(self, rows: int) -> BlocksState:
+        """Decoder streams that have seen nothing."""
+        return BlocksState([block.init_state(rows) for block in _blocks(self.decoder)])
+
+    def encode_step(
+        self, features: Float[Tensor, "b t c"], state: BlocksState, active: Bool[Tensor, " b"]
+    ) -> Int[Tensor, "b n q"]:
+        """Codes of the next 4k frames of running clips."""
+        return self.quantizer.encode(self.latents_step(features, state, active))
+
+    def latents_step(
+        self, features: Float[Tensor, "b t c"], state: BlocksState, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b n c2"]:
+        """The next 4k frames of running clips before they are quantised."""
+        return self.to_latents(features, _steps(self.encoder, state, active))
+
+    def decode_step(
+        self, codes: Int[Tensor, "b n q"], state: BlocksState, active: Bool[Tensor, " b"]
+    ) -> Float[Tensor, "b t c"]:
+        """The next 4k frames of running clips from k tokens."""
+        return self.from_latents(self.quantizer.decode(codes), _steps(self.decoder, state, active))
 
     def _resampler(self, inputs: int, outputs: int) -> nn.Module:
         """Of neighbouring frames side by side; a linear layer there is a convolution of stride 2 and kernel 2."""
@@ -198,29 +162,17 @@ class MotionTokenizer(nn.Module):
         return CausalBlock(width=config.width, heads=config.heads, lookback=config.lookback_at(level))
 
 
-def pool_pairs(x: Float[Tensor, "b t c"]) -> Float[Tensor, "b n c"]:
-    """Mean of neighbouring frames: the short path of the dual-path downsampling."""
-    return (x[:, 0::2] + x[:, 1::2]) / 2
-
-
-@dataclass(frozen=True)
-class _Bound:
-    """A block with its stream: callable like the block itself."""
-
-    block: StreamingModule[Any]
-    state: StreamState
-    active: Tensor
-
-    def __call__(self, x: Tensor) -> Tensor:
-        return self.block.step(x, self.state, self.active)
-
-
 def _blocks(modules: nn.ModuleList) -> list[StreamingModule[Any]]:
     return [module for module in modules if isinstance(module, StreamingModule)]
 
 
+def _steps(modules: nn.ModuleList, state: BlocksState, active: Bool[Tensor, " b"]) -> list[Block]:
+    """Each block's step on its own stream."""
+    pairs = zip(_blocks(modules), state.blocks, strict=True)
+    return [partial(block.step, state=past, active=active) for block, past in pairs]
+
+
 PIECE_TOKENS = 60  # whole clips go through the streams in pieces of this length, so memory does not grow
-PartState = TypeVar("PartState", EncoderState, DecoderState)
 
 
 class BodyTokenizerConfig(Config):
@@ -264,10 +216,10 @@ def as_one_part(skeleton: Skeleton) -> Skeleton:
 
 
 @dataclass
-class BodyState(StreamState, Generic[PartState]):
+class BodyState(StreamState):
     """Encoder or decoder streams of all parts."""
 
-    parts: list[PartState]
+    parts: list[BlocksState]
 
 
 class BodyTokenizer(Checkpointed):
@@ -310,19 +262,21 @@ class BodyTokenizer(Checkpointed):
         return torch.stack(parts)
 
     @torch.no_grad()
-    def encode(self, features: Float[Tensor, "b t c"], patience: float = 0.0) -> Int[Tensor, "b n p q"]:
-        """Codes of whole clips; the number of frames must be a multiple of four.
+    def encode(self, features: Float[Tensor, "b t c"]) -> Int[Tensor, "b n p q"]:
+        """Codes of whole clips; the number of frames must be a multiple of four."""
+        parts = zip(self.tokenizers().values(), self.latents(features), strict=True)
+        return torch.stack([tokenizer.quantizer.encode(latents) for tokenizer, latents in parts], 2)
 
-        `patience` prefers codes that stay (`quantize.steadiest`): what a generator is trained on.
-        """
-        active, codes = _all(features), []
+    @torch.no_grad()
+    def latents(self, features: Float[Tensor, "b t c"]) -> list[Float[Tensor, "b n c2"]]:
+        """Whole clips before they are quantised, part by part."""
+        active, found = _all(features), []
         parts = split_parts(self.skeleton, self.statistics.normalize(features))
         for name, tokenizer in self.tokenizers().items():
             state = tokenizer.init_encoder(features.shape[0])
             pieces = torch.split(parts[name], PIECE_TOKENS * FRAMES_PER_MOTION_TOKEN, 1)
-            latents = torch.cat([tokenizer.latents_step(piece, state, active) for piece in pieces], 1)
-            codes.append(tokenizer.quantizer.encode(latents, patience))
-        return torch.stack(codes, 2)
+            found.append(torch.cat([tokenizer.latents_step(piece, state, active) for piece in pieces], 1))
+        return found
 
     @torch.no_grad()
     def decode(self, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, "b t c"]:
@@ -331,16 +285,16 @@ class BodyTokenizer(Checkpointed):
         pieces = torch.split(codes, PIECE_TOKENS, 1)
         return torch.cat([self.decode_step(piece, state, active) for piece in pieces], 1)
 
-    def init_encoder(self, rows: int) -> BodyState[EncoderState]:
+    def init_encoder(self, rows: int) -> BodyState:
         """Encoder streams that have seen nothing."""
         return BodyState([part.init_encoder(rows) for part in self.tokenizers().values()])
 
-    def init_decoder(self, rows: int) -> BodyState[DecoderState]:
+    def init_decoder(self, rows: int) -> BodyState:
         """Decoder streams that have seen nothing."""
         return BodyState([part.init_decoder(rows) for part in self.tokenizers().values()])
 
     def encode_step(
-        self, features: Float[Tensor, "b t c"], state: BodyState[EncoderState], active: Bool[Tensor, " b"]
+        self, features: Float[Tensor, "b t c"], state: BodyState, active: Bool[Tensor, " b"]
     ) -> Int[Tensor, "b n p q"]:
         """Codes of the next 4k frames of running clips."""
         parts = split_parts(self.skeleton, self.statistics.normalize(features))
@@ -353,7 +307,7 @@ class BodyTokenizer(Checkpointed):
         )
 
     def decode_step(
-        self, codes: Int[Tensor, "b n p q"], state: BodyState[DecoderState], active: Bool[Tensor, " b"]
+        self, codes: Int[Tensor, "b n p q"], state: BodyState, active: Bool[Tensor, " b"]
     ) -> Float[Tensor, "b t c"]:
         """The next 4k frames of running clips from k tokens: features, not normalised."""
         parts = [

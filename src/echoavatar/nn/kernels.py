@@ -97,7 +97,7 @@ def fingerprint(function: Callable[..., Any], options: object = None) -> str:
 def compilations(first: Callable[[], object] = bool) -> Iterator[list[str]]:
     """The names of the functions that are compiled meanwhile, in any thread; `first` is called before the first.
 
-    Nothing is compiled that the cache has.
+    Functions whose machine code is in the cache are not compiled.
     """
 
     class Compiled(event.Listener):  # type: ignore[misc]

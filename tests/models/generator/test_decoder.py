@@ -7,9 +7,9 @@ from tests.nn.traced import trace
 
 from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.decoder import Decoder
-from echoavatar.models.generator.exemplar import Exemplar
 from echoavatar.models.generator.sampling import Sampler
 from echoavatar.nn.graphs import GraphCache
+from echoavatar_lab.models.generator.sequences import Exemplar, build_sequences, code_logits, read, segment_logits
 
 
 @pytest.mark.parametrize("cuts", [[9], [1] * 9, [4, 1, 3, 1]])
@@ -19,14 +19,14 @@ def test_reading_in_any_parts_gives_the_logits_of_the_model(cuts):
     at = torch.arange(9)
     seen = torch.cat([at[:, None] >= at, torch.zeros(9, 1, dtype=torch.bool)], 1).expand(2, -1, -1)
     with torch.no_grad():
-        decoder = Decoder(model, "float32")
+        decoder = Decoder(model.model, model.segment_head(), model.exemplar, "float32")
         rings = decoder.rings(2, 9)
         places = decoder.places(at.expand(2, -1), at.expand(2, -1), seen, torch.ones(2, dtype=torch.bool))
         start = 0
         for part in cuts:
             hidden = decoder.run(ids[:, start : start + part], places.part(start, start + part), rings)
             start += part
-        expected = model.segment_logits(model(ids), torch.full((6, 1), 8))
+        expected = segment_logits(model, model(ids), torch.full((6, 1), 8))
     for segment in range(6):
         torch.testing.assert_close(decoder.logits(hidden, segment), expected[segment, :, 0], atol=1e-4, rtol=1e-4)
 
@@ -70,8 +70,8 @@ def greedy(stream, x):
 
 def scores(model, x, codes, exemplar=None):
     """Logits (b, n, k, K) of given codes by the training pass over the whole clip."""
-    sequences = model.config.order.build(x, codes, codes, NONE[: len(x)])
-    return model.code_logits(sequences, model.read(sequences, exemplar), exemplar).permute(1, 2, 0, 3)
+    sequences = build_sequences(model.config.order, x, codes, codes, NONE[: len(x)])
+    return code_logits(model, sequences, read(model, sequences, exemplar), exemplar).permute(1, 2, 0, 3)
 
 
 @pytest.mark.parametrize("loop", ["compiled", "torch"])

@@ -8,10 +8,11 @@ from lab.tests.models.generator.test_train import settings
 from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.generator import Exemplar, Generator, open_stream
+from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.generator.exemplar import control_ids
 from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.models.generator.losses import code_nll
+from echoavatar_lab.models.generator.sequences import Exemplar, build_sequences, code_logits, read
 from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.models.generator.windows import TokenClip, draw_exemplar
 from echoavatar_lab.training import train
@@ -55,11 +56,11 @@ def test_new_control_changes_nothing_and_an_empty_set_never_does():
     stage = GeneratorTask(config(exemplar=True), settings(exemplar=1.0), [TokenClip(*clip_arrays(0))])
     stage.begin_with(plain)
     window, exemplar = stage.draw(0).window, stage.draw(0).exemplar
-    batch = plain.config.order.build(window.audio, window.motion, window.motion, torch.zeros(2).long())
+    batch = build_sequences(plain.config.order, window.audio, window.motion, window.motion, torch.zeros(2).long())
     assert exemplar is not None
     assert exemplar.members.any()
-    told = stage.generator.code_logits(batch, stage.generator.read(batch, exemplar), exemplar)
-    assert torch.equal(told, plain.code_logits(batch, plain.read(batch)))
+    told = code_logits(stage.generator, batch, read(stage.generator, batch, exemplar), exemplar)
+    assert torch.equal(told, code_logits(plain, batch, read(plain, batch)))
     strong, x = open_stream(generator(exemplar=True)), audio(2, 60)
     off, empty = (
         strong.step(x, strong.init_state(2), EVERYONE, exemplar=exemplar) for exemplar in (None, torch.zeros(2, 8))
@@ -81,12 +82,12 @@ def test_the_stream_takes_the_codes_the_told_model_finds_likeliest(sequence, chu
         told = sets if holds[0, 2 * at] else None
         parts.append(stream.step(chunk, state, EVERYONE, temperature=torch.zeros(2), exemplar=told))
     codes = torch.cat(parts, 1)
-    batch = model.config.order.build(x, codes, codes, torch.zeros(2, dtype=torch.int64))
+    batch = build_sequences(model.config.order, x, codes, codes, torch.zeros(2, dtype=torch.int64))
     exemplar = Exemplar(sets, holds)
-    logits = model.code_logits(batch, model.read(batch, exemplar), exemplar)
+    logits = code_logits(model, batch, read(model, batch, exemplar), exemplar)
     best, last = logits.argmax(-1).transpose(0, 1), slice(-2 if sequence == "prefix" else None, None)
     assert torch.equal(best[..., last], batch.targets[..., last])
-    untold = model.code_logits(batch, model.read(batch)).argmax(-1).transpose(0, 1)
+    untold = code_logits(model, batch, read(model, batch)).argmax(-1).transpose(0, 1)
     assert not torch.equal(untold[..., last], batch.targets[..., last])
 
 
@@ -157,11 +158,11 @@ def test_the_stream_reads_the_control_tokens_that_training_wrote() -> None:
     order, layout = model.config.order, model.config.layout
     ids = control_ids(sets, layout.segment_start(2) + torch.arange(8))
     assert ids.tolist() == [[layout.segment_start(2) + code for code in (1, 2, 5)], [-1, -1, -1]]
-    whole = order.build(x, codes, codes, torch.zeros(2, dtype=torch.int64), ids)
-    best = model.code_logits(whole, model.read(whole)).argmax(-1).transpose(0, 1)
+    whole = build_sequences(order, x, codes, codes, torch.zeros(2, dtype=torch.int64), ids)
+    best = code_logits(model, whole, read(model, whole)).argmax(-1).transpose(0, 1)
     assert torch.equal(best[..., -2:], whole.targets[..., -2:])
-    untold = order.build(x, codes, codes, torch.zeros(2, dtype=torch.int64))
-    other = model.code_logits(untold, model.read(untold)).argmax(-1).transpose(0, 1)
+    untold = build_sequences(order, x, codes, codes, torch.zeros(2, dtype=torch.int64))
+    other = code_logits(model, untold, read(model, untold)).argmax(-1).transpose(0, 1)
     assert not torch.equal(other[0, :, -2:], whole.targets[0, :, -2:])
     assert torch.equal(other[1, :, -2:], whole.targets[1, :, -2:])  # no set, no system prompt
 
@@ -178,6 +179,8 @@ def test_trained_control_tokens_tell(tmp_path) -> None:
     order, ids = model.config.order, model.config.layout.segment_start(2) + torch.arange(8)
     costs = []
     for sets in (own, own.roll(4, 1)):
-        batch = order.build(sound, motion, motion, torch.zeros(40, dtype=torch.int64), control_ids(sets, ids))
+        batch = build_sequences(
+            order, sound, motion, motion, torch.zeros(40, dtype=torch.int64), control_ids(sets, ids)
+        )
         costs.append(code_nll(model, batch)[:, 2].mean().item())
     assert costs[0] < costs[1] - 0.1, costs

@@ -13,6 +13,7 @@ from echoavatar.models.generator import Generator
 from echoavatar.models.generator import model as attention
 from echoavatar.models.generator.model import banded_attention, masked_attention
 from echoavatar_lab.models.generator.losses import CueReader, code_nll, freeze_body, nll_by_domain, stream_nll
+from echoavatar_lab.models.generator.sequences import build_sequences, read, segment_logits
 from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.models.generator.windows import WindowSampler, draw_exemplar
 from echoavatar_lab.training import train
@@ -61,9 +62,9 @@ def test_a_position_sees_exactly_its_lookback():
 def test_segment_logits_are_the_rows_of_the_whole_head():
     model = generator()
     motion = torch.randint(8, (2, 4, 3, 2))
-    sequences = model.config.order.build(audio(2, 40), motion, motion, torch.zeros(2, dtype=torch.int64))
+    sequences = build_sequences(model.config.order, audio(2, 40), motion, motion, torch.zeros(2, dtype=torch.int64))
     hidden = model(sequences.ids)
-    whole, sliced = model.lm_head(hidden), model.segment_logits(hidden, sequences.predictors)
+    whole, sliced = model.lm_head(hidden), segment_logits(model, hidden, sequences.predictors)
     for segment in (0, 5):
         rows = slice(LAYOUT.segment_start(segment), LAYOUT.segment_start(segment) + 8)
         at = int(sequences.predictors[segment, 3])
@@ -85,13 +86,13 @@ NONE = torch.zeros(2, dtype=torch.int64)
 
 
 def sequences(model, window=WINDOW):
-    return model.config.order.build(window.audio, window.motion, window.motion, NONE)
+    return build_sequences(model.config.order, window.audio, window.motion, window.motion, NONE)
 
 
 def test_hidden_states_are_those_of_a_naive_loop_over_frames_and_codes():
     model = generator(sequence="depth")
     depth, table = model.depth, model.model.embed_tokens
-    hidden = model.read(sequences(model)).view(2, 6, LAYOUT.segments, -1)
+    hidden = read(model, sequences(model)).view(2, 6, LAYOUT.segments, -1)
     sound = LAYOUT.audio_ids(WINDOW.audio).view(2, 6, 10, 2)
     moves = LAYOUT.motion_ids(WINDOW.motion).view(2, 6, LAYOUT.segments)
     frames = []
@@ -180,6 +181,6 @@ def test_a_frame_is_asked_for_the_cues_of_its_own_ten_audio_frames():
     losses = []
     for shift in (0, 1):
         batch = sequences(model)
-        model.read(batch)
+        read(model, batch)
         losses.append(reader.loss(cues.roll(shift, 1), batch.predictors))
     assert losses[0] < losses[1]

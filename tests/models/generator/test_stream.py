@@ -6,6 +6,7 @@ from tests.models.generator.tiny import audio, generator
 
 from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
+from echoavatar_lab.models.generator.sequences import build_sequences, segment_logits
 
 NONE = torch.zeros(2, dtype=torch.int64)
 
@@ -20,8 +21,8 @@ def test_interleaved_decoding_takes_the_codes_the_model_finds_likeliest_long_aft
     model = generator()
     x = audio(2, 160)
     codes = greedy(open_stream(model), x)
-    sequences = model.config.order.build(x, codes, codes, NONE)
-    best = model.segment_logits(model(sequences.ids), sequences.predictors).argmax(-1)
+    sequences = build_sequences(model.config.order, x, codes, codes, NONE)
+    best = segment_logits(model, model(sequences.ids), sequences.predictors).argmax(-1)
     assert torch.equal(best.transpose(0, 1), sequences.targets)
 
 
@@ -34,8 +35,8 @@ def test_prefix_decoding_takes_the_codes_the_model_finds_likeliest_in_its_window
     missing = max(0, 3 - chunks)
     window = torch.cat([torch.zeros(2, 20 * missing, 2, dtype=torch.int64), x], 1)[:, -60:]
     motion = torch.cat([torch.zeros(2, 2 * missing, 3, 2, dtype=torch.int64), codes], 1)[:, -6:]
-    sequences = model.config.order.build(window, motion, motion, NONE + missing)
-    best = model.segment_logits(model(sequences.ids, sequences.valid), sequences.predictors).argmax(-1)
+    sequences = build_sequences(model.config.order, window, motion, motion, NONE + missing)
+    best = segment_logits(model, model(sequences.ids, sequences.valid), sequences.predictors).argmax(-1)
     assert torch.equal(best.transpose(0, 1)[:, :, -2:], sequences.targets[:, :, -2:])
 
 

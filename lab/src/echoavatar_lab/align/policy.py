@@ -31,6 +31,7 @@ from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.generator.sampling import nucleus
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.models.generator.sequences import build_sequences, segment_logits
 
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 
@@ -168,12 +169,12 @@ class GeneratorPolicy:
     def _read(
         self, audio: Tensor, motion: Tensor, missing: Tensor, steps: int
     ) -> tuple[Float[Tensor, "b n k K"], Float[Tensor, "b n k c"]]:
-        batch = self.generator.config.order.build(audio, motion, motion, missing)
+        batch = build_sequences(self.generator.config.order, audio, motion, motion, missing)
         if self.generator.config.sequence == "depth":  # the codes of the past need not be read one by one
             batch = batch.asking(torch.arange(motion.shape[1] - steps, motion.shape[1], device=motion.device))
         hidden = self.generator(batch.ids, batch.valid, asked=batch.asked)
         predictors = batch.predictors[:, -steps:]
-        logits = self.generator.segment_logits(hidden, predictors)
+        logits = segment_logits(self.generator, hidden, predictors)
         return logits.permute(1, 2, 0, 3), hidden[:, predictors.T]
 
 

@@ -30,6 +30,7 @@ from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMP
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.quantize import steady_codes
 
 CUE_FRAMES = 3
 
@@ -120,7 +121,7 @@ def motion_codes(
 ) -> Int[np.ndarray, "n 3 q"]:
     """Codes of a whole clip of motion."""
     features = clip_features(tokenizer, clip, is_mirrored=is_mirrored)
-    return tokenizer.encode(features[None], patience)[0].numpy().astype(np.int16)
+    return steady_codes(tokenizer, features[None], patience)[0].numpy().astype(np.int16)
 
 
 def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Float[Tensor, "t c"]:

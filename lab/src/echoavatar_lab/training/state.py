@@ -27,7 +27,7 @@ _FORMAT = "2"
 
 @runtime_checkable
 class HasTrainingState(Protocol):
-    """A module with buffers that its state dict omits (`quantize.Codebook`)."""
+    """A module with buffers that its state dict omits (`quantize.LearningQuantizer`)."""
 
     def training_state(self) -> dict[str, Tensor]:
         """The omitted buffers."""

@@ -20,6 +20,7 @@ from echoavatar_lab.models.generator.losses import (
     stream_nll,
     summary,
 )
+from echoavatar_lab.models.generator.sequences import build_sequences, read
 from echoavatar_lab.models.generator.windows import TokenClip, Window, WindowSampler
 
 
@@ -27,7 +28,7 @@ def batch(model, missing=0):
     motion = torch.randint(8, (2, 4, 3, 2), generator=torch.Generator().manual_seed(1))
     window = Window(audio(2, 40), motion, torch.tensor([[0, 0, 1, 1], [2, 2, 2, 2]]), torch.zeros(2, 40, 2))
     none = torch.full((2,), missing)
-    return window, model.config.order.build(window.audio, motion, motion, none)
+    return window, build_sequences(model.config.order, window.audio, motion, motion, none)
 
 
 def test_the_nll_is_that_of_the_next_id_among_its_segment():
@@ -124,8 +125,8 @@ def test_the_task_teaches_the_lower_layers_and_leaves_the_upper_ones_alone():
     reader = CueReader(model)
     sound = audio(2, 3 * AUDIO_FRAMES_PER_CHUNK)
     motion = torch.zeros(2, 6, 3, 2, dtype=torch.int64)
-    batch = model.config.order.build(sound, motion, motion, torch.zeros(2).long())
-    model.read(batch)
+    batch = build_sequences(model.config.order, sound, motion, motion, torch.zeros(2).long())
+    read(model, batch)
     reader.loss((sound < 2).long(), batch.predictors).backward()
     reached = [layer.mlp.down_proj.weight.grad is not None for layer in model.model.layers]
     assert reached == [True, True, True, False]
@@ -137,7 +138,7 @@ def test_a_motion_token_is_asked_when_in_its_own_chunk_cues_are():
     reader = CueReader(model)
     sound = audio(1, 2 * AUDIO_FRAMES_PER_CHUNK)
     motion = torch.zeros(1, 4, 3, 2, dtype=torch.int64)
-    batch = model.config.order.build(sound, motion, motion, torch.zeros(1).long())
+    batch = build_sequences(model.config.order, sound, motion, motion, torch.zeros(1).long())
     with torch.no_grad():
         for head in (reader.now, reader.when):
             head.weight.zero_()
@@ -147,7 +148,7 @@ def test_a_motion_token_is_asked_when_in_its_own_chunk_cues_are():
         for frame in (7, 12):
             cues = torch.zeros(1, 40, 2, dtype=torch.int64)
             cues[0, [frame, 20 + frame], 0] = 1
-            model.read(batch)
+            read(model, batch)
             losses.append(reader.loss(cues, batch.predictors))
     assert losses[0] < 0.5 * losses[1]
 

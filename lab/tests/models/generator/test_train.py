@@ -10,6 +10,7 @@ from tests.models.runs import check_pieces, check_resume, losses
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar_lab.models.generator.losses import nll_by_domain
+from echoavatar_lab.models.generator.sequences import build_sequences
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining, align_embeddings
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler
 from echoavatar_lab.training import train
@@ -119,19 +120,28 @@ def lesson(**changes):
     window = WindowSampler(clips(), chunks=4).batch(0, 2)
     assert torch.equal(window.motion, drawn.window.motion)
     order = stage.generator.config.order
-    return window, order.build(window.audio, drawn.context, window.motion, drawn.missing), stage
+    return window, build_sequences(order, window.audio, drawn.context, window.motion, drawn.missing), stage
+
+
+def clean_sequences(window, stage):
+    order = stage.generator.config.order
+    return build_sequences(order, window.audio, window.motion, window.motion, torch.zeros(2).long())
 
 
 def test_targets_stay_clean_and_context_is_corrupted():
     window, damaged, stage = lesson(corruption_low=1.0, corruption_high=1.0)
-    clean = stage.generator.config.order.build(window.audio, window.motion, window.motion, torch.zeros(2).long())
+    clean = build_sequences(
+        stage.generator.config.order, window.audio, window.motion, window.motion, torch.zeros(2).long()
+    )
     assert torch.equal(damaged.targets, clean.targets)
     assert 0.3 < (damaged.ids != clean.ids).float().sum() / (2 * 8 * 6) < 0.9
 
 
 def test_a_blind_window_has_noise_for_context_and_clean_targets():
     window, made, stage = lesson(corruption="none", blind=1.0)
-    clean = stage.generator.config.order.build(window.audio, window.motion, window.motion, torch.zeros(2).long())
+    clean = build_sequences(
+        stage.generator.config.order, window.audio, window.motion, window.motion, torch.zeros(2).long()
+    )
     assert torch.equal(made.targets, clean.targets)
     assert (made.ids != clean.ids).sum() > 0.75 * 2 * 8 * 6  # 7 of 8 random codes differ
 
@@ -155,7 +165,7 @@ def test_a_window_out_of_step_drifts_and_its_targets_keep_time():
 def test_a_window_with_anothers_past_has_its_own_targets_and_its_own_context_from_a_token_on():
     window, made, stage = lesson(corruption="none", other_past=1.0)
     order, none = stage.generator.config.order, torch.zeros(2).long()
-    assert torch.equal(made.targets, order.build(window.audio, window.motion, window.motion, none).targets)
+    assert torch.equal(made.targets, build_sequences(order, window.audio, window.motion, window.motion, none).targets)
     context, tokens = stage.draw(0).context, torch.arange(window.motion.shape[1])
     for row in range(2):
         mixed = [

@@ -23,7 +23,7 @@ class Perfect(BodyTokenizer):
         super().__init__(small_config())
         self.lift, self.slide = lift, slide
 
-    def encode(self, features: torch.Tensor, patience: float = 0.0) -> torch.Tensor:
+    def encode(self, features: torch.Tensor) -> torch.Tensor:
         self.features = features
         return (
             torch.arange(16)

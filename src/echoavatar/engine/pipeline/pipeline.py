@@ -28,7 +28,7 @@ from echoavatar.models.face import FaceState, FaceStream
 from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.linear import Precision
 from echoavatar.models.generator.stream import FrameState, GeneratorStream, HistoryState, RingState
-from echoavatar.models.tokenizer import BodyState, DecoderState
+from echoavatar.models.tokenizer import BodyState
 from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
@@ -87,7 +87,7 @@ class PipelineState(StreamState):
     level: LevelState
     codec: NetworkState
     generator: RingState | HistoryState | FrameState
-    decoder: BodyState[DecoderState]
+    decoder: BodyState
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
     face: list[FaceState]  # one, or none without a face model

@@ -77,7 +77,7 @@ class CodecNetwork(nn.Module):
 
 
 class Convolution(nn.Module):
-    """A causal convolution; `stream` supplies what stands before the first input."""
+    """A causal convolution; `Run` supplies the inputs before the first."""
 
     def __init__(self, conv: nn.Conv1d | nn.ConvTranspose1d) -> None:
         super().__init__()
@@ -238,7 +238,7 @@ def advance(
 
 
 def open_run(network: CodecNetwork, rows: int, *, padding: str) -> "Run":
-    """A pass of fresh rows, for who wants the output of each layer."""
+    """A pass of fresh rows whose caller reads the output of each layer."""
     state = init_network_state(network, rows)
     return Run(iter(state.convolutions), state, state.seen == 0, state.seen == 0, padding)
 
@@ -271,7 +271,7 @@ class Run:
     padding: str
 
     def layers(self, layers: nn.Module, x: Tensor) -> Tensor:
-        """The layers' outputs of x, each of the one before."""
+        """The output of the last of these layers; each reads the output of the one before."""
         for layer in layers.children():
             x = self.layer(layer, x)
         return x

@@ -92,7 +92,7 @@ class FaceConfig(Config):
     least_std: float = Field(
         default=0.02, ge=0, description="deviation below which a channel is not blown up when normalised"
     )
-    idle: bool = Field(default=True, description="whether channels that hardly move get life of their own")
+    idle: bool = Field(default=True, description="whether channels that hardly move get idle motion")
 
     @model_validator(mode="after")
     def _heads_divide_width(self) -> Self:

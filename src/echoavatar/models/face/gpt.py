@@ -67,7 +67,7 @@ class RotaryVectorAttention(Attention):
     """Queries and keys are projected from the rotated vector, values from the unrotated one (release)."""
 
     def project(self, x: Float[Tensor, "r t c"], at: int) -> tuple[Tensor, Tensor]:
-        """As in `Attention`, with positions."""
+        """See `Attention.project`; inputs carry their positions."""
         weight, bias, width = self.qkv.weight, self.qkv.bias, self.width
         qk = F.linear(rotate_pairs(x, at), weight[: 2 * width], bias[: 2 * width])
         v = F.linear(x, weight[2 * width :], bias[2 * width :])
@@ -78,7 +78,7 @@ class SinusoidAttention(Attention):
     """Sinusoids are added to what becomes queries, keys and values (release)."""
 
     def project(self, x: Float[Tensor, "r t c"], at: int) -> tuple[Tensor, Tensor]:
-        """As in `Attention`, with positions."""
+        """See `Attention.project`; inputs carry their positions."""
         return super().project(x + sinusoids(x, at), at)
 
 
@@ -145,7 +145,7 @@ class Run:
 
 
 class WindowBlock(nn.Module):
-    """Attention, sound, attention, MLP; each over a norm."""
+    """Attention, then sound, attention and MLP; each reads a normalised input."""
 
     def __init__(self, *, width: int, heads: int) -> None:
         super().__init__()
@@ -163,7 +163,7 @@ class WindowBlock(nn.Module):
         return x + cast(Tensor, self.mlp(self.norm4(x)))
 
     def attentions(self) -> list[Attention]:
-        """Those that need a cache."""
+        """The attentions that keep a cache."""
         return [self.attn1, self.attn2]
 
     def extend(self, x: Tensor, sound: Tensor, run: Run, block: int) -> Float[Tensor, "r t c"]:
@@ -190,7 +190,7 @@ class RingBlock(nn.Module):
         return x + cast(Tensor, self.mlp(self.norm2(x)))
 
     def attentions(self) -> list[Attention]:
-        """Those that need a cache."""
+        """The attentions that keep a cache."""
         return [self.attn]
 
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from echoavatar.checkpoint import Checkpointed
 
 from .config import FaceConfig, MelConfig
-from .encoder import AudioEncoder, MelEncoder
+from .encoder import AudioEncoder, HubertEncoder, MelEncoder
 from .flow import FlowHead
 from .gpt import FaceGpt
 
@@ -31,7 +31,8 @@ class FaceModel(Checkpointed):
     def __init__(self, config: FaceConfig) -> None:
         super().__init__()
         self.config = config
-        self.encoder: AudioEncoder[Any] = make_encoder(config)
+        sizes = config.encoder
+        self.encoder: AudioEncoder[Any] = MelEncoder(sizes) if isinstance(sizes, MelConfig) else HubertEncoder(sizes)
         self.gpt = FaceGpt(config)
         self.head = FlowHead(
             channels=config.channels,
@@ -62,12 +63,3 @@ class FaceModel(Checkpointed):
 
     def _scale(self) -> Tensor:
         return self.std.clamp_min(max(self.config.least_std, _TINY))
-
-
-def make_encoder(config: FaceConfig) -> AudioEncoder[Any]:
-    """The encoder of this config."""
-    if isinstance(config.encoder, MelConfig):
-        return MelEncoder(config.encoder)
-    from .encoder import HubertEncoder
-
-    return HubertEncoder(config.encoder)

@@ -127,7 +127,7 @@ class FingerClip(NamedTuple):
 
     body: Float[Tensor, "t c"]
     hands: Float[Tensor, "t 2 d"]  # left, and right mirrored (`hand_poses`)
-    is_moving: Bool[Tensor, " 2"]  # whose fingers move
+    is_moving: Bool[Tensor, " 2"]  # whether each hand's fingers move
 
 
 def finger_clip(motion: Motion, *, at_least: int = 1) -> FingerClip:

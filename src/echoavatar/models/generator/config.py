@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from echoavatar.config import Config
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK, exact_div
 
-from ..tokens import SequenceOrder, TokenLayout, sequence_order
+from ..tokens import ORDERS, SequenceOrder, TokenLayout
 
 AUDIO_FRAMES_PER_TOKEN = exact_div(AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK)  # 10
 
@@ -57,7 +57,7 @@ class GeneratorConfig(Config):
     top_p: float = Field(default=0.95, gt=0, le=1, description="default nucleus mass")
 
     patience: float = Field(
-        default=0.0, ge=0, description="of the codes of motion it was trained on (`quantize.steadiest`)"
+        default=0.0, ge=0, description="price of a change in the codes of motion that it was trained on; 0: the nearest"
     )
     is_leveled: bool = Field(
         default=True, description="whether the sound it was trained on was brought to one loudness (paper: no)"
@@ -78,7 +78,7 @@ class GeneratorConfig(Config):
         description="motion tokens of a step: 2 (paper, 0.27 s); other numbers (release: 3) in the prefix order only",
     )
     opening: Opening | None = Field(
-        default=None, description="prefix order: what precedes a session; None: a window that grows"
+        default=None, description="prefix order: codes that fill the window before a session; None: a window that grows"
     )
     steered: tuple[int, ...] = Field(
         default=(), description="segments whose codes a directive may name; (): the upper body's first layer"
@@ -157,7 +157,7 @@ class GeneratorConfig(Config):
     @property
     def order(self) -> SequenceOrder:
         """The sequence order this generator was trained for."""
-        return sequence_order(self.sequence, self.layout, self.window_chunks)
+        return ORDERS[self.sequence](self.layout, self.window_chunks)
 
 
 def qwen_half_billion(

@@ -12,7 +12,7 @@ state is a hint: it is added to the embedding of every code.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -25,7 +25,7 @@ from echoavatar.nn.graphs import GraphCache
 from echoavatar.nn.stream import StreamState
 
 from . import compiled
-from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
+from .config import AUDIO_FRAMES_PER_TOKEN
 from .exemplar import ExemplarControl, Steer, member_rows
 from .linear import FloatLinear, FrozenLayer, FrozenLinear, Precision, frozen_linear
 from .model import Body, DecoderLayer, Generator
@@ -56,52 +56,28 @@ class Places(NamedTuple):
         return Places(rotations[:, start:stop], slots[:, start:stop], bias[:, :, :, start:stop])
 
 
-class Decodable(Protocol):
-    """A generator, or a transformer of one, with its heads."""
-
-    @property
-    def config(self) -> GeneratorConfig:
-        """Its sizes."""
-
-    @property
-    def model(self) -> Body:
-        """Its embeddings and layers."""
-
-    @property
-    def exemplar(self) -> ExemplarControl | None:
-        """Its control by exemplars."""
-
-    def segment_head(self) -> Float[Tensor, "k K c"]:
-        """The rows of its heads."""
-
-
 class Decoder:
-    """Frozen weights of a generator, on its device."""
+    """Frozen weights of a transformer of a generator and of its heads, on their device."""
 
-    def __init__(self, generator: Decodable, precision: Precision) -> None:
-        config = self.config = generator.config
+    def __init__(
+        self, body: Body, heads: Float[Tensor, "k K c"], control: ExemplarControl | None, precision: Precision
+    ) -> None:
+        config = self.config = body.config
         width = config.width
-        self._embedding = generator.model.embed_tokens.weight.detach().float()
+        self._embedding = body.embed_tokens.weight.detach().float()
         self._layers = [
-            FrozenLayer(layer, config.head_width, precision)
-            for layer in generator.model.layers
-            if isinstance(layer, DecoderLayer)
+            FrozenLayer(layer, config.head_width, precision) for layer in body.layers if isinstance(layer, DecoderLayer)
         ]
-        scale = generator.model.norm.weight.detach().float() * width**0.5
-        self._heads = [frozen_linear(precision, segment * scale) for segment in generator.segment_head().detach()]
-        self._control = generator.exemplar
+        scale = body.norm.weight.detach().float() * width**0.5
+        self._heads = [frozen_linear(precision, segment * scale) for segment in heads.detach()]
+        self._control = control
         if self._control is not None:
             self._gate = ((self._control.gate_proj.weight * scale).detach().float(), self._control.gate_proj.bias)
         self._directed = config.directed
-        self._members = member_rows(self._embedding, config.layout)
+        self._hinted = self._embedding  # whose rows make the hint of a set
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
         self._compiled = self._compile() if self.device.type == "cpu" and precision != "bfloat16" else None
         self._graphs = GraphCache[Sequence[KeyValueRing]](self._generate, _tensors)
-
-    def keep_compiled(self) -> None:
-        """Drop the layers that `run` reads prompts with, where the compiled loop reads every position."""
-        if self._compiled is not None:
-            self._layers.clear()
 
     @property
     def device(self) -> torch.device:
@@ -133,18 +109,19 @@ class Decoder:
         return Places(rotations[:, :, None], slots, bias[:, None, None])
 
     def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
-        """The effect of a set of codes and of a bias on their logits; without exemplar control the set has none."""
+        """The effect of a set of codes and of a bias on their logits.
+
+        Without exemplar control the set has no effect, except on a prompt that shows it.
+        """
         if self._control is None and not self.config.layout.before_example:
             exemplar = None
-        if exemplar is None:
-            if bias is None:
-                return None
-            return Steer(bias.new_zeros(len(bias), self.config.width), torch.zeros_like(bias), bias)
-        if self._control is None:  # the prompt shows the set, if anything does
-            hint = exemplar.new_zeros(len(exemplar), self.config.width)
-        else:
-            hint = self._control.hint(exemplar, self._members)
-        return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
+        given = bias if exemplar is None else exemplar
+        if given is None:
+            return None
+        hint, nothing = given.new_zeros(len(given), self._hinted.shape[1]), torch.zeros_like(given)
+        if exemplar is not None and self._control is not None:
+            hint = self._control.hint(exemplar, member_rows(self._hinted, self.config.layout))
+        return Steer(hint, nothing if exemplar is None else exemplar, nothing if bias is None else bias)
 
     def generate(
         self,
@@ -196,7 +173,7 @@ class Decoder:
         return self.read(x, places, rings)
 
     def read(self, x: Float[Tensor, "n c"], places: Places, rings: Sequence[KeyValueRing]) -> Float[Tensor, "b c"]:
-        """The same for what is embedded already, row by row; a single position takes the compiled way."""
+        """`run` for inputs that are embedded already, row by row; a single position takes the compiled loop."""
         rows, length = places.slots.shape
         if self._compiled is not None and length == 1:
             hidden = compiled.read_position(self._compiled, x.numpy(), *_arrays(rings), _positions(places))
@@ -233,7 +210,10 @@ class Decoder:
         `places` are those of the codes.
         """
         if self._compiled is not None:
-            return torch.from_numpy(self._draw_compiled(self._compiled, hidden, places, rings, sampler, steer))
+            draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
+            steering, at = self._steering(steer, len(hidden)), _positions(places)
+            drawn = compiled.draw_codes(self._compiled, hidden.numpy(), *_arrays(rings), at, draws, steering)
+            return torch.from_numpy(drawn)
         layout, hint = self.config.layout, None if steer is None else steer.hint
         codes, count = [], sampler.noise.shape[1]
         for index in range(count):
@@ -264,29 +244,13 @@ class Decoder:
             np.float32(config.width * config.norm_eps),
         )
 
-    def _draw_compiled(
-        self,
-        weights: compiled.Weights,
-        hidden: Float[Tensor, "b c"],
-        places: Places,
-        rings: Sequence[KeyValueRing],
-        sampler: Sampler,
-        steer: Steer | None,
-    ) -> Int[np.ndarray, "b n"]:
-        draws = compiled.Draws(sampler.noise.numpy(), sampler.sharpness.numpy(), sampler.top_p.numpy())
-        return compiled.draw_codes(
-            weights, hidden.numpy(), *_arrays(rings), _positions(places), draws, self._steering(steer, len(hidden))
-        )
-
     def _steering(self, steer: Steer | None, rows: int) -> compiled.Steering:
         width, codes = self.config.width, self.config.layout.motion_codes
         directed = np.array(self._directed)
         gate, gate_bias = np.zeros(width, np.float32), np.float32(0)
         if steer is None:
-            hint, (members, bias) = (
-                np.zeros((rows, width), np.float32),
-                np.zeros((2, rows, codes * len(directed)), np.float32),
-            )
+            hint = np.zeros((rows, width), np.float32)
+            members, bias = np.zeros((2, rows, codes * len(directed)), np.float32)
             return compiled.Steering(directed - len(self._heads), hint, members, bias, gate, gate_bias)
         if self._control is not None:
             gate, gate_bias = self._gate[0][0].numpy(), np.float32(self._gate[1].item())
@@ -316,20 +280,6 @@ class Decoder:
         return y.view(rows, heads, length, width).transpose(1, 2).reshape(rows * length, heads * width)
 
 
-@dataclass(frozen=True)
-class Part:
-    """One of the two transformers, as `Decoder` takes it."""
-
-    config: GeneratorConfig
-    model: Body
-    heads: Float[Tensor, "k K c"]
-    exemplar: ExemplarControl | None = None
-
-    def segment_head(self) -> Float[Tensor, "k K c"]:
-        """See `Decodable`."""
-        return self.heads
-
-
 class DepthDecoder(Decoder):
     """The frozen depth transformer, and the backbone before it.
 
@@ -337,35 +287,19 @@ class DepthDecoder(Decoder):
     looked up, because the map of a frame's ten embeddings would read as many weights as a layer has.
     """
 
-    def __init__(self, generator: Decodable, precision: Precision) -> None:
-        assert isinstance(generator, Generator)
+    def __init__(self, generator: Generator, precision: Precision) -> None:
         assert generator.depth is not None
         config, depth = generator.config, generator.depth
-        super().__init__(Part(config.depth, depth.body, generator.segment_head(), generator.exemplar), precision)
-        self._backbone = Decoder(Part(config, generator.model, depth.condition.weight[None]), precision)
-        self._table = generator.model.embed_tokens.weight.detach().float()
+        super().__init__(depth.body, generator.segment_head(), generator.exemplar, precision)
+        self.backbone = Decoder(generator.model, depth.condition.weight[None], None, precision)
+        self._table = self._hinted = generator.model.embed_tokens.weight.detach().float()
         layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)
         sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
         self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)
-        for part in (self, self._backbone):
-            part.keep_compiled()
+        for part in (self, self.backbone):
+            if part._compiled is not None:  # it reads every position, so the layers that read prompts are not needed
+                part._layers.clear()
         self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, _tensors)
-
-    @property
-    def backbone(self) -> Decoder:
-        """The frozen backbone."""
-        return self._backbone
-
-    def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
-        """See `Decoder.steer`; the hint is the backbone's."""
-        exemplar = None if self._control is None else exemplar
-        given = bias if exemplar is None else exemplar
-        if given is None:
-            return None
-        if exemplar is None or self._control is None:
-            return Steer(given.new_zeros(len(given), self._table.shape[1]), torch.zeros_like(given), given)
-        hint = self._control.hint(exemplar, member_rows(self._table, self.config.layout))
-        return Steer(hint, exemplar, torch.zeros_like(exemplar) if bias is None else bias)
 
     def embed(
         self, sound: Int[Tensor, "b i"], last: Int[Tensor, "b k"], is_first: Bool[Tensor, " b"]
@@ -396,8 +330,8 @@ class DepthDecoder(Decoder):
         places, sampler = Places(*inputs[:3]), Sampler(*inputs[3:6])
         steer = Steer(*inputs[6:]) if len(inputs) > 6 else None
         x = self.embed(sound, last, is_first)
-        hidden = self._backbone.read(x if steer is None else x + steer.hint, places, rings)
-        condition = self._backbone.logits(hidden, 0)
+        hidden = self.backbone.read(x if steer is None else x + steer.hint, places, rings)
+        condition = self.backbone.logits(hidden, 0)
         rows, count = last.shape
         own, slots = self._own_places(rows, count), self.rings(rows, count)
         first = self.read(condition, own.part(0, 1), slots)

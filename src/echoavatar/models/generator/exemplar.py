@@ -15,23 +15,12 @@ Both maps begin at zero, so a generator trained without exemplars goes on unchan
 from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from ..tokens import PARTS, Sequences, TokenLayout
+from ..tokens import TokenLayout
 
 UPPER = 1  # the part whose first layer is the directive
-
-
-class Exemplar(NamedTuple):
-    """Directives of a batch of training windows."""
-
-    members: Float[Tensor, "b K"]  # the intensity of each code of the set; 0 where not in it
-    holds: Bool[Tensor, "b n"]  # motion time steps during which the directive is given
-
-    def at(self, steps: Int[Tensor, " m"] | None) -> "Exemplar":
-        """The same at these time steps alone; None is all."""
-        return self if steps is None else self._replace(holds=self.holds[:, steps])
 
 
 class Steer(NamedTuple):
@@ -84,25 +73,3 @@ def member_rows(weight: Float[Tensor, "v c"], layout: TokenLayout) -> Float[Tens
     """The embeddings of the codes that a set may hold, a view."""
     start = layout.segment_start(segment_of(layout))
     return weight[start : start + layout.motion_codes]
-
-
-def spread_hints(hint: Float[Tensor, "b c"], exemplar: Exemplar, batch: Sequences) -> Float[Tensor, "b t c"]:
-    """What to add to the input embeddings: the hint at each position that predicts a code while the set holds."""
-    there = torch.zeros(batch.ids.shape, dtype=hint.dtype, device=hint.device)
-    for predictors in batch.predictors:
-        there[:, predictors] = exemplar.holds.to(hint)
-    return there[..., None] * hint[:, None]
-
-
-def raise_logits(
-    control: ExemplarControl,
-    logits: Float[Tensor, "k b n K"],
-    hidden: Float[Tensor, "b t c"],
-    exemplar: Exemplar,
-    batch: Sequences,
-) -> Float[Tensor, "k b n K"]:
-    """Logits by segment, those of the set raised where it holds."""
-    segment = batch.predictors.shape[0] // PARTS * UPPER
-    gate = control.gate(hidden[:, batch.predictors[segment]]) * exemplar.holds[..., None]
-    raised = logits[segment] + (gate * exemplar.members[:, None]).to(logits)
-    return torch.cat([logits[:segment], raised[None], logits[segment + 1 :]])

@@ -5,7 +5,6 @@ scale per output row) quarters what the compiled loop reads. Only weights are qu
 independent of its neighbours in the batch, as dynamically quantised activations would not.
 """
 
-from abc import ABC, abstractmethod
 from typing import Literal, NamedTuple
 
 import torch
@@ -28,18 +27,8 @@ class StoredWeight(NamedTuple):
     bias: Float[Tensor, " o"] | None
 
 
-class FrozenLinear(ABC):
-    """x -> x W^T + bias for x of type `dtype`; the weights no longer train."""
-
-    dtype: torch.dtype
-
-    @abstractmethod
-    def __call__(self, x: Float[Tensor, "n i"]) -> Float[Tensor, "n o"]:
-        """Map rows."""
-
-
-class FloatLinear(FrozenLinear):
-    """Exact."""
+class FloatLinear:
+    """x -> x W^T + bias, exact; the weights no longer train."""
 
     dtype = torch.float32
 
@@ -56,8 +45,8 @@ class FloatLinear(FrozenLinear):
         return StoredWeight(self._weight.T, None, self._bias)
 
 
-class HalfLinear(FrozenLinear):
-    """Weights and activations in bfloat16."""
+class HalfLinear:
+    """The same with weights and activations in bfloat16."""
 
     dtype = torch.bfloat16
 
@@ -81,6 +70,9 @@ class Int8Linear(FloatLinear):
     def stored(self) -> StoredWeight:
         """Integers and their scales."""
         return StoredWeight(self._rounded, self._scale, self._bias)
+
+
+FrozenLinear = FloatLinear | HalfLinear
 
 
 def frozen_linear(

@@ -25,9 +25,8 @@ from torch.nn.attention import SDPBackend, sdpa_kernel
 from echoavatar.checkpoint import Checkpointed
 from echoavatar.nn.attention import phase_table, rotary, rotary_phases
 
-from ..tokens import Sequences
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
-from .exemplar import Exemplar, ExemplarControl, member_rows, raise_logits, spread_hints
+from .exemplar import ExemplarControl
 
 BLOCK = 256
 
@@ -186,7 +185,7 @@ class Body(nn.Module):
 
 
 class DepthReader(nn.Module):
-    """What a generator of the depth order has beside its backbone and its heads."""
+    """The parts of a depth-order generator besides its backbone and its heads."""
 
     def __init__(self, config: GeneratorConfig, body: Body) -> None:
         """`body` is the transformer over codes, with an embedding table of its own."""
@@ -211,36 +210,24 @@ class DepthReader(nn.Module):
 
         With `asked`, of these frames alone: the backbone reads all.
         """
-        sizes = self._sizes
+        sizes = self.sizes
         sound, moves = torch.split(ids.view(len(ids), -1, sum(sizes)), sizes, dim=2)
         x = self.heard(backbone, sound) + self.moved(backbone, moves)
         x = x if hints is None else x + hints
-        hidden = self._run(backbone, x)
+        hidden = self.run(backbone, x)
         return self.codes(hidden, moves) if asked is None else self.codes(hidden[:, asked], moves[:, asked])
 
-    def apart(
-        self, backbone: Body, sound: Int[Tensor, "b t"], moves: Int[Tensor, "b m"]
-    ) -> tuple[Float[Tensor, "b t d"], Float[Tensor, "b m d"]]:
-        """The hidden states that predict each audio id from sound alone, and each motion id from motion alone."""
-        sounds, codes = (ids.view(len(ids), -1, size) for ids, size in zip((sound, moves), self._sizes, strict=True))
-        heard = torch.cat([self._start(backbone, sound), self.heard(backbone, sounds)[:, :-1]], dim=1)
-        by_sound, by_motion = self._run(backbone, heard), self._run(backbone, self.moved(backbone, codes))
-        return self.codes(by_sound, sounds), self.codes(by_motion, codes)
-
     @property
-    def _sizes(self) -> list[int]:
+    def sizes(self) -> list[int]:
         """Audio ids and motion ids of a frame."""
         layout = self.config.layout
         return [AUDIO_FRAMES_PER_TOKEN * layout.audio_layers, layout.segments]
 
-    def _run(self, backbone: Body, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:
+    def run(self, backbone: Body, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:
+        """The backbone's hidden state of each frame."""
         frames = torch.arange(x.shape[1], device=x.device)[None]
         hidden: Tensor = backbone(x, frames, self.config.order.lookback)
         return hidden
-
-    def _start(self, backbone: Body, ids: Int[Tensor, "b t"]) -> Float[Tensor, "b 1 c"]:
-        start: Tensor = backbone.embed_tokens(torch.full_like(ids[:, :1], self.config.layout.start_id))
-        return start
 
     def heard(self, backbone: Body, sound: Int[Tensor, "b n i"]) -> Float[Tensor, "b n c"]:
         """The backbone's input from the audio ids of each frame."""
@@ -250,7 +237,8 @@ class DepthReader(nn.Module):
 
     def moved(self, backbone: Body, moves: Int[Tensor, "b n k"]) -> Float[Tensor, "b n c"]:
         """The backbone's input from the motion ids of the frame before; the start id stands before the first."""
-        return torch.cat([self._start(backbone, moves[:, :, 0]), backbone.embed_tokens(moves[:, :-1]).sum(2)], dim=1)
+        start: Tensor = backbone.embed_tokens(torch.full_like(moves[:, :1, 0], self.config.layout.start_id))
+        return torch.cat([start, backbone.embed_tokens(moves[:, :-1]).sum(2)], dim=1)
 
     def codes(self, hidden: Float[Tensor, "b n c"], ids: Int[Tensor, "b n k"]) -> Float[Tensor, "b m d"]:
         """The hidden state that predicts each id of each frame, from the backbone's and the ids before in the frame."""
@@ -319,46 +307,8 @@ class Generator(Checkpointed):
         hidden: Tensor = self.model(x, positions, self.config.order.lookback, valid)
         return hidden
 
-    def read(self, batch: Sequences, exemplar: Exemplar | None = None) -> Float[Tensor, "b t c"]:
-        """Hidden states of training sequences, under a directive where one is given."""
-        if exemplar is None or self.exemplar is None:
-            return self.forward(batch.ids, batch.valid, asked=batch.asked)
-        rows = member_rows(self.model.embed_tokens.weight, self.config.layout)
-        hint = self.exemplar.hint(exemplar.members, rows)
-        if self.depth is not None:
-            return self.forward(batch.ids, hints=exemplar.holds[..., None] * hint[:, None], asked=batch.asked)
-        return self.forward(batch.ids, batch.valid, spread_hints(hint, exemplar, batch))
-
-    def code_logits(
-        self, batch: Sequences, hidden: Float[Tensor, "b t c"], exemplar: Exemplar | None = None
-    ) -> Float[Tensor, "k b n K"]:
-        """Logits of every motion code asked for, under a directive where one is given."""
-        logits = self.segment_logits(hidden, batch.predictors)
-        if exemplar is None or self.exemplar is None:
-            return logits
-        return raise_logits(self.exemplar, logits, hidden, exemplar.at(batch.asked), batch)
-
-    def tables(self) -> list[nn.Embedding]:
-        """The embedding tables of its transformers."""
-        bodies = [self.model] if self.depth is None else [self.model, self.depth.body]
-        return [body.embed_tokens for body in bodies]
-
-    def matrices(self) -> list[nn.Parameter]:
-        """The matrices inside the layers of its transformers."""
-        bodies = [self.model] if self.depth is None else [self.model, self.depth.body]
-        return [p for body in bodies for p in body.layers.parameters() if p.dim() == 2]
-
     def segment_head(self) -> Float[Tensor, "k K c"]:
         """The motion rows of the output head by segment, a view."""
         layout = self.config.layout
         rows = self.lm_head.weight[layout.motion_base :][: layout.segments * layout.motion_codes]
         return rows.view(layout.segments, layout.motion_codes, -1)
-
-    def segment_logits(
-        self, hidden: Float[Tensor, "b t c"], predictors: Int[Tensor, "k n"]
-    ) -> Float[Tensor, "k b n K"]:
-        """For each segment its K logits at the positions that predict it: one grouped product."""
-        rows = hidden.shape[0]
-        chosen = hidden[:, predictors].transpose(0, 1).flatten(1, 2)
-        logits = torch.bmm(chosen, self.segment_head().transpose(1, 2))
-        return logits.view(len(logits), rows, -1, self.config.layout.motion_codes)

@@ -3,13 +3,13 @@
 `InterleavedStream` keeps a ring of keys and values of constant size: a step reads the previous id and 40 audio ids
 in one pass, then decodes 6 Q ids one by one. `DepthStream` keeps such a ring for the backbone, one slot a motion frame.
 `PrefixStream` is the paper's sliding window: its state is the code history and every step reads the whole window again.
-Callers cannot tell which.
+All three have one interface.
 """
 
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -31,13 +31,14 @@ StateT = TypeVar("StateT", bound=StreamState)
 class GeneratorStream(StreamingModule[StateT]):
     """The common part of all sequence orders, built from a generator's present weights, on its device."""
 
-    _decoder_type: ClassVar[type[Decoder]] = Decoder
-
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
         super().__init__()
         self.config, self.layout = generator.config, generator.config.layout
         with torch.no_grad():
-            self._decoder = self._decoder_type(generator, precision)
+            self._decoder = self._frozen(generator, precision)
+
+    def _frozen(self, generator: Generator, precision: Precision) -> Decoder:
+        return Decoder(generator.model, generator.segment_head(), generator.exemplar, precision)
 
     @abstractmethod
     def init_state(self, rows: int) -> StateT:
@@ -73,7 +74,10 @@ class GeneratorStream(StreamingModule[StateT]):
         parts = []
         for chunk in torch.split(x, self.config.audio_frames, dim=1):
             noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)
-            parts.append(self._generate(chunk, state, active, self._sampler(noise, temperature, top_p), steer))
+            sampler = make_sampler(
+                noise, temperature, top_p, layers=self.layout.motion_layers, cooling=self.config.cooling
+            )
+            parts.append(self._generate(chunk, state, active, sampler, steer))
         return torch.cat(parts, dim=1)
 
     @abstractmethod
@@ -87,10 +91,6 @@ class GeneratorStream(StreamingModule[StateT]):
         rows = x.shape[0]
         everyone = torch.ones(rows, dtype=torch.bool, device=self._decoder.device)
         return self.step(x, self.init_state(rows), everyone)
-
-    def _sampler(self, noise: Tensor, temperature: Tensor, top_p: Tensor) -> Sampler:
-        layers, cooling = self.layout.motion_layers, self.config.cooling
-        return make_sampler(noise, temperature, top_p, layers=layers, cooling=cooling)
 
     @abstractmethod
     def _heard(self, state: StateT) -> Int[Tensor, " b"]:
@@ -305,12 +305,14 @@ class FrameState(StreamState):
 class DepthStream(GeneratorStream[FrameState]):
     """Bounded memory, no re-reading: a chunk costs two steps of the backbone and 6 Q of the depth transformer."""
 
-    _decoder_type: ClassVar[type[Decoder]] = DepthDecoder
     _decoder: DepthDecoder
 
     def __init__(self, generator: Generator, precision: Precision = "float32") -> None:
         super().__init__(generator, precision)
         self._slots = generator.config.window_tokens
+
+    def _frozen(self, generator: Generator, precision: Precision) -> DepthDecoder:
+        return DepthDecoder(generator, precision)
 
     def init_state(self, rows: int) -> FrameState:
         """A fresh state."""
@@ -382,10 +384,9 @@ def open_stream(
     generator: Generator, precision: Precision = "float32"
 ) -> InterleavedStream | PrefixStream | DepthStream:
     """The stream of this generator's sequence order."""
-    match generator.config.sequence:
-        case "interleaved":
-            return InterleavedStream(generator, precision)
-        case "prefix":
-            return PrefixStream(generator, precision)
-        case "depth":
-            return DepthStream(generator, precision)
+    kinds: dict[str, type[InterleavedStream | PrefixStream | DepthStream]] = {
+        "interleaved": InterleavedStream,
+        "prefix": PrefixStream,
+        "depth": DepthStream,
+    }
+    return kinds[generator.config.sequence](generator, precision)

@@ -23,11 +23,11 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.models.audio.codec import AudioCodec
 from echoavatar.models.audio.network import CODE_LAYERS, CodecConfig, Convolution, open_run
-from echoavatar.models.quantize import ResidualVectorQuantizer, Share
 from echoavatar.nn.mel import log_mel, mel_spectrum
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, exact_div
 from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, adamw
 
+from ..quantize import LearningQuantizer, Share
 from ..tokenizer.measure import code_usage
 from .recordings import AudioPool
 
@@ -209,7 +209,7 @@ class CodecTask(TrainingTask[Sounds]):
             self.codec = AudioCodec(config.codec)
             self.probe = SpectrumProbe(width=config.codec.width)
         balance(self.codec, seed=config.seed)
-        self.quantizer = ResidualVectorQuantizer(
+        self.quantizer = LearningQuantizer(
             codes=config.codec.codes,
             width=config.codec.width,
             layers=CODE_LAYERS,

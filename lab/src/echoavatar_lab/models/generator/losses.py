@@ -29,11 +29,11 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from echoavatar.models.generator.config import AUDIO_FRAMES_PER_TOKEN
-from echoavatar.models.generator.exemplar import UPPER, Exemplar
+from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.models.generator.model import Generator
-from echoavatar.models.tokens import Sequences
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 
+from .sequences import Exemplar, Sequences, build_sequences, code_logits, heard_at, read, segment_logits, streams_apart
 from .windows import CUES, DOMAINS, TokenClip, Window, WindowSampler
 
 
@@ -48,8 +48,8 @@ def code_nll(
     `hidden` are the generator's hidden states, where they are known already; `exemplar` is the directive.
     """
     if hidden is None:
-        hidden = generator.read(batch, exemplar)
-    logits = generator.code_logits(batch, hidden, exemplar).float()
+        hidden = read(generator, batch, exemplar)
+    logits = code_logits(generator, batch, hidden, exemplar).float()
     nll = F.cross_entropy(logits.flatten(0, 2), batch.targets.transpose(0, 1).flatten(), reduction="none")
     return nll.view(logits.shape[:3]).transpose(0, 1)
 
@@ -108,19 +108,16 @@ def stream_nll(generator: Generator, window: Window) -> StreamNll:
     """Sound and motion as separate streams; neither sees the other."""
     layout = generator.config.layout
     sound, moves = layout.audio_ids(window.audio), layout.motion_ids(window.motion)
-    if generator.depth is None:
-        hidden, moved = (generator(_shifted(ids, layout.start_id)) for ids in (sound, moves))
-    else:
-        hidden, moved = generator.depth.apart(generator.model, sound, moves)
+    hidden, moved = streams_apart(generator, sound, moves)
     head = generator.lm_head.weight[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
     logits = torch.einsum(
         "bflc,lac->bfla",
-        hidden.unflatten(1, (-1, layout.audio_layers)),
+        hidden.reshape(len(hidden), -1, layout.audio_layers, hidden.shape[2]),
         head.to(hidden.dtype).view(layout.audio_layers, layout.audio_codes, -1),
     )
     audio = _nll(logits, window.audio)
     at = torch.arange(moves.shape[1], device=moves.device).view(-1, layout.segments).T
-    logits = generator.segment_logits(moved, at)
+    logits = segment_logits(generator, moved, at)
     motion = _nll(logits, window.motion.flatten(2).permute(2, 0, 1)).transpose(0, 1)
     return StreamNll(audio, motion)
 
@@ -140,10 +137,6 @@ def freeze_body(generator: Generator) -> None:
     for module in learned:
         if module is not None:
             module.requires_grad_(True)
-
-
-def _shifted(ids: Int[Tensor, "b t"], start: int) -> Int[Tensor, "b t"]:
-    return torch.cat([torch.full_like(ids[:, :1], start), ids[:, :-1]], dim=1)
 
 
 def _nll(logits: Float[Tensor, "*n K"], codes: Int[Tensor, "*n"]) -> Float[Tensor, "*n"]:
@@ -191,7 +184,7 @@ class CueReader(nn.Module):
         if self.when is None:
             return cue_loss(self.now(now), cues.view(rows, -1, self._frames * kinds))
         when = self._states.pop("when")
-        heard = self._order.heard(frames // AUDIO_FRAMES_PER_CHUNK).to(now.device)
+        heard = heard_at(self._order, frames // AUDIO_FRAMES_PER_CHUNK).to(now.device)
         by_chunk = cues.view(rows, -1, AUDIO_FRAMES_PER_CHUNK * kinds)
         of_token = by_chunk.repeat_interleave(MOTION_TOKENS_PER_CHUNK, 1)
         return 0.5 * (cue_loss(self.now(now[:, heard]), cues) + cue_loss(self.when(when[:, predictors[0]]), of_token))
@@ -231,7 +224,7 @@ def nll_by_domain(
     for at in torch.split(picked, batch):
         motion = windows.motion[at]
         missing = torch.zeros(len(motion), dtype=torch.int64)
-        sequences = to_device(order.build(audio[at], motion, motion, missing), device)
+        sequences = to_device(build_sequences(order, audio[at], motion, motion, missing), device)
         nll = code_nll(generator, sequences).mean(dim=1).double().cpu()
         for index in range(len(DOMAINS)):
             here = windows.domain[at] == index

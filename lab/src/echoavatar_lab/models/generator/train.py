@@ -21,13 +21,14 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator.config import GeneratorConfig
-from echoavatar.models.generator.exemplar import Exemplar, control_ids, segment_of
-from echoavatar.models.generator.model import Generator
-from echoavatar.models.tokens import Prefix, Sequences
+from echoavatar.models.generator.exemplar import control_ids, segment_of
+from echoavatar.models.generator.model import Body, Generator
+from echoavatar.models.tokens import Prefix
 from echoavatar_lab.training import Loss, Muon, TrainingConfig, TrainingTask, adamw
 
 from ..published import init_from_qwen
 from .losses import CueReader, code_nll, freeze_body, hierarchical_loss, nll_by_domain, stream_loss, stream_nll, summary
+from .sequences import Exemplar, Sequences, build_sequences, read
 from .windows import TokenClip, Window, WindowSampler, corrupt_hierarchically, corrupt_uniformly, draw_exemplar
 
 
@@ -124,7 +125,7 @@ def align_embeddings(
         groups.append((layout.motion_base, motion_codebooks.flatten(0, 1)))
     with torch.no_grad():
         for base, books in groups:
-            for table in generator.tables():
+            for table in (body.embed_tokens for body in _bodies(generator)):
                 rows = _project(books.detach().float().cpu(), table.embedding_dim, random) * scale
                 table.weight[base : base + rows.shape[0]] = rows.to(table.weight.device)
 
@@ -138,6 +139,11 @@ def _project(books: Float[Tensor, "k K c"], width: int, random: torch.Generator)
     name = torch.randn(books.shape[0], 1, width, generator=random)
     rows: Tensor = ((spread + name) / 2**0.5).flatten(0, 1)
     return rows
+
+
+def _bodies(generator: Generator) -> list[Body]:
+    """Its transformers."""
+    return [generator.model] if generator.depth is None else [generator.model, generator.depth.body]
 
 
 _FARTHEST, _DRIFT = 3, 0.08  # tokens out of step (0.4 s, half a slow beat); chance of a change at each token
@@ -216,7 +222,8 @@ class GeneratorTask(TrainingTask[Lesson]):
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, heads, norms, biases."""
         rate, decay = self.config.learning_rate, self.config.weight_decay
-        layers = [matrix for matrix in self.generator.matrices() if matrix.requires_grad]
+        matrices = (p for body in _bodies(self.generator) for p in body.layers.parameters() if p.dim() == 2)
+        layers = [matrix for matrix in matrices if matrix.requires_grad]
         inner = layers if self.config.optimiser == "muon" else []
         found: list[torch.optim.Optimizer] = [adamw(self.modules.values(), self.config, but=inner)]
         if inner:  # matched to AdamW's step size, one rate serves both
@@ -270,7 +277,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         sequences = self._sequences(batch)
         if batch.asked is not None:
             sequences = sequences.asking(batch.asked[0])
-        hidden = self.generator.read(sequences, batch.exemplar)
+        hidden = read(self.generator, sequences, batch.exemplar)
         nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)
         told = {"codes": codes} | summary(nll.detach(), sequences, window, batch.exemplar)
@@ -282,12 +289,12 @@ class GeneratorTask(TrainingTask[Lesson]):
     def _sequences(self, batch: Lesson) -> Sequences:
         """The windows as ids; directives stand in front as control tokens where the config says so."""
         config, window = self.generator.config, batch.window
-        order, parts = config.order, (window.audio, batch.context, window.motion, batch.missing)
-        if not isinstance(order, Prefix) or batch.exemplar is None or config.control != "prompt":
-            return order.build(*parts)
+        parts = (config.order, window.audio, batch.context, window.motion, batch.missing)
+        if not isinstance(config.order, Prefix) or batch.exemplar is None or config.control != "prompt":
+            return build_sequences(*parts)
         start = config.layout.segment_start(segment_of(config.layout))
         ids = start + torch.arange(config.layout.motion_codes, device=window.audio.device)
-        return order.build(*parts, control_ids(batch.exemplar.members, ids))
+        return build_sequences(*parts, control_ids(batch.exemplar.members, ids))
 
     def save(self, folder: Path, step: int) -> None:
         """The generator."""

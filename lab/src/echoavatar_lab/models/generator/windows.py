@@ -24,10 +24,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.models.generator.exemplar import UPPER, Exemplar
+from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import whole_file
+
+from .sequences import Exemplar
 
 DOMAINS = ("silence", "speech", "music")
 CUES = ("beat", "stress")

@@ -24,6 +24,7 @@ from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw
 
+from ..quantize import steady_codes
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
 from .train import MovingBody, clip_features
@@ -162,7 +163,7 @@ class DecoderTask(TrainingTask[Pairs]):
         both = [features]
         if self.config.is_mirrored:
             both.append(mirror_features(self.tokenizer.skeleton, features))
-        return features, [self.tokenizer.encode(x[None], self.config.patience)[0].short() for x in both]
+        return features, [steady_codes(self.tokenizer, x[None], self.config.patience)[0].short() for x in both]
 
     def _window(self, at: int, is_mirrored: bool) -> Pairs:
         clip = int(torch.searchsorted(self._ends, at, right=True))

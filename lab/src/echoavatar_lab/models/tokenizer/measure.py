@@ -15,6 +15,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
+from ..quantize import steady_codes
 from .losses import PlaneKinematics, finger_joints, travel_columns, wrist_of
 
 
@@ -50,14 +51,14 @@ class TokenizerScores(NamedTuple):
 
 @torch.no_grad()
 def measure(tokenizer: BodyTokenizer, clips: Sequence[Float[Tensor, "_ c"]], patience: float = 0.0) -> TokenizerScores:
-    """Encode (with `patience`, see `BodyTokenizer.encode`) and decode every clip as a stream and compare."""
+    """Encode (with `patience`, see `steady_codes`) and decode every clip as a stream and compare."""
     was_training = tokenizer.training
     tokenizer.eval()
     kinematics = PlaneKinematics(tokenizer.skeleton).to(tokenizer.mean.device)
     rows, codes = [], []
     for clip in clips:
         whole = clip[: len(clip) - len(clip) % FRAMES_PER_MOTION_TOKEN][None].to(tokenizer.mean)
-        chosen = tokenizer.encode(whole, patience)
+        chosen = steady_codes(tokenizer, whole, patience)
         rows.append(_errors(tokenizer.skeleton, kinematics, tokenizer.decode(chosen), whole))
         codes.append(chosen[0])
     tokenizer.train(was_training)

@@ -24,8 +24,7 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.models.quantize import Share
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, TokenizerPass
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, split_parts, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
@@ -33,6 +32,7 @@ from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
 
+from ..quantize import LearningQuantizer, Share
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
 
@@ -232,6 +232,18 @@ _CODES, _SETTLING, _STARTING = 500_009, 500_029, 500_041  # salts: what else is 
 log = logging.getLogger(__name__)
 
 
+def learning_quantizer(config: MotionTokenizerConfig) -> LearningQuantizer:
+    """The quantiser of a part while it is trained."""
+    return LearningQuantizer(
+        codes=config.codes,
+        width=config.width,
+        layers=config.layers,
+        decay=config.decay,
+        dead_below=config.dead_below,
+        kmeans_steps=config.kmeans_steps,
+    )
+
+
 class Windows(NamedTuple):
     """A batch: features, not normalised, and each window's index in the batch."""
 
@@ -257,6 +269,9 @@ class TokenizerTask(TrainingTask[Windows]):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.tokenizer = BodyTokenizer(config)
+        self._quantizers = {name: learning_quantizer(part.config) for name, part in self.tokenizer.tokenizers().items()}
+        for name, part in self.tokenizer.tokenizers().items():
+            part.quantizer = self._quantizers[name]
         skeleton = self.tokenizer.skeleton
         features = [clip_features(skeleton, clip) for clip in clips]
         self.sampler = WindowSampler(skeleton, features, frames=training.frames, is_mirrored=training.is_mirrored)
@@ -295,8 +310,8 @@ class TokenizerTask(TrainingTask[Windows]):
             normal = self.tokenizer.statistics.normalize(drawn.to(self.tokenizer.mean))
             for name, x in split_parts(self.tokenizer.skeleton, normal).items():
                 latents[name].append(self.tokenizer.tokenizers()[name].to_latents(x).flatten(0, 1))
-        for name, part in self.tokenizer.tokenizers().items():
-            part.quantizer.initialise(torch.cat(latents[name]), noise)
+        for name, quantizer in self._quantizers.items():
+            quantizer.initialise(torch.cat(latents[name]), noise)
 
     def loss(self, batch: Windows, step: int) -> Loss:
         """See `TrainingTask.loss`."""
@@ -306,21 +321,21 @@ class TokenizerTask(TrainingTask[Windows]):
         noise = torch.Generator(truth.device).manual_seed(self.config.noise(step, _CODES).initial_seed())
         share = Share(int(batch.row[0]), self.config.batch)
         passes = [
-            self._pass(part, x, step, noise, share)
-            for part, x in zip(tokenizer.tokenizers().values(), torch.split(truth, sizes, -1), strict=True)
+            self._pass(name, x, step, noise, share)
+            for name, x in zip(self._quantizers, torch.split(truth, sizes, -1), strict=True)
         ]
-        decoded = torch.cat([result.features for result in passes], -1)
+        decoded = torch.cat([features for features, _ in passes], -1)
         scale = torch.where(statistics.varies, statistics.std, 0.0)
         terms = self.terms(decoded, truth, mean=statistics.mean, std=scale)
-        commitment = torch.stack([result.commitment for result in passes]).mean()
+        commitment = torch.stack([commitment for _, commitment in passes]).mean()
         terms["commitment"] = self.config.losses.commitment * commitment
         return Loss(total(terms), terms)
 
     def after(self, step: int, gather: Gather) -> None:
         """The codebooks learn from the whole batch."""
         noise = self.config.noise(step, _SETTLING)
-        for part in self.tokenizer.tokenizers().values():
-            part.quantizer.settle(gather, noise)
+        for quantizer in self._quantizers.values():
+            quantizer.settle(gather, noise)
 
     def evaluate(self) -> Mapping[str, object]:
         """Errors on the test clips."""
@@ -336,15 +351,20 @@ class TokenizerTask(TrainingTask[Windows]):
             log.info("tokenizer: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
 
     def _is_ready(self) -> bool:
-        return all(part.quantizer.is_ready for part in self.tokenizer.tokenizers().values())
+        return all(quantizer.is_ready for quantizer in self._quantizers.values())
 
-    def _pass(self, part: MotionTokenizer, x: Tensor, step: int, noise: torch.Generator, share: Share) -> TokenizerPass:
-        if step < self.config.quantize_from:
-            none = torch.full((x.shape[0], 0, part.config.layers), -1)
-            return TokenizerPass(part.from_latents(part.to_latents(x)), none, x.new_zeros(()))
-        temperature, dropout = self.config.temperature, self.config.dropout
-        result: TokenizerPass = part(x, temperature=temperature, dropout=dropout, generator=noise, share=share)
-        return result
+    def _pass(
+        self, name: str, x: Float[Tensor, "b t c"], step: int, noise: torch.Generator, share: Share
+    ) -> tuple[Float[Tensor, "b t c"], Float[Tensor, ""]]:
+        """A part's normalised features again, through the codes, and the commitment loss."""
+        part, config = self.tokenizer.tokenizers()[name], self.config
+        latents = part.to_latents(x)
+        if step < config.quantize_from:
+            return part.from_latents(latents), x.new_zeros(())
+        quantized = self._quantizers[name](
+            latents, temperature=config.temperature, dropout=config.dropout, generator=noise, share=share
+        )
+        return part.from_latents(quantized.latents), quantized.commitment
 
     def _start_from_principal_axes(self) -> None:
         noise = torch.Generator().manual_seed(self.config.seed)
