@@ -1,9 +1,9 @@
-"""Stills of 20 s performances of a bundle, two a second: test voices, test tracks, and speech over music.
+"""Stills of 20 s performances of a bundle, two a second: held-out voices and tracks, and speech over music.
 
     python scripts/film_stills.py --recordings RECORDINGS -o stills                  # a picture for each sound
     python scripts/film_stills.py --recordings RECORDINGS -o stills --grid docs/results/img/films.webp
 
-RECORDINGS is a folder as `echoavatar evaluate BUNDLE alive` reads it (docs/metrics.md); only its test split is heard.
+RECORDINGS is a folder as `echoavatar evaluate BUNDLE alive` reads it (docs/metrics.md); only its dev split is heard.
 Each `NN_kind_name.webp` has four rows of ten stills, half a second apart; the camera follows the hips. `--grid` also
 writes twelve stills of each sound.
 """

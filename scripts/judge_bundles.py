@@ -3,7 +3,7 @@
     python scripts/judge_bundles.py OLD NEW --recordings RECORDINGS --quality runs/quality --alignment runs/alignment \
         -o judgements.csv
 
-Both bundles perform the same sounds of RECORDINGS' test split (read as by `echoavatar evaluate BUNDLE alive`), with the
+Both bundles perform the same sounds of RECORDINGS' dev split (read as by `echoavatar evaluate BUNDLE alive`), with the
 same seeds. Each reward (`echoavatar align reward-quality`, `reward-alignment`) prefers the performance whose windows of
 4 s have the higher mean. No reward knows which bundle made a motion: codes for the alignment reward are made from the
 finished motion of both, with the tokenizer of `--model`. The table has the columns of the studio's `judgements.csv`;

@@ -22,7 +22,7 @@ def corpus(folder: Path) -> Path:
         ("a.wav", 6, "speech", "Reader 1 (F, Ann)", "English, read", "test"),
         ("b.wav", 6, "speech", "Reader 2 (M, Bob)", "English, read", "test"),
         ("c.wav", 6, "speech", "Reader 3 (F, Cat)", "English, read", "test"),
-        ("d.wav", 12, "speech", "EmoDB 03 (m31)", "German, acted", "test"),
+        ("d.wav", 12, "speech", "EmoDB 99 (m31)", "German, acted", "test"),
         ("e.wav", 12, "speech", "Reader 5 (F, Eve)", "English, read", "train"),
         ("f.wav", 6, "speech", "Reader 6 (M, Fox)", "English, read", "test"),
         ("g.wav", 14, "music", "A band", "jazz [excerpt]", "test"),

@@ -57,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     rehearse.add_argument(
         "--recordings",
         type=Path,
-        help="folder of recorded speech and music for half of the sound; with a manifest.csv the clips that are held"
-        " out use its test files, without one paths with 'music' are music",
+        help="folder of recorded speech and music for half of the sound; of a manifest.csv only the split train is"
+        " heard, without one paths with 'music' are music",
     )
     rehearse.add_argument("--soundfont", type=Path, help="SF2 file with which fluidsynth plays half of the music")
     rehearse.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")

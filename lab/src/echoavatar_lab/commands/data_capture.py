@@ -23,6 +23,8 @@ the body does:
   action     anything else; kept, but not used for bodies
 Beside the files may lie bad_spans.csv (file,start_s,end_s), stretches to cut out, and in or above the folder
 manifest.csv (file,licence,use), whose licences go into the library; files that may not train weights are left out.
+A gesture_units.csv there (file,start_s,end_s,height,concept,tempo) lists gestures that speech may make: in BVH as
+above, or keyed by animators in VMD (MikuMikuDance) or qianim (Pepper), of which arms and fingers are used.
 
 What happens to a file: it is cut, smoothed, retargeted to our rig, its feet are put on the floor and kept still, and it
 is turned into choreography controls that start at the origin and face +Z. The table shows how alive each group is

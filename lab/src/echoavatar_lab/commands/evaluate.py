@@ -102,8 +102,8 @@ def _shared(parser: argparse.ArgumentParser, *names: str, is_measure: bool = Fal
         "clips": {"type": int, "default": 10, "help": "number of held-out clips (default: 10)"},
         "recordings": {
             "type": Path,
-            "help": "folder of recorded audio: the test files of its manifest.csv; without one all, and paths with"
-            " 'music' in them are music",
+            "help": "folder of recorded audio: the dev files of its manifest.csv, or test where none is dev; without"
+            " a manifest all files, and paths with 'music' in them are music",
         },
         "seconds": {"type": float, "default": 30.0, "help": "length to use of each recording (default: 30)"},
         "repeats": {
@@ -323,7 +323,7 @@ def _recordings(args: argparse.Namespace) -> "list[Recording]":
     from echoavatar_lab.models.audio.recordings import decoded, recorded_files
 
     found = []
-    for file in recorded_files(args.recordings, "test") if args.recordings else ():
+    for file in recorded_files(args.recordings, "dev") if args.recordings else ():
         audio = decoded(file.path)[-int(args.seconds * 24_000) :]  # the end: training may have used the beginning
         kind = MUSIC if file.kind == "music" else SPEECH
         found.append(Recording(file.path.name, kind, audio.astype(np.float32) / 32_768))

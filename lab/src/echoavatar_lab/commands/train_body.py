@@ -33,8 +33,8 @@ def _add_codec(parser: argparse.ArgumentParser, options: Options) -> None:
     parser.add_argument(
         "--recordings",
         type=Path,
-        help="folder of recorded speech and music to train on as well, each as often as the corpus; what its"
-        " manifest.csv marks as test is left out",
+        help="folder of recorded speech and music to train on as well, each as often as the corpus; of a"
+        " manifest.csv only the split train",
     )
     parser.add_argument("--start", type=Path, help="trained codec of the same sizes (a run, or part of a bundle)")
     parser.add_argument(

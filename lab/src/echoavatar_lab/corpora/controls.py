@@ -16,6 +16,7 @@ from typing import Self
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
@@ -57,7 +58,7 @@ class Controls:
     def __len__(self) -> int:
         return len(self.pelvis_position)
 
-    def __getitem__(self, frames: slice) -> Self:
+    def __getitem__(self, frames: slice | NDArray[np.intp]) -> Self:
         return replace(self, **{field.name: getattr(self, field.name)[frames] for field in fields(self)})
 
     def packed(self) -> Float[Array, "t c"]:

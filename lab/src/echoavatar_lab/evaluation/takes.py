@@ -19,7 +19,7 @@ from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
-from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
+from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES, split_of
 
 from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH
 
@@ -51,9 +51,9 @@ def read_sounds(
     """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
 
     A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
-    its test split is used; `class_of` tells other classes of its rows. Without a manifest, a path with "music" in it is
-    music, and folders are classes. Voices of one class are joined until they last `seconds`; music is not. What stays
-    shorter than 20 s is left out.
+    its dev split is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a
+    manifest, a path with "music" in it is music, and folders are classes. Voices of one class are joined until they
+    last `seconds`; music is not. What stays shorter than 20 s is left out.
 
     Raises:
         EchoAvatarError: nothing is left.
@@ -119,7 +119,10 @@ def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tup
     """Path, kind and class of every sound."""
     if (manifest := folder / "manifest.csv").is_file():
         with manifest.open(newline="", encoding="utf-8") as file:
-            rows = [row for row in csv.DictReader(file) if row.get("split", "test") == "test"]
+            rows = list(csv.DictReader(file))
+        splits = [split_of(row["speaker_or_artist"], row.get("split", "dev")) for row in rows]
+        heard = "dev" if "dev" in splits else "test"
+        rows = [row for row, split in zip(rows, splits, strict=True) if split == heard]
         return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
     places = [path.relative_to(folder) for path in paths]

@@ -6,7 +6,7 @@ construction and which is treated as a recording is (room, equaliser, noise); an
 in spectrograms.
 
 `codec`: the generator hears nothing but codes. A small convolutional reader is trained on the codes of known sound, the
-same for every codec, and is tested on voices and pieces that neither codec nor reader has met: the test files of a
+same for every codec, and is tested on voices and pieces that neither codec nor reader has met: the dev files of a
 folder of recordings (`--corpus`), and synthetic sound of the test split. Truth: labels of synthetic sound; of
 recordings those of `recording_labels`, which hear the clean sound. So a number for recordings says how much of what a
 tracker hears is left in the codes, not how well the tracker hears.
@@ -186,7 +186,7 @@ def make_codec(experiment: Experiment) -> Table:
     seed = experiment.seed
     training = [*recorded(folder, "train", count, seed), *synthetic("train", count, seed)]
     tests = {
-        "recorded": recorded(folder, "test", max(2, count // 3), seed),
+        "recorded": recorded(folder, "dev", max(2, count // 3), seed),
         "synthetic": synthetic("test", max(2, count // 3), seed),
     }
     codecs: dict[str, AudioCodec | None] = {"default bundle": load_bundle("default").codec}
@@ -213,7 +213,7 @@ def make_codec(experiment: Experiment) -> Table:
 
 def recorded(folder: Path, split: str, count: int, seed: int) -> list[KnownSound]:
     """Speech and music in turn, from the recordings of a split."""
-    source, rng = RecordedSound(folder, split), np.random.default_rng([seed, split == "test"])
+    source, rng = RecordedSound(folder, split), np.random.default_rng([seed, split != "train"])
     drawn = [(source.speech if i % 2 == 0 else source.music)(rng, _SECONDS) for i in range(count)]
     return [known(track) for track in drawn]
 

@@ -8,7 +8,7 @@ from echoavatar_lab.corpora.sound import SoundTrack
 def test_strokes_end_just_after_the_vowels_of_prominent_syllables(talk: SoundTrack):
     for seed in range(20):
         for phrase in talk.phrases:
-            cues = gesture_cues(talk, phrase, draw_manner(seed), np.random.default_rng(seed))
+            cues = gesture_cues(talk, phrase, draw_manner(seed).pace, np.random.default_rng(seed))
             for cue in cues:
                 syllable = max((s for s in talk.syllables if s.vowel < cue.stroke_end), key=lambda s: s.vowel)
                 assert cue.vowel == syllable.vowel
@@ -24,7 +24,7 @@ def test_about_half_of_the_meanings_get_a_gesture(talk: SoundTrack):
         cue.meaning
         for seed in range(20)
         for phrase in talk.phrases
-        for cue in gesture_cues(talk, phrase, draw_manner(seed), np.random.default_rng(seed))
+        for cue in gesture_cues(talk, phrase, draw_manner(seed).pace, np.random.default_rng(seed))
     ]
     for meaning in ("greeting", "size", "negation"):
         assert 10 <= found.count(meaning) <= 20

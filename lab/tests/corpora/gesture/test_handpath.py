@@ -17,6 +17,29 @@ def test_overlapping_moves_end_at_the_last_aim():
     np.testing.assert_allclose(curve[-1], -0.2, atol=1e-6)
 
 
+def test_a_move_that_was_to_begin_later_is_dropped():
+    path = HandPath(vector(0.0))
+    path.move(0.5, 1.0, vector(0.3))
+    path.move(1.5, 2.0, vector(-0.5))
+    path.move(1.2, 1.6, vector(0.6))
+    curve = path.curve(90)[:, 0]
+    assert np.all(np.diff(curve) >= 0)
+    assert curve[-1] == pytest.approx(0.6, abs=1e-6)
+
+
+def test_a_followed_curve_is_blended_in_and_left_where_it_ends():
+    path = HandPath(vector(0.5))
+    path.move(0.1, 0.4, vector(0.0))
+    path.follow(1.0, np.linspace(vector(0.2), vector(0.4), 31), 0.5)
+    path.move(2.5, 3.0, vector(0.0))
+    curve = path.curve(100)[:, 0]
+    assert curve[29] == pytest.approx(0.0, abs=1e-6)
+    assert curve[60] == pytest.approx(0.4, abs=1e-6)
+    assert curve[52] == pytest.approx(0.2 + 0.2 * 22 / 30, abs=1e-3)
+    assert curve[-1] == pytest.approx(0.0, abs=1e-6)
+    assert np.abs(np.diff(curve[28:62])).max() < 0.04
+
+
 def test_speed_has_no_steps_even_where_a_move_is_interrupted():
     path = HandPath(vector(0.0))
     path.move(0.5, 1.1, vector(0.3))

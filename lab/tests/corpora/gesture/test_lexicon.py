@@ -32,7 +32,7 @@ def test_words_choose_among_forms():
 def test_aims_are_within_an_arms_reach(form):
     rng = np.random.default_rng(0)
     for _ in range(10):
-        aim = aim_at(form, home_of(Manner(spread=1.4), rng), size=1.8, rng=rng)
+        aim = aim_at(form, home_of(Manner(space=1.0), rng), size=1.8, rng=rng)
         assert np.linalg.norm(aim[WRIST]) < 0.56
         assert np.abs(aim[FINGERS]).max() < 1.2
 
@@ -53,4 +53,4 @@ def test_far_aims_are_drawn_in_and_near_ones_kept():
 def test_hands_do_not_hide_the_face():
     """A high aim across the middle comes back to its own side; a low one may cross."""
     assert in_gesture_space(np.array([-0.2, 0.1, 0.25]))[0] > -0.02
-    assert in_gesture_space(np.array([-0.2, -0.3, 0.25]))[0] < -0.12
+    assert in_gesture_space(np.array([-0.2, -0.3, 0.25]))[0] < -0.08

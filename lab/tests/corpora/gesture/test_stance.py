@@ -46,7 +46,7 @@ def test_speakers_step_and_listeners_hardly():
 
 
 def test_stances_stay_near_the_middle_and_feet_apart():
-    steps, _ = stances(600.0, [(0.0, 600.0)], np.random.default_rng(2), Manner(roam=0.1), 0.5)
+    steps, _ = stances(600.0, [(0.0, 600.0)], np.random.default_rng(2), Manner(liveliness=0.3), 0.5)
     feet = walked(18_000, steps).position
     assert np.abs(feet[..., [0, 2]]).max() < 0.55
     assert np.linalg.norm(feet[::30, 0] - feet[::30, 1], axis=-1).min() > 0.09

@@ -1,5 +1,5 @@
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +7,7 @@ import pytest
 import soundfile
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar_lab.corpora.gesture.speakers import Manner
 from echoavatar_lab.corpora.rehearsal.corpus import TEST_EVERY, Plan, domains, make_clip, rehearse
 from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.sound import SoundTrack, Span
@@ -57,6 +58,23 @@ def test_recordings_are_half_of_the_sound_and_named(tmp_path: Path, own_cache: P
     clips = [make_clip(plan(tmp_path / "out", recordings=tmp_path), index) for index in (0, 0)]
     assert np.array_equal(clips[0].audio, clips[1].audio)
     assert all(start < end for start, end, *_ in json.loads(clips[0].labels["sources"]))
+
+
+def test_a_clip_says_whose_manner_it_has(tmp_path: Path) -> None:
+    said = [json.loads(make_clip(plan(tmp_path), index).labels["manner"]) for index in range(2)]
+    assert said[0] != said[1]
+    assert set(said[0]) == {field.name for field in fields(Manner)}
+
+
+def test_held_out_clips_hear_no_recordings_but_those_of_train(tmp_path: Path, own_cache: Path) -> None:
+    for name in ("train", "dev", "test"):
+        soundfile.write(tmp_path / f"{name}.wav", np.random.default_rng(0).normal(0, 0.1, 96_000), 24_000)
+    rows = [f"{name}.wav,4,music,Band of {name},{name},pop,{name}" for name in ("train", "dev", "test")]
+    head = "path,seconds,kind,speaker_or_artist,title,language_or_genre,split"
+    (tmp_path / "manifest.csv").write_text("\n".join([head, *rows]))
+    tracks = [compose_track(seed, 4.0, "music", split="test", recordings=tmp_path) for seed in range(8)]
+    heard = {source.name for track in tracks for source in track.sources if "Band" in source.name}
+    assert heard == {"Band of train: train"}
 
 
 def test_a_corpus_has_the_same_fingerprint_for_any_number_of_workers(tmp_path: Path) -> None:

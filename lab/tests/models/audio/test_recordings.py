@@ -1,3 +1,5 @@
+from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -5,8 +7,22 @@ import pytest
 
 from echoavatar.errors import AudioError
 from echoavatar.models.audio import write_wav
-from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, decoded, read_groups, recorded_files, to_int16
+from echoavatar_lab.models.audio.recordings import (
+    DEV,
+    MANIFEST,
+    TEST,
+    TRAIN,
+    AudioGroup,
+    AudioPool,
+    RecordedFile,
+    decoded,
+    read_groups,
+    recorded_files,
+    split_of,
+    to_int16,
+)
 
+RECORDINGS = Path(__file__).parents[5] / "shared" / "data" / "audio_permissive" / "corpus"
 HEAD = "path,seconds,kind,speaker_or_artist,title,language_or_genre,split\n"
 
 
@@ -37,6 +53,50 @@ def test_no_file_outside_the_folder_is_read(tmp_path: Path) -> None:
     write_wav(tmp_path / "out.wav", np.zeros(480, np.float32))
     with pytest.raises(AudioError, match="no file of this folder"):
         recorded_files(folder(tmp_path / "in", "../out.wav,1,speech,,,,train"))
+
+
+def test_dev_is_test_where_nothing_is_marked_dev(tmp_path: Path) -> None:
+    held_out = "b.wav,1,music,Band,Song,waltz,test\n"
+    folder(tmp_path, held_out + "a.wav,1,speech,Ann,Talk,English,train\n")
+    assert recorded_files(tmp_path, "dev") == recorded_files(tmp_path, "test")
+    folder(tmp_path, held_out + "a.wav,1,speech,Ann,Talk,English,dev\n")
+    assert [file.voice for file in recorded_files(tmp_path, "dev")] == ["Ann"]
+
+
+def in_two_splits(pairs: Iterable[tuple[str, str]]) -> set[str]:
+    splits = defaultdict(set)
+    for name, split in pairs:
+        splits[name.casefold()].add(split)
+    return {name for name, found in splits.items() if len(found) > 1}
+
+
+def test_nobody_is_listed_twice() -> None:
+    assert len(TEST | DEV | TRAIN) == len(TEST) + len(DEV) + len(TRAIN)
+
+
+def test_unknown_voices_stay_where_their_manifest_has_them() -> None:
+    assert [split_of("somebody", listed) for listed in ("train", "dev", "test")] == ["train", "dev", "test"]
+    assert split_of("Komiku", "train") == "test"
+
+
+@pytest.fixture(scope="module")
+def files() -> tuple[RecordedFile, ...]:
+    if not (RECORDINGS / MANIFEST).is_file():
+        pytest.skip(f"{RECORDINGS} is not there: the recordings are no part of the repository")
+    return recorded_files(RECORDINGS)
+
+
+def test_no_speaker_artist_or_piece_is_in_two_splits(files: tuple[RecordedFile, ...]) -> None:
+    assert not in_two_splits((file.voice, file.split) for file in files)
+    assert not in_two_splits((file.title, file.split) for file in files)
+    assert not in_two_splits((file.path.stem, file.split) for file in files)
+
+
+def test_twelve_voices_and_twelve_tracks_are_held_back(files: tuple[RecordedFile, ...]) -> None:
+    test = [file for file in files if file.split == "test"]
+    assert len({file.voice for file in test if file.kind == "speech"}) == 12
+    assert sum(file.kind == "music" for file in test) == 12
+    assert {file.voice for file in test} == TEST
 
 
 def test_sound_is_decoded_once(tmp_path: Path, own_cache: Path) -> None:

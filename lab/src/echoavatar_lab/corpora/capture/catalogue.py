@@ -10,7 +10,7 @@ from fnmatch import fnmatch
 from pathlib import PurePath
 from typing import Literal
 
-Kind = Literal["standing", "speech", "gesture", "dance", "action"]
+Kind = Literal["standing", "speech", "gesture", "dance", "action", "unit"]  # the last is cut from files by a table
 WORDS: dict[str, Kind] = {"talk": "speech", "conversation": "speech", "dance": "dance"}
 KINDS: tuple[Kind, ...] = ("standing", "speech", "gesture", "dance", "action")
 

@@ -29,11 +29,13 @@ from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.corpora.controls import Array, Controls, concatenated, moved, wander
 
+from .animated import SUFFIXES, read_animated
 from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
 from .footing import stepping
+from .units import cut_out, unit_rows
 
-VERSION = 3  # of the cached libraries: raise it with every change of what a file becomes
+VERSION = 4  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
 STILL_M_S = 0.06  # mean speed of the body's joints below which a dance has not begun
 LEAD_IN_S = 0.3
@@ -52,8 +54,8 @@ class CapturedClip:
 
     Attributes:
         name: of the file and, where it was cut, the number of the stretch.
-        kind: standing, speech, gesture, dance or action.
-        group: clips of one group look alike, for example `salsa_lead`.
+        kind: standing, speech, gesture, dance, action, or unit: one gesture (`units`).
+        group: clips of one group look alike, for example `salsa_lead`; of a unit its meaning.
         source: folder and file.
         licence: as the set's manifest states it.
         controls: curves at 30 fps.
@@ -147,7 +149,32 @@ def read_folder(folder: Path, progress: Callable[[str], None] = lambda _: None) 
             clips.append(CapturedClip(name, entry.kind, entry.group, source, licence, controls))
     if not clips:
         raise MotionError(f"{folder} holds no captured set; put BVH files into folders named standing, speech or dance")
-    return CapturedLibrary(tuple(clips))
+    return CapturedLibrary((*clips, *_units(folder, licences, progress)))
+
+
+def _units(
+    folder: Path, licences: dict[str, tuple[str, str]], progress: Callable[[str], None]
+) -> Iterator[CapturedClip]:
+    """Single gestures out of the files that a table of units names."""
+    rows = unit_rows(folder)
+    for path in sorted(folder.rglob("*")):
+        key, entry = f"{path.parent.name}/{path.name}", entry_of(path)
+        licence, use = licences.get(key, ("not stated", MAY_TRAIN))
+        if key not in rows or use != MAY_TRAIN:
+            continue
+        progress(key)
+        if path.suffix in SUFFIXES:
+            whole = controls_from_motion(read_animated(path))
+        elif entry and path.suffix == ".bvh":
+            whole = next(clean(read_bvh(path), entry))
+        else:
+            continue
+        place = path.relative_to(folder).parts
+        source = f"{place[0] if len(place) > 1 else folder.name}/{path.name}"
+        for number, row in enumerate(rows[key]):
+            if row.end_s * FRAME_RATE_HZ > len(whole) + 2:
+                continue  # in what the catalogue cuts off
+            yield CapturedClip(f"{path.stem}.{number}", "unit", row.meaning, source, licence, cut_out(whole, row))
 
 
 def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ()) -> Iterator[Controls]:
@@ -170,7 +197,7 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
 
 def _digest(folder: Path) -> str:
     """Changes with every file of the folder and with this package's way of reading them."""
-    files = [path for path in sorted(folder.rglob("*")) if path.suffix in (".bvh", ".csv")]
+    files = [path for path in sorted(folder.rglob("*")) if path.suffix in (".bvh", ".csv", *SUFFIXES)]
     stats = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     return hashlib.sha256(repr((VERSION, stats)).encode()).hexdigest()[:16]
 

@@ -45,6 +45,7 @@ USED = 0.2  # odds of a clip each time that it was used in the same walk
 STEPPING = 0.5  # of the joins of a lively body are made by steps
 QUIET = 0.5  # below this liveliness nothing is chosen
 SIZES = {"sway": (0.7, 1.4), "lean": (0.7, 2.5), "turn": (0.7, 1.4)}  # by which a stretch is scaled
+TILT = 0.85  # of a stretch's own tilt to the sides at most, however far it sways
 FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
@@ -237,9 +238,9 @@ def varied(controls: Controls, *, sway: float, lean: float, turn: float) -> Cont
     pelvis, spine, head = (
         curve + (curve - curve.mean(0)) * (np.array(sizes) - 1)
         for curve, sizes in (
-            (controls.pelvis_rotation, (1.0, lean, sway)),
-            (controls.spine, (turn, lean, sway)),
-            (controls.head, (turn, 1.0, sway)),
+            (controls.pelvis_rotation, (1.0, lean, min(sway, TILT))),
+            (controls.spine, (turn, lean, min(sway, TILT))),
+            (controls.head, (turn, 1.0, min(sway, TILT))),
         )
     )
     head[:, 1] -= (lean - 1) * (_lean(controls) - _lean(controls).mean()) * LEVEL

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..sound import SoundTrack, Syllable
-from .speakers import Manner
 
 LEAST_SALIENCE = 0.36
 LAG_S = (0.14, 0.18)  # from a vowel's centre to the end of its stroke, drawn at random
@@ -23,16 +22,19 @@ class Cue:
     word: str
 
 
-def gesture_cues(track: SoundTrack, phrase: tuple[float, float], manner: Manner, rng: np.random.Generator) -> list[Cue]:
-    """Cues of a phrase in order of time; where syllables are too close together the most salient one wins."""
+def gesture_cues(track: SoundTrack, phrase: tuple[float, float], pace: float, rng: np.random.Generator) -> list[Cue]:
+    """Cues of a phrase in order of time; where syllables are too close together the most salient one wins.
+
+    `pace` is 1 for a person in conversation; above it, more syllables get a gesture.
+    """
     begin, end = phrase
     inside = [s for s in track.syllables if begin - 0.02 <= s.vowel < end]
     spoken: set[tuple[float, str]] = set()
     cues: list[Cue] = []
     for i in sorted(range(len(inside)), key=lambda k: -_salience(inside[k])):
         syllable, onset = inside[i], _word_onset(inside, i)
-        wanted = _salience(syllable) * (0.9 + 0.2 * rng.random()) * manner.pace
-        gap = 0.33 / manner.pace if wanted < 0.8 else 0.38
+        wanted = _salience(syllable) * (0.9 + 0.2 * rng.random()) * pace
+        gap = 0.33 / pace if wanted < 0.8 else 0.38
         stroke_end = syllable.vowel + float(rng.uniform(*LAG_S))
         if (
             wanted < LEAST_SALIENCE

@@ -37,12 +37,17 @@ class HandPath:
     aim: Float[Array, " 14"]
     _start: Float[Array, " 14"] = field(init=False)
     _moves: list[tuple[float, float, Array, Array]] = field(default_factory=list)
+    _followed: list[tuple[float, Array]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._start = self.aim.copy()
 
     def move(self, begin: float, end: float, aim: Float[Array, " 14"], arc: Float[Array, " 3"] | None = None) -> None:
-        """Move to `aim` between two times (seconds); `arc` is the wrist's offset half-way, metres."""
+        """Move to `aim` between two times (seconds); `arc` is the wrist's offset half-way, metres.
+
+        Moves that were to begin later are dropped.
+        """
+        self._drop_later(begin)
         bulge = np.zeros(3, np.float32) if arc is None else np.asarray(arc, np.float32)
         self._moves.append((begin, end, aim - self.aim, bulge))
         self.aim = aim.copy()
@@ -57,6 +62,17 @@ class HandPath:
         goal[:7] += past[:7]
         self.move(begin, end, goal, arc)
         self.move(end - 0.03, end + 0.24, aim)
+
+    def follow(self, begin: float, curve: Float[Array, "n 14"], blend_s: float) -> None:
+        """Follow a curve at 30 fps from a time on, blended in over some seconds. Moves that were to begin later go."""
+        self._drop_later(begin)
+        share = minimum_jerk(np.arange(len(curve)) / (blend_s * FRAME_RATE_HZ))
+        self._followed.append((begin, share[:, None] * (curve - self.aim)))
+        self.aim = self.aim + self._followed[-1][1][-1]
+
+    def _drop_later(self, begin: float) -> None:
+        while self._moves and self._moves[-1][0] >= begin:
+            self.aim = self.aim - self._moves.pop()[2]
 
     def curve(self, frames: int) -> Float[Array, "t 14"]:
         """The path at the frame rate. A move that would be too fast takes longer; palm and fingers lag the wrist."""
@@ -76,6 +92,10 @@ class HandPath:
                     if channels == WRIST and bulge.any():
                         p = np.clip(phase, 0, 1)[:, None]
                         out[first:last, channels] += 64 * (p * (1 - p)) ** 3 * bulge
+        for begin, shape in self._followed:
+            first, last = _window(begin, begin + len(shape) / FRAME_RATE_HZ, frames)
+            out[first:last] += shape[: last - first]
+            done[last] += shape[-1]
         return np.asarray(self._start + out + done.cumsum(axis=0)[:-1], np.float32)
 
 

@@ -18,10 +18,11 @@ from ..controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, critical
 from ..sound import SoundTrack
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
-from .speakers import draw_manner
+from .speakers import Manner, draw_manner
 from .stance import Feet, stances, walked, weight_curve
 
-REACTION_S, ARMS_S = 0.15, 0.6  # from the sound to the body's answer; for the arms to come to rest
+REACTION_S, ARMS_S = 0.15, 0.4  # from the sound to the body's answer; for the arms to come to rest
+BREATH_HZ = 0.21, 0.30
 PAUSE_S = 3.0  # the body of a speaker goes on through shorter pauses
 
 
@@ -42,18 +43,20 @@ def resting_hands(rest: str) -> Float[Array, "2 14"]:
     return np.stack([hand, hand])
 
 
-def idle(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
-    """Standing, breathing and listening for the whole track."""
+def idle(
+    track: SoundTrack, seed: int, library: CapturedLibrary | None = None, manner: Manner | None = None
+) -> Controls:
+    """Standing, breathing and listening for the whole track; the `manner` is the seed's if there is none."""
+    manner = manner or draw_manner(seed)
     if library is not None and library.of("standing"):
-        return _captured(track, seed, library)
-    frames = round(track.seconds * FRAME_RATE_HZ)
-    manner, rng = draw_manner(seed), np.random.default_rng([seed, 2])
+        return _captured(track, seed, library, manner)
+    frames, rng = round(track.seconds * FRAME_RATE_HZ), np.random.default_rng([seed, 2])
     start = float(rng.choice([-0.5, 0.5]))
     steps, shifts = stances(track.seconds, track.phrases, rng, manner, start)
     body = standing(walked(frames, steps), weight_curve(frames, shifts, start), rng)
-    breath = breathing(frames, manner.breath_hz, rng)
+    breath = breathing(frames, float(rng.uniform(*BREATH_HZ)), rng)
     head = body.head + glances(track, rng) + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
-    hands = np.repeat(resting_hands(manner.rest)[None], frames, axis=0)
+    hands = np.repeat(resting_hands(manner.resting)[None], frames, axis=0)
     hands[:, :, :3] += wander(frames, 6, period=3.5, rng=rng).reshape(frames, 2, 3) * 0.003
     hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
     spine = body.spine + wander(frames, 3, period=4.0, rng=rng) * (0.010, 0.006, 0.006)
@@ -63,21 +66,20 @@ def idle(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -
     return with_hands(replace(body, head=_f32(head), spine=_f32(spine), shoulder=_f32(shoulder)), hands)
 
 
-def _captured(track: SoundTrack, seed: int, library: CapturedLibrary) -> Controls:
+def _captured(track: SoundTrack, seed: int, library: CapturedLibrary, manner: Manner) -> Controls:
     """A captured person who waits, and sways like people who talk from shortly after speech begins until it ends."""
-    frames, manner = round(track.seconds * FRAME_RATE_HZ), draw_manner(seed)
-    rng = np.random.default_rng([seed, 4])
+    frames, rng = round(track.seconds * FRAME_RATE_HZ), np.random.default_rng([seed, 4])
     wanted, resting = np.full(frames, IDLE), np.zeros(frames, np.float32)
     for begin, end in _talks(track):
         first, last = (round((time + REACTION_S) * FRAME_RATE_HZ) for time in (begin, end))
-        wanted[first:last] = TALKING * rng.uniform(0.75, 1.25)
+        wanted[first:last] = TALKING * rng.uniform(0.8, 1.2) * (0.95 + 0.6 * manner.liveliness)
         resting[first:last] = 1.0
     body = captured_standing(library, frames, rng, liveliness=wanted)
     share = critically_damped(resting, ARMS_S)[:, None, None]
-    captured, rest = hands_of(body), resting_hands(manner.rest)
+    captured, rest = hands_of(body), resting_hands(manner.resting)
     hands = captured + share * (rest - captured)
     hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
-    breath = breathing(frames, manner.breath_hz, rng)
+    breath = breathing(frames, float(rng.uniform(*BREATH_HZ)), rng)
     spine, shoulder = body.spine.copy(), body.shoulder * (1 - share)
     spine[:, 1] -= 0.012 * breath
     shoulder += 0.022 * breath[:, None, None] * np.array([1.0, -0.4])

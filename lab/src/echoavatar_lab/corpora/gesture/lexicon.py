@@ -10,9 +10,10 @@ from .handpath import pack_hand
 from .handshapes import hand_shape
 from .speakers import Manner
 
-HOME = (-0.015, -0.265, 0.240)  # relaxed wrist position in gesture space, from the shoulder
+HOME = (0.025, -0.210, 0.200)  # relaxed wrist position in gesture space, from the shoulder
+SPACE = (0.08, 0.08, 0.0)  # by which homes lie further out and higher in the widest gesture space than in the narrowest
 EASY_REACH, LEAST_REACH = 0.43, 0.25  # metres from the shoulder
-GESTURE_SPACE = ((-0.16, -0.43, 0.08), (0.27, 0.12, 0.42))  # of the wrist, from the shoulder, metres
+GESTURE_SPACE = ((-0.11, -0.43, 0.12), (0.22, 0.05, 0.42))  # of the wrist, from the shoulder, metres
 HOME_SHAPES = ("relaxed", "open", "bowl", "pinch", "flat", "loose fist")
 
 
@@ -81,8 +82,14 @@ def aim_at(form: Form, home: Float[Array, " 14"], *, size: float, rng: np.random
     wrist = 0.45 * np.array(HOME) + 0.55 * home[:3] + np.array(form.wrist) * size + rng.normal(0, 0.02, 3)
     palm = np.array(form.palm) + rng.normal(0, 0.12, 3)
     fingers = (hand_shape(form.shape) + rng.normal(0, 0.03, 7)).astype(np.float32)
-    swing = form.swing + float(rng.normal(0, 0.05))
-    return pack_hand(in_gesture_space(wrist), (palm[0], palm[1], palm[2]), fingers, swing)
+    wrist = in_gesture_space(wrist)
+    swing = form.swing + float(rng.normal(0, 0.05)) - _dropped(wrist)
+    return pack_hand(wrist, (palm[0], palm[1], palm[2]), fingers, swing)
+
+
+def _dropped(wrist: Float[Array, " 3"]) -> float:
+    """By how much the elbow hangs, radians: it stays down while the hand rises."""
+    return 1.2 * max(float(wrist[1]) + 0.3, 0.0)
 
 
 def eased_reach(wrist: Float[Array, " 3"]) -> Float[Array, " 3"]:
@@ -93,18 +100,23 @@ def eased_reach(wrist: Float[Array, " 3"]) -> Float[Array, " 3"]:
 
 
 def in_gesture_space(wrist: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """The wrist aim where speakers gesture: in front of the trunk, not before the face, the elbow bent."""
+    """The wrist aim where speakers gesture: in front of the trunk, not before the face, the elbow bent.
+
+    Low hands are near the body and high ones ahead of it: elsewhere elbows stand out.
+    """
     low, high = GESTURE_SPACE
     across, up, ahead = np.clip(wrist, low, high)
     over_chest = float(np.clip((up + 0.15) / 0.15, 0, 1))
-    across = max(across, low[0] + over_chest * 0.15)
+    across = np.clip(across, low[0] + over_chest * 0.17, 0.1 + 0.4 * (up - low[1]))
+    ahead = max(ahead, low[2] + 0.3 * max(up + 0.25, 0.0))
     return eased_reach(np.array([across, up, ahead], np.float32))
 
 
 def home_of(manner: Manner, rng: np.random.Generator) -> Float[Array, " 14"]:
     """A random home in a speaker's gesture space, from which a hand makes its beats."""
-    wrist = np.array(HOME) + (manner.width, manner.height, manner.reach)
-    wrist = wrist + rng.normal(0, (0.06, 0.065, 0.045)) * manner.spread
+    wrist = np.array(HOME) + (wide := manner.space - 0.5) * np.array(SPACE)
+    wrist = wrist + rng.normal(0, (0.06, 0.065, 0.045)) * (1.15 + 0.5 * wide)
     shape = HOME_SHAPES[rng.choice(len(HOME_SHAPES), p=(0.30, 0.25, 0.16, 0.13, 0.08, 0.08))]
     palm = (float(rng.normal(-0.05, 0.12)), float(rng.normal(0, 0.05)), float(rng.uniform(-0.85, 0.85)))
-    return pack_hand(in_gesture_space(wrist), palm, hand_shape(shape), float(rng.normal(0.04, 0.08)))
+    wrist = in_gesture_space(wrist)
+    return pack_hand(wrist, palm, hand_shape(shape), float(rng.normal(0.04, 0.08)) - _dropped(wrist))

@@ -1,10 +1,11 @@
-"""Speakers: how different people stand and gesture, as data, and how a voice raises or calms it.
+"""Speakers: how different people gesture, as a few numbers, and how a voice raises or calms it.
 
-One style is drawn per performance and varied a little. Sizes and rates reach the range of captured speakers
-(`evaluation.captured_people`). Not in the paper, which trains on recorded speakers.
+A manner is drawn for each performance and kept with it, so that a model can be told whom it is to move like. Sizes and
+rates reach the range of captured speakers (`evaluation.captured_people`). Not in the paper, which trains on recorded
+speakers.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,105 +16,60 @@ from ..sound import SoundTrack
 
 @dataclass(frozen=True)
 class Manner:
-    """How one person moves.
+    """How one person gestures; every value is between 0 and 1, and 0.5 is nothing special.
 
     Attributes:
-        name: of the style.
-        energy: size of gestures; 1 is a person in conversation.
-        pace: above 1, more syllables get a gesture.
-        both: share of phrases in which both hands gesture.
-        mirror: share of those in which the second hand mirrors the first; otherwise each goes its own way.
-        handed: probability that a one-handed gesture uses the right hand.
-        height, width, reach: offset of the gesture space from the usual: up, outwards and forwards, metres.
-        spread: size of the gesture space.
-        hold: probability that a hand waits after a stroke; otherwise it goes on to a new place.
-        arc: curvature of paths.
-        trunk: by how much the trunk takes part.
-        nod: size of head accents.
-        posture: pitch of the trunk, radians; above 0 bows forwards.
-        shift_every_s, step_every_s: mean time between shifts of the weight and between new stances while speaking.
-        roam: deviation of stances from the middle, metres.
-        rest: where the hands rest: "sides", "clasped", "hips" or "behind".
-        breath_hz: breaths a second.
+        liveliness: 0 is few, small and slow gestures on a quiet body; 1 is a storyteller.
+        right: which hand leads; the chance that a gesture of one hand is the right hand's.
+        both: chance that both hands work in a phrase; otherwise one works, or they take turns.
+        mirror: how much two working hands share; 0: each its own way, size and time, 1: nearly mirror images.
+        space: where gestures are; 0 is low, narrow and near the body, 1 high and wide.
+        hold: 0: hands keep moving, and sink at once after a phrase; 1: they stay up, with small moves.
+        bow: how far the trunk bends forwards as the hands sink; upright at 0.
+        tilt: how far the shoulder of a raised hand rises; level at 0.
+        rest: where idle hands are: below 0.55 at the sides, then clasped (0.75), on the hip (0.9), behind the back.
     """
 
-    name: str = "usual"
-    energy: float = 1.0
-    pace: float = 1.0
-    both: float = 0.85
-    mirror: float = 0.6
-    handed: float = 0.75
-    height: float = 0.0
-    width: float = 0.0
-    reach: float = 0.0
-    spread: float = 1.0
-    hold: float = 0.2
-    arc: float = 1.0
-    trunk: float = 1.0
-    nod: float = 1.0
-    posture: float = 0.0
-    shift_every_s: float = 2.4
-    step_every_s: float = 2.2
-    roam: float = 0.14
-    rest: str = "sides"
-    breath_hz: float = 0.25
+    liveliness: float = 0.5
+    right: float = 0.7
+    both: float = 0.5
+    mirror: float = 0.25
+    space: float = 0.5
+    hold: float = 0.5
+    bow: float = 0.5
+    tilt: float = 0.5
+    rest: float = 0.0
 
+    @property
+    def energy(self) -> float:
+        """Size of gestures; 1 is a person in conversation."""
+        return 0.5 + 1.1 * self.liveliness
 
-SPEAKERS: tuple[Manner, ...] = (
-    Manner("usual"),
-    Manner("calm", energy=0.72, pace=0.85, both=0.68, hold=0.35, trunk=0.7, nod=0.8, shift_every_s=4.5,
-           step_every_s=4.1, roam=0.08),
-    Manner("lively", energy=1.25, pace=1.15, both=0.88, spread=1.2, hold=0.10, trunk=1.3, step_every_s=1.6,
-           roam=0.17),
-    Manner("storyteller", energy=1.2, both=0.88, mirror=0.35, width=0.03, height=0.05, spread=1.35, hold=0.21,
-           arc=1.6, trunk=1.4, nod=1.2, roam=0.18),
-    Manner("lecturer", energy=0.95, pace=1.1, both=0.73, mirror=0.5, height=0.05, reach=0.03, hold=0.28, nod=1.1,
-           posture=0.02, rest="clasped"),
-    Manner("salesman", energy=1.2, pace=1.1, both=0.95, mirror=0.8, reach=0.05, spread=1.1, hold=0.17, trunk=1.2,
-           posture=0.05, step_every_s=1.8),
-    Manner("politician", energy=1.05, both=0.88, mirror=0.75, height=0.06, reach=0.04, hold=0.32, arc=0.6, nod=1.2),
-    Manner("teacher of children", energy=1.3, pace=0.95, both=0.95, mirror=0.7, height=0.08, spread=1.3, arc=1.5,
-           trunk=1.3, nod=1.4, posture=0.06),
-    Manner("scientist", energy=0.85, pace=1.05, both=0.78, mirror=0.3, width=-0.02, reach=0.02, spread=0.85,
-           hold=0.24, rest="clasped"),
-    Manner("host", energy=1.1, both=0.93, mirror=0.6, width=0.04, spread=1.25, arc=1.3, trunk=1.2,
-           step_every_s=1.8, roam=0.18),
-    Manner("left-handed", handed=0.2),
-    Manner("left-handed, lively", energy=1.2, pace=1.1, handed=0.22, both=0.73, spread=1.2, hold=0.14, trunk=1.25),
-    Manner("one-handed", both=0.43, energy=1.1, hold=0.21, rest="hips"),
-    Manner("wide", width=0.07, spread=1.3, arc=1.3, both=0.93, trunk=1.15),
-    Manner("narrow", width=-0.03, spread=0.8, energy=0.85, both=0.88, rest="clasped"),
-    Manner("high", height=0.10, both=0.78, energy=1.05, hold=0.17),
-    Manner("low", height=-0.07, energy=0.85, both=0.78, hold=0.21, arc=0.8),
-    Manner("choppy", energy=1.05, pace=1.15, arc=0.4, hold=0.35, both=0.78, mirror=0.7, nod=1.3),
-    Manner("flowing", arc=1.8, hold=0.07, both=0.93, mirror=0.45, spread=1.2, trunk=1.3, nod=0.8),
-    Manner("restless", energy=1.1, pace=1.1, hold=0.07, shift_every_s=2.0, step_every_s=1.2, roam=0.22, trunk=1.2),
-    Manner("reserved", energy=0.65, pace=0.8, both=0.58, spread=0.8, hold=0.32, trunk=0.6, nod=0.8,
-           shift_every_s=5.0, step_every_s=5.5, roam=0.07, rest="clasped"),
-    Manner("confident", both=0.83, width=0.03, reach=0.02, hold=0.32, arc=1.1, posture=-0.04, rest="hips",
-           step_every_s=2.7),
-    Manner("shy", energy=0.7, pace=0.9, width=-0.04, height=-0.05, spread=0.75, hold=0.21, nod=1.2, posture=0.05,
-           rest="clasped", step_every_s=2.7, roam=0.07),
-    Manner("preacher", energy=1.35, pace=0.95, both=0.93, mirror=0.7, height=0.12, spread=1.4, hold=0.28,
-           trunk=1.5, nod=1.3, posture=0.03),
-    Manner("walker", energy=1.0, step_every_s=1.1, shift_every_s=2.4, roam=0.26, hold=0.17, trunk=1.1, rest="behind"),
-)  # fmt: skip
+    @property
+    def pace(self) -> float:
+        """How many syllables get a gesture; 1 is a person in conversation."""
+        return 0.9 + 0.4 * self.liveliness
+
+    @property
+    def resting(self) -> str:
+        """Where idle hands are: "sides", "clasped", "hips" or "behind"."""
+        return ("sides", "clasped", "hips", "behind")[int(np.searchsorted((0.55, 0.75, 0.9), self.rest, "right"))]
 
 
 def draw_manner(seed: int) -> Manner:
-    """The manner that follows from a performance's seed: a style with sizes of its own."""
+    """The manner that follows from a performance's seed; four people in five lead with the right hand."""
     rng = np.random.default_rng([seed, 1])
-    style = SPEAKERS[rng.integers(len(SPEAKERS))]
-    return replace(
-        style,
-        energy=style.energy * float(rng.uniform(1.0, 1.35)),
-        pace=style.pace * float(rng.uniform(0.93, 1.08)),
-        spread=style.spread * float(rng.uniform(1.0, 1.3)),
-        height=style.height + float(rng.normal(0, 0.02)),
-        width=style.width + float(rng.normal(0, 0.015)),
-        handed=1 - style.handed if rng.random() < 0.1 else style.handed,
-        nod=style.nod * float(rng.uniform(0.8, 1.2)),
-        breath_hz=float(rng.uniform(0.21, 0.30)),
+    right = float(rng.beta(4, 2))
+    return Manner(
+        liveliness=float(rng.beta(2, 2)),
+        right=1 - right if rng.random() < 0.1 else right,
+        both=float(rng.beta(2, 2)),
+        mirror=float(rng.beta(1.2, 4)),
+        space=float(rng.beta(2, 2)),
+        hold=float(rng.beta(2, 2)),
+        bow=float(rng.random()),
+        tilt=float(rng.random()),
+        rest=float(rng.random()),
     )
 
 

@@ -15,6 +15,8 @@ from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, ai
 from .speakers import Manner
 
 LONGEST_STEP_M = 0.24  # to each side; longer ones stretch the leg behind
+SHIFT_S, STANCE_S = 2.5, 2.3  # mean time between shifts of the weight, and between stances, of a person in conversation
+ROAM_M = 0.14  # deviation of stances from the middle
 
 
 @dataclass(frozen=True)
@@ -85,31 +87,32 @@ def stances(
 
     In pauses both become rare. A stepping foot carries no weight. `weight` is that of the start.
     """
+    shift_s, stance_s, roam = SHIFT_S / manner.energy, STANCE_S / manner.energy, ROAM_M * manner.energy
     steps: list[Step] = []
     shifts: list[Shift] = []
     middle = np.zeros(2)
-    time, next_stance = float(rng.uniform(0.5, manner.shift_every_s)), float(rng.uniform(0.3, 1) * manner.step_every_s)
+    time, next_stance = float(rng.uniform(0.5, shift_s)), float(rng.uniform(0.3, 1) * stance_s)
     while time < seconds - 3.0:
         is_quiet = not any(begin - 0.5 < time < end for begin, end in phrases)
         near = [begin for begin, _ in phrases if time - 0.3 < begin < time + 1.0]
         time = max(near[0], time) if near else time
         if time > next_stance and (not is_quiet or rng.random() < 0.15):
-            time, weight, middle = _new_stance(time, middle, manner, rng, steps, shifts)
-            next_stance = time + float(rng.uniform(0.5, 1.5) * manner.step_every_s)
+            time, weight, middle = _new_stance(time, middle, roam, rng, steps, shifts)
+            next_stance = time + float(rng.uniform(0.5, 1.5) * stance_s)
         else:
             weight = float(np.clip(-np.sign(weight) * rng.uniform(0.4, 1.0), -1, 1)) if rng.random() < 0.8 else -weight
             length = float(rng.uniform(0.6, 1.2))
             shifts.append(Shift(time, time + length, weight))
             time += length
-        time += float(rng.gamma(3.0, manner.shift_every_s * (2.5 if is_quiet else 1.0) / 3.0))
+        time += float(rng.gamma(3.0, shift_s * (2.5 if is_quiet else 1.0) / 3.0))
     return steps, shifts
 
 
 def _new_stance(
-    time: float, middle: Array, manner: Manner, rng: np.random.Generator, steps: list[Step], shifts: list[Shift]
+    time: float, middle: Array, roam: float, rng: np.random.Generator, steps: list[Step], shifts: list[Shift]
 ) -> tuple[float, float, Array]:
     """Step to a new place, first with the foot on the side of the way; return time, weight and place after it."""
-    goal = np.clip(rng.normal(0, manner.roam, 2), -2.5 * manner.roam, 2.5 * manner.roam)
+    goal = np.clip(rng.normal(0, roam, 2), -2.5 * roam, 2.5 * roam)
     x, z = place = middle + np.clip(goal - middle, -LONGEST_STEP_M, LONGEST_STEP_M)
     heading, half = float(np.clip(rng.normal(0, 0.16), -0.4, 0.4)), float(rng.uniform(0.085, 0.165))
     stagger = float(rng.normal(0, 0.045))

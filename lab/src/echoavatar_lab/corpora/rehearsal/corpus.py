@@ -2,13 +2,13 @@
 
 Each clip depends only on its own seed: the corpus is the same for any number of workers, and an interrupted run
 continues where it stopped. A clip's label "sources" is JSON: [start s, end s, kind, name, style] of each voice and
-piece in it. The manifest says that the corpus is synthetic.
+piece in it; "manner" is JSON of the speaker's `Manner`. The manifest says that the corpus is synthetic.
 """
 
 import json
 import multiprocessing
 from collections.abc import Callable, Iterator
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from echoavatar_lab.corpora.capture.library import CapturedLibrary, open_library
 from echoavatar_lab.data.clip import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
 
+from ..gesture.speakers import draw_manner
 from ..solver import solve
 from ..sound import SoundTrack
 from .choreography import choreograph
@@ -104,7 +105,10 @@ def make_clip(plan: Plan, index: int) -> Clip:
             "stress": np.array([s.vowel for s in track.syllables if s.prominence >= 0.45], np.float64),
         },
         split=split,
-        labels={"sources": json.dumps([[round(s.start, 2), round(s.end, 2), *astuple(s)[2:]] for s in track.sources])},
+        labels={
+            "sources": json.dumps([[round(s.start, 2), round(s.end, 2), *astuple(s)[2:]] for s in track.sources]),
+            "manner": json.dumps({name: round(value, 3) for name, value in asdict(draw_manner(seed)).items()}),
+        },
     )
 
 

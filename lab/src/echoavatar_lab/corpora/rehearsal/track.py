@@ -50,9 +50,10 @@ def compose_track(
     """Compose `seconds` of sound (rounded to whole frames); equal arguments give identical samples.
 
     `mix` is "mixed", "speech", "music" or "silence"; `engine` (of speech) is "auto", "flite" or "own"; `split` (of the
-    scripts and recordings) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. With a folder
-    of `recordings`, half of the sound comes from there. Raises DependencyError if a requested engine or player is
-    missing, AudioError if the recordings cannot be read.
+    scripts) is "train" or "test". With a `soundfont`, fluidsynth plays half of the music. With a folder of
+    `recordings`, half of the sound comes from those that are marked "train", in either split.
+
+    Raises DependencyError if a requested engine or player is missing, AudioError if the recordings cannot be read.
     """
     if mix not in _MIXES:
         raise ValueError(f"mix is {mix!r}; one of {', '.join(_MIXES)}")
@@ -63,7 +64,7 @@ def compose_track(
         split=split,
         level_db=float(np.clip(rng.normal(-25, 6), -40, -14)),
         soundfont=soundfont,
-        recorded=recorded_sound(recordings, split) if recordings else None,
+        recorded=recorded_sound(recordings, "train") if recordings else None,
         share=float(rng.choice(_SHARES)) if recordings else 0.0,
     )
     speaker = draw_speaker(rng, settings.engine)

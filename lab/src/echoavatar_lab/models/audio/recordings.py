@@ -1,8 +1,15 @@
 """Folders of recorded speech and music: which files they hold, who is heard, and what may be trained on.
 
 A folder may have a `manifest.csv` with the columns path, seconds, kind ("speech" or "music"), speaker_or_artist,
-title, language_or_genre and split ("train" or "test"), one row a file. Without one every file belongs to both splits,
-and a path that contains "music" is music.
+title, language_or_genre and split ("train", "dev" or "test"), one row a file. Settings and weights are chosen on "dev";
+"test" is heard once, for a card. Without a manifest every file belongs to all splits, and a path that contains "music"
+is music.
+
+The manifest of the recordings that the default bundle is made with marks "train" and "test", but its "test" has chosen
+weights and settings, and eight artists are in both. So the voices of that "test" are DEV, whoever stood in two splits
+goes wholly to one, and TEST holds 12 voices and 12 tracks that were in "train", by speakers and artists who are nowhere
+else. Nothing is trained or chosen on TEST. Wolfgang and Theodore Kerr (Wolfgang_) are one person, and uncredited tracks
+of FreePD may be Kevin MacLeod's. EmoDB has no voice in TEST, because all of its speakers say the same ten sentences.
 
 Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of a long file is read without decoding
 the whole. `AudioPool` holds groups of recordings in memory and draws from them by weight.
@@ -28,6 +35,38 @@ MANIFEST = "manifest.csv"
 _COLUMNS = ("path", "kind", "speaker_or_artist", "title", "language_or_genre", "split")
 
 
+def _names(text: str) -> frozenset[str]:
+    return frozenset(" ".join(name.split()) for name in text.split(";"))
+
+
+TEST = _names("""
+    Cocotte; Frédéric Surget; Linda Johnson (f); LibriSpeech 1998 (F, Sonja); LibriSpeech 2033 (M, Filippo
+    Gioachin); LibriSpeech 2414 (M, Ashwin Jain); LibriSpeech 2609 (M, Ian Hatley); LibriSpeech 3005 (M, Ken
+    Tischler); LibriSpeech 3080 (F, breathe); LibriSpeech 3331 (F, Peggy); LibriSpeech 367 (F, Kathleen Dang);
+    LibriSpeech 533 (F, Ana Simao); @emegeme; Alexander Nakarada; Brian Boyko; Dan Knoflicek; Florian Filsinger;
+    HorrorPen; Komiku; Tarush Singhal; cynicmusic; rezoner
+""")
+DEV = _names("""
+    EmoDB 03 (m31); LibriSpeech 1034 (M, Kevin O'Coin); LibriSpeech 1098 (F, Merryb); LibriSpeech 1737 (F, Erin
+    Hastings); LibriSpeech 196 (M, Stewart Wills); LibriSpeech 1970 (F, Dawn Larsen); LibriSpeech 2007 (F,
+    Sheila Morton); LibriSpeech 2092 (F, Elaine Hamby); LibriSpeech 211 (F, shanda_w); LibriSpeech 2289 (M,
+    David Kleparek); LibriSpeech 248 (F, Becky Miller); LibriSpeech 2910 (F, Janna); LibriSpeech 2989 (F, Jamie
+    Strassenburg, Cypress, California); LibriSpeech 3486 (M, Robin Balmer); LibriSpeech 3807 (M, Jesse Noar);
+    LibriSpeech 3857 (M, Epistomolus); LibriSpeech 39 (F, Sherry Crowther); LibriSpeech 3947 (F, johnell);
+    LibriSpeech 4014 (M, Tom Clifton); LibriSpeech 445 (M, Dave Foss); LibriSpeech 446 (M, Steve Hartzog);
+    LibriSpeech 481 (M, Neal Foley); LibriSpeech 4830 (M, George Aalto); LibriSpeech 5163 (F, LilyAnne);
+    LibriSpeech 5390 (M, Charles Bice); LibriSpeech 5688 (F, Jennifer Dionne); LibriSpeech 5703 (M, Garth
+    Comira); LibriSpeech 5789 (F, Kirsten Wever); LibriSpeech 6064 (F, Deborah Knight); LibriSpeech 6078 (F,
+    dobsonfly); LibriSpeech 6081 (M, Lazuli); LibriSpeech 6181 (M, Mike); LibriSpeech 6476 (F, Viridian);
+    LibriSpeech 7067 (M, Matthew Wall); LibriSpeech 7402 (M, Canby Ibarra); LibriSpeech 7447 (M, dasbury);
+    LibriSpeech 7780 (F, tazzle); LibriSpeech 7794 (F, mlcui); LibriSpeech 7859 (F, xinamarieuhl); LibriSpeech
+    8465 (F, TinaNygard2); LibriSpeech 8629 (M, Shivansh Dhar); dmitri; faber; kathleen; pim; Bryan Teoh; Efface
+    Studios; Jason Shaw; Theodore Kerr (Wolfgang_); Wolfgang; qubodup / yd
+""")
+TRAIN = _names("freesound / Sonic Pi; HoliznaCC0; Kevin MacLeod; PlayOnLoop.com; uncredited (FreePD)")
+_SPLITS = {"test": TEST, "dev": DEV, "train": TRAIN}
+
+
 class RecordedFile(NamedTuple):
     """A sound file, what it holds and who is heard; `voice` is the speaker or the artist, `style` language or genre."""
 
@@ -36,24 +75,33 @@ class RecordedFile(NamedTuple):
     voice: str
     title: str
     style: str
-    split: Literal["train", "test"]
+    split: Literal["train", "dev", "test"]
     seconds: float  # 0: not known before it is decoded
 
 
 def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile, ...]:
-    """The recordings of a folder by path, of one `split` or of both.
+    """The recordings of a folder by path, of one `split` or of all; "dev" is "test" where a manifest marks no "dev".
 
     Raises:
         AudioError: the manifest is damaged or names a file that is missing, or nothing is found.
     """
     manifest = folder / MANIFEST
     if manifest.is_file():
-        what, chosen = f"no recordings marked {split}", [one for one in _listed(manifest) if split in (None, one.split)]
+        listed = list(_listed(manifest))
+        chosen = [one for one in listed if split in (None, one.split)]
+        if split == "dev" and not chosen:
+            chosen = [one for one in listed if one.split == "test"]
+        what = f"no recordings marked {split}"
     else:
         what, chosen = f"no sound ({', '.join(AUDIO_SUFFIXES)})", list(_found(folder))
     if not chosen:
         raise AudioError(f"{folder} holds {what}; give another --recordings")
     return tuple(sorted(chosen))
+
+
+def split_of(voice: str, listed: str) -> str:
+    """The split of a speaker or artist: of a known one as above, of others as `listed` in their manifest."""
+    return next((split for split, names in _SPLITS.items() if voice in names), listed)
 
 
 def decoded(path: Path) -> Int16[np.ndarray, " s"]:
@@ -94,16 +142,16 @@ def _listed(manifest: Path) -> Iterator[RecordedFile]:
         for number, row in enumerate(csv.DictReader(file), 2):
             path, kind, voice, title, style, split = (row.get(name) or "" for name in _COLUMNS)
             style = style.split(" [")[0]  # without notes on the excerpt
-            if kind not in ("speech", "music") or split not in ("train", "test"):
+            if kind not in ("speech", "music") or split not in ("train", "dev", "test"):
                 raise AudioError(
                     f"{manifest}, line {number}: kind is {kind!r} and split {split!r}; write speech or music, and "
-                    "train or test"
+                    "train, dev or test"
                 )
             inside = manifest.parent / path
             if not inside.is_file() or not inside.resolve().is_relative_to(manifest.parent.resolve()):
                 raise AudioError(f"{manifest}, line {number}: {path!r} is no file of this folder; mend the line")
             seconds = float(row.get("seconds") or 0)
-            yield RecordedFile(inside, kind, voice, title, style, split, seconds)  # type: ignore[arg-type]
+            yield RecordedFile(inside, kind, voice, title, style, split_of(voice, split), seconds)  # type: ignore[arg-type]
 
 
 def _found(folder: Path) -> Iterator[RecordedFile]:
