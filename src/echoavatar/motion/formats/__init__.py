@@ -1,6 +1,6 @@
 """Motion and rigs as files: BVH, tables (CSV, NPZ), and the rig of a character in a GLB or VRM.
 
-May import `motion.kinematics` and below.
+May import `motion.kinematics`, `motion.arkit` and below.
 """
 
 from .bvh import read_bvh, write_bvh
