@@ -66,7 +66,8 @@ def found(held_by: str) -> list[Any]:
     if first == "AudioMotionConfig":
         return [AudioMotionConfig.model_fields[rest[0]].default]
     if first in ("reward-alignment", "reward-quality"):
-        return [getattr(reward_settings(first), rest[0])]
+        given = align_rewards.chosen(reward_settings(first), rest[0])
+        return [given[rest[0]] if rest[0] in given else AudioMotionConfig.model_fields[rest[0]].default]
     if first.startswith("align-"):
         return [getattr(recipe("paper", name.removeprefix("align-")), rest[-1]) for name in (first, *rest[:-1])]  # type: ignore[arg-type]
     values = []
@@ -83,9 +84,7 @@ def reward_settings(kind: str) -> argparse.Namespace:
     """The options of a reward's command under `--paper`."""
     parser = argparse.ArgumentParser()
     align_rewards.add_arguments(parser.add_subparsers(dest="kind"))
-    args = parser.parse_args([kind, "TOKENS", "-o", "OUT", "--paper"])
-    align_rewards.take_paper(args)
-    return args
+    return parser.parse_args([kind, "TOKENS", "-o", "OUT", "--paper"])
 
 
 @pytest.mark.parametrize("row", [row for row in rows() if row["held by"]], ids=lambda row: row["what"])

@@ -37,6 +37,14 @@ def export_to(address: str) -> Tracer:
     return tracer
 
 
+_EPOCH_NS = time.time_ns() - time.monotonic_ns()
+
+
+def now_ns() -> int:
+    """Nanoseconds since 1970 by a clock that is never set back, or a span could end before it begins."""
+    return _EPOCH_NS + time.monotonic_ns()
+
+
 class Tracing:
     """Notes when the stages of a step end, thread by thread."""
 
@@ -52,10 +60,10 @@ class Tracing:
     def _begin(self, pipeline: Any) -> None:
         if pipeline is not self._pipeline:  # the first, or loaded again
             self._pipeline, pipeline.on_stage = pipeline, self._end_stage
-        self._here.times = [("queue", time.time_ns())]
+        self._here.times = [("queue", now_ns())]
 
     def _end_stage(self, stage: str) -> None:
-        self._here.times.append((stage, time.time_ns()))
+        self._here.times.append((stage, now_ns()))
 
 
 class SessionTrace:
@@ -68,11 +76,11 @@ class SessionTrace:
 
     def heard(self, samples: int, rate: int) -> None:
         """Sound came."""
-        self._waiting.append((samples / rate, time.time_ns()))
+        self._waiting.append((samples / rate, now_ns()))
 
     def scheduled(self, at: int, samples: int) -> None:
         """The chunk at a clock is on its way, with the sound that waited longest."""
-        now, seconds = time.time_ns(), samples / SAMPLE_RATE_HZ
+        now, seconds = now_ns(), samples / SAMPLE_RATE_HZ
         began = self._waiting[0][1] if self._waiting else now
         while seconds > 0 and self._waiting:
             there, came = self._waiting.popleft()
@@ -86,14 +94,14 @@ class SessionTrace:
     def made(self, at: int) -> None:
         """The chunk at a clock is made, by this thread."""
         if (times := self._open.get(at)) is not None:
-            times[2:] = [*self._tracing.step(), ("step", time.time_ns())]
+            times[2:] = [*self._tracing.step(), ("step", now_ns())]
 
     def shown(self, at: int) -> None:
         """The pose of a chunk goes to the clients: write its spans."""
         times = self._open.pop(at, None)
         if times is None or len(times) < 4:
             return
-        end, tracer = time.time_ns(), self._tracing.tracer
+        end, tracer = now_ns(), self._tracing.tracer
         (_, began), (_, scheduled), (_, stepped), *stages, (_, made) = times
         chunk = tracer.start_span("chunk", start_time=began, attributes={"session": self._session, "at": at})
         inside = trace.set_span_in_context(chunk)

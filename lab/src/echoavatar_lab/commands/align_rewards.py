@@ -128,7 +128,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+def chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     """What was given of some settings; where it was not, the paper's with --paper."""
     paper = PAPER[args.kind] if args.paper else {}
     return {name: paper[name] for name in names if name in paper} | given_fields(args, names)
@@ -173,8 +173,8 @@ def _quality(
     model = train(
         QualityTask(
             CorruptedWindows(bundle.tokenizer, list(taught.values()), seed=args.seed),
-            QualityConfig.model_validate(_chosen(args, *QUALITY_SIZES, *QUALITY_FORM) | {"features": channels}),
-            QualityTraining.model_validate(_chosen(args, "steps", *RUN)),
+            QualityConfig.model_validate(chosen(args, *QUALITY_SIZES, *QUALITY_FORM) | {"features": channels}),
+            QualityTraining.model_validate(chosen(args, "steps", *RUN)),
             scores=scores,
             card=_card(args),
         ),
@@ -205,7 +205,7 @@ def _alignment(
     layout = bundle.generator.config.layout
     asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else asked
     encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
-    reads_features = _chosen(args, "motion").get("motion") == "features"
+    reads_features = chosen(args, "motion").get("motion") == "features"
     model = _listener(args, bundle, encoder, reads_features=reads_features)
 
     def pairs(clips: Clips) -> AudioMotionWindows:
@@ -214,7 +214,7 @@ def _alignment(
         return AudioMotionWindows(clips, waves=waves, features=features)
 
     rate = {"learning_rate": args.rate} if args.rate else {}
-    training = AudioRewardTraining.model_validate(_chosen(args, "steps", "batch", "learning_rate", *RUN) | rate)
+    training = AudioRewardTraining.model_validate(chosen(args, "steps", "batch", "learning_rate", *RUN) | rate)
     model = train(
         AudioRewardTask(model, pairs(taught), training, card=_card(args)), args.output, progress=progress
     ).model
@@ -271,7 +271,7 @@ def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(args.seed)
         motion_book = bundle.tokenizer.codebooks().detach()
-        sizes = _chosen(args, *ALIGNMENT_SIZES)
+        sizes = chosen(args, *ALIGNMENT_SIZES)
         read = bundle.tokenizer.statistics if reads_features else None
         if encoder == "codes":
             return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, statistics=read, **sizes)
