@@ -103,6 +103,7 @@ class SessionTrace:
             return
         end, tracer = now_ns(), self._tracing.tracer
         (_, began), (_, scheduled), (_, stepped), *stages, (_, made) = times
+        scheduled = min(scheduled, stepped)  # a worker may begin before this is noted
         chunk = tracer.start_span("chunk", start_time=began, attributes={"session": self._session, "at": at})
         inside = trace.set_span_in_context(chunk)
         for name, start, stop in (
