@@ -7,8 +7,8 @@ import pytest
 from lab.tests.corpora.capture.people import swaying
 
 from echoavatar.errors import MotionError
-from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary, read_folder
-from echoavatar_lab.corpora.capture.units import ACCENT, Row, cut_out, gesture_units, unit_rows
+from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary, gesture_units, read_folder
+from echoavatar_lab.corpora.capture.units import ACCENT, Row, cut_out, unit_rows
 from echoavatar_lab.corpora.controls import Controls, minimum_jerk, neutral
 
 HEAD = "file,start_s,end_s,height,concept,tempo\n"

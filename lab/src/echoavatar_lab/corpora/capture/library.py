@@ -10,6 +10,7 @@ import json
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ from .animated import SUFFIXES, read_animated
 from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
 from .footing import stepping
-from .units import cut_out, unit_rows
+from .units import GestureUnit, cut_out, gesture_unit, unit_rows
 
 VERSION = 4  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
@@ -316,3 +317,9 @@ def _with_finger_drift(controls: Controls) -> Controls:
     rng = np.random.default_rng(zlib.crc32(controls.wrist.tobytes()))
     drift = wander(len(controls), 14, period=2.0, rng=rng).reshape(-1, 2, 7) * _FINGER_DRIFT
     return replace(controls, fingers=controls.fingers + drift)
+
+
+@lru_cache(maxsize=2)
+def gesture_units(library: CapturedLibrary) -> tuple[GestureUnit, ...]:
+    """The gesture units of a library."""
+    return tuple(gesture_unit(clip.controls, clip.group) for clip in library.of("unit"))

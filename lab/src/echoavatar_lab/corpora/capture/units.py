@@ -7,9 +7,7 @@ people's. Units whose concept has no place in speech are left out.
 
 import csv
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -18,9 +16,6 @@ from echoavatar.errors import MotionError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import Array, Controls
-
-if TYPE_CHECKING:
-    from .library import CapturedLibrary
 
 TABLE = "gesture_units.csv"
 ACCENT = "accent"
@@ -94,13 +89,8 @@ def cut_out(controls: Controls, row: Row) -> Controls:
     return Controls.unpacked(np.stack([np.interp(at, np.arange(len(part)), curve) for curve in table.T], 1))
 
 
-@lru_cache(maxsize=2)
-def gesture_units(library: "CapturedLibrary") -> tuple[GestureUnit, ...]:
-    """The units of a library."""
-    return tuple(_unit(clip.controls, clip.group) for clip in library.of("unit"))
-
-
-def _unit(controls: Controls, meaning: str) -> GestureUnit:
+def gesture_unit(controls: Controls, meaning: str) -> GestureUnit:
+    """A clip of a unit, from where its hands wake up; the hand that moves more comes first."""
     swing = controls.elbow_swing[..., None]
     hands = np.concatenate([controls.wrist, controls.palm, swing, controls.fingers], axis=-1)
     speed = np.linalg.norm(np.diff(hands[..., :3], axis=0), axis=-1)

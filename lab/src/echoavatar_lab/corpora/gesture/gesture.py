@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.capture.library import CapturedLibrary
-from echoavatar_lab.corpora.capture.units import ACCENT, GestureUnit, gesture_units
+from echoavatar_lab.corpora.capture.library import CapturedLibrary, gesture_units
+from echoavatar_lab.corpora.capture.units import ACCENT, GestureUnit
 
 from ..controls import Array, Controls, blended, critically_damped, smoothed, wander
 from ..sound import SoundTrack
