@@ -64,8 +64,8 @@ integration-test: .venv-integrations/ready
 
 .venv-test/ready: pyproject.toml constraints.txt $(DISTRIBUTIONS:%=%/pyproject.toml)
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,usd,dev]' './lab[train,pretrained]' \
-	    $(DISTRIBUTIONS:%=-e ./%)
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,usd,dev]' -e './lab[train,pretrained]' \
+	    -e ./studio -e ./tools/character
 	touch $@
 
 # The lowest versions that the pyproject.toml files allow: the avatar alone, then with the lab, which asks for more.

@@ -33,22 +33,22 @@ _EXACT = 1e-3  # a weight this close to an integer, in steps, is always rounded 
 _DRAWS = {Tensor.normal_, Tensor.uniform_, nn.init.normal_, nn.init.uniform_, nn.init.kaiming_uniform_}
 
 
-def read_config(folder: Path, kind: type[ConfigT]) -> ConfigT:
-    """Read and check `config.json`.
+def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") -> ConfigT:
+    """Read and check the settings of a folder.
 
     Raises:
         CheckpointError: the folder or file is missing, or a field does not fit.
     """
-    path = folder / "config.json"
+    path = folder / name
     try:
         check_file(path, CONFIG_BYTES, CheckpointError)
         return kind.model_validate_json(path.read_bytes())
     except FileNotFoundError as error:
-        raise CheckpointError(f"{folder} is not a checkpoint: config.json is missing") from error
+        raise CheckpointError(f"{folder} is not a checkpoint: {name} is missing") from error
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "the whole file"
-        raise CheckpointError(f"{path}: {field}: {first['msg']}") from error
+        raise CheckpointError(f"{path}: {field}: {first['msg']}; copy or download it again") from error
 
 
 def read_card(folder: Path) -> dict[str, object]:

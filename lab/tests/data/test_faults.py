@@ -31,6 +31,18 @@ def test_depth_is_the_way_to_the_skin() -> None:
     assert penetration_depth_m(HUMANOID, pose, thick)[0, 0] == pytest.approx(deep[0, 0].item() + 0.01, abs=1e-5)
 
 
+def test_the_body_turns_with_its_bone() -> None:
+    """An ellipsoid of three different radii on the turned hips: the depth is that before the turn."""
+    part = RoundedPart(bone="hips", centre=(0.0, 0.2, 0.3), radii=(0.05, 0.1, 0.2))
+    profile = BodyProfile(parts=(part,), palm=0.0, finger=0.0)
+    pose = left_wrist_at(torch.tensor([[0.0, 0.24, 0.3]]))
+    turned = pose.clone()
+    turned[:, 0] = matrix_from_axis_angle(torch.tensor([0.3, 1.0, -0.4])) @ pose[:, 0]
+    deep = penetration_depth_m(HUMANOID, pose, profile)
+    assert deep[0, 0] > 0.01
+    torch.testing.assert_close(penetration_depth_m(HUMANOID, turned, profile), deep, atol=1e-5, rtol=0)
+
+
 def test_a_hand_beside_the_ball_is_outside() -> None:
     pose = left_wrist_at(torch.tensor([[0.25, 0.2, 0.3]]))
     assert penetration_depth_m(HUMANOID, pose, ball(0.02)).max() == 0

@@ -8,7 +8,10 @@ from tests.models.runs import check_pieces, check_resume, losses
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.models.fingers import FingerModel
-from echoavatar.models.fingers.clips import finger_clip
+from echoavatar.models.fingers.clips import body_features, finger_clip
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
+from echoavatar_lab.data.clip import mirror_positions, mirror_rotations
 from echoavatar_lab.models.fingers import (
     FingerSampler,
     FingerTask,
@@ -16,6 +19,7 @@ from echoavatar_lab.models.fingers import (
     count_learned_hands,
     denoising_loss,
     draw_noise,
+    mirror_body,
 )
 from echoavatar_lab.training import Loop, train
 
@@ -24,6 +28,13 @@ def test_the_rate_ends_at_its_final_share() -> None:
     training = FingerTraining(steps=100, warmup=0)
     assert training.rate_at(100) == pytest.approx(0.03 * training.learning_rate)
     assert training.rate_at(0) == pytest.approx(training.learning_rate)
+
+
+def test_the_mirrored_features_are_those_of_the_mirrored_body() -> None:
+    turns = matrix_from_axis_angle(0.5 * torch.randn(20, HUMANOID.joints, 3).cumsum(0) / 20)
+    root = 0.02 * torch.randn(20, 3).cumsum(0) + HUMANOID.offsets[0]
+    mirrored = body_features(mirror_rotations(HUMANOID, turns), mirror_positions(root))
+    torch.testing.assert_close(mirror_body(body_features(turns, root)), mirrored, atol=1e-5, rtol=1e-4)
 
 
 def sampler(model: FingerModel, shares: tuple[float, float] = (0.5, 0.5)) -> FingerSampler:

@@ -2,8 +2,8 @@ import pytest
 import torch
 from lab.tests.fakes import FakeExperiment, FakeExtractor
 
-from echoavatar.models.tokenizer import as_one_part
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar_lab.models.tokenizer.train import as_one_part
 from echoavatar_lab.tables.experiment import motion_of
 from echoavatar_lab.tables.scores import generation_scores, reconstruction_scores
 

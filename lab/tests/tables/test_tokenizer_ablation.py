@@ -2,9 +2,9 @@ import pytest
 import torch
 from lab.tests.fakes import FakeExperiment, counted
 
-from echoavatar.models.tokenizer import as_one_part
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.models.tokenizer.losses import MotionLoss
+from echoavatar_lab.models.tokenizer.train import as_one_part
 from echoavatar_lab.tables import scores, tokenizer_ablation
 from echoavatar_lab.tables.tokenizer_ablation import NO_AUXILIARY, VARIANTS
 

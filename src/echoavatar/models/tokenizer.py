@@ -209,12 +209,6 @@ def body_config(skeleton: Skeleton, template: MotionTokenizerConfig) -> BodyToke
     )
 
 
-def as_one_part(skeleton: Skeleton) -> Skeleton:
-    """The same rig as one part, with which the paper compares its body parts. Features change their order."""
-    joints = {"body": tuple(sorted(skeleton.feature_joints))}
-    return Skeleton(skeleton.config.model_copy(update={"parts": joints}))
-
-
 @dataclass
 class BodyState(StreamState):
     """Encoder or decoder streams of all parts."""

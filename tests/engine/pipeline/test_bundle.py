@@ -16,11 +16,12 @@ from echoavatar.engine.pipeline.action_making import action_from_motion
 from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES, with_random_generator
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer, as_one_part, body_config
+from echoavatar.models.tokenizer import BodyTokenizer, body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import to_features
 from echoavatar.motion.stages.post import SWITCHES
 from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
+from echoavatar_lab.models.tokenizer.train import as_one_part
 
 
 def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:

@@ -11,7 +11,7 @@ from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig, as_one_part
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import Skeleton, part_sizes
 from echoavatar_lab.data import Corpus
@@ -22,7 +22,13 @@ from echoavatar_lab.models.generator.windows import TokenClip, leveled_of, patie
 from echoavatar_lab.models.published import read_encodec
 from echoavatar_lab.models.tokenize import TokenSettings, tokenize_corpus
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining
-from echoavatar_lab.models.tokenizer.train import TokenizerTask, TokenizerTraining, bundle_training, continued
+from echoavatar_lab.models.tokenizer.train import (
+    TokenizerTask,
+    TokenizerTraining,
+    as_one_part,
+    bundle_training,
+    continued,
+)
 from echoavatar_lab.training import train
 
 from .config_options import add_minutes

@@ -13,6 +13,9 @@ from echoavatar.motion.kinematics import Skeleton, forward_kinematics
 from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.rigs import bone_map
 
+_DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
+FINGER_JOINTS = [f"{digit}{part}" for digit in _DIGITS for part in ("Proximal", "Intermediate", "Distal")]
+
 
 def skate(
     positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
@@ -51,11 +54,13 @@ def penetration_depth_m(
     world, places = pose.rotations.numpy(), pose.positions.numpy()
     depths = []
     for side in ("left", "right"):
-        hand = hand_points(skeleton, bones, side, is_full=True)
+        hand = hand_points(skeleton, bones, side, FINGER_JOINTS)
         joints, offsets = ([point.joint for point in hand], np.array([point.offset for point in hand], np.float32))
         points = np.einsum("tpij,pj->tpi", world[:, joints], offsets) + places[:, joints]
         thick = np.array([profile.palm if point.is_palm else profile.finger for point in hand], np.float32)
-        seen = body.to_unit(world[:, body.joints], places[:, body.joints], points)
+        away = points[:, None] - places[:, body.joints, None]
+        seen = np.einsum("teij,tepi->tepj", world[:, body.joints], away) - body.centres[:, None]
+        seen = seen / body.radii[:, None]  # in each part's own axes, in which the part is the unit ball
         far = np.sqrt((seen**2).sum(-1))
         steep = np.sqrt(((seen / body.radii[:, None]) ** 2).sum(-1))
         below = far * (1 - far) / np.maximum(steep, 1e-6) + thick

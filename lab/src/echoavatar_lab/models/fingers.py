@@ -15,9 +15,18 @@ from pydantic import Field
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.models.fingers.clips import FingerClip, HandBasis, mirror_body
+from echoavatar.models.fingers.clips import HAND_FEATURES, MIRROR_6D, FingerClip, HandBasis
 from echoavatar.models.fingers.model import FingerConfig, FingerModel
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
+
+
+def mirror_body(features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
+    """Features of the mirrored clip; exact, because only signs and order change."""
+    hands, hips = torch.split(features, [2 * HAND_FEATURES, 3], -1)
+    flip = features.new_tensor([-1.0, 1, 1])
+    swapped = hands.reshape(*hands.shape[:-1], 2, HAND_FEATURES).flip(-2)
+    hands = (swapped * torch.cat([flip, flip, features.new_tensor(MIRROR_6D), flip])).flatten(-2)
+    return torch.cat([hands, hips * features.new_tensor([1.0, -1, 1])], -1)
 
 
 class FingerTraining(TrainingConfig):

@@ -24,10 +24,10 @@ from echoavatar.motion.kinematics.rotations import (
     quaternion_from_axis_angle,
     quaternion_multiply,
 )
-from echoavatar.nn.mel import log_mel
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.metrics.positions import heading, turn_about_up
+from echoavatar_lab.models.audio.mel import log_mel
 
 Kind = Literal["mean", "random", "nearest"]
 BASELINES: dict[str, Kind] = {"Mean pose": "mean", "Random clip": "random", "Nearest sound": "nearest"}

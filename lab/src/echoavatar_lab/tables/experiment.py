@@ -16,7 +16,7 @@ import numpy as np
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, as_one_part, body_config
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
@@ -26,6 +26,7 @@ from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.models.tokenizer.train import as_one_part
 from echoavatar_lab.training import Progress, train
 
 from .generate import Sounds, foreign_motion, live_motion

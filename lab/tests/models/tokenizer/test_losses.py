@@ -5,7 +5,6 @@ import pytest
 import torch
 from tests.models.motion_tokens import dance
 
-from echoavatar.models.tokenizer import as_one_part
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics, from_features
 from echoavatar_lab.models.tokenizer.losses import (
     LossWeights,
@@ -16,7 +15,7 @@ from echoavatar_lab.models.tokenizer.losses import (
     travel_columns,
     wrist_of,
 )
-from echoavatar_lab.models.tokenizer.train import clip_features
+from echoavatar_lab.models.tokenizer.train import as_one_part, clip_features
 
 
 def test_planes_give_the_positions_of_forward_kinematics():

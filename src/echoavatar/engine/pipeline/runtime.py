@@ -8,11 +8,11 @@ second. `bare` leaves out those too. Scores are always taken at the 30 that are 
 
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
+from echoavatar.checkpoint import read_config
 from echoavatar.config import Config
-from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.limits import CONFIG_BYTES, check_file
+from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.stages.post import SWITCHES
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.whole_file import write_whole
@@ -102,13 +102,6 @@ class Runtime(Config):
         Raises:
             CheckpointError: the file is damaged.
         """
-        path = folder / FILE
-        if not path.exists():
+        if not (folder / FILE).exists():
             return cls(level_control=is_leveled)
-        check_file(path, CONFIG_BYTES, CheckpointError)
-        try:
-            return cls.model_validate_json(path.read_bytes())
-        except ValidationError as error:
-            first = error.errors()[0]
-            field = ".".join(str(part) for part in first["loc"]) or "the whole file"
-            raise CheckpointError(f"{path}: {field}: {first['msg']}; import or copy the bundle again") from error
+        return read_config(folder, cls, FILE)

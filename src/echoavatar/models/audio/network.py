@@ -237,12 +237,6 @@ def advance(
     return out
 
 
-def open_run(network: CodecNetwork, rows: int, *, padding: str) -> "Run":
-    """A pass of fresh rows whose caller reads the output of each layer."""
-    state = init_network_state(network, rows)
-    return Run(iter(state.convolutions), state, state.seen == 0, state.seen == 0, padding)
-
-
 def shortest_start(encoder: CodecNetwork, padding: str) -> int:
     """Frames that the first chunk of a row must have at least."""
     if padding != "reflect":

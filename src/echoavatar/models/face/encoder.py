@@ -10,6 +10,7 @@ without added delay.
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -21,7 +22,6 @@ from torch import Tensor, nn
 
 from echoavatar.errors import DependencyError
 from echoavatar.nn import Mlp, StateT, StreamingModule, StreamState, write_rows
-from echoavatar.nn.mel import mel_matrix
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, exact_div
 
 from .config import HubertConfig, MelConfig
@@ -29,6 +29,20 @@ from .config import HubertConfig, MelConfig
 _FLOOR = 1e-4  # of mel magnitudes
 _WINDOW_HOPS = 4  # a window is so many hops long
 _NEAR = 8  # sessions at a time, so that windows and spectra stay in the cache
+
+
+@lru_cache(maxsize=16)
+def mel_matrix(fft: int, bands: int) -> Float[Tensor, "f m"]:
+    """Triangular filters, equal steps on the mel scale (2595 log10(1 + f / 700)) up to 12 kHz, each of sum 1."""
+    top = 2595 * torch.log10(torch.tensor(1 + SAMPLE_RATE_HZ / 2 / 700, dtype=torch.float64))
+    edges = 700 * (10 ** (torch.linspace(0, 1, bands + 2, dtype=torch.float64) * top / 2595) - 1)
+    bins = torch.linspace(0, SAMPLE_RATE_HZ / 2, fft // 2 + 1, dtype=torch.float64)[:, None]
+    low, middle, high = edges[:-2], edges[1:-1], edges[2:]
+    width = SAMPLE_RATE_HZ / fft  # narrow filters are widened to one bin, so that none is empty
+    rise = (bins - low + width) / (middle - low + width)
+    fall = (high + width - bins) / (high - middle + width)
+    filters = torch.minimum(rise, fall).clamp_min(0)
+    return (filters / filters.sum(0)).float()
 
 
 class AudioEncoder(StreamingModule[StateT]):
@@ -160,11 +174,6 @@ class HubertEncoder(AudioEncoder[SoundState]):
         super().__init__()
         self.config = config
         self.hubert = _transformers().HubertModel(_their_config(config))
-
-    def freeze(self) -> None:
-        """Keep the weights as they are: training then neither changes nor masks nor drops anything."""
-        self.requires_grad_(False)
-        self.hubert.eval()
 
     def train(self, mode: bool = True) -> Self:
         """A frozen network stays in evaluation mode."""

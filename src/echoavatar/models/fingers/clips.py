@@ -74,8 +74,8 @@ class HandBasis(NamedTuple):
 
 _WRISTS = HUMANOID.indices(("leftHand", "rightHand"))
 _ELBOWS = HUMANOID.indices(("leftLowerArm", "rightLowerArm"))
-_HAND = 3 + 3 + 6 + 3
-BODY_SIZE = 2 * _HAND + 3
+HAND_FEATURES = 3 + 3 + 6 + 3
+BODY_SIZE = 2 * HAND_FEATURES + 3
 
 
 def body_features(rotations: Float[Tensor, "t 52 3 3"], root: Float[Tensor, "t 3"]) -> Float[Tensor, "t c"]:
@@ -90,15 +90,6 @@ def body_features(rotations: Float[Tensor, "t 52 3 3"], root: Float[Tensor, "t 3
     hands = torch.cat([wrists, _velocity(wrists), palms, F.normalize(wrists - elbows, dim=-1)], -1)
     travel = (back @ _velocity(root)[..., None]).squeeze(-1)
     return torch.cat([hands.flatten(1), travel[:, [2, 0]], root[:, 1:2]], -1)
-
-
-def mirror_body(features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-    """Features of the mirrored clip; exact, because only signs and order change."""
-    hands, hips = torch.split(features, [2 * _HAND, 3], -1)
-    flip = features.new_tensor([-1.0, 1, 1])
-    swapped = hands.reshape(*hands.shape[:-1], 2, _HAND).flip(-2)
-    hands = (swapped * torch.cat([flip, flip, features.new_tensor(MIRROR_6D), flip])).flatten(-2)
-    return torch.cat([hands, hips * features.new_tensor([1.0, -1, 1])], -1)
 
 
 def _heading(hips: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3 3"]:

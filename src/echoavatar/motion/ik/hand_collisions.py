@@ -18,6 +18,7 @@ that a hand cannot be near. A frame in which no hand must move keeps its rotatio
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,11 +47,8 @@ from ..kinematics.rigs import bone_map
 from .limbs import Array, ChainPose, Chains, reach
 from .profile import BodyProfile, RoundedPart, body_of_rig
 
-LEAN = ("", "ThumbProximal", "IndexProximal", "LittleProximal", "IndexIntermediate", "LittleIntermediate")
-LEAN_TIPS = ("ThumbDistal", "IndexDistal", "MiddleDistal", "RingDistal", "LittleDistal")
-_DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
-FULL = ("", *(f"{digit}{part}" for digit in _DIGITS for part in ("Proximal", "Intermediate", "Distal")))
-FULL_TIPS = tuple(f"{digit}Distal" for digit in _DIGITS)
+KNUCKLES = ("ThumbProximal", "IndexProximal", "LittleProximal", "IndexIntermediate", "LittleIntermediate")
+TIPS = ("ThumbDistal", "IndexDistal", "MiddleDistal", "RingDistal", "LittleDistal")
 PALM_PLACE = 0.5  # of the way from wrist to knuckles
 FINGERLESS = (0.35, 0.70)  # palm and fingertips of a rig without fingers, in forearm lengths beyond the wrist
 
@@ -63,21 +61,22 @@ class HandPoint(NamedTuple):
     is_palm: bool
 
 
-def hand_points(skeleton: Skeleton, bones: dict[str, int], side: str, *, is_full: bool = False) -> list[HandPoint]:
-    """Points of one hand; the second is the middle of the palm. A rig without fingers gets points along the hand."""
+def hand_points(
+    skeleton: Skeleton, bones: dict[str, int], side: str, joints: Sequence[str] = KNUCKLES
+) -> list[HandPoint]:
+    """Points of one hand: wrist, middle of the palm, these joints of fingers, tips; without fingers along the hand."""
     rest = skeleton.rest_positions.numpy()
     wrist = bones[f"{side}Hand"]
     forearm = rest[wrist] - rest[bones[f"{side}LowerArm"]]
-    joints, tips = (FULL, FULL_TIPS) if is_full else (LEAN, LEAN_TIPS)
     knuckle = next((bones[name] for d in ("Middle", "Index") if (name := f"{side}{d}Proximal") in bones), None)
     along = FINGERLESS[0] * forearm if knuckle is None else PALM_PLACE * (rest[knuckle] - rest[wrist])
     points = [HandPoint(wrist, np.zeros(3), True), HandPoint(wrist, along, True)]
     if knuckle is None:
         points.append(HandPoint(wrist, FINGERLESS[1] * forearm, False))
-    for name in joints[1:]:
+    for name in joints:
         if (joint := bones.get(f"{side}{name}")) is not None:
             points.append(HandPoint(joint, np.zeros(3), name in ("IndexProximal", "LittleProximal")))
-    for name in tips:
+    for name in TIPS:
         if (joint := bones.get(f"{side}{name}")) is not None:
             tip = skeleton.config.tips.get(skeleton.names[joint])
             end = 0.8 * (rest[joint] - rest[skeleton.parents[joint]]) if tip is None else np.array(tip)
@@ -94,18 +93,6 @@ class Body:
         self.joints = [bones[part.bone] for part in self.parts]
         self.centres = np.array([part.centre for part in self.parts], np.float32)  # (e, 3), in the bone's frame
         self.radii = np.array([part.radii for part in self.parts], np.float32)
-
-    def to_unit(
-        self, rotations: Float[Array, "t e 3 3"], places: Float[Array, "t e 3"], points: Float[Array, "t p 3"]
-    ) -> Float[Array, "t e p 3"]:
-        """Points in each part's own axes, in which the part is the unit ball.
-
-        `rotations` and `places` are those of the parts' bones.
-        """
-        away = points[:, None] - places[:, :, None]
-        local = np.einsum("teij,tepi->tepj", rotations, away) - self.centres[:, None]
-        unit: Array = local / self.radii[:, None]
-        return unit
 
 
 SHELL = 0.035  # metres before contact at which a hand begins to move

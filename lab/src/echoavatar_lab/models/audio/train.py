@@ -22,13 +22,13 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.models.audio.codec import AudioCodec
-from echoavatar.models.audio.network import CODE_LAYERS, CodecConfig, Convolution, open_run
-from echoavatar.nn.mel import log_mel, mel_spectrum
+from echoavatar.models.audio.network import CODE_LAYERS, CodecConfig, Convolution, Run, init_network_state
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, exact_div
 from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, adamw
 
 from ..quantize import LearningQuantizer, Share
 from ..tokenizer.measure import code_usage
+from .mel import log_mel, mel_spectrum
 from .recordings import AudioPool
 
 FloatArray = Float[np.ndarray, " s"]
@@ -308,7 +308,8 @@ def balance(codec: AudioCodec, *, seed: int) -> None:
     noise = torch.Generator().manual_seed(seed)
     x = 0.07 * torch.randn(2, 48 * SAMPLES_PER_AUDIO_TOKEN, 1, generator=noise)
     for network, loudness in ((codec.encoder, 1.0), (codec.decoder, 0.07)):
-        run = open_run(network, len(x), padding=codec.config.padding)
+        state = init_network_state(network, len(x))
+        run = Run(iter(state.convolutions), state, state.seen == 0, state.seen == 0, codec.config.padding)
         for layer in network.layers:
             x = run.layer(layer, x)
             if isinstance(layer, Convolution):

@@ -306,7 +306,7 @@ class FaceTask(TrainingTask[FaceLesson]):
             self.reader = FaceReader(config.encoder.outputs, config.channels)
         if encoder is not None:
             checkpoint.load_into(self.model.encoder, encoder.state_dict(), origin="the pretrained encoder")
-            self.model.encoder.freeze()  # type: ignore[operator]
+            self.model.encoder.requires_grad_(False).eval()  # training neither changes nor masks nor drops anything
         super().__init__(training, {"model": self.model, "reader": self.reader})
         self.has_idle = training.listen > 0
         chosen = [levelled(clip) for clip in clips if clip.split == "train"]

@@ -37,6 +37,12 @@ from .losses import LossWeights, MotionLoss, total
 from .measure import measure
 
 
+def as_one_part(skeleton: Skeleton) -> Skeleton:
+    """The same rig as one part, with which the paper compares its body parts. Features change their order."""
+    joints = {"body": tuple(sorted(skeleton.feature_joints))}
+    return Skeleton(skeleton.config.model_copy(update={"parts": joints}))
+
+
 class TokenizerTraining(TrainingConfig):
     """Batch, schedule and losses (paper, appendix Motion Tokenizer Training Details)."""
 

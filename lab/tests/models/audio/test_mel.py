@@ -1,7 +1,8 @@
 import numpy as np
 import torch
 
-from echoavatar.nn.mel import log_mel, mel_matrix, mel_spectrum
+from echoavatar.models.face.encoder import mel_matrix
+from echoavatar_lab.models.audio.mel import log_mel, mel_spectrum
 
 
 def test_every_filter_is_used_and_sums_to_one():
