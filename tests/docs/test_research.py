@@ -63,7 +63,7 @@ NOT_RUN = {
 
 def small(line: str) -> str:
     """The same command at scale tiny, without GPU, Qwen's weights and pictures."""
-    line = re.sub(r"recipes/paper/(\w+\.yaml)", rf"{ROOT}/recipes/tiny/\1", line.partition(" #")[0])
+    line = re.sub(r"lab/recipes/paper/(\w+\.yaml)", rf"{ROOT}/lab/recipes/tiny/\1", line.partition(" #")[0])
     for of, by in (
         ("--scale paper", "--scale tiny"),
         ("--recipe paper", "--recipe tiny"),
