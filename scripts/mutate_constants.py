@@ -129,7 +129,7 @@ def mutated(constant: Constant, *, down: bool) -> tuple[str, str, str]:
     place = place.args[0] if is_angle else place  # type: ignore[attr-defined]
     was = ast.unparse(place)
     try:
-        value = eval(was, {"__builtins__": {}})
+        value = eval(was, {"__builtins__": {}})  # arithmetic such as 5 / 1024, from our own source
         became = repr(constant.changed(float(value) if is_angle else value, down=down))
     except NameError:  # an array
         became = f"{1 / FACTOR if down else FACTOR} * {was}"

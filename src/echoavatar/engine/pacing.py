@@ -26,7 +26,7 @@ class Playhead:
 
     @property
     def sample(self) -> int:
-        """The estimate."""
+        """The sample that the player is estimated to have reached."""
         return round(self._at)
 
     def advance(self, now: float, end: int) -> None:

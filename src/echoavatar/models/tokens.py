@@ -167,7 +167,7 @@ class Interleaved(SequenceOrder):
 
     @property
     def lookback(self) -> int:
-        """The band in ids: all ids of `window_chunks` chunks."""
+        """How many ids attention looks back over: all ids of `window_chunks` chunks."""
         return self.window_chunks * self.ids_per_chunk
 
 

@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """What was given of some settings; where it was not, the paper's with --paper."""
+    """The settings that the user gave; with --paper, the paper's values for the others."""
     paper = PAPER[args.kind] if args.paper else {}
     return {name: paper[name] for name in names if name in paper} | given_fields(args, names)
 
