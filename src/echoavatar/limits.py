@@ -10,6 +10,7 @@ from pathlib import Path
 from .errors import EchoAvatarError
 
 CONFIG_BYTES = 16 << 20  # one JSON file: a config, a card, a table
+JSON_VALUES = 1 << 20  # numbers, texts, lists and objects of one JSON text; a VRM avatar has some 100,000
 BVH_BYTES = 1 << 29
 GLB_BYTES = 1 << 29
 ARRAYS_BYTES = 1 << 30  # all arrays of one .npz, unpacked: an hour of motion and sound takes half

@@ -1,0 +1,74 @@
+"""Read JSON that comes from outside: the one reader of every door, so that a limit that holds at one holds at all.
+
+Python's own reader takes a lone surrogate, which nothing can write again; any depth that its stack can hold; NaN; and
+as many values as the bytes hold, at 80 bytes of memory each. This reader refuses all four. It is pydantic's, which
+refuses surrogates, NaN and more than 200 levels by itself. Uses `limits` and `errors` only.
+"""
+
+import codecs
+import math
+import re
+from typing import Any
+
+from pydantic_core import from_json
+
+from .errors import EchoAvatarError
+from .limits import CONFIG_BYTES, JSON_VALUES
+
+_MAY_BE_INFINITE = re.compile(rb"\d[eE]\+?0*[1-9]\d\d|\d{309}")  # the parser makes infinity of 1e999
+
+
+def read_json(
+    data: bytes | str, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
+) -> Any:
+    """The value that JSON text holds; a byte order mark is passed over.
+
+    Args:
+        data: the text, or its bytes in UTF-8.
+        name: what the text is, for the message: "the body", a path.
+        most: the number of bytes that are read at most.
+        error: the class to raise.
+
+    Raises:
+        EchoAvatarError: of the given class: the text is not JSON, too long, or holds too many values, too many levels,
+            a lone surrogate or a number that no float holds.
+    """
+    try:
+        raw = (data.encode() if isinstance(data, str) else data).removeprefix(codecs.BOM_UTF8)
+        if len(raw) > most:
+            raise error(f"{name} has {len(raw):,} bytes of JSON, and at most {most:,} are read")
+        if raw.count(b",") >= JSON_VALUES:
+            raise error(f"{name} holds more than {JSON_VALUES:,} values of JSON")
+        value = from_json(raw, allow_inf_nan=False)
+    except ValueError as reason:
+        raise error(f"{name} is not JSON: {reason}") from reason
+    if _MAY_BE_INFINITE.search(raw) and not _is_finite(value):
+        raise error(f"{name} is not JSON: it holds a number that no float holds")
+    return value
+
+
+def read_object(
+    data: bytes | str, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
+) -> dict[str, Any]:
+    """The JSON object in a text; see `read_json`.
+
+    Raises:
+        EchoAvatarError: of the given class: as `read_json`, or the value is not an object.
+    """
+    value = read_json(data, name, most=most, error=error)
+    if not isinstance(value, dict):
+        raise error(f"{name} is not a JSON object")
+    return value
+
+
+def _is_finite(value: object) -> bool:
+    if isinstance(value, dict):
+        return all(map(_is_finite, value.values()))
+    if isinstance(value, list):
+        return all(map(_is_finite, value))
+    if not isinstance(value, int | float):
+        return True
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer
+        return False
