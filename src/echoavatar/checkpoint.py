@@ -1,7 +1,7 @@
 """A checkpoint is a folder: `config.json`, `model.safetensors`, `card.json`. Loading is strict and says what is wrong.
 
 Nothing is ever unpickled, and no module is built that is larger than the weights stored for it. Uses `config`,
-`limits`, `whole_file` and `errors` only.
+`json_reader`, `limits`, `whole_file` and `errors` only.
 """
 
 import json
@@ -21,7 +21,8 @@ from torch.nn.modules.module import register_module_parameter_registration_hook
 from torch.overrides import TorchFunctionMode
 
 from .config import Config
-from .errors import CheckpointError
+from .errors import CheckpointError, EchoAvatarError
+from .json_reader import read_object
 from .limits import CONFIG_BYTES, check_file
 from .whole_file import whole_file, write_whole
 
@@ -58,12 +59,9 @@ def read_card(folder: Path) -> dict[str, object]:
         return {}
     check_file(path, CONFIG_BYTES, CheckpointError)
     try:
-        card = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise CheckpointError(f"{path} is not valid JSON: {error}; copy or download it again") from error
-    if not isinstance(card, dict):
-        raise CheckpointError(f"{path} is no table of names and values; copy or download it again")
-    return card
+        return read_object(path.read_bytes(), str(path))
+    except EchoAvatarError as error:
+        raise CheckpointError(f"{error}; copy or download it again") from error
 
 
 def read_weights(folder: Path) -> dict[str, Tensor]:

@@ -19,12 +19,12 @@ _MAY_BE_INFINITE = re.compile(rb"\d[eE]\+?0*[1-9]\d\d|\d{309}")  # the parser ma
 
 
 def read_json(
-    data: bytes | str, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
+    data: object, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
 ) -> Any:
     """The value that JSON text holds; a byte order mark is passed over.
 
     Args:
-        data: the text, or its bytes in UTF-8.
+        data: the text, or its bytes in UTF-8. Anything else is refused, since this too may come from outside.
         name: what the text is, for the message: "the body", a path.
         most: the number of bytes that are read at most.
         error: the class to raise.
@@ -33,6 +33,8 @@ def read_json(
         EchoAvatarError: of the given class: the text is not JSON, too long, or holds too many values, too many levels,
             a lone surrogate or a number that no float holds.
     """
+    if not isinstance(data, bytes | str):
+        raise error(f"{name} is not JSON: it is not text")
     try:
         raw = (data.encode() if isinstance(data, str) else data).removeprefix(codecs.BOM_UTF8)
         if len(raw) > most:
@@ -48,7 +50,7 @@ def read_json(
 
 
 def read_object(
-    data: bytes | str, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
+    data: object, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
 ) -> dict[str, Any]:
     """The JSON object in a text; see `read_json`.
 

@@ -142,9 +142,19 @@ def test_after_calls_alone_it_is_asked_for_words_and_not_for_ever() -> None:
     assert "tools" not in got[-1][2]
 
 
+def test_a_model_that_calls_with_text_that_is_no_text_is_told_so() -> None:
+    wrong = [("send_action", arguments) for arguments in ('{"action": "wave\\ud83d"}', "[" * 4500, '{"action": 1e999}')]
+    with endpoint(lambda path, content: (200, message(None, *wrong))) as (url, got):
+        assert talk(ChatModel(url, model="m")) == ("", [])
+    assert all("not JSON" in told["content"] for told in got[1][2]["messages"][-3:])
+
+
 @pytest.mark.parametrize(
     ("status", "told", "words"),
     [
+        (200, {"choices": [{"message": "words"}]}, "form of Chat Completions"),
+        (200, {"choices": [{"message": {"tool_calls": ["wave"]}}]}, "form of Chat Completions"),
+        (200, {"choices": [{"message": {"tool_calls": [{"function": "wave"}]}}]}, "form of Chat Completions"),
         (401, {"error": "key sk-1"}, "HTTP 401"),
         (200, {"choices": []}, "form of Chat Completions"),
         (200, [1], "a JSON object"),

@@ -186,6 +186,15 @@ def test_wrong_origins_are_refused(server: RunningServer) -> None:
         caller.until(Motion)
 
 
+def test_a_message_that_cannot_be_written_is_left_out_and_ends_no_connection(server: RunningServer) -> None:
+    with server.call(Hello()) as source, server.call(Hello(role="viewer", session=source.ready.session)) as viewer:
+        session = server.manager.find(source.ready.session)
+        assert session.core.act("wave\ud83d").status == "rejected"  # all clients are told the name
+        source.speak(1, np.full(24_000, 0.2, np.float32))
+        for client in (source, viewer):
+            client.until(Sound, lambda sound: sound.seg == 1)
+
+
 def test_viewers_watch_and_send_no_sound(server: RunningServer) -> None:
     with server.call(Hello()) as source:
         source.speak(1, np.full(48_000, 0.2, np.float32))

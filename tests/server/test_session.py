@@ -499,5 +499,22 @@ def test_a_track_is_followed_from_the_asking_to_its_end() -> None:
     assert watch.title == ""
 
 
+@pytest.mark.parametrize("failing", ["put", "forget_after"])
+def test_a_listener_that_cannot_be_told_anything_harms_no_other(failing: str) -> None:
+    room = Room()
+    broken, other = Told(), Told()
+    setattr(broken, failing, lambda _: 1 / 0)
+    room.session.listeners.insert(0, broken)
+    room.session.join(other, received=None)
+    room.speak(1, 2.0)
+    room.go(1.0)
+    room.session.interrupt(Interrupt())
+    room.go(1.0)
+    assert room.session.listeners == [room.box, other]
+    assert room.box.told == other.told
+    assert {type(message) for message in other.told} >= {Motion, Sound, State, Flush}
+    assert broken.error is not None
+
+
 def test_a_rejection_names_the_choices() -> None:
     assert answer("x", "fly", "rejected", 0, reason="no", choices=("wave",)).choices == ("wave",)

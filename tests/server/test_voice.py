@@ -60,8 +60,14 @@ def test_speaks(client):
 
 def test_invalid_requests_are_refused(client):
     assert client.post("/v1/voice", json={"text": "x"}, headers={"authorization": "Bearer no"}).status_code == 401
-    assert client.post("/v1/voice", data={"text": "x"}).status_code == 415
-    for body in (b"{", b"[]", b'{"text": 3}', b'{"text": "' + b"x" * 9000 + b'"}'):
+    assert client.post("/v1/voice", data={"text": "x"}).status_code == 400
+    for kind in ("text/plain; x=json", "application/x-www-form-urlencoded; application/json", ""):
+        answer = client.post("/v1/voice", content=b'{"text": "x"}', headers={"content-type": kind})
+        assert answer.status_code == 400, "a page of anyone can send this without asking"
+    answer = client.post("/v1/voice", json={"text": "x"}, headers={"origin": "https://evil.example"})
+    assert answer.status_code == 403
+    wrong = (b"{", b"[]", b'{"text": 3}', b'{"text": "' + b"x" * 9000 + b'"}', b'{"text": "\\ud800"}', b"[" * 4500)
+    for body in wrong:
         answer = client.post("/v1/voice", content=body, headers={"content-type": "application/json"})
         assert answer.status_code == 400, body[:20]
 

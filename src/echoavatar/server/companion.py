@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object
 
 Do = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 MAX_HISTORY_TURNS = 24  # turns, of both sides together
@@ -137,7 +138,7 @@ class ChatModel:
             if turn < MAX_TOOL_ROUNDS and doing.tools:
                 request["tools"] = list(doing.tools)
             answer = await self._message(request)
-            calls = answer.get("tool_calls") or []
+            calls = answer["tool_calls"]
             words = answer.get("content")
             text = words.strip() if isinstance(words, str) else ""
             if not calls or turn == MAX_TOOL_ROUNDS:
@@ -169,21 +170,21 @@ class ChatModel:
         body = json.dumps(request).encode()
         answer = await asyncio.to_thread(self._post, "/chat/completions", body, "application/json")
         try:
-            message: dict[str, Any] = answer["choices"][0]["message"]
-        except (KeyError, IndexError, TypeError) as error:
+            message: dict[str, Any] = dict(answer["choices"][0]["message"])
+            message["tool_calls"] = [
+                call | {"function": dict(call["function"])} for call in message.get("tool_calls") or ()
+            ]
+        except (LookupError, TypeError, ValueError) as error:
             raise EchoAvatarError(f"{self.name} did not answer in the form of Chat Completions") from error
         return message
 
     async def _call(self, call: dict[str, Any], doing: ToolAccess) -> dict[str, Any]:
-        function = call.get("function") or {}
+        function = call["function"]
         try:
-            arguments = json.loads(function.get("arguments") or "{}")
-        except (ValueError, TypeError):
-            arguments = None
-        if isinstance(arguments, dict):
+            arguments = read_object(function.get("arguments") or "{}", "the arguments")
             result = await doing.do(str(function.get("name")), arguments)
-        else:
-            result = {"status": "rejected", "reason": "the arguments are not a JSON object"}
+        except EchoAvatarError as error:
+            result = {"status": "rejected", "reason": str(error)}
         return {"role": "tool", "tool_call_id": call.get("id"), "content": json.dumps(result)}
 
     def _post(self, path: str, body: bytes, kind: str) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """One WebSocket connection: hello, then messages in both directions until one side closes it."""
 
+import logging
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
@@ -30,6 +31,7 @@ from .outbox import Outbox
 from .session import ServerSession, answer
 from .session_manager import SessionManager
 
+_LOG = logging.getLogger(__name__)
 STRIKES = 100  # errors that do not end the connection
 SEND_S = 20.0  # time to send one frame
 GOODBYES = (1000, 1001)  # close codes of clients that do not resume
@@ -95,6 +97,9 @@ class Connection:
             self._left = left.code
         except OSError:
             self._left = 1006
+        except Exception:  # a fault of ours ends this connection, in words, and no other
+            _LOG.exception("a connection failed")
+            self._error = self._error or ProtocolError("internal", "the server made a mistake; connect again")
         if scope is not None:
             scope.cancel()
 
@@ -179,8 +184,12 @@ class Connection:
         return message
 
     async def _write(self, message: ServerMessage) -> None:
+        try:
+            content = encode(message, self._encoding)
+        except (ValueError, TypeError):  # text that no message can carry: the rest still arrives
+            _LOG.exception("a message of type %s cannot be sent and is left out", type(message).__name__)
+            return
         self._manager.metrics.messages.labels("out", type(message).__struct_config__.tag).inc()
-        content = encode(message, self._encoding)
         if self._encoding == "json":
             await self._socket.send_text(content.decode())
         else:

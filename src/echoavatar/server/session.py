@@ -6,6 +6,7 @@ messages in order: new samples are taken, repeats dropped, gaps refused. All met
 do not block; the model runs elsewhere.
 """
 
+import logging
 import time
 from collections import deque
 from collections.abc import Callable
@@ -46,6 +47,7 @@ from .settings import ServerSettings
 if TYPE_CHECKING:
     from .tracing import SessionTrace
 
+_LOG = logging.getLogger(__name__)
 Samples = Float[np.ndarray, " s"]
 MOST_FLUSHES = 64  # that are kept for clients that resume
 KEPT_S = 8.0  # of sent motion and sound, kept for clients that join or resume
@@ -223,8 +225,18 @@ class ServerSession:
 
     def tell(self, message: ServerMessage) -> None:
         """Send to all clients."""
-        for outbox in self.listeners:
-            outbox.put(message)
+        self._tell_each(lambda outbox: outbox.put(message))
+
+    def _tell_each(self, put: Callable[[Outbox], None]) -> None:
+        """Call `put` for every client. A client to which nothing can be told is let go; the others notice nothing."""
+        for outbox in list(self.listeners):
+            try:
+                put(outbox)
+            except Exception:
+                _LOG.exception("a client of session %s cannot be told anything; it is let go", self.name)
+                self.listeners.remove(outbox)
+                outbox.error = ProtocolError("internal", "the server could not pass a message on; connect again")
+                outbox.close()
 
     # ---- messages of clients
 
@@ -397,8 +409,7 @@ class ServerSession:
         self.sent.append(Sent(motion, sound, packed))
         while self.sent[0].motion.at < self.end - KEPT_S * SAMPLE_RATE_HZ:
             self.sent.popleft()
-        for outbox in self.listeners:
-            self.sent[-1].put_into(outbox)
+        self._tell_each(self.sent[-1].put_into)
         for status in self._track.follow(delivery.start, has_music=delivery.music is not None):
             self.tell(status)
         self._tell_state(state, delivery.start)
@@ -409,9 +420,12 @@ class ServerSession:
         self._flushes.append(flush)
         self.end = min(self.end, flush.at)
         self.sent = deque(sent for sent in self.sent if sent.motion.at < flush.at)
-        for outbox in self.listeners:
+
+        def take_back(outbox: Outbox) -> None:
             outbox.forget_after(flush.at)
             outbox.put(flush)
+
+        self._tell_each(take_back)
 
     def _tell_state(self, state: AvatarState, at: int) -> None:
         """Send the avatar's state to all clients, if it changed."""

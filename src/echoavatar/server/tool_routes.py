@@ -1,7 +1,6 @@
 """Tools over HTTP, for agents without a connection of their own to a session: declarations and calls."""
 
 import itertools
-import json
 from collections.abc import Awaitable, Callable
 from typing import Any, cast, get_args
 
@@ -15,6 +14,7 @@ from starlette.routing import BaseRoute, Route
 from echoavatar.engine import ActStatus
 from echoavatar.engine.tools import Schema, Style
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin, has_token
 from echoavatar.wire.messages import Action, Music
@@ -148,13 +148,7 @@ async def read_json(request: Request, allowed: tuple[str, ...] = (), *, most: in
         EchoAvatarError: it is not a JSON object, too large or too late.
     """
     check_origin(request.headers, allowed)
-    if "json" not in request.headers.get("content-type", ""):  # a form on another page cannot say so
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind != "application/json":  # a form on another page cannot say so
         raise EchoAvatarError("send application/json")
-    body = await read_body(request, most)
-    try:
-        message = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise EchoAvatarError("the body is not JSON") from error
-    if not isinstance(message, dict):
-        raise EchoAvatarError("send a JSON object")
-    return message
+    return read_object(await read_body(request, most), "the body")

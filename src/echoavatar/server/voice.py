@@ -63,8 +63,6 @@ def voice_route(manager: SessionManager) -> Route:
             return {"voice": voice, "max_letters": MAX_LETTERS}
         if not voice:
             return JSONResponse({"error": "no voice here; install espeak-ng or flite"}, 404)
-        if "json" not in request.headers.get("content-type", ""):  # a form on another page cannot say so
-            return JSONResponse({"error": "send application/json"}, 415)
         text = (await read_json(request, manager.settings.origins, most=8 * MAX_LETTERS)).get("text")
         if not isinstance(text, str):
             raise EchoAvatarError('send {"text": "..."}')

@@ -17,6 +17,7 @@ from sqlalchemy import func, insert, select, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object
 from echoavatar.whole_file import whole_file
 
 from .audit import note
@@ -118,12 +119,12 @@ def _is_media(name: str) -> bool:
 def _restore_rows(store: Store, whole: zipfile.ZipFile, counts: dict[str, int], path: Path) -> None:
     tables = {table.name: table for table in Table.metadata.sorted_tables}
     with whole.open(_ROWS) as lines, store.write() as session:
-        if json.loads(lines.readline(_ROW_BYTES)).get("format") != _FORMAT:
+        if read_object(lines.readline(_ROW_BYTES), str(path)).get("format") != _FORMAT:
             raise EchoAvatarError(f"{path} was written by another version of the studio")
         while line := lines.readline(_ROW_BYTES):
-            if len(line) == _ROW_BYTES:
+            if len(line) >= _ROW_BYTES:
                 raise ValueError(f"a row of {_ROW_BYTES:,} bytes or more")
-            stored: dict[str, Any] = json.loads(line)
+            stored = read_object(line, str(path))
             _check_row(stored["table"], stored["row"])
             session.execute(insert(tables[stored["table"]]).values(**stored["row"]))
             counts[stored["table"]] = counts.get(stored["table"], 0) + 1

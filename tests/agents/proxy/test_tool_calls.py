@@ -27,7 +27,7 @@ class FakeSession:
         self.did.append((name, arguments))
         return {"status": "accepted"}
 
-    async def response(self, *names: str, words: bool = False, arguments: str = "{}", id: str = "r") -> None:
+    async def response(self, *names: str, words: bool = False, arguments: Any = "{}", id: str = "r") -> None:
         output = [{"type": "message"}] if words else []
         for k, name in enumerate(names):
             item = {"type": "function_call", "name": name, "call_id": f"{id}{k}", "arguments": arguments}
@@ -80,9 +80,10 @@ async def test_a_model_that_only_calls_is_not_asked_for_ever() -> None:
     assert session.kinds.count("response.create") == 3
 
 
-async def test_invalid_arguments_are_rejected() -> None:
+@pytest.mark.parametrize("arguments", ["[1", "[1]", '{"action": "\\ud800"}', "[" * 4500, 7])
+async def test_invalid_arguments_are_rejected(arguments: Any) -> None:
     session = FakeSession()
-    await session.response("send_action", words=True, arguments="[1")
+    await session.response("send_action", words=True, arguments=arguments)
     assert json.loads(session.sent[0]["item"]["output"])["status"] == "rejected"
     assert not session.did
 

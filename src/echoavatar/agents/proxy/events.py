@@ -12,6 +12,9 @@ from typing import Any
 
 import msgspec
 
+from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_json
+
 AUDIO_DELTA = ("response.output_audio.delta", "response.audio.delta")
 AUDIO_DONE = ("response.output_audio.done", "response.audio.done")
 SESSION = ("session.created", "session.updated")
@@ -111,8 +114,8 @@ def with_tools(message: str | bytes, add: Callable[[list[Any]], list[Any]]) -> s
     if not isinstance(message, str) or '"session.update"' not in message:
         return message
     try:
-        event = json.loads(message)
-    except (ValueError, RecursionError):
+        event = read_json(message, "the event")
+    except EchoAvatarError:
         return message
     own = tools_of(inside(event, "session"))
     if inside(event, "type") != "session.update" or own is None:

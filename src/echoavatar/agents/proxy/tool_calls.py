@@ -10,6 +10,9 @@ import json
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object
+
 from .events import Event, inside, tools_of
 
 TOOLS_WITH_ANSWERS = ("list_actions",)  # tools whose result the model must act on
@@ -90,13 +93,9 @@ class ToolCalls:
 
     async def _answer(self, call: str, name: str, arguments: Any) -> None:
         try:
-            given = json.loads(arguments) if arguments else {}
-        except (ValueError, TypeError, RecursionError):
-            given = None
-        if isinstance(given, dict):
-            answer = await self._do(name, given)
-        else:
-            answer = {"status": "rejected", "reason": "the arguments are not a JSON object"}
+            answer = await self._do(name, read_object(arguments or "{}", "the arguments"))
+        except EchoAvatarError as error:
+            answer = {"status": "rejected", "reason": str(error)}
         item = {"type": "function_call_output", "call_id": call, "output": json.dumps(answer)}
         await self._send({"type": "conversation.item.create", "item": item})
 

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.json_reader import read_object
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.timing import CHUNK, ChunkSize
@@ -163,9 +164,9 @@ class ActionLibrary(Mapping[str, Action]):
             return cls()
         check_file(path, CONFIG_BYTES, CheckpointError)
         try:
-            rows = json.loads(path.read_text(encoding="utf-8"))["actions"]
+            rows = read_object(path.read_bytes(), str(path))["actions"]
             actions = [Action.from_json(row, chunk) for row in rows]
-        except (ValueError, LookupError, TypeError, RecursionError) as error:
+        except (ValueError, LookupError, TypeError, EchoAvatarError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
         for action in actions:
             frames, overlay = action.chunks * chunk.frames, action.overlay

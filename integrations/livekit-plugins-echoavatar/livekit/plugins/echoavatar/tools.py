@@ -7,6 +7,9 @@ from typing import Any
 from livekit import rtc
 from livekit.agents.llm import RawFunctionTool, function_tool
 
+from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_json, read_object
+
 RPC_CALL = "echoavatar.call"  # payload {"name": ..., "arguments": {...}}; without a name, the answer is the schemas
 Schema = dict[str, Any]
 Call = Callable[[str, Mapping[str, Any]], Awaitable[Schema]]
@@ -30,8 +33,11 @@ def answer_calls(room: rtc.Room, schemas: list[Schema], call: Call) -> None:
     """In the avatar's process: carry out the calls of the agent's model."""
 
     async def handle(data: rtc.RpcInvocationData) -> str:
-        request = json.loads(data.payload)
-        if not isinstance(request, dict) or not isinstance(request.get("arguments", {}), dict):
+        try:
+            request = read_object(data.payload, "the payload")
+        except EchoAvatarError as error:
+            return json.dumps({"status": "rejected", "reason": str(error)})
+        if not isinstance(request.get("arguments", {}), dict):
             return json.dumps({"status": "rejected", "reason": "ask with a name and arguments"})
         if "name" not in request:
             return json.dumps(schemas)
@@ -47,7 +53,7 @@ async def ask_for_tools(room: rtc.Room, identity: str) -> list[RawFunctionTool[A
         answer = await room.local_participant.perform_rpc(
             destination_identity=identity, method=RPC_CALL, payload=json.dumps(payload)
         )
-        return json.loads(answer)
+        return read_json(answer, "the answer")
 
     async def call(name: str, arguments: Mapping[str, Any]) -> Schema:
         result: Schema = await perform({"name": name, "arguments": dict(arguments)})
