@@ -44,11 +44,7 @@ class MotionMetrics:
         extractor: MotionEncoder,
         reference_statistics: ReferenceStatistics,
     ) -> None:
-        self.truth = [
-            motion
-            for at in range(0, len(prompts), TOGETHER)
-            for motion in decode_truth(tokenizer, prompts[at : at + TOGETHER])
-        ]
+        self.truth = decode_truth(tokenizer, prompts)
         self._extractor, self._reference_statistics = extractor, reference_statistics
         self._wanted = self._latents(self.truth)
 

@@ -127,10 +127,7 @@ def load_or_measure(
             " pass the --reference-statistics that a run on a folder of `echoavatar train tokens` has left"
         )
     book = PromptSampler(clips, past=STATISTICS_PAST, length=STATISTICS_LENGTH)
-    prompts = book.spread(STATISTICS_PROMPTS)
-    found = measure_reference_statistics(
-        [motion for at in range(0, len(prompts), 24) for motion in decode_truth(tokenizer, prompts[at : at + 24])]
-    )
+    found = measure_reference_statistics(decode_truth(tokenizer, book.spread(STATISTICS_PROMPTS)))
     folder.mkdir(parents=True, exist_ok=True)
     found.save(own)
     return found

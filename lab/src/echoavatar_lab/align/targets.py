@@ -27,7 +27,8 @@ from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit
 from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, POINTS, SPEECH, STATISTICS
 
-from .batch_motion import LEAD, hands_still, liveliness, of_common_height, shown_positions, smoothed, timing
+from .batch_motion import hands_still, liveliness, of_common_height, smoothed, timing
+from .decoded_motion import decode_behind
 from .prompts import Prompt
 from .realism import DOMAINS, MOST, kind_of_sound
 from .rewards import JsonFile, Rewards
@@ -187,7 +188,7 @@ class Opponent:
         self._classifier = Classifier(**fitted) if fitted else None
 
 
-TOGETHER = 128  # continuations measured at a time
+TOGETHER = 256  # continuations decoded and measured at a time
 MOST_PAID = 3.0  # multiples of a target's aim beyond which nothing more is paid
 MOST_JERK = 4.0  # the same for the jerk of a frame
 FRAME_SCALE = 10.0  # jerk and rest are paid by frame, where they count for a second and not for the whole
@@ -222,18 +223,19 @@ def measured(tokenizer: BodyTokenizer, prompts: Sequence[Prompt], codes: Int[Ten
         _padded([getattr(prompt, name) for prompt in prompts]).to(device).repeat_interleave(group, 0)
         for name in ("beats", "stresses")
     )
-    skeleton = tokenizer.skeleton
-    positions = shown_positions(tokenizer, rows("past"), codes)
+    skeleton, past = tokenizer.skeleton, rows("past")
     points = [skeleton.index(name) for name in POINTS]
     parts: list[tuple[Tensor, ...]] = []
     for start in range(0, len(codes), TOGETHER):
         at = slice(start, start + TOGETHER)
-        body, stands = of_common_height(positions[at, LEAD:][:, :, points])
-        about = positions[at] - positions[at, :, :1]
-        jerk = torch.diff(about, n=3, dim=1).norm(dim=-1).mean(2)[:, LEAD - 3 :] * FRAME_RATE_HZ**3
+        _, positions = decode_behind(tokenizer, past[at], codes[at])
+        lead = positions.shape[1] - codes.shape[1] * FRAMES_PER_MOTION_TOKEN
+        body, stands = of_common_height(positions[:, lead:][:, :, points])
+        about = positions - positions[:, :, :1]
+        jerk = torch.diff(about, n=3, dim=1).norm(dim=-1).mean(2)[:, lead - 3 :] * FRAME_RATE_HZ**3
         hands = smoothed(about, 1.0, "nearest")[:, :, list(skeleton.indices(("leftHand", "rightHand")))]
-        speed = torch.diff(hands, dim=1).norm(dim=-1).mean(2)[:, LEAD - 1 :] * FRAME_RATE_HZ
-        hit = timing(skeleton, positions[at], LEAD, beats[at], stresses[at])
+        speed = torch.diff(hands, dim=1).norm(dim=-1).mean(2)[:, lead - 1 :] * FRAME_RATE_HZ
+        hit = timing(skeleton, positions, lead, beats[at], stresses[at])
         parts.append((*hit, jerk, speed, hands_still(body), liveliness(body), stands))
     on_beats, on_stresses, jerk, hands, still, statistics, stands = (
         torch.cat(part) for part in zip(*parts, strict=True)
