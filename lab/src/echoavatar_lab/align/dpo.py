@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from pydantic import Field, ValidationError
 from torch import Tensor
 
@@ -25,7 +25,6 @@ from echoavatar.whole_file import write_whole
 from echoavatar_lab.training import Loss
 
 from .losses import dpo_loss
-from .policy import GeneratorPolicy
 from .probe import Judge
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 from .trainer import PolicyTask
@@ -108,15 +107,6 @@ def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
             raise MotionError(f"{name} holds codes outside 0..{layout.motion_codes - 1}: another tokenizer made it")
 
 
-def _nested(codes: Int[torch.Tensor, "n p q"]) -> Codes:
-    return tuple(tuple(tuple(int(code) for code in part) for part in step) for step in codes)
-
-
-def codes_of(pairs: Sequence[PreferencePair], name: str) -> Int[torch.Tensor, "b n p q"]:
-    """The `chosen` or `rejected` codes of pairs as a tensor."""
-    return torch.tensor([getattr(pair, name) for pair in pairs])
-
-
 def rank_pairs(
     prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"], judge: Judge, *, past: int, margin: float = 0.0
 ) -> list[PreferencePair]:
@@ -124,20 +114,20 @@ def rank_pairs(
 
     A prompt whose two differ by less than `margin` is skipped.
     """
-    total = judge(prompts, codes).total.reshape(len(prompts), -1)
+    total, nested = judge(prompts, codes).total.reshape(len(prompts), -1), codes.tolist()
     pairs = []
     for row, prompt in enumerate(prompts):
         best, worst = int(total[row].argmax()), int(total[row].argmin())
         gap = float(total[row, best] - total[row, worst])
         if gap >= margin and best != worst:
-            chosen, rejected = (_nested(codes[row * total.shape[1] + at]) for at in (best, worst))
+            first = row * total.shape[1]
             pairs.append(
                 PreferencePair(
                     clip=prompt.clip,
                     start=prompt.start,
                     past=past,
-                    chosen=chosen,
-                    rejected=rejected,
+                    chosen=nested[first + best],
+                    rejected=nested[first + worst],
                     margin=gap,
                     by="reward",
                 )
@@ -169,22 +159,23 @@ class DpoTask(PolicyTask[PairBatch]):
 
     def draw(self, step: int) -> PairBatch:
         """The pairs of a step."""
-        drawn = [self._pairs[at] for at in self.order(step)]
-        pairs = [pair for _, pair in drawn]
-        prompts = batch_of([prompt for prompt, _ in drawn])
-        return PairBatch(prompts, codes_of(pairs, "chosen"), codes_of(pairs, "rejected"))
+        prompts, pairs = zip(*(self._pairs[at] for at in self.order(step)), strict=True)
+        chosen, rejected = (torch.tensor([getattr(pair, name) for pair in pairs]) for name in ("chosen", "rejected"))
+        return PairBatch(batch_of(prompts), chosen, rejected)
 
     def loss(self, batch: PairBatch, step: int) -> Loss:
         """See `TrainingTask.loss`."""
-        own = [self.policy.score(batch.prompts, part, uses_nucleus=False) for part in batch[1:]]
+        both = (batch.chosen, batch.rejected)
+        own = [self.policy.score(batch.prompts, part, uses_nucleus=False) for part in both]
         with torch.no_grad():
-            other = [_sums(self.reference, batch.prompts, part) for part in batch[1:]]
+            other = [self.reference.score(batch.prompts, part, uses_nucleus=False) for part in both]
         kl = self.divergence(own[0], batch.prompts, batch.chosen)
+        chosen, rejected, *reference = (scores.log_probs.sum((1, 2)) for scores in (*own, *other))
         found = dpo_loss(
-            chosen=own[0].log_probs.sum((1, 2)),
-            rejected=own[1].log_probs.sum((1, 2)),
-            reference_chosen=other[0],
-            reference_rejected=other[1],
+            chosen=chosen,
+            rejected=rejected,
+            reference_chosen=reference[0],
+            reference_rejected=reference[1],
             beta=self.config.beta,
         )
         logged = {"margin": found.margin, "accuracy": found.accuracy}
@@ -194,12 +185,7 @@ class DpoTask(PolicyTask[PairBatch]):
         """Indices of a step's pairs: every pass is a new permutation; a batch may span two passes."""
         batch, count = self.config.batch, len(self._pairs)
         at = np.arange(step * batch, (step + 1) * batch)
-        orders = {
-            int(turn): np.random.default_rng([self.config.seed, int(turn)]).permutation(count)
-            for turn in np.unique(at // count)
-        }
-        return [int(orders[int(k // count)][k % count]) for k in at]
-
-
-def _sums(policy: GeneratorPolicy, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, " b"]:
-    return policy.score(prompts, codes, uses_nucleus=False).log_probs.sum((1, 2))
+        passes = np.unique(at // count)
+        orders = [np.random.default_rng([self.config.seed, int(number)]).permutation(count) for number in passes]
+        found: list[int] = np.concatenate(orders)[at - passes[0] * count].tolist()
+        return found

@@ -6,10 +6,9 @@ the step number, so a killed run repeats bit by bit what it would have done.
 """
 
 import hashlib
-from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self, TypeVar
+from typing import Literal, NamedTuple, Self, TypeVar
 
 import torch
 from jaxtyping import Float, Int
@@ -19,12 +18,12 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
-from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training import Gather, Schedule, TrainingConfig, TrainingTask, adamw
 
 from .losses import exact_kl
 from .policy import GeneratorPolicy, Rollout, Scores, check_reference, mean_by_layer
 from .probe import Judge, Probe
-from .prompts import Events, Prompt, PromptBatch
+from .prompts import Events, PromptBatch
 
 Method = Literal["grpo", "dpo", "ppo"]
 NEVER = 1e6  # no KL is so large
@@ -183,7 +182,7 @@ class PolicyTask(TrainingTask[BatchT]):
         super().__init__(training, {"model": generator} | ({"critic": critic} if critic is not None else {}))
         self.policy = GeneratorPolicy(generator)
         self.reference = GeneratorPolicy(reference.eval().requires_grad_(False), self.policy.sampling)
-        self.judge, self.context = judge, context
+        self.judge, self.context, self.critic = judge, context, critic
         self._divergence = torch.zeros(2)  # sum of the KL over this process's rows in a step, and their number
 
     @property
@@ -225,10 +224,6 @@ class PolicyTask(TrainingTask[BatchT]):
             other = self.reference.score(prompts, codes, scores.support)
         return exact_kl(scores.all_log_probs, other.all_log_probs, scores.support)
 
-    @abstractmethod
-    def draw(self, step: int) -> BatchT:
-        """See `TrainingTask.draw`."""
-
     def logged(
         self, values: Mapping[str, Tensor], kl: Float[Tensor, "b n k"], scores: Scores
     ) -> dict[str, Tensor | float]:
@@ -236,10 +231,6 @@ class PolicyTask(TrainingTask[BatchT]):
         self._divergence += torch.tensor([float(kl.detach().mean((1, 2)).sum()), len(kl)])
         entropy = mean_by_layer(scores.entropy, self.policy.layout.motion_layers)
         return dict(values) | {"kl": kl.mean()} | {f"entropy.{at}": one for at, one in enumerate(entropy)}
-
-    @abstractmethod
-    def loss(self, batch: BatchT, step: int) -> Loss:
-        """See `TrainingTask.loss`."""
 
     def after(self, step: int, gather: Gather) -> None:
         """Stop a run that diverges.
@@ -279,9 +270,3 @@ def fingerprint(model: torch.nn.Module) -> str:
         digest.update(name.encode())
         digest.update(value.detach().float().cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()
-
-
-def share_of_process(prompts: Sequence[Prompt], processes: Any) -> Sequence[Prompt]:
-    """The prompts of a batch that this process samples."""
-    each = len(prompts) // processes.count
-    return prompts[processes.rank * each : (processes.rank + 1) * each]
