@@ -6,7 +6,7 @@ import torch
 from lab.tests.align.moving_bodies import LEAD, dips, reference_statistics, scene
 
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.align.batch_motion import NAMES, hands_still, liveliness, of_common_height, timing
+from echoavatar_lab.align.batch_motion import hands_still, liveliness, of_common_height, timing
 from echoavatar_lab.align.decoded_motion import DecodedMotion
 from echoavatar_lab.align.rewards import beat_alignment, stress_alignment
 from echoavatar_lab.evaluation.metrics import liveliness as one_by_one
@@ -56,7 +56,7 @@ def test_statistics_are_those_of_the_evaluation() -> None:
     assert stands.all()
     for row, path in enumerate(paths):
         wanted = one_by_one.liveliness(one_by_one.of_common_height(path), 30.0)
-        assert list(wanted) == list(NAMES)
+        assert list(wanted) == list(one_by_one.STATISTICS)
         np.testing.assert_allclose(found[row], list(wanted.values()), rtol=2e-2, atol=2e-3)
 
 
@@ -67,7 +67,7 @@ def test_still_frames_are_those_of_the_statistic() -> None:
     assert still.shape == (1, FRAMES)
     assert still[0, : FRAMES // 2 - 5].all()
     assert not still[0, FRAMES // 2 + 5 :].any()
-    assert still[:, 1:].float().mean() == liveliness(paths)[0, NAMES.index("hands_still")]
+    assert still[:, 1:].float().mean() == liveliness(paths)[0, list(one_by_one.STATISTICS).index("hands_still")]
 
 
 def test_a_body_upside_down_does_not_stand() -> None:

@@ -48,7 +48,8 @@ def fbank(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t 128"]:
     frames = (wave * FULL_SCALE).unfold(1, FBANK_FRAME, FBANK_STEP)
     frames = frames - frames.mean(-1, keepdim=True)
     before = torch.cat([frames[..., :1], frames[..., :-1]], -1)
-    window, bands = _window().to(wave), _bands().to(wave)
+    window = torch.hann_window(FBANK_FRAME, periodic=False, dtype=torch.float64) ** 0.85
+    window, bands = window.to(wave), _bands().to(wave)
     power = torch.fft.rfft((frames - PRE_EMPHASIS * before) * window, n=FBANK_SPECTRUM).abs().square()
     energies = power[..., : FBANK_SPECTRUM // 2] @ bands
     logs: Tensor = energies.clamp(min=torch.finfo(torch.float32).eps).log()
@@ -57,11 +58,6 @@ def fbank(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t 128"]:
 
 def _mel(hertz: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
     return 1127 * torch.log1p(hertz / 700)
-
-
-@cache
-def _window() -> Float[Tensor, " f"]:
-    return torch.hann_window(FBANK_FRAME, periodic=False, dtype=torch.float64) ** 0.85
 
 
 @cache

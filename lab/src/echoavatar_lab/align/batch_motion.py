@@ -19,15 +19,7 @@ from torch import Tensor
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.evaluation.metrics.beat_alignment import ARM_JOINTS, SHARP_SIGMA_S, SMOOTHING_FRAMES, STROKE_DELAY_S
-from echoavatar_lab.evaluation.metrics.liveliness import (
-    APART_S,
-    AT_WORK,
-    CUBE,
-    HEAD_OVER_ANKLE_M,
-    POINTS,
-    STATISTICS,
-    STILL,
-)
+from echoavatar_lab.evaluation.metrics.liveliness import APART_S, AT_WORK, CUBE, HEAD_OVER_ANKLE_M, POINTS, STILL
 
 APART = 3  # frames between peaks
 FAR_S = 1e3  # further than any event
@@ -110,7 +102,6 @@ def _excess(
 LOWEST_HEAD_M = 0.2  # a body whose head is lower than this above its ankles does not stand
 PATH_STEP, PATH_HZ = 3, 10  # frames from one point of a hand's path to the next; points a second
 CUBES = 128  # along an axis; a hand stays well within them
-NAMES = tuple(STATISTICS)
 
 
 def of_common_height(points: Float[Tensor, "r t 12 3"]) -> tuple[Float[Tensor, "r t 12 3"], Bool[Tensor, " r"]]:
@@ -122,7 +113,7 @@ def of_common_height(points: Float[Tensor, "r t 12 3"]) -> tuple[Float[Tensor, "
 
 
 def liveliness(points: Float[Tensor, "r t 12 3"]) -> Float[Tensor, "r 9"]:
-    """A row for each body, in the order of `NAMES`."""
+    """A row for each body, in the order of `STATISTICS`."""
     left, right = _at(points, "leftUpperArm"), _at(points, "rightUpperArm")
     hands = _hands(points)
     speeds = _speed(hands)

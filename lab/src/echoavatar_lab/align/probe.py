@@ -192,16 +192,12 @@ class SampleVideos:
         device = next(policy.generator.parameters()).device
         batch = batch_of(self._prompts, str(device))
         seeds = torch.arange(FILM_SEED, FILM_SEED + len(self._prompts), device=device)
-        codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1).cpu()
+        codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1)
         sounds = self._codec.decode(batch.audio.cpu())
         path.parent.mkdir(parents=True, exist_ok=True)
-        for at, (row, sound) in enumerate(zip(codes, sounds, strict=True)):
-            target = path.with_name(f"{path.name}_{at}.mp4")
-            write_film(target, self._motion(row), sound.numpy(), shot=Shot(FILM_SIZE, samples=1))
-
-    def _motion(self, codes: Tensor) -> Motion:
-        moved = from_features(
-            self._tokenizer.skeleton, self._tokenizer.decode(codes[None].to(self._tokenizer.mean.device)).cpu()
-        )
-        turns = quaternion_from_matrix(moved.rotations)[0].numpy()
-        return Motion(self._tokenizer.skeleton, turns, moved.root[0].numpy(), FRAME_RATE_HZ)
+        skeleton = self._tokenizer.skeleton
+        moved = from_features(skeleton, self._tokenizer.decode(codes.to(self._tokenizer.mean.device)).cpu())
+        rotations = quaternion_from_matrix(moved.rotations)
+        for at, sound in enumerate(sounds):
+            motion = Motion(skeleton, rotations[at].numpy(), moved.root[at].numpy(), FRAME_RATE_HZ)
+            write_film(path.with_name(f"{path.name}_{at}.mp4"), motion, sound.numpy(), shot=Shot(FILM_SIZE, samples=1))

@@ -26,7 +26,7 @@ from .probe import DecodingJudge, MotionMetrics, Probe, SampleVideos
 from .prompts import PromptSampler, read_token_clips, train_and_test
 from .quality import QualityReward
 from .realism import Realism
-from .rewards import ReferenceStatistics, Reward, RewardMix, imported, measure_reference_statistics, parse_weights
+from .rewards import ReferenceStatistics, RewardMix, imported, measure_reference_statistics, parse_weights
 from .rollouts import GrpoTask, PpoTask
 from .trainer import AlignTraining, DivergedError, Method, PolicyTask, RunContext
 
@@ -82,16 +82,15 @@ def load_setup(
     has_statistics = reference_statistics is not None or (folder / "reference_statistics.json").exists()
     is_unmeasured = is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
     weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
-    for name, file in {"quality": quality, "alignment": alignment, "realism": realism}.items():
+    learned: dict[str, tuple[Path | None, Any]] = {
+        "quality": (quality, QualityReward),
+        "alignment": (alignment, AudioMotion),
+        "realism": (realism, Realism),
+    }
+    for name, (file, _) in learned.items():
         if name in weights and not file:
             raise EchoAvatarError(f"the reward {name} is learned first: pass --{name} (docs/alignment.md)")
-    own: dict[str, Reward] = {}
-    if quality:
-        own["quality"] = QualityReward.load(quality).judge
-    if alignment:
-        own["alignment"] = AudioMotion.load(alignment).judge
-    if realism:
-        own["realism"] = Realism.load(realism).judge
+    own = {name: kind.load(file).judge for name, (file, kind) in learned.items() if file}
     rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, reference_statistics, folder)
     mix = RewardMix(weights, rule, own)
     name = str(reference or generator or bundle)
@@ -117,9 +116,9 @@ def load_or_measure(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], given: Path | None, folder: Path
 ) -> ReferenceStatistics:
     """The reference statistics in `given` or in `folder`, or measured on evenly chosen true motion and saved there."""
-    own = folder / "reference_statistics.json"
-    if given or own.exists():
-        return ReferenceStatistics.load(given or own)
+    kept = folder / "reference_statistics.json"
+    if given or kept.exists():
+        return ReferenceStatistics.load(given or kept)
     clips = {name: clip for name, clip in clips.items() if clip.has_truth}
     if not clips:
         raise MotionError(
@@ -128,8 +127,7 @@ def load_or_measure(
         )
     book = PromptSampler(clips, past=STATISTICS_PAST, length=STATISTICS_LENGTH)
     found = measure_reference_statistics(decode_truth(tokenizer, book.spread(STATISTICS_PROMPTS)))
-    folder.mkdir(parents=True, exist_ok=True)
-    found.save(own)
+    found.save(kept)
     return found
 
 

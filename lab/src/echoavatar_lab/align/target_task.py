@@ -22,7 +22,7 @@ from .batch_motion import liveliness
 from .prompts import Prompt, PromptSampler, batch_of, read_token_clips, train_and_test
 from .rollouts import GrpoTask, RolloutBatch
 from .start import load_policy
-from .targets import TargetJudge, Targets, kind_of, means_of, measured, targets_like
+from .targets import TargetJudge, Targets, kind_of, kinds_of, means_of, measured, targets_like
 from .trainer import AlignTraining, RunContext, rollout_seeds
 
 SHARES = {MUSIC: 0.5, SPEECH: 0.375}  # of the prompts of a batch; the others are of any sound
@@ -175,7 +175,7 @@ def means_like(
         drawn = task._with_own_past(book.draw(number, training.batch), number)
         seeds = rollout_seeds(training, number, len(drawn)).to(task.device)
         codes = task.policy.rollout(batch_of(drawn, str(task.device)), 1, seeds)
-        found.append(means_of(measured(tokenizer, drawn, codes), [kind_of(prompt) for prompt in drawn]))
+        found.append(means_of(measured(tokenizer, drawn, codes), kinds_of(drawn)))
     return {name: float(np.mean([one[name] for one in found])) for name in found[0]}
 
 

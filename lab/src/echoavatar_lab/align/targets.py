@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from pydantic import Field
 from torch import Tensor
 
@@ -160,15 +160,11 @@ class Opponent:
             )
             accuracy = float(np.mean(is_told))
         self.own = np.concatenate([self.own, windows])[-KEPT_WINDOWS:]
-        if self._batches % EVERY == 0:
-            self._fit()
-        self._batches += 1
-        return accuracy
-
-    def _fit(self) -> None:
-        if len(self.own) >= FEWEST_WINDOWS:
+        if self._batches % EVERY == 0 and len(self.own) >= FEWEST_WINDOWS:
             sides = np.concatenate([self.own, self.people])
             self._classifier = fit(sides, np.repeat([1.0, 0.0], [len(self.own), len(self.people)]))
+        self._batches += 1
+        return accuracy
 
     def odds(self, windows: Float[np.ndarray, "m 9"]) -> Float[np.ndarray, " m"]:
         """Log odds that windows are a person's, within -4 and 4; 0 before the first fit."""
@@ -195,6 +191,9 @@ FRAME_SCALE = 10.0  # jerk and rest are paid by frame, where they count for a se
 REST_M_S = 0.4  # of hands in speech, roughly; hands in silence are paid over it
 STILL = "music.hands_still"  # paid in the frames where it happens
 TIMING = {MUSIC: "beats", SPEECH: "stresses"}
+
+Kinds = Shaped[np.ndarray, " r"]
+"""The kind of sound of each row, "" where no kind fills it."""
 
 
 class Measured(NamedTuple):
@@ -251,16 +250,21 @@ def kind_of(prompt: Prompt) -> str:
     return kind_of_sound(prompt.domain)
 
 
-def means_of(found: Measured, kinds: Sequence[str]) -> dict[str, float]:
+def kinds_of(prompts: Sequence[Prompt]) -> Kinds:
+    """`kind_of` each prompt."""
+    return np.array([kind_of(prompt) for prompt in prompts])
+
+
+def means_of(found: Measured, kinds: Kinds) -> dict[str, float]:
     """What targets may be set for, by "kind.name", and "rest": the speed of hands in silence."""
     means: dict[str, float] = {}
-    kind_of_row = np.array(kinds)
-    for kind in dict.fromkeys(filter(None, kinds)):
-        own = kind_of_row == kind
-        columns = dict(zip(STATISTICS, found.statistics.T, strict=True))
-        columns |= {"jerk": found.jerk.mean(1).cpu().numpy()}
-        columns |= {TIMING[kind]: getattr(found, TIMING[kind]).sum(1).cpu().numpy()}
-        means |= {f"{kind}.{name}": float(np.nanmean(column[own])) for name, column in columns.items()}
+    for kind in TIMING:
+        own = kinds == kind
+        if own.any():
+            columns = dict(zip(STATISTICS, found.statistics.T, strict=True))
+            columns |= {"jerk": found.jerk.mean(1).cpu().numpy()}
+            columns |= {TIMING[kind]: getattr(found, TIMING[kind]).sum(1).cpu().numpy()}
+            means |= {f"{kind}.{name}": float(np.nanmean(column[own])) for name, column in columns.items()}
     means["rest"] = float((found.hands * found.silent).sum() / found.silent.sum().clamp(min=1))
     return means
 
@@ -280,7 +284,7 @@ class TargetJudge:
     def __call__(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> Rewards:
         """Rewards of continuations."""
         found = measured(self.tokenizer.to(codes.device), prompts, codes)
-        kinds = [kind for prompt in prompts for kind in [kind_of(prompt)] * (len(codes) // len(prompts))]
+        kinds = kinds_of(prompts).repeat(len(codes) // len(prompts))
         self._learn(found, kinds)
         realism = self._realism(found, kinds)
         tokens, whole = self._by_frame(found, kinds), realism + self._by_target(found, kinds)
@@ -291,10 +295,10 @@ class TargetJudge:
             {name: value.double().cpu().numpy() for name, value in parts.items()} | {"realism": realism},
         )
 
-    def _learn(self, found: Measured, kinds: Sequence[str]) -> None:
-        means, kind_of_row = means_of(found, kinds), np.array(kinds)
+    def _learn(self, found: Measured, kinds: Kinds) -> None:
+        means = means_of(found, kinds)
         for kind, opponent in self.opponents.items():
-            accuracy = opponent.see(found.statistics[(kind_of_row == kind) & found.stands])
+            accuracy = opponent.see(found.statistics[(kinds == kind) & found.stands])
             if accuracy is not None:
                 means[f"{kind}.told_apart"] = accuracy
         for name in self.weights.targets:
@@ -302,36 +306,36 @@ class TargetJudge:
                 self.weights.see(name, means[name])
         self.told = means | {f"weight.{name}": value for name, value in self.weights.values.items()}
 
-    def _realism(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
-        """What the opponents take for a person's; a body that does not stand is surely none."""
-        paid, kind_of_row = np.zeros(len(kinds)), np.array(kinds)
+    def _realism(self, found: Measured, kinds: Kinds) -> Float[np.ndarray, " r"]:
+        """What rows earn for being taken for a person's; a body that does not stand is surely no person's."""
+        paid = np.zeros(len(kinds))
         for kind, opponent in self.opponents.items():
-            own = kind_of_row == kind
+            own = kinds == kind
             odds = np.full(len(kinds), -MOST)
             odds[own & found.stands] = opponent.odds(found.statistics[own & found.stands])
             paid[own] = odds[own] * self.weights.values[f"{kind}.told_apart"]
         return paid
 
-    def _by_target(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
+    def _by_target(self, found: Measured, kinds: Kinds) -> Float[np.ndarray, " r"]:
         """What statistics earn: their share of the aim, for the whole continuation."""
         paid, columns = np.zeros(len(kinds)), dict(zip(STATISTICS, np.nan_to_num(found.statistics).T, strict=True))
         for name, target in self.weights.targets.items():
             kind, _, what = name.partition(".")
             if what in columns and name != STILL:
                 share = np.minimum(columns[what] / target.aim, MOST_PAID)
-                paid += (np.array(kinds) == kind) * target.sign * self.weights.values[name] * share
+                paid += (kinds == kind) * target.sign * self.weights.values[name] * share
         return paid
 
-    def _by_frame(self, found: Measured, kinds: Sequence[str]) -> Float[Tensor, "r n"]:
+    def _by_frame(self, found: Measured, kinds: Kinds) -> Float[Tensor, "r n"]:
         """What hits, jerk, still hands in music and hands in silence earn, in the frames where they happen."""
         weights, frames = self.weights.values, found.beats.shape[1]
+        is_kind = {kind: torch.from_numpy(kinds == kind).to(found.beats.device)[:, None] for kind in DOMAINS}
         paid = weights["music.beats"] * found.beats + weights["speech.stresses"] * found.stresses
         for kind in DOMAINS:
-            own = torch.tensor([one == kind for one in kinds], device=paid.device)[:, None]
             jerk = (found.jerk / self.weights.targets[f"{kind}.jerk"].aim).clamp(max=MOST_JERK)
-            paid = paid - own * weights[f"{kind}.jerk"] * FRAME_SCALE * jerk / frames
-        in_music = torch.tensor([one == MUSIC for one in kinds], device=paid.device)[:, None]
-        paid = paid - in_music * weights[STILL] * FRAME_SCALE * found.still / self.weights.targets[STILL].aim / frames
+            paid = paid - is_kind[kind] * weights[f"{kind}.jerk"] * FRAME_SCALE * jerk / frames
+        still = is_kind[MUSIC] * found.still / self.weights.targets[STILL].aim
+        paid = paid - weights[STILL] * FRAME_SCALE * still / frames
         return paid - weights["rest"] * FRAME_SCALE * found.silent * found.hands / REST_M_S / frames
 
 
