@@ -148,7 +148,7 @@ def decoded_waveforms(
 def decoded_features(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], progress: Progress | None = None
 ) -> dict[str, Float[Tensor, "_ c"]]:
-    """Decode each clip's motion codes to features in half precision, by name: what a continuation is judged by, too."""
+    """Decode each clip's motion codes to features in half precision, by name, as continuations are judged."""
     found = {}
     for done, (name, clip) in enumerate(clips.items(), start=1):
         found[name] = tokenizer.decode(torch.from_numpy(clip.motion.astype(np.int64))[None])[0].half()

@@ -1,7 +1,7 @@
 """Continuations decoded to motion, together with their audio events: the input of reward functions.
 
-Rewards judge what a viewer sees, so the pipeline's smoother runs behind the decoder: here over whole motions, in torch,
-on a GPU or not.
+Rewards judge the motion that a viewer sees, so the pipeline's smoother runs behind the decoder: here over whole
+motions, in torch, on a GPU or not.
 """
 
 import math

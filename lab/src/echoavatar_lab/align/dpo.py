@@ -6,14 +6,14 @@ studio's export and `echoavatar align rollouts` write the same format.
 """
 
 import hashlib
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Int
+import torch.nn.functional as F
+from jaxtyping import Float, Int
 from pydantic import Field, ValidationError
 from torch import Tensor
 
@@ -24,7 +24,6 @@ from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.training import Loss
 
-from .losses import dpo_loss
 from .probe import Judge
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 from .trainer import PolicyTask
@@ -72,18 +71,7 @@ def read_pairs(
     found = []
     for number, line in enumerate(lines, start=1):
         try:
-            pair = PreferencePair.model_validate(json.loads(line))
-        except (ValueError, ValidationError) as error:
-            first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
-            raise MotionError(f"{path}, line {number}: not a pair ({first})") from error
-        if pair.past != book.past:
-            raise MotionError(
-                f"{path}, line {number}: the prompt has {pair.past} chunks of past, this run has {book.past};"
-                f" pass --past {pair.past}"
-            )
-        try:
-            prompt = book.cut(pair.clip, pair.start)
-            _check(pair, prompt, layout)
+            prompt, pair = _read_pair(line, book, layout)
         except MotionError as error:
             raise MotionError(f"{path}, line {number}: {error}") from error
         if pair.margin >= margin:
@@ -93,7 +81,16 @@ def read_pairs(
     return found
 
 
-def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
+def _read_pair(line: str, book: PromptSampler, layout: TokenLayout) -> tuple[Prompt, PreferencePair]:
+    try:
+        pair = PreferencePair.model_validate_json(line)
+    except ValidationError as error:
+        raise MotionError(f"not a pair ({error.errors()[0]['msg']})") from error
+    if pair.past != book.past:
+        raise MotionError(
+            f"the prompt has {pair.past} chunks of past, this run has {book.past}; pass --past {pair.past}"
+        )
+    prompt = book.cut(pair.clip, pair.start)
     wanted = (len(prompt.truth), layout.parts, layout.motion_layers)
     for name in ("chosen", "rejected"):
         try:
@@ -105,6 +102,7 @@ def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
             raise MotionError(f"{name} has shape {codes.shape}, expected {wanted} ({chunks} chunks; see --length)")
         if codes.min() < 0 or codes.max() >= layout.motion_codes:
             raise MotionError(f"{name} holds codes outside 0..{layout.motion_codes - 1}: another tokenizer made it")
+    return prompt, pair
 
 
 def rank_pairs(
@@ -133,6 +131,27 @@ def rank_pairs(
                 )
             )
     return pairs
+
+
+class DpoLoss(NamedTuple):
+    """The loss and its diagnostics."""
+
+    loss: Float[Tensor, ""]
+    margin: Float[Tensor, ""]  # of the implicit rewards, chosen over rejected
+    accuracy: Float[Tensor, ""]  # share of pairs with a positive margin
+
+
+def dpo_loss(
+    *,
+    chosen: Float[Tensor, " b"],
+    rejected: Float[Tensor, " b"],
+    reference_chosen: Float[Tensor, " b"],
+    reference_rejected: Float[Tensor, " b"],
+    beta: float,
+) -> DpoLoss:
+    """Direct preference loss (paper, equation DPO) from log-probabilities summed over each continuation."""
+    margin = beta * ((chosen - reference_chosen) - (rejected - reference_rejected))
+    return DpoLoss(-F.logsigmoid(margin).mean(), margin.mean(), (margin > 0).float().mean())
 
 
 class PairBatch(NamedTuple):

@@ -25,8 +25,7 @@ from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, moti
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 
 from .decoded_motion import DecodedMotion, decode_continuations, decode_truth
-from .losses import exact_kl
-from .policy import GeneratorPolicy, mean_by_layer
+from .policy import GeneratorPolicy, exact_kl, mean_by_layer
 from .prompts import Prompt, batch_of
 from .rewards import ReferenceStatistics, RewardMix, Rewards, beat_alignment, stress_alignment
 

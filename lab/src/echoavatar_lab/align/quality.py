@@ -151,7 +151,7 @@ class CorruptedWindows:
 
     @torch.no_grad()
     def mixed(self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int) -> Float[Tensor, "b t c"]:
-        """The same, with a level for each row."""
+        """Features of windows with a level for each row."""
         numbers = [number * 64 + k for k in range(len(names))]
         rows = [self._corrupted(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
         made = self.tokenizer.decode(torch.cat(rows))

@@ -2,7 +2,7 @@
 
 A classifier is fitted to windows of the generator's own continuations and to windows of captured people of the same
 length. It is the classifier of `evaluate BUNDLE alive` and reads the same statistics. Rewards of timing alone make
-bodies that are told from people more surely; this one pays the opposite.
+bodies that are told from people more surely; this one rewards the opposite.
 
 The classifier stays as it is during a run, so a resumed run repeats itself. It knows the generator that it was fitted
 to: after some tens of steps fit it again, to the tuned one.

@@ -2,6 +2,10 @@
 
 GRPO compares the continuations of a prompt with each other (paper, Reward-Guided Optimization). PPO has a value head,
 one continuation a prompt and a critic learning rate of 1e-5 (paper, Comparison with PPO).
+
+Losses are in nats. All log-probabilities are those of the constrained distribution that codes are sampled from
+(`policy`). Continuations have one fixed length, so a mean over codes weights them equally and needs neither mask nor
+end token.
 """
 
 from abc import abstractmethod
@@ -18,13 +22,14 @@ from echoavatar.models.generator import Generator
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.training import Loss, adamw
 
-from .losses import generalised_advantages, group_advantages, grpo_loss, ppo_loss, timed_advantages
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 from .trainer import PolicyTask, rollout_seeds
 
+SPREAD_FLOOR = 1e-4  # added to a group's deviation, as in TRL: a group of equal rewards has no advantages
+
 
 class RolloutBatch(NamedTuple):
-    """Continuations, one a row, and what an optimiser step needs to know about them."""
+    """Continuations, one a row, with the tensors that an optimiser step needs."""
 
     prompts: PromptBatch
     codes: Int[Tensor, "r n p q"]
@@ -155,6 +160,74 @@ class RolloutTask(PolicyTask[RolloutBatch]):
         self._kept = (int(state["number"]), RolloutBatch(prompts, logged=logged, **rest))
 
 
+class GrpoLoss(NamedTuple):
+    """The loss and a diagnostic."""
+
+    loss: Float[Tensor, ""]
+    clipped: Float[Tensor, ""]  # share of codes whose ratio was clipped
+
+
+def group_advantages(rewards: Float[Tensor, "b g"]) -> Float[Tensor, "b g"]:
+    """Paper: (r_i - mu_G) / sigma_G of each group (spread with n - 1, plus 1e-4, as TRL)."""
+    spread = rewards.std(1, keepdim=True) if rewards.shape[1] > 1 else torch.zeros_like(rewards)
+    return (rewards - rewards.mean(1, keepdim=True)) / (spread + SPREAD_FLOOR)
+
+
+def rewards_to_go(rewards: Float[Tensor, "... n"], discount: float) -> Float[Tensor, "... n"]:
+    """The sum of each step's reward and the later ones, discounted by `discount` a step."""
+    running, out = torch.zeros_like(rewards[..., 0]), []
+    for step in reversed(rewards.unbind(-1)):
+        running = step + discount * running
+        out.append(running)
+    return torch.stack(out[::-1], -1)
+
+
+def timed_advantages(
+    rewards: Float[Tensor, "b g n"], whole: Float[Tensor, "b g"], discount: float
+) -> Float[Tensor, "b g n"]:
+    """Advantages by motion token: rewards to go minus the group's mean at that time, divided by the group's deviation.
+
+    `whole` is the part of the reward that belongs to no particular time; it counts for every code.
+
+    Departs from the paper, which gives every code of a continuation the same advantage (`group_advantages` of summed
+    rewards; the same as discount 1 with one reward at the end). A code affects only what follows, and after a second
+    hardly anything, so most of the variance of the sum is noise to it.
+    """
+    to_go = rewards_to_go(rewards, discount) + whole[..., None]
+    centred = to_go - to_go.mean(1, keepdim=True)
+    if rewards.shape[1] < 2:
+        return torch.zeros_like(centred)
+    spread = (centred.square().sum((1, 2), keepdim=True) / ((rewards.shape[1] - 1) * rewards.shape[2])).sqrt()
+    return centred / (spread + SPREAD_FLOOR)
+
+
+def grpo_loss(
+    *,
+    policy: Float[Tensor, "b ..."],
+    old: Float[Tensor, "b ..."],
+    advantages: Float[Tensor, "b ..."],
+    kl: Float[Tensor, "b ..."],
+    clip: float,
+    kl_weight: float,
+) -> GrpoLoss:
+    """Group-relative policy loss (paper, equation GRPO), averaged over codes.
+
+    Departs from the equation: ratios are clipped for each code, as in DeepSeekMath and TRL (`loss_type="grpo"`).
+    `advantages` broadcasts: one a row, or one a code. `kl` is that of each code, with its gradient.
+    """
+    surrogate, clipped = _surrogate(policy, old, advantages, clip)
+    return GrpoLoss((kl_weight * kl - surrogate).mean(), clipped)
+
+
+def _surrogate(
+    policy: Float[Tensor, "b ..."], old: Float[Tensor, "b ..."], advantages: Float[Tensor, "b ..."], clip: float
+) -> tuple[Float[Tensor, "b ..."], Float[Tensor, ""]]:
+    """The clipped surrogate of each code, and the share of codes whose ratio was clipped."""
+    ratio = (policy - old).exp()
+    free, limited = ratio * advantages, ratio.clamp(1 - clip, 1 + clip) * advantages
+    return torch.minimum(free, limited), (free > limited).float().mean()
+
+
 class GrpoTask(RolloutTask):
     """Rollouts, rewards, advantages normalised within each group, one or several steps on them."""
 
@@ -183,6 +256,41 @@ class GrpoTask(RolloutTask):
             kl_weight=self.config.kl_weight,
         )
         return Loss(found.loss, self.logged(self.logged_means(batch) | {"clipped": found.clipped}, kl, scores))
+
+
+class PpoLoss(NamedTuple):
+    """Losses of the policy and of its critic."""
+
+    policy: Float[Tensor, ""]
+    value: Float[Tensor, ""]
+    clipped: Float[Tensor, ""]
+
+
+def generalised_advantages(
+    rewards: Float[Tensor, "b n"], values: Float[Tensor, "b n"], *, discount: float, decay: float
+) -> tuple[Float[Tensor, "b n"], Float[Tensor, "b n"]]:
+    """Generalised advantages by step, and the returns that the critic learns; nothing follows the last step."""
+    following = torch.cat([values[:, 1:], torch.zeros_like(values[:, :1])], 1)
+    surprise = rewards + discount * following - values
+    advantages = rewards_to_go(surprise, discount * decay)
+    return advantages, advantages + values
+
+
+def ppo_loss(
+    *,
+    policy: Float[Tensor, "b ..."],
+    old: Float[Tensor, "b ..."],
+    advantages: Float[Tensor, "b ..."],
+    values: Float[Tensor, "b m"],
+    old_values: Float[Tensor, "b m"],
+    returns: Float[Tensor, "b m"],
+    clip: float,
+) -> PpoLoss:
+    """Clipped surrogate, and clipped value loss (half the larger squared error), each averaged."""
+    surrogate, clipped = _surrogate(policy, old, advantages, clip)
+    near = old_values + (values - old_values).clamp(-clip, clip)
+    value = 0.5 * torch.maximum((values - returns).square(), (near - returns).square())
+    return PpoLoss(-surrogate.mean(), value.mean(), clipped)
 
 
 class ValueHead(nn.Module):

@@ -37,7 +37,7 @@ STATISTICS_PAST, STATISTICS_LENGTH = 3, 9
 
 @dataclass(frozen=True)
 class AlignmentSetup:
-    """What all methods need."""
+    """Models, clips and rewards, which all methods need."""
 
     tokenizer: BodyTokenizer
     generator: Generator
@@ -65,8 +65,9 @@ def load_setup(
     realism: Path | None = None,
     is_compared: bool = False,
 ) -> AlignmentSetup:
-    """Load everything. Reference statistics that are not given are measured on the train clips and kept in `folder`.
+    """Load models, clips and rewards.
 
+    Reference statistics that are not given are measured on the train clips and kept in `folder`.
     With `is_compared` (DPO) rewards only measure progress on held-out clips. If there is neither true motion nor a file
     of reference statistics, as for a studio's token files, nothing is measured.
 

@@ -1,13 +1,13 @@
-"""What `align targets` pays for: timing, realism against an opponent, and whatever is short of its target.
+"""The rewards of `align targets`: for timing, for realism against an opponent, and for measures short of a target.
 
 `align grpo` judges one motion after another, with any function of a motion. Here all continuations of a step are
-measured together (`batch_motion`): 512 of ten seconds take half a second on a GPU. Rewards are not weighed by hand. A
-weight grows while the mean of what it pays is short of its target, so one run can keep many measures at once: what is
-met costs nothing, and what is short is paid for. It is the method of multipliers with a weight between two bounds. Not
-in the paper.
+measured together (`batch_motion`): 512 of ten seconds take half a second on a GPU. Rewards are not weighed by hand. The
+weight of a measure grows while its mean is short of the target, so one run can keep many measures at once: a target
+that is met costs nothing, and one that is missed is paid for. It is the method of multipliers with a weight between two
+bounds. Not in the paper.
 
-The targets are those that the default bundle's generator was tuned with: shares of what another generator measures. A
-tuned generator keeps time, dances and talks as much as the one before it (`like`), and is told from people less. Only
+The targets are those that the default bundle's generator was tuned with: shares of another generator's means. A tuned
+generator keeps time, dances and talks as much as the one before it (`like`), and looks more like a person. Only
 measurements of this module are comparable with each other: windows here are shorter than those of `evaluate`.
 """
 
@@ -17,9 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int, Shaped
 from pydantic import Field
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -34,12 +36,12 @@ from .realism import DOMAINS, MOST, kind_of_sound
 from .rewards import JsonFile, Rewards
 
 GAIN = 0.1  # of the log weight, for a mean that is short by all of its target
-MOST_SHORT = 0.4  # of the target; what is further off is not paid faster
+MOST_SHORT = 0.4  # of the target; a mean that is further off does not move the weight faster
 MEMORY = 0.7  # share of the earlier mean in a new one
 
 
 class Target(Config):
-    """What a mean should be, and between which bounds its weight may move."""
+    """The wanted mean of a measure, and the bounds of the weight that its reward has."""
 
     aim: float = Field(gt=0, description="wanted mean")
     is_least: bool = Field(default=True, description="whether the mean should be at least, not at most, `aim`")
@@ -73,11 +75,11 @@ class Weights:
 
 
 LEAST = 1e-3  # of an aim: a generator that has not learnt to keep time may hit less than chance
-TOLD_APART = 0.8  # by the opponent, which has seen hundreds of such windows: `evaluate BUNDLE alive` tells fewer
+TOLD_APART = 0.8  # accuracy of the opponent, which has seen hundreds of such windows
 
 
 class Goal(NamedTuple):
-    """A share of what the other generator measures, and how much it may weigh."""
+    """A target as a share of the other generator's mean; the start and the bounds of its weight."""
 
     share: float
     weight: float
@@ -137,7 +139,7 @@ COUNT = len(STATISTICS)
 
 
 class Opponent:
-    """A classifier of one kind of sound that learns along: is a window of motion a person's or this policy's?
+    """A classifier that learns during the run, for one kind of sound: is a window a person's or this policy's?
 
     The realism reward is fitted once. This one is fitted again to the policy's latest windows every few batches, as the
     discriminator of an adversarial network is, so that no trick against one classifier pays for long. That needs
@@ -256,7 +258,7 @@ def kinds_of(prompts: Sequence[Prompt]) -> Kinds:
 
 
 def means_of(found: Measured, kinds: Kinds) -> dict[str, float]:
-    """What targets may be set for, by "kind.name", and "rest": the speed of hands in silence."""
+    """Means of all measures that may have a target, by "kind.name", and "rest": the speed of hands in silence."""
     means: dict[str, float] = {}
     for kind in TIMING:
         own = kinds == kind
@@ -279,7 +281,7 @@ class TargetJudge:
         self.tokenizer = tokenizer
         self.opponents = {kind: Opponent(rows) for kind, rows in people.items()}
         self.weights = Weights(targets)
-        self.told: dict[str, float] = {}  # what the last batch was like, for the log
+        self.told: dict[str, float] = {}  # means of the last batch and weights, for the log
 
     def __call__(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> Rewards:
         """Rewards of continuations."""
@@ -307,7 +309,7 @@ class TargetJudge:
         self.told = means | {f"weight.{name}": value for name, value in self.weights.values.items()}
 
     def _realism(self, found: Measured, kinds: Kinds) -> Float[np.ndarray, " r"]:
-        """What rows earn for being taken for a person's; a body that does not stand is surely no person's."""
+        """Rewards for looking like a person to the opponents; a body that does not stand surely looks like none."""
         paid = np.zeros(len(kinds))
         for kind, opponent in self.opponents.items():
             own = kinds == kind
@@ -317,7 +319,7 @@ class TargetJudge:
         return paid
 
     def _by_target(self, found: Measured, kinds: Kinds) -> Float[np.ndarray, " r"]:
-        """What statistics earn: their share of the aim, for the whole continuation."""
+        """Rewards of whole continuations for their statistics, as shares of the aims."""
         paid, columns = np.zeros(len(kinds)), dict(zip(STATISTICS, np.nan_to_num(found.statistics).T, strict=True))
         for name, target in self.weights.targets.items():
             kind, _, what = name.partition(".")
@@ -327,7 +329,7 @@ class TargetJudge:
         return paid
 
     def _by_frame(self, found: Measured, kinds: Kinds) -> Float[Tensor, "r n"]:
-        """What hits, jerk, still hands in music and hands in silence earn, in the frames where they happen."""
+        """Rewards for hits, jerk, still hands in music and hands in silence, in the frames where they happen."""
         weights, frames = self.weights.values, found.beats.shape[1]
         is_kind = {kind: torch.from_numpy(kinds == kind).to(found.beats.device)[:, None] for kind in DOMAINS}
         paid = weights["music.beats"] * found.beats + weights["speech.stresses"] * found.stresses
@@ -340,8 +342,6 @@ class TargetJudge:
 
 
 def _padded(events: Sequence[Float[np.ndarray, " e"]]) -> Float[Tensor, "b e"]:
-    """Events of all rows, NaN behind the last of each."""
-    table = np.full((len(events), max(1, *map(len, events))), np.nan, np.float32)
-    for row, own in zip(table, events, strict=True):
-        row[: len(own)] = own
-    return torch.from_numpy(table)
+    """Events of all rows, with at least one NaN behind the last of each."""
+    rows = [torch.from_numpy(own).float() for own in events]
+    return F.pad(pad_sequence(rows, batch_first=True, padding_value=math.nan), (0, 1), value=math.nan)

@@ -20,8 +20,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
 from echoavatar_lab.training import Gather, Schedule, TrainingConfig, TrainingTask, adamw
 
-from .losses import exact_kl
-from .policy import GeneratorPolicy, Rollout, Scores, check_reference, mean_by_layer
+from .policy import GeneratorPolicy, Rollout, Scores, check_reference, exact_kl, mean_by_layer
 from .probe import Judge, Probe
 from .prompts import Events, PromptBatch
 
@@ -127,8 +126,6 @@ def recipe(name: str, method: Method) -> AlignTraining:
 
 
 BatchT = TypeVar("BatchT")
-SampleWriter = Callable[[GeneratorPolicy, Path], None]
-"""Writes samples of a policy into a folder."""
 
 
 class DivergedError(EchoAvatarError):
@@ -148,7 +145,7 @@ class RunContext(NamedTuple):
 
     card: Mapping[str, object] = {}
     probe: Probe | None = None
-    sample_writer: SampleWriter | None = None
+    sample_writer: Callable[[GeneratorPolicy, Path], None] | None = None  # its files are named after the path
     rewards: Mapping[str, float] = {}
     reference_name: str = "the reference"
     rollouts: Callable[[GeneratorPolicy], Rollout] | None = None  # replaces the policy's own sampling
