@@ -19,7 +19,7 @@ its own.
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Literal, Self, get_args
+from typing import Self
 
 import torch
 import torch.nn.functional as F
@@ -338,8 +338,7 @@ def spectrogram(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b 257 t"]:
 
 
 TOKENS_PER_STATE = exact_div(SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN)  # 5 audio tokens a state: 15 Hz
-Kind = Literal["codes", "beats", "wav2clip"]
-KINDS: tuple[str, ...] = get_args(Kind)
+KINDS = ("codes", "beats", "wav2clip")
 SMALL_BEATS = BeatsConfig(layers=2, width=96, heads=4, hidden=192, patch_width=96, reach=32, groups=4)
 SMALL_WAV2CLIP = Wav2ClipConfig(width=16, blocks=1)
 
@@ -361,11 +360,6 @@ class AudioEncoderConfig(Config):
         if bool(self.beats or self.wav2clip) != bool(self.codec):
             raise ValueError("BEATs and Wav2CLIP need a codec; codes must have none")
         return self
-
-    @property
-    def kind(self) -> Kind:
-        """The encoder's name."""
-        return "beats" if self.beats else "wav2clip" if self.wav2clip else "codes"
 
 
 class TokenEncoder(nn.Module):

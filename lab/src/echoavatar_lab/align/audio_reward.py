@@ -93,7 +93,7 @@ class AudioMotion(checkpoint.Checkpointed):
             self.register_buffer("std", torch.ones(config.motion_channels))
             self.register_buffer("varies", torch.ones(config.motion_channels, dtype=torch.bool))
         self.audio_encoder: TokenEncoder | WaveformEncoder
-        if config.audio_encoder.kind == "codes":
+        if config.audio_encoder.codec is None:
             self.audio_encoder = TokenEncoder(config.audio_encoder, sound_shape, width=width, heads=config.heads)
         else:
             self.audio_encoder = WaveformEncoder(config.audio_encoder, width=width)

@@ -6,7 +6,7 @@ motions, in torch, on a GPU or not.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -47,9 +47,8 @@ class DecodedMotion:
     domain: Integer[np.ndarray, " t"]  # 0 silence, 1 speech, 2 music
     beats: Float[np.ndarray, " m"]
     stresses: Float[np.ndarray, " k"]
-    audio_codes: Int[np.ndarray, "f l"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    """Codec tokens of the new frames; `motion_codes` likewise."""
-    motion_codes: Int[np.ndarray, "n p q"] = field(default_factory=lambda: np.zeros((0, 3, 1), np.int64))
+    audio_codes: Int[np.ndarray, "f l"]  # codec tokens of the new frames; `motion_codes` likewise
+    motion_codes: Int[np.ndarray, "n p q"]
 
     @property
     def frames(self) -> int:

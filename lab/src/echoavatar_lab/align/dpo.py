@@ -171,10 +171,8 @@ class DpoTask(PolicyTask[PairBatch]):
     def __init__(self, *args: Any, pairs: Sequence[tuple[Prompt, PreferencePair]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._pairs = list(pairs)
-
-    def data_fingerprint(self) -> str:
-        """See `PolicyTask.data_fingerprint`."""
-        return hashlib.sha256("".join(pair.model_dump_json() for _, pair in self._pairs).encode()).hexdigest()
+        written = "".join(pair.model_dump_json() for _, pair in self._pairs)
+        self.data_fingerprint = hashlib.sha256(written.encode()).hexdigest()
 
     def draw(self, step: int) -> PairBatch:
         """The pairs of a step."""

@@ -158,7 +158,10 @@ def training_task(
     probe = sample_writer = None
     if ready.test and ready.mix.weights:
         asked = book(ready.test).spread(training.probe)
-        probe = Probe(asked, judge, group=training.probe_group, motion_metrics=_motion_metrics(ready, asked))
+        statistics, metrics = ready.mix.reference_statistics, None
+        if statistics is not None and all(ready.test[prompt.clip].has_truth for prompt in asked):
+            metrics = MotionMetrics(ready.tokenizer, asked, load_shipped(), statistics)
+        probe = Probe(asked, judge, group=training.probe_group, motion_metrics=metrics)
         if training.videos and ready.codec is not None:
             sample_writer = SampleVideos(ready.codec, ready.tokenizer, asked[: training.videos])
     context = RunContext(
@@ -181,13 +184,6 @@ def training_task(
             everything = PromptSampler(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
             return DpoTask(*parts, pairs=compared)
-
-
-def _motion_metrics(ready: AlignmentSetup, prompts: Sequence[Any]) -> MotionMetrics | None:
-    """None if the prompts have no true motion to measure against."""
-    if ready.mix.reference_statistics is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
-        return None
-    return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.reference_statistics)
 
 
 def tune(

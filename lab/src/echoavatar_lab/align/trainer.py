@@ -158,6 +158,8 @@ class PolicyTask(TrainingTask[BatchT]):
     """A policy that learns, and the reference that it must stay close to."""
 
     config: AlignTraining
+    data_fingerprint = ""
+    """Fingerprint of training data other than the token files, if there is any."""
 
     def __init__(
         self,
@@ -197,14 +199,10 @@ class PolicyTask(TrainingTask[BatchT]):
         origin = Origin(
             reference=fingerprint(self.reference.generator),
             rewards=dict(self.context.rewards),
-            pairs=self.data_fingerprint(),
+            pairs=self.data_fingerprint,
         )
         training = self.config.model_copy(update={"steps": 1})
         return {"training": training, "generator": self.generator.config, "origin": origin}
-
-    def data_fingerprint(self) -> str:
-        """Fingerprint of training data other than the token files, if there is any."""
-        return ""
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over the policy; also moves the reference to the policy's device."""
