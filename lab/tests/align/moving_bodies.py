@@ -23,6 +23,7 @@ def scene(
     return DecodedMotion(
         HUMANOID, np.zeros((frames, 315), np.float32), positions, lead, np.full(frames, domain),
         np.asarray(beats, float), np.asarray(stresses, float),
+        np.zeros((0, 2), np.int64), np.zeros((0, 3, 1), np.int64),
     )  # fmt: skip
 
 

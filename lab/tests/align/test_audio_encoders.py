@@ -261,7 +261,7 @@ def test_codes_are_embedded_like_the_waveform_that_the_codec_decodes(kind, tmp_p
     assert (model.embed_audio(codes.flip(1)) - heard).abs().max() > 1e-4
     model.save(tmp_path, {})
     again = AudioMotion.load(tmp_path)
-    assert again.config.audio_encoder.kind == kind
+    assert getattr(again.config.audio_encoder, kind) is not None
     torch.testing.assert_close(again.embed_audio(codes), heard)
 
 

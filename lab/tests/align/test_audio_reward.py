@@ -10,19 +10,14 @@ from lab.tests.align.moving_bodies import dips, reference_statistics, scene
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.kinematics import FeatureStatistics
 from echoavatar_lab.align.audio_encoders import AudioEncoderConfig
-from echoavatar_lab.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce, soft_labels
+from echoavatar_lab.align.audio_reward import AudioMotion, AudioMotionConfig, info_nce
 
 
 def model() -> AudioMotion:
     torch.manual_seed(0)
     return AudioMotion.from_codebooks(
-        torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, sound_layers=1, heads=2, size=120
+        torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), width=16, layers=1, heads=2, size=120
     ).eval()
-
-
-def test_windows_of_one_segment_share_the_probability():
-    wanted = torch.tensor([[0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.0, 0.0, 1.0]])
-    assert torch.equal(soft_labels(torch.tensor([4, 4, 9])), wanted)
 
 
 def test_info_nce_by_hand():
@@ -96,7 +91,7 @@ def test_motion_is_read_as_features_where_the_paper_is_asked_for(tmp_path):
     mean, varies = torch.randn(315), torch.ones(315, dtype=torch.bool)
     statistics = FeatureStatistics(mean, torch.full((315,), 0.5), varies)
     books = torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4)
-    sizes = {"width": 16, "layers": 1, "sound_layers": 1, "heads": 2, "slices": 1}
+    sizes = {"width": 16, "layers": 1, "heads": 2, "slices": 1}
     one = AudioMotion.from_codebooks(*books, statistics=statistics, **sizes).eval()
     motion = torch.randn(2, 120, 315)
     assert one.embed_motion(motion).shape == (2, 768)

@@ -30,7 +30,7 @@ def told(count: int, seed: int) -> dict[str, TokenClip]:
 
 def small(width: int) -> AudioMotion:
     torch.manual_seed(0)
-    books, sizes = (torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4)), {"layers": 1, "sound_layers": 1, "heads": 2}
+    books, sizes = (torch.randn(2, 16, 8), torch.randn(3, 2, 8, 4)), {"layers": 1, "heads": 2}
     return AudioMotion.from_codebooks(*books, width=width, size=96, **sizes)
 
 

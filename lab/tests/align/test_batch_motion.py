@@ -1,31 +1,15 @@
-"""Positions of many continuations at once are those that the rewards judge."""
-
-from pathlib import Path
+"""What many continuations at once measure is what the rewards and the evaluation measure of one."""
 
 import numpy as np
 import pytest
 import torch
 from lab.tests.align.moving_bodies import LEAD, dips, reference_statistics, scene
-from lab.tests.align.tuning_fakes import clips
 
-from echoavatar.engine.pipeline import load_bundle
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.align.batch_motion import NAMES, hands_still, liveliness, of_common_height, shown_positions, timing
-from echoavatar_lab.align.decoded_motion import DecodedMotion, decode_continuations
-from echoavatar_lab.align.prompts import PromptSampler
+from echoavatar_lab.align.batch_motion import hands_still, liveliness, of_common_height, timing
+from echoavatar_lab.align.decoded_motion import DecodedMotion
 from echoavatar_lab.align.rewards import beat_alignment, stress_alignment
 from echoavatar_lab.evaluation.metrics import liveliness as one_by_one
-
-
-def test_positions_are_those_of_the_smoothed_motion(tiny_bundle: Path) -> None:
-    tokenizer = load_bundle(tiny_bundle).tokenizer
-    prompts = PromptSampler(clips(2, 16), past=6, length=8).draw(0, 3)
-    codes = torch.from_numpy(np.stack([prompt.truth for prompt in prompts]).astype(np.int64))
-    past = torch.from_numpy(np.stack([prompt.past for prompt in prompts]).astype(np.int64))
-    found = shown_positions(tokenizer, past, codes).numpy()
-    for row, motion in enumerate(decode_continuations(tokenizer, prompts, codes)):
-        np.testing.assert_allclose(found[row], motion.positions, atol=1e-4)
-
 
 FRAMES = 240
 
@@ -72,7 +56,7 @@ def test_statistics_are_those_of_the_evaluation() -> None:
     assert stands.all()
     for row, path in enumerate(paths):
         wanted = one_by_one.liveliness(one_by_one.of_common_height(path), 30.0)
-        assert list(wanted) == list(NAMES)
+        assert list(wanted) == list(one_by_one.STATISTICS)
         np.testing.assert_allclose(found[row], list(wanted.values()), rtol=2e-2, atol=2e-3)
 
 
@@ -83,7 +67,7 @@ def test_still_frames_are_those_of_the_statistic() -> None:
     assert still.shape == (1, FRAMES)
     assert still[0, : FRAMES // 2 - 5].all()
     assert not still[0, FRAMES // 2 + 5 :].any()
-    assert still[:, 1:].float().mean() == liveliness(paths)[0, NAMES.index("hands_still")]
+    assert still[:, 1:].float().mean() == liveliness(paths)[0, list(one_by_one.STATISTICS).index("hands_still")]
 
 
 def test_a_body_upside_down_does_not_stand() -> None:

@@ -8,6 +8,11 @@ import torch
 from lab.tests.align.tuning_fakes import clips
 
 from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar.motion.stages.pose import Pose, Unpacking
+from echoavatar.motion.stages.smoother import Smoother
+from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
 from echoavatar_lab.align.decoded_motion import decode_continuations, decode_truth, shown_positions
 from echoavatar_lab.align.prompts import PromptSampler
 
@@ -18,8 +23,8 @@ def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):
     clip = clips(1, chunks=9)["clip0"]
     prompt = PromptSampler({"clip0": clip}, past=6, length=2).cut("clip0", 1)
     (made,) = decode_truth(tokenizer, [prompt])
-    features = tokenizer.decode(torch.from_numpy(clip.motion[None]).long()).numpy()
-    positions = shown_positions(tokenizer.skeleton, features)[0]
+    features = tokenizer.decode(torch.from_numpy(clip.motion[None]).long()).detach()
+    positions = shown_positions(tokenizer.skeleton, features)[0].numpy()
     begin = (1 + 6) * 8
     np.testing.assert_allclose(
         made.positions[made.lead :] - made.positions[made.lead :, :1],
@@ -28,6 +33,22 @@ def test_the_truth_is_the_clip_decoded_as_a_whole(tiny_bundle: Path):
     )
     assert (made.lead, made.frames) == (8, 16)
     assert made.audio_codes.shape == (40, 2)
+
+
+def test_positions_are_those_of_the_pipelines_smoother():
+    """Bodies whose joints jump, some faster than the smoother lets them."""
+    random = torch.Generator().manual_seed(0)
+    features = 0.1 * torch.randn(3, 48, 315, generator=random)
+    pose, _ = Unpacking(HUMANOID).pose_of(features.numpy(), FRAME_RATE_HZ)
+    smoother = Smoother(HUMANOID.joints)
+    state = smoother.init_state(3)
+    for start in range(0, 48, CHUNK_FRAMES):
+        at = slice(start, start + CHUNK_FRAMES)
+        smoother.step(Pose(pose.rotations[:, at], pose.root[:, at], pose.fps), state, np.ones(3, bool))
+    pose.root[..., ::2] = pose.root[..., ::2].cumsum(1)
+    rotations = matrix_from_quaternion(torch.from_numpy(pose.rotations))
+    wanted = forward_kinematics(HUMANOID, rotations, torch.from_numpy(pose.root)).positions
+    np.testing.assert_allclose(shown_positions(HUMANOID, features), wanted, atol=1e-4)
 
 
 def test_rows_go_with_their_prompts(tiny_bundle: Path):

@@ -16,7 +16,7 @@ from echoavatar_lab.align.targets import (
     Target,
     TargetJudge,
     Weights,
-    kind_of,
+    kinds_of,
     means_of,
     measured,
     targets_like,
@@ -111,7 +111,7 @@ def judge(tiny_bundle: Path) -> TargetJudge:
 
 
 def test_the_kind_is_that_of_nearly_all_of_the_sound(prompts: list[Prompt]) -> None:
-    assert [kind_of(prompt) for prompt in prompts] == ["music", "speech", ""]
+    assert kinds_of(prompts).tolist() == ["music", "speech", ""]
 
 
 def test_rewards_have_the_shape_of_the_continuations(
@@ -128,7 +128,7 @@ def test_a_statistic_pays_by_its_weight_and_only_in_its_kind_of_sound(
     judge: TargetJudge, prompts: list[Prompt], codes: torch.Tensor
 ) -> None:
     found = measured(judge.tokenizer, prompts, codes)
-    kinds = [kind for prompt in prompts for kind in [kind_of(prompt)] * GROUP]
+    kinds = kinds_of(prompts).repeat(GROUP)
     before = judge._by_target(found, kinds)
     judge.weights.values["speech.trunk_lean"] += 1.0
     more = judge._by_target(found, kinds) - before
@@ -143,7 +143,7 @@ def test_still_hands_in_music_cost_in_their_frames(
     found = measured(judge.tokenizer, prompts, codes)
     still = torch.zeros_like(found.still)
     still[:, 40:50] = True
-    kinds = [kind for prompt in prompts for kind in [kind_of(prompt)] * GROUP]
+    kinds = kinds_of(prompts).repeat(GROUP)
     less = judge._by_frame(found._replace(still=still), kinds) - judge._by_frame(
         found._replace(still=torch.zeros_like(still)), kinds
     )
@@ -155,6 +155,6 @@ def test_still_hands_in_music_cost_in_their_frames(
 
 def test_means_are_those_of_rows_of_one_kind(judge: TargetJudge, prompts: list[Prompt], codes: torch.Tensor) -> None:
     found = measured(judge.tokenizer, prompts, codes)
-    means = means_of(found, ["music"] * GROUP + ["speech"] * GROUP + [""] * GROUP)
+    means = means_of(found, kinds_of(prompts).repeat(GROUP))
     assert means["music.jerk"] == pytest.approx(float(found.jerk[:3].mean()), rel=1e-5)
     assert means["speech.stresses"] == pytest.approx(float(found.stresses[3:6].sum(1).mean()), rel=1e-5)

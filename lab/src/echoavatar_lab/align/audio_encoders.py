@@ -19,7 +19,7 @@ its own.
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Literal, Self, get_args
+from typing import Self
 
 import torch
 import torch.nn.functional as F
@@ -48,7 +48,8 @@ def fbank(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t 128"]:
     frames = (wave * FULL_SCALE).unfold(1, FBANK_FRAME, FBANK_STEP)
     frames = frames - frames.mean(-1, keepdim=True)
     before = torch.cat([frames[..., :1], frames[..., :-1]], -1)
-    window, bands = _window().to(wave), _bands().to(wave)
+    window = torch.hann_window(FBANK_FRAME, periodic=False, dtype=torch.float64) ** 0.85
+    window, bands = window.to(wave), _bands().to(wave)
     power = torch.fft.rfft((frames - PRE_EMPHASIS * before) * window, n=FBANK_SPECTRUM).abs().square()
     energies = power[..., : FBANK_SPECTRUM // 2] @ bands
     logs: Tensor = energies.clamp(min=torch.finfo(torch.float32).eps).log()
@@ -57,11 +58,6 @@ def fbank(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b t 128"]:
 
 def _mel(hertz: Float[Tensor, "*n"]) -> Float[Tensor, "*n"]:
     return 1127 * torch.log1p(hertz / 700)
-
-
-@cache
-def _window() -> Float[Tensor, " f"]:
-    return torch.hann_window(FBANK_FRAME, periodic=False, dtype=torch.float64) ** 0.85
 
 
 @cache
@@ -342,8 +338,7 @@ def spectrogram(wave: Float[Tensor, "b s"]) -> Float[Tensor, "b 257 t"]:
 
 
 TOKENS_PER_STATE = exact_div(SAMPLES_PER_MOTION_TOKEN, 2 * SAMPLES_PER_AUDIO_TOKEN)  # 5 audio tokens a state: 15 Hz
-Kind = Literal["codes", "beats", "wav2clip"]
-KINDS: tuple[str, ...] = get_args(Kind)
+KINDS = ("codes", "beats", "wav2clip")
 SMALL_BEATS = BeatsConfig(layers=2, width=96, heads=4, hidden=192, patch_width=96, reach=32, groups=4)
 SMALL_WAV2CLIP = Wav2ClipConfig(width=16, blocks=1)
 
@@ -365,11 +360,6 @@ class AudioEncoderConfig(Config):
         if bool(self.beats or self.wav2clip) != bool(self.codec):
             raise ValueError("BEATs and Wav2CLIP need a codec; codes must have none")
         return self
-
-    @property
-    def kind(self) -> Kind:
-        """The encoder's name."""
-        return "beats" if self.beats else "wav2clip" if self.wav2clip else "codes"
 
 
 class TokenEncoder(nn.Module):

@@ -93,7 +93,7 @@ class AudioMotion(checkpoint.Checkpointed):
             self.register_buffer("std", torch.ones(config.motion_channels))
             self.register_buffer("varies", torch.ones(config.motion_channels, dtype=torch.bool))
         self.audio_encoder: TokenEncoder | WaveformEncoder
-        if config.audio_encoder.kind == "codes":
+        if config.audio_encoder.codec is None:
             self.audio_encoder = TokenEncoder(config.audio_encoder, sound_shape, width=width, heads=config.heads)
         else:
             self.audio_encoder = WaveformEncoder(config.audio_encoder, width=width)
@@ -110,7 +110,6 @@ class AudioMotion(checkpoint.Checkpointed):
         sound_book: Float[Tensor, "l A a"],
         motion_book: Float[Tensor, "p q K c"],
         *,
-        sound_layers: int = 2,
         statistics: FeatureStatistics | None = None,
         **sizes: int,
     ) -> Self:
@@ -118,7 +117,7 @@ class AudioMotion(checkpoint.Checkpointed):
 
         With `statistics` motion is read as features, which they normalise, and the codes of motion are not used.
         """
-        audio_encoder = AudioEncoderConfig(channels=sound_book.shape[2], layers=sound_layers)
+        audio_encoder = AudioEncoderConfig(channels=sound_book.shape[2])
         model = cls._build(audio_encoder, motion_book, tuple(sound_book.shape[:2]), sizes, statistics)
         assert isinstance(model.audio_encoder, TokenEncoder)
         model.audio_encoder.book.copy_(sound_book / sound_book.sum(0).std().clamp(min=MIN_SPREAD))
@@ -153,18 +152,15 @@ class AudioMotion(checkpoint.Checkpointed):
         sizes: Mapping[str, Any],
         statistics: FeatureStatistics | None,
     ) -> Self:
-        if statistics is not None:
-            config = AudioMotionConfig(
-                audio_encoder=audio_encoder, motion="features", motion_channels=statistics.mean.numel(), **sizes
-            )
-            model = cls(config, sound_shape=sound_shape, motion_shape=())
+        channels = motion_book.shape[0] * motion_book.shape[3] if statistics is None else statistics.mean.numel()
+        kind: Literal["codes", "features"] = "codes" if statistics is None else "features"
+        config = AudioMotionConfig(audio_encoder=audio_encoder, motion=kind, motion_channels=channels, **sizes)
+        model = cls(config, sound_shape=sound_shape, motion_shape=tuple(motion_book.shape[:3]))
+        if statistics is None:
+            model.motion_book.copy_(motion_book / motion_book.sum(1).std().clamp(min=MIN_SPREAD))
+        else:
             for own, value in zip((model.mean, model.std, model.varies), statistics, strict=True):
                 own.copy_(value)
-            return model
-        parts, channels = motion_book.shape[0], motion_book.shape[3]
-        config = AudioMotionConfig(audio_encoder=audio_encoder, motion_channels=parts * channels, **sizes)
-        model = cls(config, sound_shape=sound_shape, motion_shape=tuple(motion_book.shape[:3]))
-        model.motion_book.copy_(motion_book / motion_book.sum(1).std().clamp(min=MIN_SPREAD))
         return model
 
     @property
@@ -231,20 +227,16 @@ class AudioMotion(checkpoint.Checkpointed):
         return checkpoint.build_for(weights, build, origin=str(folder)).eval()
 
 
-def soft_labels(segments: Int[Tensor, " b"]) -> Float[Tensor, "b b"]:
-    """Target probabilities: each row divides them evenly among the pairs of its own segment."""
-    same = (segments[:, None] == segments[None, :]).float()
-    return same / same.sum(1, keepdim=True)
-
-
 def info_nce(
     sounds: Float[Tensor, "b d"],
     motions: Float[Tensor, "b d"],
     temperature: Float[Tensor, ""],
     segments: Int[Tensor, " b"],
 ) -> Float[Tensor, ""]:
-    """Bidirectional InfoNCE with soft labels (paper, equations L_a2m, L_m2a, L_CLIP)."""
-    similar, labels = temperature * sounds @ motions.T, soft_labels(segments)
-    forth = -(labels * similar.log_softmax(1)).sum(1).mean()
-    back = -(labels * similar.T.log_softmax(1)).sum(1).mean()
-    return 0.5 * (forth + back)
+    """Bidirectional InfoNCE with soft labels (paper, equations L_a2m, L_m2a, L_CLIP).
+
+    The pairs of one segment share the target probability evenly.
+    """
+    same = (segments[:, None] == segments[None, :]).float()
+    similar, labels = temperature * sounds @ motions.T, same / same.sum(1, keepdim=True)
+    return 0.5 * (F.cross_entropy(similar, labels) + F.cross_entropy(similar.T, labels))

@@ -110,31 +110,25 @@ class AudioMotionWindows:
         return int(np.bincount(self._clips[name].domain[span], minlength=len(DOMAINS)).argmax())
 
     def _cut(self, spots: Sequence[tuple[str, int]]) -> Windows:
-        def stacked(field: str, each: int) -> Tensor:
-            parts = [
-                getattr(self._clips[name], field)[start * each : (start + self._chunks) * each] for name, start in spots
-            ]
-            return torch.from_numpy(np.stack(parts).astype(np.int64))
+        chunks = self._chunks
 
-        sound = stacked("audio", AUDIO_FRAMES_PER_CHUNK) if self._waves is None else self._heard(spots)
+        def codes(field: str, each: int) -> list[Tensor]:
+            found = [getattr(self._clips[name], field)[start * each : (start + chunks) * each] for name, start in spots]
+            return [torch.from_numpy(one.astype(np.int64)) for one in found]
+
+        if self._waves is None:
+            sound = codes("audio", AUDIO_FRAMES_PER_CHUNK)
+        else:
+            samples = int(chunks * CHUNK_SECONDS * RATE_HZ)  # a chunk is not a whole number of samples
+            firsts = [(name.removesuffix(MIRROR), int(start * CHUNK_SECONDS * RATE_HZ)) for name, start in spots]
+            sound = [self._waves[name][first : first + samples].float() for name, first in firsts]
+        if self._features is None:
+            motion = codes("motion", MOTION_TOKENS_PER_CHUNK)
+        else:
+            frames = [(name, slice(start * CHUNK_FRAMES, (start + chunks) * CHUNK_FRAMES)) for name, start in spots]
+            motion = [self._features[name][span].float() for name, span in frames]
         segments = [self._source[name.removesuffix(MIRROR)] * 100_000 + start for name, start in spots]
-        motion = stacked("motion", MOTION_TOKENS_PER_CHUNK) if self._features is None else self._seen(spots)
-        return Windows(sound, motion, torch.tensor(segments))
-
-    def _seen(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b t c"]:
-        """The windows' motion features."""
-        assert self._features is not None
-        each = CHUNK_FRAMES
-        rows = [self._features[name][start * each : (start + self._chunks) * each] for name, start in spots]
-        return torch.stack(rows).float()
-
-    def _heard(self, spots: Sequence[tuple[str, int]]) -> Float[Tensor, "b s"]:
-        """The windows' waveforms."""
-        assert self._waves is not None
-        samples = int(self._chunks * CHUNK_SECONDS * RATE_HZ)  # a chunk is not a whole number of samples
-        firsts = [(name, int(start * CHUNK_SECONDS * RATE_HZ)) for name, start in spots]
-        rows = [self._waves[name.removesuffix(MIRROR)][first : first + samples] for name, first in firsts]
-        return torch.stack(rows).float()
+        return Windows(torch.stack(sound), torch.stack(motion), torch.tensor(segments))
 
 
 def decoded_waveforms(
@@ -154,7 +148,7 @@ def decoded_waveforms(
 def decoded_features(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], progress: Progress | None = None
 ) -> dict[str, Float[Tensor, "_ c"]]:
-    """Decode each clip's motion codes to features in half precision, by name: what a continuation is judged by, too."""
+    """Decode each clip's motion codes to features in half precision, by name, as continuations are judged."""
     found = {}
     for done, (name, clip) in enumerate(clips.items(), start=1):
         found[name] = tokenizer.decode(torch.from_numpy(clip.motion.astype(np.int64))[None])[0].half()

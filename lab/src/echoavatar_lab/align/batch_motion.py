@@ -1,10 +1,9 @@
-"""Measures many continuations at once, all in torch, on a GPU or not.
+"""Measures the motion of many continuations at once, all in torch, on a GPU or not.
 
-Positions come from the tokenizer, the pipeline's smoother and forward kinematics: the same numbers as `decoded_motion`,
-which takes one motion after the other through compiled loops on a CPU. Timing is `beat_alignment` and
-`stress_alignment` of `rewards`: do bodies brake on beats and end strokes on stresses? Peaks are at least three frames
-apart, and of two that are closer the higher one counts; scipy, which the rewards use, decides among more than two by
-turns, so that rare rows differ in one peak. `liveliness` is the nine statistics of `evaluation.metrics.liveliness`.
+Timing is `beat_alignment` and `stress_alignment` of `rewards`: do bodies brake on beats and end strokes on stresses?
+Peaks are at least three frames apart, and of two that are closer the higher one counts; scipy, which the rewards use,
+decides among more than two by turns, so that rare rows differ in one peak. `liveliness` is the nine statistics of
+`evaluation.metrics.liveliness`.
 """
 
 import math
@@ -13,90 +12,14 @@ from functools import cache
 import numpy as np
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
-from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Skeleton, forward_kinematics, from_features
-from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
-from echoavatar.motion.stages.smoother import FASTEST, SHOWN, STIFFNESS, shares
-from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar.motion.kinematics import Skeleton
+from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.evaluation.metrics.beat_alignment import ARM_JOINTS, SHARP_SIGMA_S, SMOOTHING_FRAMES, STROKE_DELAY_S
-from echoavatar_lab.evaluation.metrics.liveliness import (
-    APART_S,
-    AT_WORK,
-    CUBE,
-    HEAD_OVER_ANKLE_M,
-    POINTS,
-    STATISTICS,
-    STILL,
-)
-
-from .decoded_motion import LEAD_TOKENS, WARM_TOKENS
-
-LEAD = LEAD_TOKENS * FRAMES_PER_MOTION_TOKEN
-TOGETHER = 256  # continuations decoded at a time
-
-
-@torch.no_grad()
-def shown_positions(
-    tokenizer: BodyTokenizer, past: Int[Tensor, "r m p q"], codes: Int[Tensor, "r n p q"]
-) -> Float[Tensor, "r t j 3"]:
-    """Positions (metres, Y up) of `LEAD` frames of the past and of the continuation."""
-    warm = WARM_TOKENS * FRAMES_PER_MOTION_TOKEN
-    parts = []
-    for before, new in zip(
-        *(torch.split(part, TOGETHER) for part in (past[:, -(WARM_TOKENS + LEAD_TOKENS) :], codes)), strict=True
-    ):
-        features = tokenizer.decode(torch.cat([before, new], 1)).float()
-        frames = from_features(tokenizer.skeleton, features)
-        travel = features[..., travel_slice(tokenizer.skeleton)]
-        velocity = torch.stack([travel[..., 0], travel[..., 2], travel[..., 1]], -1)  # across, height, along
-        rotations, root = _as_shown(quaternion_from_matrix(frames.rotations), velocity)
-        root = torch.stack([root[..., 0].cumsum(1), root[..., 1], root[..., 2].cumsum(1)], -1)
-        pose = forward_kinematics(tokenizer.skeleton, matrix_from_quaternion(rotations), root)
-        parts.append(pose.positions[:, warm:])
-    return torch.cat(parts)
-
-
-def _as_shown(
-    rotations: Float[Tensor, "r t j 4"], root: Float[Tensor, "r t 3"]
-) -> tuple[Float[Tensor, "r t j 4"], Float[Tensor, "r t 3"]]:
-    """`motion.stages.smoother` over whole motions, chunk by chunk; before its first frame a body is at rest in it."""
-    weights = torch.as_tensor(shares(CHUNK_FRAMES, STIFFNESS), dtype=rotations.dtype, device=rotations.device)
-    shown, travelled = rotations[:, :1].expand(-1, SHOWN, -1, -1), root[:, :1].expand(-1, SHOWN, -1)
-    turned, moved = [], []
-    for start in range(0, rotations.shape[1], CHUNK_FRAMES):
-        at = slice(start, start + CHUNK_FRAMES)
-        path = _same_hemisphere(torch.cat([shown, rotations[:, at]], 1))
-        wanted = F.normalize(torch.einsum("fn,rnjc->rfjc", weights, path), dim=-1)
-        last, now = path[:, SHOWN - 1], []
-        for frame in range(CHUNK_FRAMES):
-            last = _slowed_down(last, wanted[:, frame])
-            now.append(last)
-        turned.append(torch.stack(now, 1))
-        moved.append(torch.einsum("fn,rnc->rfc", weights, torch.cat([travelled, root[:, at]], 1)))
-        shown, travelled = turned[-1][:, -SHOWN:], moved[-1][:, -SHOWN:]
-    return torch.cat(turned, 1), torch.cat(moved, 1)
-
-
-def _same_hemisphere(path: Float[Tensor, "r t j 4"]) -> Float[Tensor, "r t j 4"]:
-    """The same rotations with signs such that each quaternion is in the hemisphere of the one before it."""
-    signs = torch.where((path[:, 1:] * path[:, :-1]).sum(-1) < 0, -1.0, 1.0).cumprod(1)
-    return torch.cat([path[:, :1], path[:, 1:] * signs[..., None]], 1)
-
-
-def _slowed_down(before: Float[Tensor, "r j 4"], after: Float[Tensor, "r j 4"]) -> Float[Tensor, "r j 4"]:
-    """`after`, or as far towards it as the fastest joint turns in a frame."""
-    cosine = math.cos(FASTEST / FRAME_RATE_HZ / 2)
-    along = (before * after).sum(-1, keepdim=True)
-    after, along = torch.where(along < 0, -after, after), along.abs()
-    aside = F.normalize(after - before * along, dim=-1)
-    limit = F.normalize(before * cosine + aside * math.sqrt(1 - cosine * cosine), dim=-1)
-    return torch.where(along >= cosine, after, limit)
-
+from echoavatar_lab.evaluation.metrics.liveliness import APART_S, AT_WORK, CUBE, HEAD_OVER_ANKLE_M, POINTS, STILL
 
 APART = 3  # frames between peaks
 FAR_S = 1e3  # further than any event
@@ -179,7 +102,6 @@ def _excess(
 LOWEST_HEAD_M = 0.2  # a body whose head is lower than this above its ankles does not stand
 PATH_STEP, PATH_HZ = 3, 10  # frames from one point of a hand's path to the next; points a second
 CUBES = 128  # along an axis; a hand stays well within them
-NAMES = tuple(STATISTICS)
 
 
 def of_common_height(points: Float[Tensor, "r t 12 3"]) -> tuple[Float[Tensor, "r t 12 3"], Bool[Tensor, " r"]]:
@@ -191,7 +113,7 @@ def of_common_height(points: Float[Tensor, "r t 12 3"]) -> tuple[Float[Tensor, "
 
 
 def liveliness(points: Float[Tensor, "r t 12 3"]) -> Float[Tensor, "r 9"]:
-    """A row for each body, in the order of `NAMES`."""
+    """A row for each body, in the order of `STATISTICS`."""
     left, right = _at(points, "leftUpperArm"), _at(points, "rightUpperArm")
     hands = _hands(points)
     speeds = _speed(hands)

@@ -12,14 +12,13 @@ from typing import Literal, get_args
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
 from echoavatar.errors import CheckpointError
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar_lab.models.generator.windows import corrupt_hierarchically, corrupt_uniformly
 
 Corruption = Literal["hierarchical", "uniform"]
 Degradation = Literal["jitter", "time_warp", "foot_slide", "frozen_limbs"]
@@ -76,14 +75,6 @@ def scores_from_fid(fid: Mapping[str, float]) -> dict[str, float]:
     score = np.minimum.accumulate([point[1] for point in points])
     curve, most = PchipInterpolator(at, score), max(fid.values())
     return {name: float(np.clip(curve(value / most), 0, 1)) for name, value in fid.items()}
-
-
-def corrupted_codes(
-    codes: Int[Tensor, "b n p q"], kind: Corruption, rate: float, *, codebook: int, generator: torch.Generator
-) -> Int[Tensor, "b n p q"]:
-    """Codes corrupted at one level."""
-    act = corrupt_hierarchically if kind == "hierarchical" else corrupt_uniformly
-    return act(codes, rate, codebook=codebook, generator=generator)
 
 
 def degraded(

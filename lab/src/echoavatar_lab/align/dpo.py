@@ -6,13 +6,13 @@ studio's export and `echoavatar align rollouts` write the same format.
 """
 
 import hashlib
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from jaxtyping import Float, Int
 from pydantic import Field, ValidationError
 from torch import Tensor
@@ -24,8 +24,6 @@ from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.training import Loss
 
-from .losses import dpo_loss
-from .policy import GeneratorPolicy
 from .probe import Judge
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 from .trainer import PolicyTask
@@ -73,18 +71,7 @@ def read_pairs(
     found = []
     for number, line in enumerate(lines, start=1):
         try:
-            pair = PreferencePair.model_validate(json.loads(line))
-        except (ValueError, ValidationError) as error:
-            first = error.errors()[0]["msg"] if isinstance(error, ValidationError) else error
-            raise MotionError(f"{path}, line {number}: not a pair ({first})") from error
-        if pair.past != book.past:
-            raise MotionError(
-                f"{path}, line {number}: the prompt has {pair.past} chunks of past, this run has {book.past};"
-                f" pass --past {pair.past}"
-            )
-        try:
-            prompt = book.cut(pair.clip, pair.start)
-            _check(pair, prompt, layout)
+            prompt, pair = _read_pair(line, book, layout)
         except MotionError as error:
             raise MotionError(f"{path}, line {number}: {error}") from error
         if pair.margin >= margin:
@@ -94,7 +81,16 @@ def read_pairs(
     return found
 
 
-def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
+def _read_pair(line: str, book: PromptSampler, layout: TokenLayout) -> tuple[Prompt, PreferencePair]:
+    try:
+        pair = PreferencePair.model_validate_json(line)
+    except ValidationError as error:
+        raise MotionError(f"not a pair ({error.errors()[0]['msg']})") from error
+    if pair.past != book.past:
+        raise MotionError(
+            f"the prompt has {pair.past} chunks of past, this run has {book.past}; pass --past {pair.past}"
+        )
+    prompt = book.cut(pair.clip, pair.start)
     wanted = (len(prompt.truth), layout.parts, layout.motion_layers)
     for name in ("chosen", "rejected"):
         try:
@@ -106,15 +102,7 @@ def _check(pair: PreferencePair, prompt: Prompt, layout: TokenLayout) -> None:
             raise MotionError(f"{name} has shape {codes.shape}, expected {wanted} ({chunks} chunks; see --length)")
         if codes.min() < 0 or codes.max() >= layout.motion_codes:
             raise MotionError(f"{name} holds codes outside 0..{layout.motion_codes - 1}: another tokenizer made it")
-
-
-def _nested(codes: Int[torch.Tensor, "n p q"]) -> Codes:
-    return tuple(tuple(tuple(int(code) for code in part) for part in step) for step in codes)
-
-
-def codes_of(pairs: Sequence[PreferencePair], name: str) -> Int[torch.Tensor, "b n p q"]:
-    """The `chosen` or `rejected` codes of pairs as a tensor."""
-    return torch.tensor([getattr(pair, name) for pair in pairs])
+    return prompt, pair
 
 
 def rank_pairs(
@@ -124,25 +112,46 @@ def rank_pairs(
 
     A prompt whose two differ by less than `margin` is skipped.
     """
-    total = judge(prompts, codes).total.reshape(len(prompts), -1)
+    total, nested = judge(prompts, codes).total.reshape(len(prompts), -1), codes.tolist()
     pairs = []
     for row, prompt in enumerate(prompts):
         best, worst = int(total[row].argmax()), int(total[row].argmin())
         gap = float(total[row, best] - total[row, worst])
         if gap >= margin and best != worst:
-            chosen, rejected = (_nested(codes[row * total.shape[1] + at]) for at in (best, worst))
+            first = row * total.shape[1]
             pairs.append(
                 PreferencePair(
                     clip=prompt.clip,
                     start=prompt.start,
                     past=past,
-                    chosen=chosen,
-                    rejected=rejected,
+                    chosen=nested[first + best],
+                    rejected=nested[first + worst],
                     margin=gap,
                     by="reward",
                 )
             )
     return pairs
+
+
+class DpoLoss(NamedTuple):
+    """The loss and its diagnostics."""
+
+    loss: Float[Tensor, ""]
+    margin: Float[Tensor, ""]  # of the implicit rewards, chosen over rejected
+    accuracy: Float[Tensor, ""]  # share of pairs with a positive margin
+
+
+def dpo_loss(
+    *,
+    chosen: Float[Tensor, " b"],
+    rejected: Float[Tensor, " b"],
+    reference_chosen: Float[Tensor, " b"],
+    reference_rejected: Float[Tensor, " b"],
+    beta: float,
+) -> DpoLoss:
+    """Direct preference loss (paper, equation DPO) from log-probabilities summed over each continuation."""
+    margin = beta * ((chosen - reference_chosen) - (rejected - reference_rejected))
+    return DpoLoss(-F.logsigmoid(margin).mean(), margin.mean(), (margin > 0).float().mean())
 
 
 class PairBatch(NamedTuple):
@@ -162,29 +171,28 @@ class DpoTask(PolicyTask[PairBatch]):
     def __init__(self, *args: Any, pairs: Sequence[tuple[Prompt, PreferencePair]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._pairs = list(pairs)
-
-    def data_fingerprint(self) -> str:
-        """See `PolicyTask.data_fingerprint`."""
-        return hashlib.sha256("".join(pair.model_dump_json() for _, pair in self._pairs).encode()).hexdigest()
+        written = "".join(pair.model_dump_json() for _, pair in self._pairs)
+        self.data_fingerprint = hashlib.sha256(written.encode()).hexdigest()
 
     def draw(self, step: int) -> PairBatch:
         """The pairs of a step."""
-        drawn = [self._pairs[at] for at in self.order(step)]
-        pairs = [pair for _, pair in drawn]
-        prompts = batch_of([prompt for prompt, _ in drawn])
-        return PairBatch(prompts, codes_of(pairs, "chosen"), codes_of(pairs, "rejected"))
+        prompts, pairs = zip(*(self._pairs[at] for at in self.order(step)), strict=True)
+        chosen, rejected = (torch.tensor([getattr(pair, name) for pair in pairs]) for name in ("chosen", "rejected"))
+        return PairBatch(batch_of(prompts), chosen, rejected)
 
     def loss(self, batch: PairBatch, step: int) -> Loss:
         """See `TrainingTask.loss`."""
-        own = [self.policy.score(batch.prompts, part, uses_nucleus=False) for part in batch[1:]]
+        both = (batch.chosen, batch.rejected)
+        own = [self.policy.score(batch.prompts, part, uses_nucleus=False) for part in both]
         with torch.no_grad():
-            other = [_sums(self.reference, batch.prompts, part) for part in batch[1:]]
+            other = [self.reference.score(batch.prompts, part, uses_nucleus=False) for part in both]
         kl = self.divergence(own[0], batch.prompts, batch.chosen)
+        chosen, rejected, *reference = (scores.log_probs.sum((1, 2)) for scores in (*own, *other))
         found = dpo_loss(
-            chosen=own[0].log_probs.sum((1, 2)),
-            rejected=own[1].log_probs.sum((1, 2)),
-            reference_chosen=other[0],
-            reference_rejected=other[1],
+            chosen=chosen,
+            rejected=rejected,
+            reference_chosen=reference[0],
+            reference_rejected=reference[1],
             beta=self.config.beta,
         )
         logged = {"margin": found.margin, "accuracy": found.accuracy}
@@ -194,12 +202,7 @@ class DpoTask(PolicyTask[PairBatch]):
         """Indices of a step's pairs: every pass is a new permutation; a batch may span two passes."""
         batch, count = self.config.batch, len(self._pairs)
         at = np.arange(step * batch, (step + 1) * batch)
-        orders = {
-            int(turn): np.random.default_rng([self.config.seed, int(turn)]).permutation(count)
-            for turn in np.unique(at // count)
-        }
-        return [int(orders[int(k // count)][k % count]) for k in at]
-
-
-def _sums(policy: GeneratorPolicy, prompts: PromptBatch, codes: Int[Tensor, "b n p q"]) -> Float[Tensor, " b"]:
-    return policy.score(prompts, codes, uses_nucleus=False).log_probs.sum((1, 2))
+        passes = np.unique(at // count)
+        orders = [np.random.default_rng([self.config.seed, int(number)]).permutation(count) for number in passes]
+        found: list[int] = np.concatenate(orders)[at - passes[0] * count].tolist()
+        return found

@@ -13,8 +13,8 @@ A tuned policy must therefore ship with the temperature, cooling and top-p that 
 
 `soup` mixes the weights of runs that began at one generator: start + sum of w (run - start), after Wortsman et al.,
 "Model soups" and "Robust fine-tuning of zero-shot models". Runs that began at the same weights lie close enough for
-that. Shares that sum to less than 1 take back a part of the tuning, so a soup also chooses between what a reward gains
-and what it costs. Not in the paper.
+that. Shares that sum to less than 1 take back a part of the tuning, so a soup also trades the gain in reward against
+its cost. Not in the paper.
 """
 
 from collections.abc import Iterator, Mapping
@@ -61,8 +61,16 @@ class Scores(NamedTuple):
         return -(self.all_log_probs.exp() * log_probs).sum(-1)
 
 
+def exact_kl(
+    policy: Float[Tensor, "... K"], reference: Float[Tensor, "... K"], support: Bool[Tensor, "... K"]
+) -> Float[Tensor, "..."]:
+    """KL(policy || reference) over one support; without sampling noise, because all K logits are known."""
+    gap = torch.where(support, policy - reference, 0.0)
+    return (policy.exp() * gap).sum(-1)
+
+
 class Rollout(Protocol):
-    """What draws continuations: `GeneratorPolicy.rollout`, or another backend such as an inference server."""
+    """Draws continuations: `GeneratorPolicy.rollout`, or another backend such as an inference server."""
 
     def __call__(self, prompts: PromptBatch, group: int, seeds: Int[Tensor, " r"]) -> Int[Tensor, "r n p q"]:
         """`group` continuations of every prompt, the rows of a prompt together; one seed for each continuation."""

@@ -25,8 +25,7 @@ from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, moti
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 
 from .decoded_motion import DecodedMotion, decode_continuations, decode_truth
-from .losses import exact_kl
-from .policy import GeneratorPolicy, mean_by_layer
+from .policy import GeneratorPolicy, exact_kl, mean_by_layer
 from .prompts import Prompt, batch_of
 from .rewards import ReferenceStatistics, RewardMix, Rewards, beat_alignment, stress_alignment
 
@@ -44,11 +43,7 @@ class MotionMetrics:
         extractor: MotionEncoder,
         reference_statistics: ReferenceStatistics,
     ) -> None:
-        self.truth = [
-            motion
-            for at in range(0, len(prompts), TOGETHER)
-            for motion in decode_truth(tokenizer, prompts[at : at + TOGETHER])
-        ]
+        self.truth = decode_truth(tokenizer, prompts)
         self._extractor, self._reference_statistics = extractor, reference_statistics
         self._wanted = self._latents(self.truth)
 
@@ -196,16 +191,12 @@ class SampleVideos:
         device = next(policy.generator.parameters()).device
         batch = batch_of(self._prompts, str(device))
         seeds = torch.arange(FILM_SEED, FILM_SEED + len(self._prompts), device=device)
-        codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1).cpu()
+        codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1)
         sounds = self._codec.decode(batch.audio.cpu())
         path.parent.mkdir(parents=True, exist_ok=True)
-        for at, (row, sound) in enumerate(zip(codes, sounds, strict=True)):
-            target = path.with_name(f"{path.name}_{at}.mp4")
-            write_film(target, self._motion(row), sound.numpy(), shot=Shot(FILM_SIZE, samples=1))
-
-    def _motion(self, codes: Tensor) -> Motion:
-        moved = from_features(
-            self._tokenizer.skeleton, self._tokenizer.decode(codes[None].to(self._tokenizer.mean.device)).cpu()
-        )
-        turns = quaternion_from_matrix(moved.rotations)[0].numpy()
-        return Motion(self._tokenizer.skeleton, turns, moved.root[0].numpy(), FRAME_RATE_HZ)
+        skeleton = self._tokenizer.skeleton
+        moved = from_features(skeleton, self._tokenizer.decode(codes.to(self._tokenizer.mean.device)).cpu())
+        rotations = quaternion_from_matrix(moved.rotations)
+        for at, sound in enumerate(sounds):
+            motion = Motion(skeleton, rotations[at].numpy(), moved.root[at].numpy(), FRAME_RATE_HZ)
+            write_film(path.with_name(f"{path.name}_{at}.mp4"), motion, sound.numpy(), shot=Shot(FILM_SIZE, samples=1))

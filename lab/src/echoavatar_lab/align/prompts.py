@@ -73,17 +73,24 @@ def read_token_clips(
     clips = {path.stem: TokenClip.load(path) for path in sorted(folder.glob("*.npz"))}
     if not clips:
         raise MotionError(f"{folder} holds no token files; make them with `echoavatar train tokens`")
-    for name, clip in clips.items() if layout is not None else ():
-        assert layout is not None
+    if layout is not None:
         wanted = (layout.motion_layers, layout.motion_codes, layout.audio_codes)
-        has = (clip.motion.shape[2], int(clip.motion.max(initial=0)) + 1, int(clip.audio.max(initial=0)) + 1)
-        if has[0] != wanted[0] or has[1] > wanted[1] or has[2] > wanted[2]:
-            raise MotionError(
-                f"{folder / name}.npz has {has[0]} motion layers, motion codes below {has[1]} and audio codes below"
-                f" {has[2]}; this generator has {wanted[0]}, {wanted[1]} and {wanted[2]}: tokenize with its own"
-                " codec and tokenizer"
-            )
-    return true_clips(clips, folder) if needs_truth else clips
+        for name, clip in clips.items():
+            has = (clip.motion.shape[2], int(clip.motion.max(initial=0)) + 1, int(clip.audio.max(initial=0)) + 1)
+            if has[0] != wanted[0] or has[1] > wanted[1] or has[2] > wanted[2]:
+                raise MotionError(
+                    f"{folder / name}.npz has {has[0]} motion layers, motion codes below {has[1]} and audio codes below"
+                    f" {has[2]}; this generator has {wanted[0]}, {wanted[1]} and {wanted[2]}: tokenize with its own"
+                    " codec and tokenizer"
+                )
+    if needs_truth:
+        clips = {name: clip for name, clip in clips.items() if clip.has_truth}
+    if not clips:
+        raise MotionError(
+            f"{folder} holds only motion that a generator made, which nothing can be measured against or learned from;"
+            " give a folder made by `echoavatar train tokens`"
+        )
+    return clips
 
 
 def train_and_test(clips: Mapping[str, TokenClip], folder: Path) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
@@ -96,21 +103,6 @@ def train_and_test(clips: Mapping[str, TokenClip], folder: Path) -> tuple[dict[s
     if not train:
         raise MotionError(f"{folder} holds no clip of split train, so there is nothing to learn from")
     return train, {name: clip for name, clip in clips.items() if clip.split != "train"}
-
-
-def true_clips(clips: Mapping[str, TokenClip], folder: Path) -> dict[str, TokenClip]:
-    """The clips that hold recorded or rehearsed motion rather than a generator's.
-
-    Raises:
-        MotionError: there are none.
-    """
-    found = {name: clip for name, clip in clips.items() if clip.has_truth}
-    if not found:
-        raise MotionError(
-            f"{folder} holds only motion that a generator made, which nothing can be measured against or learned from;"
-            " give a folder made by `echoavatar train tokens`"
-        )
-    return found
 
 
 class PromptSampler:
@@ -127,28 +119,22 @@ class PromptSampler:
         events: Events = "any",
     ) -> None:
         """Prompts of `past` + `length` chunks, with at least `fewest_events` events of one kind in the continuation."""
-        self._clips, self._past, self._length, self._seed = dict(clips), past, length, seed
+        self.past = past
+        self._clips, self._length, self._seed = dict(clips), length, seed
         self._spots: list[tuple[str, int]] = []
+        columns = {"any": (0, 1), "beat": (0,), "stress": (1,)}[events]
         for name, clip in self._clips.items():
             starts = np.arange(max(0, clip.chunks - past - length + 1))
-            columns = {"any": (0, 1), "beat": (0,), "stress": (1,)}[events]
-            counts = np.stack([self._events_ahead(cue_times(clip, column), starts) for column in columns])
-            self._spots += [(name, int(start)) for start in starts[counts.max(0) >= fewest_events]]
+            begin = (starts + past) * CHUNK_SECONDS
+            times = [cue_times(clip, column) for column in columns]
+            counts = [np.diff(np.searchsorted(own, [begin, begin + length * CHUNK_SECONDS]), axis=0) for own in times]
+            self._spots += [(name, int(start)) for start in starts[np.max(counts, 0)[0] >= fewest_events]]
         if not self._spots:
             kind = {"any": "beats or stresses", "beat": "beats", "stress": "stresses"}[events]
             wanted = f" with {fewest_events} {kind}" if fewest_events else ""
             raise MotionError(
                 f"no clip holds a prompt of {past} + {length} chunks{wanted}; use longer clips or shorter prompts"
             )
-
-    def _events_ahead(self, times: Float[np.ndarray, " e"], starts: Int[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
-        begin = (starts + self._past) * CHUNK_SECONDS
-        return np.asarray(np.searchsorted(times, begin + self._length * CHUNK_SECONDS) - np.searchsorted(times, begin))
-
-    @property
-    def past(self) -> int:
-        """Chunks of past in every prompt."""
-        return self._past
 
     def __len__(self) -> int:
         """Number of different prompts."""
@@ -173,11 +159,11 @@ class PromptSampler:
         clip = self._clips.get(name)
         if clip is None:
             raise MotionError(f"no clip {name!r} among the {len(self._clips)} token files; use the folder it came from")
-        if not 0 <= start <= clip.chunks - self._past - self._length:
+        if not 0 <= start <= clip.chunks - self.past - self._length:
             raise MotionError(
-                f"clip {name!r} has {clip.chunks} chunks: no prompt of {self._past} + {self._length} begins at {start}"
+                f"clip {name!r} has {clip.chunks} chunks: no prompt of {self.past} + {self._length} begins at {start}"
             )
-        begin, stop = start + self._past, start + self._past + self._length
+        begin, stop = start + self.past, start + self.past + self._length
         token = slice(begin * MOTION_TOKENS_PER_CHUNK, stop * MOTION_TOKENS_PER_CHUNK)
         beats, stresses = (
             times[(times >= 0) & (times < self._length * CHUNK_SECONDS)]

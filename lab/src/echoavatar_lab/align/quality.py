@@ -31,20 +31,10 @@ from echoavatar.nn import FullBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
-from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler
+from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler, corrupt_hierarchically, corrupt_uniformly
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
-from .corruption import (
-    CLEAN,
-    RATES,
-    STRENGTHS,
-    Corruption,
-    Degradation,
-    corrupted_codes,
-    degraded,
-    level_name,
-    paper_scores,
-)
+from .corruption import CLEAN, STRENGTHS, Corruption, Degradation, degraded, level_name, paper_scores
 from .decoded_motion import DecodedMotion
 from .probe import feature_moments
 from .rewards import ReferenceStatistics
@@ -161,7 +151,7 @@ class CorruptedWindows:
 
     @torch.no_grad()
     def mixed(self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int) -> Float[Tensor, "b t c"]:
-        """The same, with a level for each row."""
+        """Features of windows with a level for each row."""
         numbers = [number * 64 + k for k in range(len(names))]
         rows = [self._corrupted(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
         made = self.tokenizer.decode(torch.cat(rows))
@@ -169,26 +159,21 @@ class CorruptedWindows:
 
     def _degraded(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
         """Degrade the features if the level degrades motion."""
-        kind = name.split()[0]
+        kind, _, strength = name.partition(" ")
         if kind not in get_args(Degradation):
             return features
         seed = self._seed * 1_000_003 + number
-        return degraded(features, cast(Degradation, kind), float(name.split()[1]), self.tokenizer.skeleton, seed=seed)
+        return degraded(features, cast(Degradation, kind), float(strength), self.tokenizer.skeleton, seed=seed)
 
     def _corrupted(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
-        if name == CLEAN or name.split()[0] in get_args(Degradation):
+        """Corrupt the codes if the level corrupts codes."""
+        kind, _, rate = name.partition(" ")
+        if kind not in get_args(Corruption):
             return codes
-        which: Corruption = "uniform" if name.startswith("uniform") else "hierarchical"
-        random = torch.Generator().manual_seed(
-            (self._seed * 1_000_003 + number) * 2 + get_args(Corruption).index(which)
-        )
-        rate = float(name.split()[1])
-        return corrupted_codes(codes, which, rate, codebook=self.tokenizer.config.codes, generator=random)
-
-
-def paper_levels() -> list[str]:
-    """All levels that corrupt codes, the clean one first."""
-    return [CLEAN, *(level_name(kind, rate) for kind in get_args(Corruption) for rate in RATES)]
+        seed = (self._seed * 1_000_003 + number) * 2 + get_args(Corruption).index(kind)
+        random = torch.Generator().manual_seed(seed)
+        corrupt = corrupt_hierarchically if kind == "hierarchical" else corrupt_uniformly
+        return corrupt(codes, float(rate), codebook=self.tokenizer.config.codes, generator=random)
 
 
 def calibrate(levels: CorruptedWindows, encoder: MotionEncoder, *, windows: int = 64) -> dict[str, float]:
@@ -203,7 +188,7 @@ def calibrate(levels: CorruptedWindows, encoder: MotionEncoder, *, windows: int 
         return pooled(found)
 
     true = at(CLEAN, 10_000)
-    return {name: frechet_between(at(name, 0), true) for name in paper_levels()}
+    return {name: frechet_between(at(name, 0), true) for name in paper_scores()}
 
 
 class ScoredWindows(NamedTuple):
@@ -253,9 +238,8 @@ class QualityTask(TrainingTask[ScoredWindows]):
         random = np.random.default_rng([training.seed, number])
         windows = math.ceil(training.batch / training.levels)
         codes = self._levels.codes(number, windows).repeat_interleave(training.levels, 0)[: training.batch]
-        asked = [names[int(k)] for _ in range(windows) for k in random.permutation(len(names))[: training.levels]][
-            : training.batch
-        ]
+        asked = [names[int(k)] for _ in range(windows) for k in random.permutation(len(names))[: training.levels]]
+        asked = asked[: training.batch]
         features = self._levels.mixed(codes, asked, number)
         return ScoredWindows(features, torch.tensor([self._scores[name] for name in asked]))
 

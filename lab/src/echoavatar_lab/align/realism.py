@@ -2,13 +2,13 @@
 
 A classifier is fitted to windows of the generator's own continuations and to windows of captured people of the same
 length. It is the classifier of `evaluate BUNDLE alive` and reads the same statistics. Rewards of timing alone make
-bodies that are told from people more surely; this one pays the opposite.
+bodies that are told from people more surely; this one rewards the opposite.
 
 The classifier stays as it is during a run, so a resumed run repeats itself. It knows the generator that it was fitted
 to: after some tens of steps fit it again, to the tuned one.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -45,11 +45,12 @@ HOP = 0.3  # of a window: from one captured window to the next
 FEWEST = 20  # windows of a side; a kind with fewer is left out
 COUNT = len(STATISTICS)
 
-Rows = list[Float[np.ndarray, " d"]]
+Window = tuple[str, str, Float[np.ndarray, " d"]]
+"""Kind of sound, clip, statistics."""
 
 
 class KindConfig(Config):
-    """A fitted classifier of one kind of sound (`metrics.discriminator.Classifier`)."""
+    """A fitted classifier of one kind of sound (`metrics.distributions.Classifier`)."""
 
     mean: tuple[float, ...] = Field(min_length=COUNT, max_length=COUNT, description="means of the statistics")
     spread: tuple[float, ...] = Field(min_length=COUNT, max_length=COUNT, description="deviations of the statistics")
@@ -108,23 +109,30 @@ def fit_realism(
         EchoAvatarError: no kind of sound has 20 windows of each side.
     """
     seconds = length * CHUNK_SECONDS
-    made = _made_windows(policy, tokenizer, book, seconds, prompts, group, seed, progress)
-    true = _true_windows(captured, seconds)
-    kinds, found = {}, {}
+    frames, done = round(seconds * FRAME_RATE_HZ), 0
+    made: list[Window] = []
+    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed):
+        for row, motion in enumerate(decode_continuations(tokenizer, drawn, codes)):
+            statistics = _statistics(_points(motion, frames), FRAME_RATE_HZ, seconds)
+            made.append((kind_of_sound(motion.domain[-frames:]), drawn[row // group].clip, statistics))
+        done += len(drawn)
+        if progress is not None:
+            progress(done, prompts)
+    true = list(_captured_windows(captured, seconds))
+    kinds, found, counts = {}, {}, {}
     for kind in DOMAINS:
-        (ours, our_clips), (theirs, their_clips) = made[kind], true[kind]
-        if min(len(ours), len(theirs)) < FEWEST:
+        (ours, our_clips), (theirs, their_clips) = _of_kind(made, kind), _of_kind(true, kind)
+        counts[kind] = (len(ours), len(theirs))
+        if min(counts[kind]) < FEWEST:
             continue
-        sides = np.array(ours), np.array(theirs)
         found[kind] = {
             "generated": len(ours),
             "captured": len(theirs),
-            "told_apart": held_out_accuracy(*sides, our_clips, their_clips),
+            "told_apart": held_out_accuracy(ours, theirs, our_clips, their_clips),
         }
-        fitted = fit(np.concatenate(sides), np.repeat([1.0, 0.0], [len(ours), len(theirs)]))
+        fitted = fit(np.concatenate([ours, theirs]), np.repeat([1.0, 0.0], counts[kind]))
         kinds[kind] = KindConfig(**{name: tuple(map(float, value)) for name, value in fitted._asdict().items()})
     if not kinds:
-        counts = {kind: (len(made[kind][0]), len(true[kind][0])) for kind in DOMAINS}
         raise EchoAvatarError(
             f"windows of {seconds:.1f} s, generated and captured: {counts}; at least {FEWEST} of each are needed:"
             " raise --prompts, or add captured clips"
@@ -132,45 +140,20 @@ def fit_realism(
     return Realism(seconds=seconds, kinds=kinds), found  # type: ignore[arg-type]
 
 
-def _made_windows(
-    policy: GeneratorPolicy,
-    tokenizer: BodyTokenizer,
-    book: PromptSampler,
-    seconds: float,
-    prompts: int,
-    group: int,
-    seed: int,
-    progress: Callable[[int, int], None] | None,
-) -> dict[str, tuple[Rows, list[str]]]:
-    found: dict[str, tuple[Rows, list[str]]] = {kind: ([], []) for kind in DOMAINS}
-    frames = round(seconds * FRAME_RATE_HZ)
-    done = 0
-    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed):
-        for row, motion in enumerate(decode_continuations(tokenizer, drawn, codes)):
-            kind = kind_of_sound(motion.domain[-frames:])
-            statistics = _statistics(_points(motion, frames), FRAME_RATE_HZ, seconds)
-            if kind and np.isfinite(statistics).all():
-                found[kind][0].append(statistics)
-                found[kind][1].append(drawn[row // group].clip)
-        done += len(drawn)
-        if progress is not None:
-            progress(done, prompts)
-    return found
-
-
-def _true_windows(captured: Sequence[Take], seconds: float) -> dict[str, tuple[Rows, list[str]]]:
-    found: dict[str, tuple[Rows, list[str]]] = {kind: ([], []) for kind in DOMAINS}
+def _captured_windows(captured: Sequence[Take], seconds: float) -> Iterator[Window]:
     for take in captured:
         if take.kind not in DOMAINS:
             continue
         points, fps = body_points(take.motion), take.motion.fps
         size = int(seconds * fps)
         for start in range(0, len(points) - size + 1, max(1, int(HOP * size))):
-            statistics = _statistics(points[start : start + size], fps, seconds)
-            if np.isfinite(statistics).all():
-                found[take.kind][0].append(statistics)
-                found[take.kind][1].append(take.name)
-    return found
+            yield take.kind, take.name, _statistics(points[start : start + size], fps, seconds)
+
+
+def _of_kind(windows: Sequence[Window], kind: str) -> tuple[Float[np.ndarray, "n d"], list[str]]:
+    """The statistics, where all are finite, of windows of a kind of sound, and the clips of these windows."""
+    kept = [window for window in windows if window[0] == kind and np.isfinite(window[2]).all()]
+    return np.array([statistics for _, _, statistics in kept]), [clip for _, clip, _ in kept]
 
 
 def kind_of_sound(domain: np.ndarray) -> str:

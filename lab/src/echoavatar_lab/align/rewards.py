@@ -24,7 +24,7 @@ paper's alignment reward is the learned embedding in `audio_reward`.
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -53,8 +53,7 @@ STILL_M_S = 0.03  # added to the mean speed, so that a body at rest shows no res
 HIGHEST = 2.0  # limits the weight of a single stroke in otherwise quiet motion
 FEWEST_EVENTS = 20
 Kind = Literal["beat", "stress"]
-
-
+KINDS: tuple[Kind, ...] = get_args(Kind)
 Movement = tuple[float, float, float, float]
 
 
@@ -102,11 +101,12 @@ def measure_reference_statistics(scenes: Sequence[DecodedMotion]) -> ReferenceSt
         MotionError: there are too few beats and stresses.
     """
     profiles = {}
-    for kind in ("beat", "stress"):
-        around = [part for motion in scenes for part in _around(motion, kind)]
-        if len(around) < FEWEST_EVENTS:
-            around = []
-        mean = np.mean(around, 0) if around else np.zeros(BEFORE + AFTER + 1)
+    for kind in KINDS:
+        around = []
+        for motion in scenes:
+            u = relative_speed(motion, kind)
+            around += [u[k - BEFORE : k + AFTER + 1] for k in event_frames(motion, kind)]
+        mean = np.mean(around, 0) if len(around) >= FEWEST_EVENTS else np.zeros(BEFORE + AFTER + 1)
         profiles[kind] = tuple(float(value) for value in mean - mean.mean())
     if not any(any(profile) for profile in profiles.values()):
         raise MotionError(
@@ -157,12 +157,6 @@ def event_frames(motion: DecodedMotion, kind: Kind) -> list[int]:
     times = motion.beats if kind == "beat" else motion.stresses
     at = np.round(times * FRAME_RATE_HZ).astype(int)
     return [int(k) for k in at if k >= BEFORE and k + AFTER < motion.frames]
-
-
-def _around(motion: DecodedMotion, kind: Literal["beat", "stress"] | str) -> list[Float[np.ndarray, " _"]]:
-    which: Kind = "beat" if kind == "beat" else "stress"
-    u = relative_speed(motion, which)
-    return [u[k - BEFORE : k + AFTER + 1] for k in event_frames(motion, which)]
 
 
 def response(motion: DecodedMotion, kind: Kind, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
@@ -318,7 +312,11 @@ class RewardMix:
         """`reference_statistics` may be None if there are no weights."""
         known = BUILT_IN | dict(own or {})
         self.weights, self.reference_statistics = dict(weights), reference_statistics
-        self._functions = {name: known[name] if name in known else _imported(name, known) for name in weights}
+        for name in weights:
+            if name not in known and ":" not in name:
+                there = ", ".join(known)
+                raise EchoAvatarError(f"no reward {name!r}; there are {there}, or name your own as module:function")
+        self._functions = {name: known[name] if name in known else imported(name, "reward") for name in weights}
 
     def __call__(self, motions: Sequence[DecodedMotion]) -> Rewards:
         """Rewards of motions.
@@ -371,13 +369,6 @@ def parse_weights(words: Sequence[str], what: str = "reward", example: str = "be
         if not name:
             raise EchoAvatarError(f"{what} {word!r} has no name; write for example {example}")
     return weights
-
-
-def _imported(name: str, known: Mapping[str, Reward]) -> Reward:
-    if ":" not in name:
-        raise EchoAvatarError(f"no reward {name!r}; there are {', '.join(known)}, or name your own as module:function")
-    function: Reward = imported(name, "reward")
-    return function
 
 
 def imported(name: str, what: str) -> Any:

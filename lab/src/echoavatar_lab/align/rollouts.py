@@ -2,6 +2,10 @@
 
 GRPO compares the continuations of a prompt with each other (paper, Reward-Guided Optimization). PPO has a value head,
 one continuation a prompt and a critic learning rate of 1e-5 (paper, Comparison with PPO).
+
+Losses are in nats. All log-probabilities are those of the constrained distribution that codes are sampled from
+(`policy`). Continuations have one fixed length, so a mean over codes weights them equally and needs neither mask nor
+end token.
 """
 
 from abc import abstractmethod
@@ -18,14 +22,14 @@ from echoavatar.models.generator import Generator
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.training import Loss, adamw
 
-from .losses import generalised_advantages, group_advantages, grpo_loss, ppo_loss, timed_advantages
-from .policy import Scores
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
-from .trainer import AlignTraining, PolicyTask, rollout_seeds, share_of_process
+from .trainer import PolicyTask, rollout_seeds
+
+SPREAD_FLOOR = 1e-4  # added to a group's deviation, as in TRL: a group of equal rewards has no advantages
 
 
 class RolloutBatch(NamedTuple):
-    """Continuations, one a row, and what an optimiser step needs to know about them."""
+    """Continuations, one a row, with the tensors that an optimiser step needs."""
 
     prompts: PromptBatch
     codes: Int[Tensor, "r n p q"]
@@ -37,21 +41,11 @@ class RolloutBatch(NamedTuple):
     returns: Float[Tensor, "r n"] | None = None
 
 
-class JudgedRollouts(NamedTuple):
-    """Rewards of continuations, by motion token and for the whole."""
-
-    tokens: Float[Tensor, "r n"]
-    whole: Float[Tensor, " r"]
-
-
 class RolloutTask(PolicyTask[RolloutBatch]):
     """Samples continuations, has them judged, and keeps them for `epochs` steps.
 
     With several processes each one samples a share of the prompts; the results are then gathered.
     """
-
-    is_scored = False
-    """Whether to score continuations right after sampling; with one epoch and no critic the step itself does that."""
 
     def __init__(self, *args: Any, book: PromptSampler, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -72,8 +66,13 @@ class RolloutTask(PolicyTask[RolloutBatch]):
         return self._kept[1]
 
     @abstractmethod
-    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor | None]:
-        """Advantages of a whole batch, and returns if there is a critic."""
+    def credit(
+        self, tokens: Float[Tensor, "r n"], whole: Float[Tensor, " r"], values: Float[Tensor, "r n"] | None
+    ) -> tuple[Float[Tensor, "r n"], Float[Tensor, "r n"] | None]:
+        """Advantages of a whole batch, and returns if there is a critic, which predicted `values`.
+
+        `tokens` and `whole` are the rewards by motion token and those of whole continuations.
+        """
 
     def credited(self, advantages: Float[Tensor, "r n"]) -> Float[Tensor, "r n k"]:
         """An advantage for each code; 0 for the RVQ layers that rewards are not credited to (not in the paper).
@@ -84,20 +83,16 @@ class RolloutTask(PolicyTask[RolloutBatch]):
         layers = torch.arange(layout.segments, device=advantages.device) % layout.motion_layers
         return advantages[:, :, None] * (layers < (self.config.layers or layout.motion_layers))
 
-    def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"] | None:
-        """The critic's predictions, if there is one."""
-        return None
-
     @torch.no_grad()
     def _sample(self, number: int) -> RolloutBatch:
         training, device, gather = self.config, self.device, self.processes.gather
         drawn = self._with_own_past(self._book.draw(number, training.batch), number)
-        mine = share_of_process(drawn, self.processes)
-        rows, group = len(mine) * training.group, training.group
-        first = self.processes.rank * rows
-        chosen = rollout_seeds(training, number, len(drawn) * group)[first : first + rows].to(device)
+        group, share = training.group, len(drawn) // self.processes.count
+        first = self.processes.rank * share
+        mine = drawn[first : first + share]
+        seeds = rollout_seeds(training, number, len(drawn) * group)[first * group : (first + share) * group].to(device)
         asked = batch_of(mine, str(device))
-        codes = self._rollout(asked, group, chosen)
+        codes = self._rollout(asked, group, seeds)
         rewards = self.judge(mine, codes)
         self._names = ("reward", *(f"rewards.{name}" for name in rewards.parts), "spread")
         tokens, whole, *columns = (
@@ -105,14 +100,12 @@ class RolloutTask(PolicyTask[RolloutBatch]):
             for part in (rewards.tokens, rewards.whole, rewards.total, *rewards.parts.values())
         )
         spread = columns[0].view(-1, group).std(1, correction=0).repeat_interleave(group)
-        scored = self._scored(asked.repeated(group), codes) if self.is_scored or training.epochs > 1 else {}
-        codes = gather(codes)
-        judged = JudgedRollouts(tokens.float(), whole.float())
+        is_scored_now = self.critic is not None or training.epochs > 1  # otherwise the step itself scores
+        scored = self._scored(asked.repeated(group), codes) if is_scored_now else {}
+        advantages, returns = self.credit(tokens.float(), whole.float(), scored.get("values"))
         logged = torch.stack([*columns, spread], 1).float()
         batch = batch_of(drawn, str(device)).repeated(group)
-        made = RolloutBatch(batch, codes, torch.zeros_like(judged.tokens), logged, **scored)
-        advantages, returns = self.advantages_and_returns(judged, made)
-        return made._replace(advantages=advantages, returns=returns)
+        return RolloutBatch(batch, gather(codes), advantages, logged, returns=returns, **scored)
 
     def _with_own_past(self, drawn: Sequence[Prompt], number: int) -> list[Prompt]:
         """The prompts, the last `own_past` chunks of their past made by the policy.
@@ -131,15 +124,14 @@ class RolloutTask(PolicyTask[RolloutBatch]):
     def _scored(self, prompts: PromptBatch, codes: Int[Tensor, "r n p q"]) -> dict[str, Tensor]:
         """Scores of this process's continuations under the policy that sampled, gathered from all processes."""
         each = -(-len(codes) // self.config.accumulation)
-        found: list[tuple[Tensor, ...]] = []
+        found: list[dict[str, Tensor]] = []
         for start in range(0, len(codes), each):
             at = slice(start, start + each)
             scores = self.policy.score(prompts.rows(at), codes[at])
-            values = self.predicted_values(scores)
-            found.append((scores.log_probs, scores.support.byte(), *([] if values is None else [values])))
-        columns = [self.processes.gather(torch.cat(column)) for column in zip(*found, strict=True)]
-        columns[1] = columns[1].bool()
-        return dict(zip(("old", "support", "values"), columns, strict=False))
+            values = {} if self.critic is None else {"values": self.critic(scores.hidden)}
+            found.append({"old": scores.log_probs, "support": scores.support.byte()} | values)
+        columns = {name: self.processes.gather(torch.cat([one[name] for one in found])) for name in found[0]}
+        return columns | {"support": columns["support"].bool()}
 
     def logged_means(self, batch: RolloutBatch) -> dict[str, Tensor]:
         """Means of the logged values over some rows."""
@@ -163,27 +155,93 @@ class RolloutTask(PolicyTask[RolloutBatch]):
         columns = sorted((int(key.split(".")[1]), key) for key in state if key.startswith("told."))
         self._names = tuple(key.split(".", 2)[2] for _, key in columns)
         logged = torch.stack([state[key] for _, key in columns], 1)
-        rest = {
-            name: state[name]
-            for name in ("codes", "advantages", "old", "support", "values", "returns")
-            if name in state
-        }
+        rest = {name: state[name] for name in RolloutBatch._fields if name in state}
         prompts = PromptBatch(state["audio"], state["past"])
         self._kept = (int(state["number"]), RolloutBatch(prompts, logged=logged, **rest))
+
+
+class GrpoLoss(NamedTuple):
+    """The loss and a diagnostic."""
+
+    loss: Float[Tensor, ""]
+    clipped: Float[Tensor, ""]  # share of codes whose ratio was clipped
+
+
+def group_advantages(rewards: Float[Tensor, "b g"]) -> Float[Tensor, "b g"]:
+    """Paper: (r_i - mu_G) / sigma_G of each group (spread with n - 1, plus 1e-4, as TRL)."""
+    spread = rewards.std(1, keepdim=True) if rewards.shape[1] > 1 else torch.zeros_like(rewards)
+    return (rewards - rewards.mean(1, keepdim=True)) / (spread + SPREAD_FLOOR)
+
+
+def rewards_to_go(rewards: Float[Tensor, "... n"], discount: float) -> Float[Tensor, "... n"]:
+    """The sum of each step's reward and the later ones, discounted by `discount` a step."""
+    running, out = torch.zeros_like(rewards[..., 0]), []
+    for step in reversed(rewards.unbind(-1)):
+        running = step + discount * running
+        out.append(running)
+    return torch.stack(out[::-1], -1)
+
+
+def timed_advantages(
+    rewards: Float[Tensor, "b g n"], whole: Float[Tensor, "b g"], discount: float
+) -> Float[Tensor, "b g n"]:
+    """Advantages by motion token: rewards to go minus the group's mean at that time, divided by the group's deviation.
+
+    `whole` is the part of the reward that belongs to no particular time; it counts for every code.
+
+    Departs from the paper, which gives every code of a continuation the same advantage (`group_advantages` of summed
+    rewards; the same as discount 1 with one reward at the end). A code affects only what follows, and after a second
+    hardly anything, so most of the variance of the sum is noise to it.
+    """
+    to_go = rewards_to_go(rewards, discount) + whole[..., None]
+    centred = to_go - to_go.mean(1, keepdim=True)
+    if rewards.shape[1] < 2:
+        return torch.zeros_like(centred)
+    spread = (centred.square().sum((1, 2), keepdim=True) / ((rewards.shape[1] - 1) * rewards.shape[2])).sqrt()
+    return centred / (spread + SPREAD_FLOOR)
+
+
+def grpo_loss(
+    *,
+    policy: Float[Tensor, "b ..."],
+    old: Float[Tensor, "b ..."],
+    advantages: Float[Tensor, "b ..."],
+    kl: Float[Tensor, "b ..."],
+    clip: float,
+    kl_weight: float,
+) -> GrpoLoss:
+    """Group-relative policy loss (paper, equation GRPO), averaged over codes.
+
+    Departs from the equation: ratios are clipped for each code, as in DeepSeekMath and TRL (`loss_type="grpo"`).
+    `advantages` broadcasts: one a row, or one a code. `kl` is that of each code, with its gradient.
+    """
+    surrogate, clipped = _surrogate(policy, old, advantages, clip)
+    return GrpoLoss((kl_weight * kl - surrogate).mean(), clipped)
+
+
+def _surrogate(
+    policy: Float[Tensor, "b ..."], old: Float[Tensor, "b ..."], advantages: Float[Tensor, "b ..."], clip: float
+) -> tuple[Float[Tensor, "b ..."], Float[Tensor, ""]]:
+    """The clipped surrogate of each code, and the share of codes whose ratio was clipped."""
+    ratio = (policy - old).exp()
+    free, limited = ratio * advantages, ratio.clamp(1 - clip, 1 + clip) * advantages
+    return torch.minimum(free, limited), (free > limited).float().mean()
 
 
 class GrpoTask(RolloutTask):
     """Rollouts, rewards, advantages normalised within each group, one or several steps on them."""
 
-    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, None]:
+    def credit(
+        self, tokens: Float[Tensor, "r n"], whole: Float[Tensor, " r"], values: Float[Tensor, "r n"] | None
+    ) -> tuple[Float[Tensor, "r n"], None]:
         """Advantages within each group; there is no critic, so no returns."""
         training = self.config
         grouped = (training.batch, training.group)
         if training.credit == "sequence":
-            by_row = group_advantages((judged.tokens.sum(1) + judged.whole).view(grouped))
-            return by_row.flatten()[:, None].expand_as(judged.tokens), None
-        tokens, whole = judged.tokens.view(*grouped, -1), judged.whole.view(grouped)
-        return timed_advantages(tokens, whole, training.discount).flatten(0, 1), None
+            by_row = group_advantages((tokens.sum(1) + whole).view(grouped))
+            return by_row.flatten()[:, None].expand_as(tokens), None
+        timed = timed_advantages(tokens.view(*grouped, -1), whole.view(grouped), training.discount)
+        return timed.flatten(0, 1), None
 
     def loss(self, batch: RolloutBatch, step: int) -> Loss:
         """See `TrainingTask.loss`."""
@@ -198,6 +256,41 @@ class GrpoTask(RolloutTask):
             kl_weight=self.config.kl_weight,
         )
         return Loss(found.loss, self.logged(self.logged_means(batch) | {"clipped": found.clipped}, kl, scores))
+
+
+class PpoLoss(NamedTuple):
+    """Losses of the policy and of its critic."""
+
+    policy: Float[Tensor, ""]
+    value: Float[Tensor, ""]
+    clipped: Float[Tensor, ""]
+
+
+def generalised_advantages(
+    rewards: Float[Tensor, "b n"], values: Float[Tensor, "b n"], *, discount: float, decay: float
+) -> tuple[Float[Tensor, "b n"], Float[Tensor, "b n"]]:
+    """Generalised advantages by step, and the returns that the critic learns; nothing follows the last step."""
+    following = torch.cat([values[:, 1:], torch.zeros_like(values[:, :1])], 1)
+    surprise = rewards + discount * following - values
+    advantages = rewards_to_go(surprise, discount * decay)
+    return advantages, advantages + values
+
+
+def ppo_loss(
+    *,
+    policy: Float[Tensor, "b ..."],
+    old: Float[Tensor, "b ..."],
+    advantages: Float[Tensor, "b ..."],
+    values: Float[Tensor, "b m"],
+    old_values: Float[Tensor, "b m"],
+    returns: Float[Tensor, "b m"],
+    clip: float,
+) -> PpoLoss:
+    """Clipped surrogate, and clipped value loss (half the larger squared error), each averaged."""
+    surrogate, clipped = _surrogate(policy, old, advantages, clip)
+    near = old_values + (values - old_values).clamp(-clip, clip)
+    value = 0.5 * torch.maximum((values - returns).square(), (near - returns).square())
+    return PpoLoss(-surrogate.mean(), value.mean(), clipped)
 
 
 class ValueHead(nn.Module):
@@ -221,13 +314,10 @@ class ValueHead(nn.Module):
 class PpoTask(RolloutTask):
     """Clipped surrogate with generalised advantages; the reward of a whole continuation is spread over its tokens."""
 
-    is_scored = True
+    critic: ValueHead
 
-    def __init__(
-        self, generator: Generator, reference: Generator, training: AlignTraining, *args: Any, **kwargs: Any
-    ) -> None:
-        self.critic = ValueHead(generator.config.read_width)
-        super().__init__(generator, reference, training, *args, critic=self.critic, **kwargs)
+    def __init__(self, generator: Generator, *args: Any, **kwargs: Any) -> None:
+        super().__init__(generator, *args, critic=ValueHead(generator.config.read_width), **kwargs)
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """Adds an optimiser for the critic with its own learning rate."""
@@ -236,17 +326,14 @@ class PpoTask(RolloutTask):
             group["relative"] = self.config.critic_rate / self.config.learning_rate
         return [*super().optimisers(), critic]
 
-    def predicted_values(self, scores: Scores) -> Float[Tensor, "r n"]:
-        """See `RolloutTask.predicted_values`."""
-        values: Tensor = self.critic(scores.hidden)
-        return values
-
-    def advantages_and_returns(self, judged: JudgedRollouts, made: RolloutBatch) -> tuple[Tensor, Tensor]:
+    def credit(
+        self, tokens: Float[Tensor, "r n"], whole: Float[Tensor, " r"], values: Float[Tensor, "r n"] | None
+    ) -> tuple[Float[Tensor, "r n"], Float[Tensor, "r n"]]:
         """Advantages, normalised over all continuations, and the critic's targets."""
-        assert made.values is not None
-        rewards = judged.tokens + judged.whole[:, None] / judged.tokens.shape[1]
+        assert values is not None
+        rewards = tokens + whole[:, None] / tokens.shape[1]
         advantages, returns = generalised_advantages(
-            rewards, made.values, discount=self.config.discount, decay=self.config.gae
+            rewards, values, discount=self.config.discount, decay=self.config.gae
         )
         return (advantages - advantages.mean()) / (advantages.std() + 1e-8), returns
 
@@ -261,7 +348,7 @@ class PpoTask(RolloutTask):
             policy=scores.log_probs,
             old=batch.old,
             advantages=self.credited(batch.advantages),
-            values=self.predicted_values(scores),
+            values=self.critic(scores.hidden),
             old_values=batch.values,
             returns=batch.returns,
             clip=self.config.ratio_clip,

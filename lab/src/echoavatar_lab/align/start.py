@@ -26,7 +26,7 @@ from .probe import DecodingJudge, MotionMetrics, Probe, SampleVideos
 from .prompts import PromptSampler, read_token_clips, train_and_test
 from .quality import QualityReward
 from .realism import Realism
-from .rewards import ReferenceStatistics, Reward, RewardMix, imported, measure_reference_statistics, parse_weights
+from .rewards import ReferenceStatistics, RewardMix, imported, measure_reference_statistics, parse_weights
 from .rollouts import GrpoTask, PpoTask
 from .trainer import AlignTraining, DivergedError, Method, PolicyTask, RunContext
 
@@ -37,7 +37,7 @@ STATISTICS_PAST, STATISTICS_LENGTH = 3, 9
 
 @dataclass(frozen=True)
 class AlignmentSetup:
-    """What all methods need."""
+    """Models, clips and rewards, which all methods need."""
 
     tokenizer: BodyTokenizer
     generator: Generator
@@ -65,8 +65,9 @@ def load_setup(
     realism: Path | None = None,
     is_compared: bool = False,
 ) -> AlignmentSetup:
-    """Load everything. Reference statistics that are not given are measured on the train clips and kept in `folder`.
+    """Load models, clips and rewards.
 
+    Reference statistics that are not given are measured on the train clips and kept in `folder`.
     With `is_compared` (DPO) rewards only measure progress on held-out clips. If there is neither true motion nor a file
     of reference statistics, as for a studio's token files, nothing is measured.
 
@@ -82,16 +83,15 @@ def load_setup(
     has_statistics = reference_statistics is not None or (folder / "reference_statistics.json").exists()
     is_unmeasured = is_compared and not rewards and not has_statistics and not any(c.has_truth for c in train.values())
     weights = {} if is_unmeasured else parse_weights(rewards or DEFAULT_REWARDS)
-    for name, file in {"quality": quality, "alignment": alignment, "realism": realism}.items():
+    learned: dict[str, tuple[Path | None, Any]] = {
+        "quality": (quality, QualityReward),
+        "alignment": (alignment, AudioMotion),
+        "realism": (realism, Realism),
+    }
+    for name, (file, _) in learned.items():
         if name in weights and not file:
             raise EchoAvatarError(f"the reward {name} is learned first: pass --{name} (docs/alignment.md)")
-    own: dict[str, Reward] = {}
-    if quality:
-        own["quality"] = QualityReward.load(quality).judge
-    if alignment:
-        own["alignment"] = AudioMotion.load(alignment).judge
-    if realism:
-        own["realism"] = Realism.load(realism).judge
+    own = {name: kind.load(file).judge for name, (file, kind) in learned.items() if file}
     rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, reference_statistics, folder)
     mix = RewardMix(weights, rule, own)
     name = str(reference or generator or bundle)
@@ -117,9 +117,9 @@ def load_or_measure(
     tokenizer: BodyTokenizer, clips: Mapping[str, TokenClip], given: Path | None, folder: Path
 ) -> ReferenceStatistics:
     """The reference statistics in `given` or in `folder`, or measured on evenly chosen true motion and saved there."""
-    own = folder / "reference_statistics.json"
-    if given or own.exists():
-        return ReferenceStatistics.load(given or own)
+    kept = folder / "reference_statistics.json"
+    if given or kept.exists():
+        return ReferenceStatistics.load(given or kept)
     clips = {name: clip for name, clip in clips.items() if clip.has_truth}
     if not clips:
         raise MotionError(
@@ -127,12 +127,8 @@ def load_or_measure(
             " pass the --reference-statistics that a run on a folder of `echoavatar train tokens` has left"
         )
     book = PromptSampler(clips, past=STATISTICS_PAST, length=STATISTICS_LENGTH)
-    prompts = book.spread(STATISTICS_PROMPTS)
-    found = measure_reference_statistics(
-        [motion for at in range(0, len(prompts), 24) for motion in decode_truth(tokenizer, prompts[at : at + 24])]
-    )
-    folder.mkdir(parents=True, exist_ok=True)
-    found.save(own)
+    found = measure_reference_statistics(decode_truth(tokenizer, book.spread(STATISTICS_PROMPTS)))
+    found.save(kept)
     return found
 
 
@@ -162,7 +158,10 @@ def training_task(
     probe = sample_writer = None
     if ready.test and ready.mix.weights:
         asked = book(ready.test).spread(training.probe)
-        probe = Probe(asked, judge, group=training.probe_group, motion_metrics=_motion_metrics(ready, asked))
+        statistics, metrics = ready.mix.reference_statistics, None
+        if statistics is not None and all(ready.test[prompt.clip].has_truth for prompt in asked):
+            metrics = MotionMetrics(ready.tokenizer, asked, load_shipped(), statistics)
+        probe = Probe(asked, judge, group=training.probe_group, motion_metrics=metrics)
         if training.videos and ready.codec is not None:
             sample_writer = SampleVideos(ready.codec, ready.tokenizer, asked[: training.videos])
     context = RunContext(
@@ -185,13 +184,6 @@ def training_task(
             everything = PromptSampler(ready.train | ready.test, past=training.past, length=training.length)
             compared = read_pairs(pairs, everything, ready.generator.config.layout, margin=margin)
             return DpoTask(*parts, pairs=compared)
-
-
-def _motion_metrics(ready: AlignmentSetup, prompts: Sequence[Any]) -> MotionMetrics | None:
-    """None if the prompts have no true motion to measure against."""
-    if ready.mix.reference_statistics is None or not all(ready.test[prompt.clip].has_truth for prompt in prompts):
-        return None
-    return MotionMetrics(ready.tokenizer, prompts, load_shipped(), ready.mix.reference_statistics)
 
 
 def tune(

@@ -22,7 +22,7 @@ from .batch_motion import liveliness
 from .prompts import Prompt, PromptSampler, batch_of, read_token_clips, train_and_test
 from .rollouts import GrpoTask, RolloutBatch
 from .start import load_policy
-from .targets import TargetJudge, Targets, kind_of, means_of, measured, targets_like
+from .targets import TargetJudge, Targets, kind_of, kinds_of, means_of, measured, targets_like
 from .trainer import AlignTraining, RunContext, rollout_seeds
 
 SHARES = {MUSIC: 0.5, SPEECH: 0.375}  # of the prompts of a batch; the others are of any sound
@@ -53,12 +53,12 @@ class PromptsByKind(PromptSampler):
 
 
 class TargetTask(GrpoTask):
-    """GRPO whose judge learns along; its state is saved with the run's."""
+    """GRPO with a judge that learns during the run; the judge's state is saved with the run's."""
 
     judge: TargetJudge
 
     def _with_own_past(self, drawn: Sequence[Prompt], number: int) -> list[Prompt]:
-        """A long past of the policy's own, as in a session, of which the end is kept."""
+        """The prompts with a long past that the policy made, as in a session, cut to the end of that past."""
         made = super()._with_own_past(drawn, number)
         cut = max(0, self.config.past - KEPT)
         return [
@@ -77,7 +77,7 @@ class TargetTask(GrpoTask):
         return Loss(found.total, dict(found.metrics) | self.judge.told)
 
     def state(self) -> Mapping[str, Tensor]:
-        """What the opponents know, and the targets' weights and means."""
+        """The opponents' windows and classifiers, and the targets' weights and means."""
         own = {
             f"opponent.{kind}.{name}": torch.from_numpy(value)
             for kind, one in self.judge.opponents.items()
@@ -109,7 +109,7 @@ def target_task(
     sampling: Mapping[str, float] | None = None,
     device: str = "cpu",
 ) -> TargetTask:
-    """The task, whose targets are shares of what `like` or the bundle's generator measures.
+    """The training task; its targets are shares of the means of `like` or else of the bundle's generator.
 
     They are kept in `folder` as `targets.json`, and a resumed run keeps those that it began with.
 
@@ -175,7 +175,7 @@ def means_like(
         drawn = task._with_own_past(book.draw(number, training.batch), number)
         seeds = rollout_seeds(training, number, len(drawn)).to(task.device)
         codes = task.policy.rollout(batch_of(drawn, str(task.device)), 1, seeds)
-        found.append(means_of(measured(tokenizer, drawn, codes), [kind_of(prompt) for prompt in drawn]))
+        found.append(means_of(measured(tokenizer, drawn, codes), kinds_of(drawn)))
     return {name: float(np.mean([one[name] for one in found])) for name in found[0]}
 
 

@@ -1,13 +1,13 @@
-"""What `align targets` pays for: timing, realism against an opponent, and whatever is short of its target.
+"""The rewards of `align targets`: for timing, for realism against an opponent, and for measures short of a target.
 
 `align grpo` judges one motion after another, with any function of a motion. Here all continuations of a step are
-measured together (`batch_motion`): 512 of ten seconds take half a second on a GPU. Rewards are not weighed by hand. A
-weight grows while the mean of what it pays is short of its target, so one run can keep many measures at once: what is
-met costs nothing, and what is short is paid for. It is the method of multipliers with a weight between two bounds. Not
-in the paper.
+measured together (`batch_motion`): 512 of ten seconds take half a second on a GPU. Rewards are not weighed by hand. The
+weight of a measure grows while its mean is short of the target, so one run can keep many measures at once: a target
+that is met costs nothing, and one that is missed is paid for. It is the method of multipliers with a weight between two
+bounds. Not in the paper.
 
-The targets are those that the default bundle's generator was tuned with: shares of what another generator measures. A
-tuned generator keeps time, dances and talks as much as the one before it (`like`), and is told from people less. Only
+The targets are those that the default bundle's generator was tuned with: shares of another generator's means. A tuned
+generator keeps time, dances and talks as much as the one before it (`like`), and looks more like a person. Only
 measurements of this module are comparable with each other: windows here are shorter than those of `evaluate`.
 """
 
@@ -17,9 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+import torch.nn.functional as F
+from jaxtyping import Bool, Float, Int, Shaped
 from pydantic import Field
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from echoavatar.config import Config
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -27,18 +29,19 @@ from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Classifier, fit
 from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, POINTS, SPEECH, STATISTICS
 
-from .batch_motion import LEAD, hands_still, liveliness, of_common_height, shown_positions, smoothed, timing
+from .batch_motion import hands_still, liveliness, of_common_height, smoothed, timing
+from .decoded_motion import decode_behind
 from .prompts import Prompt
 from .realism import DOMAINS, MOST, kind_of_sound
 from .rewards import JsonFile, Rewards
 
 GAIN = 0.1  # of the log weight, for a mean that is short by all of its target
-MOST_SHORT = 0.4  # of the target; what is further off is not paid faster
+MOST_SHORT = 0.4  # of the target; a mean that is further off does not move the weight faster
 MEMORY = 0.7  # share of the earlier mean in a new one
 
 
 class Target(Config):
-    """What a mean should be, and between which bounds its weight may move."""
+    """The wanted mean of a measure, and the bounds of the weight that its reward has."""
 
     aim: float = Field(gt=0, description="wanted mean")
     is_least: bool = Field(default=True, description="whether the mean should be at least, not at most, `aim`")
@@ -72,11 +75,11 @@ class Weights:
 
 
 LEAST = 1e-3  # of an aim: a generator that has not learnt to keep time may hit less than chance
-TOLD_APART = 0.8  # by the opponent, which has seen hundreds of such windows: `evaluate BUNDLE alive` tells fewer
+TOLD_APART = 0.8  # accuracy of the opponent, which has seen hundreds of such windows
 
 
 class Goal(NamedTuple):
-    """A share of what the other generator measures, and how much it may weigh."""
+    """A target as a share of the other generator's mean; the start and the bounds of its weight."""
 
     share: float
     weight: float
@@ -136,7 +139,7 @@ COUNT = len(STATISTICS)
 
 
 class Opponent:
-    """A classifier of one kind of sound that learns along: is a window of motion a person's or this policy's?
+    """A classifier that learns during the run, for one kind of sound: is a window a person's or this policy's?
 
     The realism reward is fitted once. This one is fitted again to the policy's latest windows every few batches, as the
     discriminator of an adversarial network is, so that no trick against one classifier pays for long. That needs
@@ -159,15 +162,11 @@ class Opponent:
             )
             accuracy = float(np.mean(is_told))
         self.own = np.concatenate([self.own, windows])[-KEPT_WINDOWS:]
-        if self._batches % EVERY == 0:
-            self._fit()
-        self._batches += 1
-        return accuracy
-
-    def _fit(self) -> None:
-        if len(self.own) >= FEWEST_WINDOWS:
+        if self._batches % EVERY == 0 and len(self.own) >= FEWEST_WINDOWS:
             sides = np.concatenate([self.own, self.people])
             self._classifier = fit(sides, np.repeat([1.0, 0.0], [len(self.own), len(self.people)]))
+        self._batches += 1
+        return accuracy
 
     def odds(self, windows: Float[np.ndarray, "m 9"]) -> Float[np.ndarray, " m"]:
         """Log odds that windows are a person's, within -4 and 4; 0 before the first fit."""
@@ -187,13 +186,16 @@ class Opponent:
         self._classifier = Classifier(**fitted) if fitted else None
 
 
-TOGETHER = 128  # continuations measured at a time
+TOGETHER = 256  # continuations decoded and measured at a time
 MOST_PAID = 3.0  # multiples of a target's aim beyond which nothing more is paid
 MOST_JERK = 4.0  # the same for the jerk of a frame
 FRAME_SCALE = 10.0  # jerk and rest are paid by frame, where they count for a second and not for the whole
 REST_M_S = 0.4  # of hands in speech, roughly; hands in silence are paid over it
 STILL = "music.hands_still"  # paid in the frames where it happens
 TIMING = {MUSIC: "beats", SPEECH: "stresses"}
+
+Kinds = Shaped[np.ndarray, " r"]
+"""The kind of sound of each row, "" where no kind fills it."""
 
 
 class Measured(NamedTuple):
@@ -222,18 +224,19 @@ def measured(tokenizer: BodyTokenizer, prompts: Sequence[Prompt], codes: Int[Ten
         _padded([getattr(prompt, name) for prompt in prompts]).to(device).repeat_interleave(group, 0)
         for name in ("beats", "stresses")
     )
-    skeleton = tokenizer.skeleton
-    positions = shown_positions(tokenizer, rows("past"), codes)
+    skeleton, past = tokenizer.skeleton, rows("past")
     points = [skeleton.index(name) for name in POINTS]
     parts: list[tuple[Tensor, ...]] = []
     for start in range(0, len(codes), TOGETHER):
         at = slice(start, start + TOGETHER)
-        body, stands = of_common_height(positions[at, LEAD:][:, :, points])
-        about = positions[at] - positions[at, :, :1]
-        jerk = torch.diff(about, n=3, dim=1).norm(dim=-1).mean(2)[:, LEAD - 3 :] * FRAME_RATE_HZ**3
+        _, positions = decode_behind(tokenizer, past[at], codes[at])
+        lead = positions.shape[1] - codes.shape[1] * FRAMES_PER_MOTION_TOKEN
+        body, stands = of_common_height(positions[:, lead:][:, :, points])
+        about = positions - positions[:, :, :1]
+        jerk = torch.diff(about, n=3, dim=1).norm(dim=-1).mean(2)[:, lead - 3 :] * FRAME_RATE_HZ**3
         hands = smoothed(about, 1.0, "nearest")[:, :, list(skeleton.indices(("leftHand", "rightHand")))]
-        speed = torch.diff(hands, dim=1).norm(dim=-1).mean(2)[:, LEAD - 1 :] * FRAME_RATE_HZ
-        hit = timing(skeleton, positions[at], LEAD, beats[at], stresses[at])
+        speed = torch.diff(hands, dim=1).norm(dim=-1).mean(2)[:, lead - 1 :] * FRAME_RATE_HZ
+        hit = timing(skeleton, positions, lead, beats[at], stresses[at])
         parts.append((*hit, jerk, speed, hands_still(body), liveliness(body), stands))
     on_beats, on_stresses, jerk, hands, still, statistics, stands = (
         torch.cat(part) for part in zip(*parts, strict=True)
@@ -249,16 +252,21 @@ def kind_of(prompt: Prompt) -> str:
     return kind_of_sound(prompt.domain)
 
 
-def means_of(found: Measured, kinds: Sequence[str]) -> dict[str, float]:
-    """What targets may be set for, by "kind.name", and "rest": the speed of hands in silence."""
+def kinds_of(prompts: Sequence[Prompt]) -> Kinds:
+    """`kind_of` each prompt."""
+    return np.array([kind_of(prompt) for prompt in prompts])
+
+
+def means_of(found: Measured, kinds: Kinds) -> dict[str, float]:
+    """Means of all measures that may have a target, by "kind.name", and "rest": the speed of hands in silence."""
     means: dict[str, float] = {}
-    kind_of_row = np.array(kinds)
-    for kind in dict.fromkeys(filter(None, kinds)):
-        own = kind_of_row == kind
-        columns = dict(zip(STATISTICS, found.statistics.T, strict=True))
-        columns |= {"jerk": found.jerk.mean(1).cpu().numpy()}
-        columns |= {TIMING[kind]: getattr(found, TIMING[kind]).sum(1).cpu().numpy()}
-        means |= {f"{kind}.{name}": float(np.nanmean(column[own])) for name, column in columns.items()}
+    for kind in TIMING:
+        own = kinds == kind
+        if own.any():
+            columns = dict(zip(STATISTICS, found.statistics.T, strict=True))
+            columns |= {"jerk": found.jerk.mean(1).cpu().numpy()}
+            columns |= {TIMING[kind]: getattr(found, TIMING[kind]).sum(1).cpu().numpy()}
+            means |= {f"{kind}.{name}": float(np.nanmean(column[own])) for name, column in columns.items()}
     means["rest"] = float((found.hands * found.silent).sum() / found.silent.sum().clamp(min=1))
     return means
 
@@ -273,12 +281,12 @@ class TargetJudge:
         self.tokenizer = tokenizer
         self.opponents = {kind: Opponent(rows) for kind, rows in people.items()}
         self.weights = Weights(targets)
-        self.told: dict[str, float] = {}  # what the last batch was like, for the log
+        self.told: dict[str, float] = {}  # means of the last batch and weights, for the log
 
     def __call__(self, prompts: Sequence[Prompt], codes: Int[Tensor, "r n p q"]) -> Rewards:
         """Rewards of continuations."""
         found = measured(self.tokenizer.to(codes.device), prompts, codes)
-        kinds = [kind for prompt in prompts for kind in [kind_of(prompt)] * (len(codes) // len(prompts))]
+        kinds = kinds_of(prompts).repeat(len(codes) // len(prompts))
         self._learn(found, kinds)
         realism = self._realism(found, kinds)
         tokens, whole = self._by_frame(found, kinds), realism + self._by_target(found, kinds)
@@ -289,10 +297,10 @@ class TargetJudge:
             {name: value.double().cpu().numpy() for name, value in parts.items()} | {"realism": realism},
         )
 
-    def _learn(self, found: Measured, kinds: Sequence[str]) -> None:
-        means, kind_of_row = means_of(found, kinds), np.array(kinds)
+    def _learn(self, found: Measured, kinds: Kinds) -> None:
+        means = means_of(found, kinds)
         for kind, opponent in self.opponents.items():
-            accuracy = opponent.see(found.statistics[(kind_of_row == kind) & found.stands])
+            accuracy = opponent.see(found.statistics[(kinds == kind) & found.stands])
             if accuracy is not None:
                 means[f"{kind}.told_apart"] = accuracy
         for name in self.weights.targets:
@@ -300,42 +308,40 @@ class TargetJudge:
                 self.weights.see(name, means[name])
         self.told = means | {f"weight.{name}": value for name, value in self.weights.values.items()}
 
-    def _realism(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
-        """What the opponents take for a person's; a body that does not stand is surely none."""
-        paid, kind_of_row = np.zeros(len(kinds)), np.array(kinds)
+    def _realism(self, found: Measured, kinds: Kinds) -> Float[np.ndarray, " r"]:
+        """Rewards for looking like a person to the opponents; a body that does not stand surely looks like none."""
+        paid = np.zeros(len(kinds))
         for kind, opponent in self.opponents.items():
-            own = kind_of_row == kind
+            own = kinds == kind
             odds = np.full(len(kinds), -MOST)
             odds[own & found.stands] = opponent.odds(found.statistics[own & found.stands])
             paid[own] = odds[own] * self.weights.values[f"{kind}.told_apart"]
         return paid
 
-    def _by_target(self, found: Measured, kinds: Sequence[str]) -> Float[np.ndarray, " r"]:
-        """What statistics earn: their share of the aim, for the whole continuation."""
+    def _by_target(self, found: Measured, kinds: Kinds) -> Float[np.ndarray, " r"]:
+        """Rewards of whole continuations for their statistics, as shares of the aims."""
         paid, columns = np.zeros(len(kinds)), dict(zip(STATISTICS, np.nan_to_num(found.statistics).T, strict=True))
         for name, target in self.weights.targets.items():
             kind, _, what = name.partition(".")
             if what in columns and name != STILL:
                 share = np.minimum(columns[what] / target.aim, MOST_PAID)
-                paid += (np.array(kinds) == kind) * target.sign * self.weights.values[name] * share
+                paid += (kinds == kind) * target.sign * self.weights.values[name] * share
         return paid
 
-    def _by_frame(self, found: Measured, kinds: Sequence[str]) -> Float[Tensor, "r n"]:
-        """What hits, jerk, still hands in music and hands in silence earn, in the frames where they happen."""
+    def _by_frame(self, found: Measured, kinds: Kinds) -> Float[Tensor, "r n"]:
+        """Rewards for hits, jerk, still hands in music and hands in silence, in the frames where they happen."""
         weights, frames = self.weights.values, found.beats.shape[1]
+        is_kind = {kind: torch.from_numpy(kinds == kind).to(found.beats.device)[:, None] for kind in DOMAINS}
         paid = weights["music.beats"] * found.beats + weights["speech.stresses"] * found.stresses
         for kind in DOMAINS:
-            own = torch.tensor([one == kind for one in kinds], device=paid.device)[:, None]
             jerk = (found.jerk / self.weights.targets[f"{kind}.jerk"].aim).clamp(max=MOST_JERK)
-            paid = paid - own * weights[f"{kind}.jerk"] * FRAME_SCALE * jerk / frames
-        in_music = torch.tensor([one == MUSIC for one in kinds], device=paid.device)[:, None]
-        paid = paid - in_music * weights[STILL] * FRAME_SCALE * found.still / self.weights.targets[STILL].aim / frames
+            paid = paid - is_kind[kind] * weights[f"{kind}.jerk"] * FRAME_SCALE * jerk / frames
+        still = is_kind[MUSIC] * found.still / self.weights.targets[STILL].aim
+        paid = paid - weights[STILL] * FRAME_SCALE * still / frames
         return paid - weights["rest"] * FRAME_SCALE * found.silent * found.hands / REST_M_S / frames
 
 
 def _padded(events: Sequence[Float[np.ndarray, " e"]]) -> Float[Tensor, "b e"]:
-    """Events of all rows, NaN behind the last of each."""
-    table = np.full((len(events), max(1, *map(len, events))), np.nan, np.float32)
-    for row, own in zip(table, events, strict=True):
-        row[: len(own)] = own
-    return torch.from_numpy(table)
+    """Events of all rows, with at least one NaN behind the last of each."""
+    rows = [torch.from_numpy(own).float() for own in events]
+    return F.pad(pad_sequence(rows, batch_first=True, padding_value=math.nan), (0, 1), value=math.nan)

@@ -6,10 +6,9 @@ the step number, so a killed run repeats bit by bit what it would have done.
 """
 
 import hashlib
-from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self, TypeVar
+from typing import Literal, NamedTuple, Self, TypeVar
 
 import torch
 from jaxtyping import Float, Int
@@ -19,12 +18,11 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
-from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training import Gather, Schedule, TrainingConfig, TrainingTask, adamw
 
-from .losses import exact_kl
-from .policy import GeneratorPolicy, Rollout, Scores, check_reference, mean_by_layer
+from .policy import GeneratorPolicy, Rollout, Scores, check_reference, exact_kl, mean_by_layer
 from .probe import Judge, Probe
-from .prompts import Events, Prompt, PromptBatch
+from .prompts import Events, PromptBatch
 
 Method = Literal["grpo", "dpo", "ppo"]
 NEVER = 1e6  # no KL is so large
@@ -128,8 +126,6 @@ def recipe(name: str, method: Method) -> AlignTraining:
 
 
 BatchT = TypeVar("BatchT")
-SampleWriter = Callable[[GeneratorPolicy, Path], None]
-"""Writes samples of a policy into a folder."""
 
 
 class DivergedError(EchoAvatarError):
@@ -149,7 +145,7 @@ class RunContext(NamedTuple):
 
     card: Mapping[str, object] = {}
     probe: Probe | None = None
-    sample_writer: SampleWriter | None = None
+    sample_writer: Callable[[GeneratorPolicy, Path], None] | None = None  # its files are named after the path
     rewards: Mapping[str, float] = {}
     reference_name: str = "the reference"
     rollouts: Callable[[GeneratorPolicy], Rollout] | None = None  # replaces the policy's own sampling
@@ -162,6 +158,8 @@ class PolicyTask(TrainingTask[BatchT]):
     """A policy that learns, and the reference that it must stay close to."""
 
     config: AlignTraining
+    data_fingerprint = ""
+    """Fingerprint of training data other than the token files, if there is any."""
 
     def __init__(
         self,
@@ -183,7 +181,7 @@ class PolicyTask(TrainingTask[BatchT]):
         super().__init__(training, {"model": generator} | ({"critic": critic} if critic is not None else {}))
         self.policy = GeneratorPolicy(generator)
         self.reference = GeneratorPolicy(reference.eval().requires_grad_(False), self.policy.sampling)
-        self.judge, self.context = judge, context
+        self.judge, self.context, self.critic = judge, context, critic
         self._divergence = torch.zeros(2)  # sum of the KL over this process's rows in a step, and their number
 
     @property
@@ -201,14 +199,10 @@ class PolicyTask(TrainingTask[BatchT]):
         origin = Origin(
             reference=fingerprint(self.reference.generator),
             rewards=dict(self.context.rewards),
-            pairs=self.data_fingerprint(),
+            pairs=self.data_fingerprint,
         )
         training = self.config.model_copy(update={"steps": 1})
         return {"training": training, "generator": self.generator.config, "origin": origin}
-
-    def data_fingerprint(self) -> str:
-        """Fingerprint of training data other than the token files, if there is any."""
-        return ""
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over the policy; also moves the reference to the policy's device."""
@@ -225,10 +219,6 @@ class PolicyTask(TrainingTask[BatchT]):
             other = self.reference.score(prompts, codes, scores.support)
         return exact_kl(scores.all_log_probs, other.all_log_probs, scores.support)
 
-    @abstractmethod
-    def draw(self, step: int) -> BatchT:
-        """See `TrainingTask.draw`."""
-
     def logged(
         self, values: Mapping[str, Tensor], kl: Float[Tensor, "b n k"], scores: Scores
     ) -> dict[str, Tensor | float]:
@@ -236,10 +226,6 @@ class PolicyTask(TrainingTask[BatchT]):
         self._divergence += torch.tensor([float(kl.detach().mean((1, 2)).sum()), len(kl)])
         entropy = mean_by_layer(scores.entropy, self.policy.layout.motion_layers)
         return dict(values) | {"kl": kl.mean()} | {f"entropy.{at}": one for at, one in enumerate(entropy)}
-
-    @abstractmethod
-    def loss(self, batch: BatchT, step: int) -> Loss:
-        """See `TrainingTask.loss`."""
 
     def after(self, step: int, gather: Gather) -> None:
         """Stop a run that diverges.
@@ -279,9 +265,3 @@ def fingerprint(model: torch.nn.Module) -> str:
         digest.update(name.encode())
         digest.update(value.detach().float().cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()
-
-
-def share_of_process(prompts: Sequence[Prompt], processes: Any) -> Sequence[Prompt]:
-    """The prompts of a batch that this process samples."""
-    each = len(prompts) // processes.count
-    return prompts[processes.rank * each : (processes.rank + 1) * each]
