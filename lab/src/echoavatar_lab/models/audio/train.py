@@ -217,8 +217,8 @@ class CodecTask(TrainingTask[Sounds]):
             dead_below=0.3,
             kmeans_steps=10,
         )
-        super().__init__(config, {"codec": self.codec, "probe": self.probe, "quantizer": self.quantizer})
-        self.pool, self._card = pool, dict(card or {})
+        super().__init__(config, {"codec": self.codec, "probe": self.probe, "quantizer": self.quantizer}, card)
+        self.pool = pool
 
     def begin_with(self, start: AudioCodec) -> None:
         """Take over a trained codec; only the probe begins anew.
