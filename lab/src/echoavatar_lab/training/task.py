@@ -153,7 +153,7 @@ class TrainingTask(ABC, Generic[BatchT]):
 
     def identity(self) -> Mapping[str, Config]:
         """Configs that must match those of the run being resumed: by default the schedule, and the model's sizes."""
-        sizes = {self.kind: next(iter(self.modules.values())).config} if self.kind else {}
+        sizes: dict[str, Any] = {self.kind: next(iter(self.modules.values())).config} if self.kind else {}
         return {**sizes, "training": self.config}
 
     def rate(self, step: int, done: float) -> float:

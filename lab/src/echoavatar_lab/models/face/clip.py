@@ -10,8 +10,6 @@ LiveLinkFace, downsampled to 30fps".
 
 import csv
 import re
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -21,7 +19,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, HEAD_AND_EYES, reorder
-from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import whole_file
 
@@ -85,7 +83,7 @@ class FaceClip:
                 audio = file["audio"].astype(np.float32) / _PCM
                 curves = reorder(file["curves"].astype(np.float32), [str(name) for name in file["channels"]])
                 return cls(str(file["name"]), audio.astype(np.float32), curves, str(file["split"]))
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        except NPZ_ERRORS as error:
             raise MotionError(f"{path} is not a readable face clip ({error}); make it again") from error
 
 

@@ -148,7 +148,7 @@ def _bodies(generator: Generator) -> list[Body]:
 
 _FARTHEST, _DRIFT = 3, 0.08  # tokens out of step (0.4 s, half a slow beat); chance of a change at each token
 _MEASURED = 512  # windows of an evaluation
-_EXEMPLARS = 500_009  # salt of the other random numbers of a step
+_EXEMPLARS = 500_009  # salt of the random numbers of directives
 
 
 class Lesson(NamedTuple):

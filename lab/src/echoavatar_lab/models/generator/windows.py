@@ -12,7 +12,6 @@ motion quality. Draws come from the generator alone. The body parts are corrupte
 defines one RVQ token grid of T x Q and does not say how three parts share it.
 """
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,13 +24,12 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
-from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import whole_file
 
 from .sequences import Exemplar
 
-DOMAINS = ("silence", "speech", "music")
 CUES = ("beat", "stress")
 DROPPED = (0.1, 0.2)  # share of a set that is left out in training (ours)
 SHORTEST_CHUNKS = 3  # a set is drawn from at least 0.8 s
@@ -85,7 +83,7 @@ class TokenClip:
                 codes = file["audio_codes"], file["motion_codes"], file["domain"]
                 flags = (bool(file.get(name, True)) for name in ("has_truth", "is_leveled"))
                 return cls(*codes, str(file["split"]), cues, patience, *flags)
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        except NPZ_ERRORS as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
     def save(self, path: Path) -> None:

@@ -31,10 +31,13 @@ from echoavatar.nn import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training.task import BatchT
 
 from ..quantize import LearningQuantizer, Share
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
+
+log = logging.getLogger(__name__)
 
 
 def as_one_part(skeleton: Skeleton) -> Skeleton:
@@ -196,6 +199,48 @@ class WindowSampler:
         return windows
 
 
+class BodyTask(TrainingTask[BatchT]):
+    """What the training of a whole tokenizer and of its decoder alone share: losses, and errors on test clips."""
+
+    patience = 0.0
+    """How steady the codes are from which the test clips are decoded."""
+
+    def __init__(
+        self,
+        tokenizer: BodyTokenizer,
+        training: TrainingConfig,
+        losses: LossWeights,
+        tests: Sequence[MovingBody],
+        card: Mapping[str, object] | None,
+    ) -> None:
+        self.tokenizer, self.terms = tokenizer, MotionLoss(tokenizer.skeleton, losses)
+        super().__init__(training, {"tokenizer": tokenizer, "terms": self.terms}, card)
+        self._tests = [clip_features(tokenizer.skeleton, clip) for clip in tests]
+
+    def identity(self) -> Mapping[str, Config]:
+        """Sizes only: a schedule may be shortened on the way."""
+        return {"tokenizer": self.tokenizer.config}
+
+    def compare(self, decoded: Float[Tensor, "b t c"], truth: Float[Tensor, "b t c"]) -> dict[str, Float[Tensor, ""]]:
+        """The terms of the loss between normalised features."""
+        statistics = self.tokenizer.statistics
+        scale = torch.where(statistics.varies, statistics.std, 0.0)
+        return self.terms(decoded, truth, mean=statistics.mean, std=scale)  # type: ignore[no-any-return]
+
+    def evaluate(self) -> Mapping[str, object]:
+        """Errors on the test clips."""
+        return measure(self.tokenizer, self._tests, self.patience)._asdict() if self._tests else {}
+
+    def save(self, folder: Path, step: int) -> None:
+        """The whole tokenizer in half precision; at the end with the scores of what was written."""
+        card = self.card(step)
+        self.tokenizer.save(folder, card)
+        if step >= self.config.steps and self._tests:
+            scores = measure(BodyTokenizer.load(folder), self._tests, self.patience)
+            self.tokenizer.save(folder, card | {"scores": scores._asdict()})
+            log.info("test clips: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
+
+
 SPARE_SCALE = 0.1  # channels that no axis needs start with a small share of their usual weights
 
 
@@ -234,8 +279,7 @@ def _silence(layer: nn.Linear) -> None:
 
 START_WINDOWS = 400  # windows the principal axes are taken from
 START_BATCHES = 12  # how many batches the codebooks are taken from after a start as an auto-encoder
-_CODES, _SETTLING, _STARTING = 500_009, 500_029, 500_041  # salts: what else is random in a step
-log = logging.getLogger(__name__)
+_CODES, _SETTLING, _STARTING = 500_009, 500_029, 500_041  # salts of the other random numbers of a step
 
 
 def learning_quantizer(config: MotionTokenizerConfig) -> LearningQuantizer:
@@ -257,7 +301,7 @@ class Windows(NamedTuple):
     row: Int[Tensor, " b"]
 
 
-class TokenizerTask(TrainingTask[Windows]):
+class TokenizerTask(BodyTask[Windows]):
     """A body tokenizer and its training motion."""
 
     config: TokenizerTraining
@@ -274,25 +318,18 @@ class TokenizerTask(TrainingTask[Windows]):
         """Raises MotionError when no clip is as long as a window."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
-            self.tokenizer = BodyTokenizer(config)
-        self._quantizers = {name: learning_quantizer(part.config) for name, part in self.tokenizer.tokenizers().items()}
-        for name, part in self.tokenizer.tokenizers().items():
+            tokenizer = BodyTokenizer(config)
+        self._quantizers = {name: learning_quantizer(part.config) for name, part in tokenizer.tokenizers().items()}
+        for name, part in tokenizer.tokenizers().items():
             part.quantizer = self._quantizers[name]
-        skeleton = self.tokenizer.skeleton
+        super().__init__(tokenizer, training, training.losses, tests, card)
+        skeleton = tokenizer.skeleton
         features = [clip_features(skeleton, clip) for clip in clips]
         self.sampler = WindowSampler(skeleton, features, frames=training.frames, is_mirrored=training.is_mirrored)
         statistics = reach_statistics if training.is_scaled_by_reach else floored_statistics
-        self.tokenizer.set_statistics(statistics(skeleton, features, is_mirrored=training.is_mirrored))
-        self.terms = MotionLoss(skeleton, training.losses)
-        super().__init__(training, {"tokenizer": self.tokenizer, "terms": self.terms})
+        tokenizer.set_statistics(statistics(skeleton, features, is_mirrored=training.is_mirrored))
         if training.is_principal_start:
             self._start_from_principal_axes()
-        self._tests = [clip_features(skeleton, clip) for clip in tests]
-        self._card = dict(card or {})
-
-    def identity(self) -> Mapping[str, Config]:
-        """Sizes only: a schedule may be shortened on the way."""
-        return {"tokenizer": self.tokenizer.config}
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW, by which norms decay as well."""
@@ -321,18 +358,15 @@ class TokenizerTask(TrainingTask[Windows]):
 
     def loss(self, batch: Windows, step: int) -> Loss:
         """See `TrainingTask.loss`."""
-        tokenizer, statistics = self.tokenizer, self.tokenizer.statistics
-        truth = statistics.normalize(batch.features)
-        sizes = [part.features for part in tokenizer.config.parts.values()]
+        truth = self.tokenizer.statistics.normalize(batch.features)
+        sizes = [part.features for part in self.tokenizer.config.parts.values()]
         noise = torch.Generator(truth.device).manual_seed(self.config.noise(step, _CODES).initial_seed())
         share = Share(int(batch.row[0]), self.config.batch)
         passes = [
             self._pass(name, x, step, noise, share)
             for name, x in zip(self._quantizers, torch.split(truth, sizes, -1), strict=True)
         ]
-        decoded = torch.cat([features for features, _ in passes], -1)
-        scale = torch.where(statistics.varies, statistics.std, 0.0)
-        terms = self.terms(decoded, truth, mean=statistics.mean, std=scale)
+        terms = self.compare(torch.cat([features for features, _ in passes], -1), truth)
         commitment = torch.stack([commitment for _, commitment in passes]).mean()
         terms["commitment"] = self.config.losses.commitment * commitment
         return Loss(total(terms), terms)
@@ -342,19 +376,6 @@ class TokenizerTask(TrainingTask[Windows]):
         noise = self.config.noise(step, _SETTLING)
         for quantizer in self._quantizers.values():
             quantizer.settle(gather, noise)
-
-    def evaluate(self) -> Mapping[str, object]:
-        """Errors on the test clips."""
-        return measure(self.tokenizer, self._tests)._asdict() if self._tests else {}
-
-    def save(self, folder: Path, step: int) -> None:
-        """The tokenizer in half precision; at the end with the scores of what was written."""
-        card: dict[str, object] = {**self._card, "step": step, "training": self.config.model_dump()}
-        self.tokenizer.save(folder, card)
-        if step >= self.config.steps and self._tests:
-            scores = measure(BodyTokenizer.load(folder), self._tests)
-            self.tokenizer.save(folder, card | {"scores": scores._asdict()})
-            log.info("tokenizer: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
 
     def _is_ready(self) -> bool:
         return all(quantizer.is_ready for quantizer in self._quantizers.values())
