@@ -46,7 +46,7 @@ class Clip:
         domain: (t,) uint8 per frame, an index into `DOMAINS`.
         events: sorted times in seconds by kind: "beats", "downbeats", "stress".
         split: "train", "val" or "test".
-        labels: what is known of the sound as text, such as who is heard.
+        labels: facts about the sound as text by kind, such as the speaker.
     """
 
     name: str

@@ -265,6 +265,10 @@ class Corpus:
         motion = ClipMotion(shard["rotations"][span], shard["root"][span])
         return mirrored(self.skeleton_of(name), motion) if entry.mirrored else motion
 
+    def motions(self, split: str) -> list[ClipMotion]:
+        """The motion of every clip of a split, without mirror images."""
+        return [self.motion(name) for name in self.names(split, has_mirrored=False)]
+
     def sound(self, name: str) -> NDArray[np.int16]:
         """16-bit samples at 24 kHz; zeros for a clip without sound."""
         entry = self.entry(name)

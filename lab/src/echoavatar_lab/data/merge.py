@@ -1,8 +1,8 @@
 """Merges sets into one: the paper's mixture of speech and dance from sets that were prepared one by one.
 
 Clips keep name, split, events and labels. Shards are linked where the file system allows it, else copied, so a merged
-set takes no space beside its parts; clips of a rehearsal corpus (format 1) are packed into shards. The manifest tells
-what came from where, with the terms of each part, and the strictest reading applies: all of them.
+set takes no space beside its parts; clips of a rehearsal corpus (format 1) are packed into shards. The manifest lists
+the parts with their terms of use; the terms of all parts apply together.
 """
 
 import os
@@ -66,7 +66,7 @@ def _want_fit(parts: Sequence[Corpus]) -> None:
 
 
 def _packed(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntry], list[ShardEntry]]:
-    """The entries and shards of one set, as they are in the merged one from shard number `first` on."""
+    """The entries and shards of one set as the merged set lists them; its shards are numbered from `first` on."""
     if part.manifest.format == 1:
         return _packed_files(part, folder, first)
     shards = []
@@ -120,7 +120,7 @@ def _link(source: Path, target: Path) -> None:
 
 
 def _info(parts: Sequence[Corpus]) -> dict[str, Any]:
-    """What the set is made of: kind, terms and split of each part."""
+    """Kind, terms and split of each part."""
     infos = {part.folder.name: part.manifest.info for part in parts}
     licences = {name: str(info["licence"]) for name, info in infos.items() if info.get("licence")}
     splits = {name: str(info["split_from"]) for name, info in infos.items() if info.get("split_from")}

@@ -45,7 +45,7 @@ class PickledArray:
 
 @dataclass
 class PickledObject:
-    """An object that the pickle describes and that is not made: what would make it, its arguments, its state."""
+    """An object that the pickle describes and that is not made: its class or function, its arguments, its state."""
 
     name: str
     arguments: tuple[Any, ...] = ()
@@ -61,7 +61,7 @@ class _Name:
 
 @dataclass
 class _Kind:
-    """What the pickle says about an array's data type."""
+    """An array's data type as the pickle names it."""
 
     name: str
 
@@ -71,7 +71,7 @@ class _Mark:
 
 
 def unpickle_arrays(data: bytes, noted: Collection[str] = ()) -> Any:
-    """What a pickle holds, with a `PickledArray` for each array.
+    """The content of a pickle, with a `PickledArray` for each array.
 
     `noted`: classes and functions ("module name") of which a `PickledObject` takes the place, without being called.
 
@@ -277,7 +277,7 @@ NOTED = (
     "builtins slice",
     "__builtin__ slice",
 )
-"""What a pickled data frame of numbers names; nothing of it is imported or called."""
+"""The names in a pickled data frame of numbers; none of them is imported or called."""
 _OLD = "0.14.1"  # the key of the older form
 
 

@@ -154,7 +154,7 @@ def strip_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor
 
 
 def _beside(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, Tensor]]:
-    """Buffers that state dicts omit; a module that reports them also reports those of its children."""
+    """Buffers that state dicts omit, by name; a module that reports its own also reports those of its children."""
     for name, module in modules.items():
         reported: set[int] = set()
         for path, part in module.named_modules():

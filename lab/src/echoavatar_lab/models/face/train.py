@@ -40,7 +40,7 @@ from .clip import FaceClip
 
 
 class FaceTraining(TrainingConfig):
-    """How a face model is trained. The defaults suit a small model on a CPU; the paper's numbers are in the text."""
+    """How a face model is trained. The defaults suit a small model on a CPU; the descriptions give the paper's."""
 
     steps: int = Field(default=8000, gt=0, description="optimiser steps of the whole schedule (paper: 300,000)")
     batch: int = Field(default=32, gt=0, description="windows per step (paper: 128)")
@@ -68,7 +68,7 @@ class FaceTraining(TrainingConfig):
     listen: int = Field(
         default=0, ge=0, description="first steps, in which the encoder alone learns, by a readout of the face; cheap"
     )
-    listening_rate: float = Field(default=2e-3, gt=0, description="peak of their schedule")
+    listening_rate: float = Field(default=2e-3, gt=0, description="peak of the schedule of these first steps")
     readout: float = Field(
         default=0.3, ge=0, description="weight of that readout's error in the steps that follow; 0 as in the paper"
     )

@@ -1,4 +1,4 @@
-"""What a generator is trained for, and how much it relies on the sound.
+"""The losses of a generator, and a measure of how much it relies on the sound.
 
 The objective is the cross-entropy of motion codes, weighted by RVQ depth (paper, Hierarchical Loss Scaling).
 

@@ -15,7 +15,7 @@ defines one RVQ token grid of T x Q and does not say how three parts share it.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -102,28 +102,18 @@ class TokenClip:
             )
 
 
-def patience_of(clips: Sequence[TokenClip]) -> float:
-    """The `patience` that all clips share; 0 without clips.
+def shared_encoding(clips: Sequence[TokenClip]) -> dict[str, Any]:
+    """The `patience` and `is_leveled` that all clips share; {} without clips.
 
     Raises:
-        MotionError: the clips differ in patience.
+        MotionError: the clips differ in one.
     """
-    found = sorted({clip.patience for clip in clips})
-    if len(found) > 1:
-        raise MotionError(f"the token files have codes of patience {found}; make all with one `--patience`")
-    return found[0] if found else 0.0
-
-
-def leveled_of(clips: Sequence[TokenClip]) -> bool:
-    """The `is_leveled` that all clips share; True without clips.
-
-    Raises:
-        MotionError: the clips differ.
-    """
-    found = {clip.is_leveled for clip in clips}
-    if len(found) > 1:
+    patience, leveled = sorted({clip.patience for clip in clips}), {clip.is_leveled for clip in clips}
+    if len(patience) > 1:
+        raise MotionError(f"the token files have codes of patience {patience}; make all with one `--patience`")
+    if len(leveled) > 1:
         raise MotionError("some token files hear levelled sound, others do not; make all with or without `--no-level`")
-    return found.pop() if found else True
+    return {"patience": patience[0], "is_leveled": leveled.pop()} if clips else {}
 
 
 class Window(NamedTuple):

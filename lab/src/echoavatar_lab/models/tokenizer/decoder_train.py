@@ -23,7 +23,7 @@ from echoavatar_lab.training import Loss, Progress, TrainingConfig, adamw
 
 from ..quantize import steady_codes
 from .losses import LossWeights, total
-from .train import BodyTask, MovingBody, clip_features
+from .train import BodyTask, MovingBody, whole_features
 
 
 class DecoderTraining(TrainingConfig):
@@ -127,8 +127,7 @@ class DecoderTask(BodyTask[Pairs]):
 
     def _encoded(self, clip: MovingBody) -> tuple[Tensor, list[Tensor]]:
         """A clip's features, and their codes as a stream would choose them, plain and mirrored."""
-        features = clip_features(self.tokenizer.skeleton, clip)
-        features = features[: len(features) - len(features) % FRAMES_PER_MOTION_TOKEN]
+        features = whole_features(self.tokenizer.skeleton, clip)
         both = [features]
         if self.config.is_mirrored:
             both.append(mirror_features(self.tokenizer.skeleton, features))

@@ -26,6 +26,7 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, split_parts, to_features
+from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
@@ -116,6 +117,12 @@ def clip_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
     return to_features(skeleton, rotations, torch.from_numpy(np.asarray(clip.root, np.float32)))
 
 
+def whole_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
+    """Motion features of a clip, cut to whole motion tokens."""
+    features = clip_features(skeleton, clip)
+    return features[: len(features) - len(features) % FRAMES_PER_MOTION_TOKEN]
+
+
 def reach_statistics(
     skeleton: Skeleton, features: Iterable[Float[Tensor, "_ c"]], *, is_mirrored: bool
 ) -> FeatureStatistics:
@@ -127,9 +134,8 @@ def reach_statistics(
     statistics = floored_statistics(skeleton, features, is_mirrored=is_mirrored)
     joints = list(skeleton.feature_joints)
     reach = joint_reach(skeleton)[joints].repeat_interleave(6)
-    end = 6 * len(next(iter(skeleton.config.parts.values())))
-    std = statistics.std.clone()
-    columns = torch.cat([torch.arange(end), torch.arange(end + len(TRAVEL_FLOOR), len(std))])
+    std, travel = statistics.std.clone(), travel_slice(skeleton)
+    columns = torch.cat([torch.arange(travel.start), torch.arange(travel.stop, len(std))])
     own = std[columns]
     scaled = (own / reach).sqrt()
     start = 0
@@ -163,8 +169,7 @@ def floored_statistics(
     both = ([clip, mirror_features(skeleton, clip)] if is_mirrored else [clip] for clip in features)
     mean, std, varies = measure_features(clip for pair in both for clip in pair)
     floor = torch.full_like(std, ROTATION_FLOOR)
-    end = 6 * len(next(iter(skeleton.config.parts.values())))
-    floor[end : end + 3] = torch.tensor(TRAVEL_FLOOR)
+    floor[travel_slice(skeleton)] = torch.tensor(TRAVEL_FLOOR)
     return FeatureStatistics(mean, torch.maximum(std, floor), varies)
 
 
