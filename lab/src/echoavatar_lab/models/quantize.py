@@ -15,7 +15,7 @@ encoded as video is, by distortion plus rate (Potts model, solved exactly by dyn
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -185,21 +185,10 @@ class LearningQuantizer(ResidualVectorQuantizer):
     multiplies the encoder's gradient by the number of layers).
     """
 
-    def __init__(
-        self,
-        *,
-        codes: int,
-        width: int,
-        layers: int,
-        decay: float = 0.99,
-        dead_below: float = 1.0,
-        kmeans_steps: int = 0,
-    ) -> None:
+    def __init__(self, *, codes: int, width: int, layers: int, **learning: Any) -> None:
+        """`learning`: further arguments of `LearningCodebook`."""
         super().__init__(codes=codes, width=width, layers=0)
-        self.layers.extend(
-            LearningCodebook(codes=codes, width=width, decay=decay, dead_below=dead_below, kmeans_steps=kmeans_steps)
-            for _ in range(layers)
-        )
+        self.layers.extend(LearningCodebook(codes=codes, width=width, **learning) for _ in range(layers))
 
     def books(self) -> Sequence[LearningCodebook]:
         """The codebooks, coarse to fine."""

@@ -14,7 +14,6 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
-from torch.distributed.tensor import DTensor
 
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
@@ -121,15 +120,10 @@ def load_optimisers(
     for name, parameter in nn.ModuleDict(modules).named_parameters():
         if name in saved and id(parameter) in owners:
             owners[id(parameter)].state[parameter] = {
-                key: placed_like(value, parameter) if value.shape == parameter.shape else _scalar(value, parameter)
+                # fused optimisers want their count of steps on the parameter's device
+                key: placed_like(value, parameter) if value.shape == parameter.shape else value.to(parameter.device)
                 for key, value in saved[name].items()
             }
-
-
-def _scalar(value: Tensor, parameter: Tensor) -> Tensor:
-    """Move a step count to its parameter's device, as fused optimisers require."""
-    device = parameter.to_local().device if isinstance(parameter, DTensor) else parameter.device
-    return value.to(device)
 
 
 def random_state(device: torch.device) -> Tensor:

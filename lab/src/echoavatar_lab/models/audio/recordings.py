@@ -8,8 +8,9 @@ is music.
 The manifest of the recordings that the default bundle is made with marks "train" and "test", but its "test" has chosen
 weights and settings, and eight artists are in both. So the voices of that "test" are DEV, a voice that stood in two
 splits goes wholly to one, and TEST holds 12 voices and 12 tracks that were in "train", by speakers and artists who are
-nowhere else. Nothing is trained or chosen on TEST. Wolfgang and Theodore Kerr (Wolfgang_) are one person, and uncredited tracks
-of FreePD may be Kevin MacLeod's. EmoDB has no voice in TEST, because all of its speakers say the same ten sentences.
+nowhere else. Nothing is trained or chosen on TEST. Wolfgang and Theodore Kerr (Wolfgang_) are one person, and
+uncredited tracks of FreePD may be Kevin MacLeod's. EmoDB has no voice in TEST, because all of its speakers say the same
+ten sentences.
 
 Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of a long file is read without decoding
 the whole. `AudioPool` holds groups of recordings in memory and draws from them by weight.

@@ -289,14 +289,8 @@ _CODES, _SETTLING, _STARTING = 500_009, 500_029, 500_041  # salts of the other r
 
 def learning_quantizer(config: MotionTokenizerConfig) -> LearningQuantizer:
     """The quantiser of a part while it is trained."""
-    return LearningQuantizer(
-        codes=config.codes,
-        width=config.width,
-        layers=config.layers,
-        decay=config.decay,
-        dead_below=config.dead_below,
-        kmeans_steps=config.kmeans_steps,
-    )
+    names = {"codes", "width", "layers", "decay", "dead_below", "kmeans_steps"}
+    return LearningQuantizer(**config.model_dump(include=names))
 
 
 class Windows(NamedTuple):
