@@ -57,17 +57,13 @@ class Shard:
             self._mapped[array] = self._map(array)
         return self._mapped[array]
 
-    def path(self, array: str) -> Path:
-        """Path of one array's file."""
-        return shard_path(self.folder, self.entry.name, array)
-
     def verify(self) -> None:
         """Raise MotionError for the first file that is missing or has changed."""
         for array, wanted in self.entry.sha256.items():
-            _verify(self.path(array), wanted)
+            _verify(shard_path(self.folder, self.entry.name, array), wanted)
 
     def _map(self, array: str) -> NDArray[Any]:
-        path = self.path(array)
+        path = shard_path(self.folder, self.entry.name, array)
         try:
             # copy on write, because torch needs writable memory
             values: NDArray[Any] = np.load(path, mmap_mode="c", allow_pickle=False)

@@ -83,17 +83,15 @@ def _packed_files(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntr
     entries: list[ClipEntry] = []
     shards: list[ShardEntry] = []
     waiting: list[dict[str, Any]] = []
-    start = 0
 
     def flush() -> None:
-        nonlocal start
         if waiting:
             arrays = {key: np.concatenate([clip[key] for clip in waiting]) for key in waiting[0]}
             shards.append(write_shard(folder, f"{first + len(shards):05d}", arrays))
-        waiting.clear()
-        start = 0
+            waiting.clear()
 
     for entry in part.entries():
+        start = sum(len(clip["root"]) for clip in waiting)
         with open_clip(part.path(entry.name)) as stored:
             waiting.append({key: stored[key] for key in ("rotations", "root", "domain", "audio")})
         events = {kind: tuple(times.tolist()) for kind, times in part.load(entry.name).events.items()}
@@ -102,8 +100,7 @@ def _packed_files(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntr
         is_twice = entry.split == "train" and can_mirror(HUMANOID)
         mirror = moved.model_copy(update={"name": entry.name + MIRROR, "mirrored": True})
         entries += [moved, mirror] if is_twice else [moved]
-        start += entry.frames
-        if start >= SHARD_FRAMES:
+        if start + entry.frames >= SHARD_FRAMES:
             flush()
     flush()
     return entries, shards
