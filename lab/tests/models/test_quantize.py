@@ -7,7 +7,7 @@ import pytest
 import torch
 from tests import golden as fixtures
 
-from echoavatar_lab.models.quantize import LearningCodebook, LearningQuantizer, _steady_layers, steadiest
+from echoavatar_lab.models.quantize import LearningCodebook, LearningQuantizer, Share, _steady_layers, steadiest
 
 
 def test_initialisation_and_one_ema_step_match_the_release():
@@ -107,8 +107,16 @@ def trained(layers=3, seed=0, steps=5, **options):
     generator = torch.Generator().manual_seed(seed)
     quantizer = LearningQuantizer(codes=16, width=8, layers=layers, **options).train()
     for _ in range(steps):
-        quantizer(torch.randn(4, 20, 8, generator=generator), generator=generator)
+        learn(quantizer, torch.randn(4, 20, 8, generator=generator), generator)
     return quantizer, generator
+
+
+def learn(quantizer, batch, generator=None):
+    """A step as tasks take it."""
+    if not quantizer.is_ready:
+        quantizer.initialise(batch.flatten(0, 1), generator)
+    quantizer(batch, generator=generator, share=Share(0, len(batch)))
+    quantizer.settle(lambda rows: rows, generator)
 
 
 def test_each_layer_reduces_what_is_left_over():
@@ -184,16 +192,16 @@ def test_resuming_from_the_saved_averages_continues_the_same_run():
     batches = torch.randn(6, 4, 20, 8, generator=torch.Generator().manual_seed(9))
     whole, _ = trained(steps=0)
     for batch in batches:
-        whole(batch)
+        learn(whole, batch)
     first, _ = trained(steps=0)
     for batch in batches[:3]:
-        first(batch)
+        learn(first, batch)
     second = LearningQuantizer(codes=16, width=8, layers=3).train()
     second.load_state_dict(first.state_dict())
     for name, value in second.training_state().items():
         value.copy_(first.training_state()[name])
     for batch in batches[3:]:
-        second(batch)
+        learn(second, batch)
     for mine, theirs in zip(second.books(), whole.books(), strict=True):
         assert torch.equal(mine.codebook, theirs.codebook)
         assert torch.equal(mine.counts, theirs.counts)

@@ -93,9 +93,8 @@ def test_a_live_link_take_reads_back(tmp_path: Path, fps: float) -> None:
     """At 60 fps the reader keeps every second frame; frames past a full second carry over into the seconds."""
     written = curves(70)
     write_live_link(tmp_path / "take.csv", written, fps)
-    take = read_live_link(tmp_path / "take.csv")
-    assert take.rate_hz == pytest.approx(fps, rel=1e-3)
-    np.testing.assert_allclose(take.curves, written[:: round(fps / 30)], atol=2e-3)
+    read = read_live_link(tmp_path / "take.csv")
+    np.testing.assert_allclose(read, written[:: round(fps / 30)], atol=2e-3)
 
 
 def test_an_unwritable_live_link_take_is_named(tmp_path: Path) -> None:

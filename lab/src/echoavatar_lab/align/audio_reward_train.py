@@ -1,7 +1,6 @@
 """Trains the audio-motion alignment reward on token clips and tests it by retrieval among held-out windows."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -160,6 +159,7 @@ def decoded_features(
 class AudioRewardTask(TrainingTask[Windows]):
     """The training task of the alignment reward."""
 
+    kind = "audio_reward"
     config: AudioRewardTraining
 
     def __init__(
@@ -169,8 +169,8 @@ class AudioRewardTask(TrainingTask[Windows]):
         training: AudioRewardTraining,
         card: Mapping[str, object] | None = None,
     ) -> None:
-        super().__init__(training, {"model": model})
-        self.model, self._pairs, self._card = model, pairs, dict(card or {})
+        super().__init__(training, {"model": model}, card)
+        self.model, self._pairs = model, pairs
 
     def identity(self) -> Mapping[str, Config]:
         """Sizes and schedule."""
@@ -187,11 +187,6 @@ class AudioRewardTask(TrainingTask[Windows]):
             model.embed_audio(batch.sound), model.embed_motion(batch.motion), model.temperature, batch.segments
         )
         return Loss(found, {"temperature": model.temperature})
-
-    def save(self, folder: Path, step: int) -> None:
-        """Write the reward."""
-        about = {"kind": "audio_reward", "step": step, "training": self.config.model_dump()}
-        self.model.save(folder, self._card | about)
 
 
 @torch.no_grad()

@@ -201,6 +201,7 @@ class ScoredWindows(NamedTuple):
 class QualityTask(TrainingTask[ScoredWindows]):
     """The training task of the quality reward."""
 
+    kind = "quality_reward"
     config: QualityTraining
 
     def __init__(
@@ -216,8 +217,8 @@ class QualityTask(TrainingTask[ScoredWindows]):
             torch.manual_seed(training.seed)
             self.model = QualityReward(config)
         self.model.set_statistics(levels.tokenizer.statistics)
-        super().__init__(training, {"model": self.model})
-        self._levels, self._scores, self._card = levels, dict(scores or paper_scores()), dict(card or {})
+        super().__init__(training, {"model": self.model}, card)
+        self._levels, self._scores = levels, dict(scores or paper_scores())
         self._pool: dict[int, ScoredWindows] = {}
 
     def identity(self) -> Mapping[str, Config]:
@@ -251,8 +252,7 @@ class QualityTask(TrainingTask[ScoredWindows]):
 
     def save(self, folder: Path, step: int) -> None:
         """Write the reward."""
-        about = {"kind": "quality_reward", "step": step, "training": self.config.model_dump()}
-        self.model.save(folder, self._card | about | {"scores": self._scores})
+        self.model.save(folder, self.card(step) | {"scores": self._scores})
 
 
 @torch.no_grad()

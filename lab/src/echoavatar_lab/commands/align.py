@@ -161,7 +161,7 @@ def _add_targets(child: argparse.ArgumentParser) -> None:
 
 
 def _add_policy(child: argparse.ArgumentParser) -> None:
-    """What is tuned, how it samples, and where."""
+    """Declare the options of the tuned generator, of its sampling, and of the device."""
     from echoavatar_lab.align.policy import Sampling
 
     child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")

@@ -33,7 +33,6 @@ PAPER_WORDS = (
     "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32,"
     " motion features, BEATs if --encoder-weights are given"
 )
-KINDS = ("calibrate", "reward-quality", "reward-alignment", "reward-realism")
 QUALITY_SIZES = ("width", "heads")
 QUALITY_FORM = ("resampling", "differences")  # no options: the paper's with --paper
 ALIGNMENT_SIZES = ("width", "heads", "layers", "slices")
@@ -116,14 +115,8 @@ def run(args: argparse.Namespace) -> int:
     taught, asked = train_and_test(clips, args.source)
     if not asked and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
         raise EchoAvatarError(f"{args.source} holds no clip of split test, on which {args.kind} is measured")
-    kinds = {
-        "calibrate": _calibrate,
-        "reward-quality": _quality,
-        "reward-alignment": _alignment,
-        "reward-realism": _realism,
-    }
     with progress_bar() as say:
-        found = kinds[args.kind](args, bundle, taught, asked, partial(say, args.kind))
+        found = KINDS[args.kind](args, bundle, taught, asked, partial(say, args.kind))
     print(json.dumps(found))
     return 0
 
@@ -256,6 +249,14 @@ def _realism(
     )
     reward.save(args.output)
     return dict(found)
+
+
+KINDS = {
+    "calibrate": _calibrate,
+    "reward-quality": _quality,
+    "reward-alignment": _alignment,
+    "reward-realism": _realism,
+}
 
 
 def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads_features: bool) -> "AudioMotion":

@@ -1,4 +1,4 @@
-"""`echoavatar bench soak`: does a server stay whole under load and faults."""
+"""`echoavatar bench soak`: checks that a server stays whole under load and faults."""
 
 import argparse
 import json
@@ -16,14 +16,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = "example: echoavatar bench soak --sessions 4 --minutes 60 --faults --picture soak.png"
     parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
     parser.add_argument("--sessions", type=int, default=4, help="speaking sessions (default: %(default)s)")
-    parser.add_argument("--visitors", type=int, default=1, help="who come, speak and leave (default: %(default)s)")
+    parser.add_argument(
+        "--visitors", type=int, default=1, help="visitors, which come, speak and leave (default: %(default)s)"
+    )
     parser.add_argument("--minutes", type=float, default=5.0, help="length (default: %(default)s)")
     parser.add_argument(
         "--faults", action="store_true", help="clients drop, stall, flood and vanish; the engine breaks once a minute"
     )
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw memory over time")
     parser.add_argument(
-        "--of", type=Path, nargs="+", default=[], metavar="FILE", help="draw what earlier runs printed; run nothing"
+        "--of", type=Path, nargs="+", default=[], metavar="FILE", help="draw the reports of earlier runs; run nothing"
     )
 
 

@@ -70,9 +70,9 @@ def _read(args: argparse.Namespace) -> int:
     for number, path in enumerate(tqdm(paths, unit="take")):
         split = "test" if number % args.test_every == args.test_every - 1 else "train"
         try:
-            take = read_live_link(path, timecode_hz=args.timecode)
+            curves = read_live_link(path, timecode_hz=args.timecode)
             sound = read_audio(_sound_of(path))
-            clip = pair_with_audio(path.stem, take, sound, offset_s=args.offset, split=split)
+            clip = pair_with_audio(path.stem, curves, sound, offset_s=args.offset, split=split)
             clip.save(args.output / f"{path.stem}.npz")
             seconds += len(clip.curves) / 30
         except EchoAvatarError as error:

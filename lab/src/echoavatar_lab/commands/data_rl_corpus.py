@@ -5,14 +5,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tqdm import tqdm
-
 from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar
 
 if TYPE_CHECKING:
-    from echoavatar_lab.datasets.rl_corpus import Kind, RlCorpusResult, SoundPlan
+    from echoavatar_lab.datasets.rl_corpus import Kind, RlCorpusResult
 
 EXAMPLES = """examples:
   echoavatar data rl-corpus -o sounds                                   local voices, composed music
@@ -72,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Make the sounds, report, tokenise."""
-    from echoavatar_lab.datasets.rl_corpus import SoundPlan
+    from echoavatar_lab.datasets.rl_corpus import SoundPlan, make_rl_corpus
     from echoavatar_lab.datasets.text_to_speech import text_to_speech
 
     plan = SoundPlan(
@@ -86,7 +84,12 @@ def run(args: argparse.Namespace) -> int:
         music=args.music,
         music_licence=args.music_licence,
     )
-    found = _make(plan)
+    try:
+        with progress_bar() as say:
+            found = make_rl_corpus(plan, say)
+    except KeyboardInterrupt:
+        print(f"finished recordings are in {plan.folder}; the same call continues from there")
+        raise
     _print_result(found, args)
     if not found.made and not found.kept:
         raise EchoAvatarError(f"no recording could be made; the first failed: {': '.join(found.failures[0])}")
@@ -95,26 +98,6 @@ def run(args: argparse.Namespace) -> int:
     for name, why in found.failures:
         print(f"failed: {name}  {why}")
     return 1 if args.strict and found.failures else 0
-
-
-def _make(plan: "SoundPlan") -> "RlCorpusResult":
-    from echoavatar_lab.datasets.rl_corpus import make_rl_corpus
-
-    with (
-        tqdm(desc="speech", unit="min", disable=not plan.hours) as speech,
-        tqdm(desc="music", unit="piece", disable=not plan.pieces) as music,
-    ):
-
-        def progress(kind: str, done: float, total: float) -> None:
-            bar = speech if kind == "speech" else music
-            bar.total = max(round(total, 2), round(done, 2))
-            bar.update(round(done, 2) - bar.n)
-
-        try:
-            return make_rl_corpus(plan, progress)
-        except KeyboardInterrupt:
-            print(f"finished recordings are in {plan.folder}; the same call continues from there")
-            raise
 
 
 def _print_result(found: "RlCorpusResult", args: argparse.Namespace) -> None:

@@ -8,14 +8,14 @@ from tqdm import tqdm
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
-    """Call what it gives with the name of the work, the steps done and the steps in all; silent without a terminal."""
+def progress_bar() -> Iterator[Callable[[str, float, float], None]]:
+    """Context with a function to call with the work's name, what is done and what there is; silent off a terminal."""
     with tqdm(disable=not sys.stderr.isatty()) as bar:
 
-        def say(what: str, done: int, total: int) -> None:
+        def say(what: str, done: float, total: float) -> None:
             bar.set_description(what, refresh=False)
-            bar.total = total
-            bar.n = done
+            bar.total = round(total, 2)
+            bar.n = round(done, 2)
             bar.refresh()
 
         yield say

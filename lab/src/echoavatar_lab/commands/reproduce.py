@@ -2,12 +2,14 @@
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
 
 from .config_options import add_track
+from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar_lab.tables.experiment import Experiment
@@ -116,12 +118,7 @@ def run(args: argparse.Namespace) -> int:
     find_device(args.device)
     runtime = Runtime().chosen(args.runtime).label
     others = _others(args)
-    with tqdm(disable=not sys.stderr.isatty(), leave=False) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total, bar.n = total, done
-            bar.refresh()
-
+    with progress_bar() as say:
         experiment = Experiment(
             args.output / args.scale,
             SCALES[args.scale],
@@ -132,7 +129,7 @@ def run(args: argparse.Namespace) -> int:
             workers=args.workers,
             trackers=args.track,
             say=lambda line: tqdm.write(line, file=sys.stderr),
-            progress=progress,
+            progress=partial(say, args.table),
         )
         if args.table == STUDY:
             from echoavatar_lab.tables.user_study import write_study

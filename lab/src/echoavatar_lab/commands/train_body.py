@@ -1,4 +1,4 @@
-"""Stages of `echoavatar train` from sound and motion to a generator: options, what is read, what is trained.
+"""Stages of `echoavatar train` from sound and motion to a generator: their options, data and tasks.
 
 Without a recipe sizes are those of the default bundle, which are read from it.
 """
@@ -18,7 +18,7 @@ from echoavatar_lab.data import Corpus
 from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, read_groups
 from echoavatar_lab.models.audio.train import CodecTask, CodecTrainingConfig
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
-from echoavatar_lab.models.generator.windows import TokenClip, leveled_of, patience_of
+from echoavatar_lab.models.generator.windows import TokenClip, shared_encoding
 from echoavatar_lab.models.published import read_encodec
 from echoavatar_lab.models.tokenize import TokenSettings, tokenize_corpus
 from echoavatar_lab.models.tokenizer.decoder_train import DecoderTask, DecoderTraining
@@ -86,13 +86,10 @@ def _train_tokenizer(given: Given) -> None:
         settings.training["quantize_from"] = min(int(settings.training["steps"]) // 10, 100)
     training = settings.checked(TokenizerTraining, "training")
     training = training.model_copy(update={"is_mirrored": training.is_mirrored and corpus.can_mirror})
-    clips, tests = (
-        [corpus.motion(name) for name in corpus.names(split, has_mirrored=False)] for split in ("train", "test")
-    )
     start = BodyTokenizer.load(args.start) if args.start else None
     training = continued(training) if start else training
     train(
-        TokenizerTask(config, training, clips, tests=tests, card=given.card),
+        TokenizerTask(config, training, corpus.motions("train"), tests=corpus.motions("test"), card=given.card),
         args.output,
         start=start,
         minutes=args.minutes,
@@ -138,12 +135,15 @@ def _train_decoder(given: Given) -> None:
     args, corpus = given.args, Corpus(given.args.source)
     training = given.settings.checked(DecoderTraining, "training")
     training = training.model_copy(update={"is_mirrored": training.is_mirrored and corpus.can_mirror})
-    clips, tests = (
-        [corpus.motion(name) for name in corpus.names(split, has_mirrored=False)] for split in ("train", "test")
-    )
-    start = BodyTokenizer.load(args.tokenizer)
     train(
-        DecoderTask(start, training, clips, tests=tests, card=given.card, progress=given.how["progress"]),
+        DecoderTask(
+            BodyTokenizer.load(args.tokenizer),
+            training,
+            corpus.motions("train"),
+            tests=corpus.motions("test"),
+            card=given.card,
+            progress=given.how["progress"],
+        ),
         args.output,
         minutes=args.minutes,
         **given.how,
@@ -217,10 +217,9 @@ def _train_generator(given: Given) -> None:
         parts=len(tokenizer.config.parts),
         has_example=settings.model.get("control") == "prompt",
     )
-    heard = {"patience": patience_of(clips), "is_leveled": leveled_of(clips)}
     train(
         GeneratorTask(
-            settings.checked(GeneratorConfig, "model", layout=layout, **heard),
+            settings.checked(GeneratorConfig, "model", layout=layout, **shared_encoding(clips)),
             settings.checked(GeneratorTraining, "training"),
             clips,
             audio_codebooks=codec.codebooks,

@@ -6,9 +6,8 @@ Clips are mirrored across the plane x = 0 to augment training data. With M = dia
 joint is M R M of the joint on the other side. The rest offsets of the rig must be symmetric too (`is_symmetric`).
 """
 
-import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
@@ -33,7 +32,6 @@ SPLITS = ("train", "val", "test")
 PCM = 32767.0
 _EVENT = "event."
 _LABEL = "label."
-_DAMAGE = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ class Clip:
         domain: (t,) uint8 per frame, an index into `DOMAINS`.
         events: sorted times in seconds by kind: "beats", "downbeats", "stress".
         split: "train", "val" or "test".
-        labels: what is known of the sound as text, such as who is heard.
+        labels: facts about the sound as text by kind, such as the speaker.
     """
 
     name: str
@@ -138,33 +136,18 @@ def stored_labels(stored: NpzArrays) -> dict[str, str]:
     return {key[len(_LABEL) :]: str(stored[key]) for key in stored if key.startswith(_LABEL)}
 
 
-class open_clip:  # noqa: N801  used like `open`
-    """Context manager for the stored arrays of a clip, which are read on access; read errors become MotionError."""
-
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
-
-    def __enter__(self) -> NpzArrays:
-        try:
-            self._stored = NpzArrays(self.path, MotionError)
-        except FileNotFoundError as error:
-            raise MotionError(f"clip {self.path} does not exist; make the corpus again") from error
-        except _DAMAGE as error:
-            raise MotionError(f"clip {self.path} is damaged or not a clip; make the corpus again") from error
-        return self._stored
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        self._stored.close()
-        if isinstance(error, KeyError):
-            raise MotionError(f"clip {self.path} lacks {error.args[0]!r}; make the corpus again") from error
-        if isinstance(error, _DAMAGE):
-            raise MotionError(f"clip {self.path} is damaged ({error}); make the corpus again") from error
-
-
-def mirror_rotations(skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"]) -> Float[Tensor, "*n j 3 3"]:
-    """Parent-relative matrices of the mirrored pose."""
-    flip = rotations.new_tensor([-1.0, 1.0, 1.0])
-    return rotations[..., _pairs(skeleton), :, :] * flip[:, None] * flip
+@contextmanager
+def open_clip(path: Path | str) -> Iterator[NpzArrays]:
+    """Context in which the stored arrays of a clip are read on access; read errors become MotionError."""
+    try:
+        with NpzArrays(Path(path), MotionError) as stored:
+            yield stored
+    except FileNotFoundError as error:
+        raise MotionError(f"clip {path} does not exist; make the corpus again") from error
+    except KeyError as error:
+        raise MotionError(f"clip {path} lacks {error.args[0]!r}; make the corpus again") from error
+    except NPZ_ERRORS as error:
+        raise MotionError(f"clip {path} is damaged or not a clip ({error}); make the corpus again") from error
 
 
 def mirror_quaternions(skeleton: Skeleton, quaternions: Float[Tensor, "*n j 4"]) -> Float[Tensor, "*n j 4"]:

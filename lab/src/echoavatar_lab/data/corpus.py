@@ -57,21 +57,13 @@ class Shard:
             self._mapped[array] = self._map(array)
         return self._mapped[array]
 
-    def path(self, array: str) -> Path:
-        """Path of one array's file."""
-        return shard_path(self.folder, self.entry.name, array)
-
     def verify(self) -> None:
         """Raise MotionError for the first file that is missing or has changed."""
         for array, wanted in self.entry.sha256.items():
-            path = self.path(array)
-            if not path.is_file():
-                raise MotionError(f"shard {path} is missing; prepare the set again")
-            if checksum(path) != wanted:
-                raise MotionError(f"shard {path} changed; prepare the set again")
+            _verify(shard_path(self.folder, self.entry.name, array), wanted)
 
     def _map(self, array: str) -> NDArray[Any]:
-        path = self.path(array)
+        path = shard_path(self.folder, self.entry.name, array)
         try:
             # copy on write, because torch needs writable memory
             values: NDArray[Any] = np.load(path, mmap_mode="c", allow_pickle=False)
@@ -114,6 +106,13 @@ def checksum(path: Path) -> str:
     """SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _verify(path: Path, wanted: str) -> None:
+    if not path.is_file():
+        raise MotionError(f"{path} is missing; make the set again")
+    if checksum(path) != wanted:
+        raise MotionError(f"{path} changed; make the set again")
 
 
 MIRROR = ".mirror"  # suffix of a mirror image's name
@@ -262,6 +261,10 @@ class Corpus:
         motion = ClipMotion(shard["rotations"][span], shard["root"][span])
         return mirrored(self.skeleton_of(name), motion) if entry.mirrored else motion
 
+    def motions(self, split: str) -> list[ClipMotion]:
+        """The motion of every clip of a split, without mirror images."""
+        return [self.motion(name) for name in self.names(split, has_mirrored=False)]
+
     def sound(self, name: str) -> NDArray[np.int16]:
         """16-bit samples at 24 kHz; zeros for a clip without sound."""
         entry = self.entry(name)
@@ -276,13 +279,8 @@ class Corpus:
     def verify(self) -> None:
         """Raise MotionError for the first clip or shard whose file is missing or has changed."""
         for entry in self.manifest.clips:
-            if entry.shard is not None:
-                continue
-            path = self.path(entry.name)
-            if not path.is_file():
-                raise MotionError(f"corpus {self.folder}: {path.name} is missing; make the corpus again")
-            if checksum(path) != entry.sha256:
-                raise MotionError(f"corpus {self.folder}: {path.name} changed; make the corpus again")
+            if entry.shard is None:
+                _verify(self.path(entry.name), entry.sha256)
         for shard in self._shards:
             shard.verify()
 

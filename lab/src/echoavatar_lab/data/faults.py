@@ -13,8 +13,8 @@ from echoavatar.motion.kinematics import Skeleton, forward_kinematics
 from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.rigs import bone_map
 
-_DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
-FINGER_JOINTS = [f"{digit}{part}" for digit in _DIGITS for part in ("Proximal", "Intermediate", "Distal")]
+DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
+FINGER_JOINTS = [f"{digit}{part}" for digit in DIGITS for part in ("Proximal", "Intermediate", "Distal")]
 
 
 def skate(

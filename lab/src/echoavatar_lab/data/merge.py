@@ -1,8 +1,8 @@
 """Merges sets into one: the paper's mixture of speech and dance from sets that were prepared one by one.
 
 Clips keep name, split, events and labels. Shards are linked where the file system allows it, else copied, so a merged
-set takes no space beside its parts; clips of a rehearsal corpus (format 1) are packed into shards. The manifest tells
-what came from where, with the terms of each part, and the strictest reading applies: all of them.
+set takes no space beside its parts; clips of a rehearsal corpus (format 1) are packed into shards. The manifest lists
+the parts with their terms of use; the terms of all parts apply together.
 """
 
 import os
@@ -66,7 +66,7 @@ def _want_fit(parts: Sequence[Corpus]) -> None:
 
 
 def _packed(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntry], list[ShardEntry]]:
-    """The entries and shards of one set, as they are in the merged one from shard number `first` on."""
+    """The entries and shards of one set as the merged set lists them; its shards are numbered from `first` on."""
     if part.manifest.format == 1:
         return _packed_files(part, folder, first)
     shards = []
@@ -83,17 +83,15 @@ def _packed_files(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntr
     entries: list[ClipEntry] = []
     shards: list[ShardEntry] = []
     waiting: list[dict[str, Any]] = []
-    start = 0
 
     def flush() -> None:
-        nonlocal start
         if waiting:
             arrays = {key: np.concatenate([clip[key] for clip in waiting]) for key in waiting[0]}
             shards.append(write_shard(folder, f"{first + len(shards):05d}", arrays))
-        waiting.clear()
-        start = 0
+            waiting.clear()
 
     for entry in part.entries():
+        start = sum(len(clip["root"]) for clip in waiting)
         with open_clip(part.path(entry.name)) as stored:
             waiting.append({key: stored[key] for key in ("rotations", "root", "domain", "audio")})
         events = {kind: tuple(times.tolist()) for kind, times in part.load(entry.name).events.items()}
@@ -102,8 +100,7 @@ def _packed_files(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntr
         is_twice = entry.split == "train" and can_mirror(HUMANOID)
         mirror = moved.model_copy(update={"name": entry.name + MIRROR, "mirrored": True})
         entries += [moved, mirror] if is_twice else [moved]
-        start += entry.frames
-        if start >= SHARD_FRAMES:
+        if start + entry.frames >= SHARD_FRAMES:
             flush()
     flush()
     return entries, shards
@@ -120,7 +117,7 @@ def _link(source: Path, target: Path) -> None:
 
 
 def _info(parts: Sequence[Corpus]) -> dict[str, Any]:
-    """What the set is made of: kind, terms and split of each part."""
+    """Kind, terms and split of each part."""
     infos = {part.folder.name: part.manifest.info for part in parts}
     licences = {name: str(info["licence"]) for name, info in infos.items() if info.get("licence")}
     splits = {name: str(info["split_from"]) for name, info in infos.items() if info.get("split_from")}

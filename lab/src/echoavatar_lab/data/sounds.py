@@ -56,7 +56,7 @@ class Sound(Config):
 
 
 class SoundSet:
-    """A folder of sounds; `info` holds the options that made it."""
+    """A folder of `sounds`, sorted by name; `info` holds the options that made it."""
 
     def __init__(self, folder: Path) -> None:
         """Raises AudioError if the manifest is missing or damaged."""
@@ -65,18 +65,14 @@ class SoundSet:
         try:
             stored = json.loads(path.read_text(encoding="utf-8"))
             self.info: dict[str, Any] = dict(stored["info"])
-            self._sounds = {one["name"]: Sound.model_validate(one) for one in stored["sounds"]}
+            listed = [Sound.model_validate(one) for one in stored["sounds"]]
         except OSError as error:
             raise AudioError(
                 f"{folder} holds no sounds: {MANIFEST} is missing; make them with `echoavatar data rl-corpus`"
             ) from error
         except (ValueError, KeyError, TypeError, ValidationError) as error:
             raise AudioError(f"{path} is damaged; delete {folder} and make the sounds again") from error
-
-    @property
-    def sounds(self) -> list[Sound]:
-        """All recordings by name."""
-        return [self._sounds[name] for name in sorted(self._sounds)]
+        self.sounds = sorted(listed, key=lambda sound: sound.name)
 
     def path(self, sound: Sound) -> Path:
         """Path of a recording's file."""

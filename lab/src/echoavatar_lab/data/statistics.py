@@ -11,14 +11,13 @@ from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.motion import Motion, Pose
 from echoavatar.motion.kinematics.rigs import bone_map, known_bones
 from echoavatar.motion.kinematics.rotations import angle_between
-from echoavatar_lab.data.faults import skate
+from echoavatar_lab.data.faults import DIGITS, skate
 
 PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
 STROKE_SPEED = 0.35  # metres per second; a peak above it is a stroke
 TURNED_DEG = 60.0  # a foot that points further away from where the hips face is turned
 _FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 _LEGS = ("hips", "leftLowerLeg", "leftFoot", "leftToes", "rightLowerLeg", "rightFoot", "rightToes")
-_DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
 _Array = np.ndarray
 
 
@@ -106,7 +105,7 @@ def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, floa
     speed = torch.rad2deg(angle_between(local[:-1], local[1:])).numpy() * motion.fps
     world = pose.rotations[:, bones["head"]]
     head = torch.rad2deg(angle_between(world[:-1], world[1:])).numpy() * motion.fps
-    fingers = [joint for bone, joint in bones.items() if any(digit in bone for digit in _DIGITS)]
+    fingers = [joint for bone, joint in bones.items() if any(digit in bone for digit in DIGITS)]
     moving = speed[:, fingers] if fingers else np.zeros((1, 1))
     return {
         "finger_speed_mean_deg_s": float(moving.mean()),

@@ -34,8 +34,9 @@ from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_
 from echoavatar_lab.data import MUSIC, Clip
 from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenize import audio_codes, clip_features, motion_codes
+from echoavatar_lab.models.tokenize import audio_codes, motion_codes
 from echoavatar_lab.models.tokenizer.measure import code_usage
+from echoavatar_lab.models.tokenizer.train import whole_features
 
 from .beat_rows import event_rows
 from .measures import Track, track
@@ -121,7 +122,7 @@ def reconstruction_rows(tokenizer: BodyTokenizer, clips: Sequence[Clip], *, seed
     skeleton, travel = tokenizer.skeleton, travel_slice(tokenizer.skeleton)
     errors, codes = [], []
     for clip in clips:
-        features = clip_features(tokenizer, clip)
+        features = whole_features(tokenizer.skeleton, clip)
         with torch.inference_mode():
             coded = tokenizer.encode(features[None])
             rebuilt = tokenizer.decode(coded)[0]
@@ -154,7 +155,7 @@ def true_codes(
     post = Post(tokenizer.skeleton)
     tracks: dict[str, list[Track]] = {name: [] for name in (TRUTH, DECODED, SHOWN, *([] if others else [DRAWN]))}
     for done, clip in enumerate(clips, 1):
-        decoded = _decoded(tokenizer, tokenizer.encode(clip_features(tokenizer, clip)[None]))
+        decoded = _decoded(tokenizer, tokenizer.encode(whole_features(tokenizer.skeleton, clip)[None]))
         motions = {TRUTH: clip.motion(tokenizer.skeleton), DECODED: decoded, SHOWN: post.replay(decoded)}
         if not others:
             [tokens] = token_clips(bundle, [clip])

@@ -1,8 +1,8 @@
-"""Readers of files that somebody else made: tensors and numbers come out, or one error that names the file.
+"""Readers of other people's files. They return tensors and numbers, or raise one error that names the file.
 
 This is the only place of the project that opens pickled files. Torch files go through torch's own reader for weights,
-after a scan of what they name and how large they unpack. NumPy's object arrays go through `pickled_arrays`, which runs
-nothing. Sizes are checked before anything is allocated (`limits`).
+after a scan of the names in them and of their unpacked size. NumPy's object arrays go through `pickled_arrays`, which
+runs nothing. Sizes are checked before anything is allocated (`limits`).
 """
 
 import itertools
@@ -24,7 +24,7 @@ from echoavatar.motion.formats.tables import array_of, arrays_of
 from .pickled_arrays import NOTED, PickledArray, RefusedError, frame_columns, unpickle_arrays
 
 _WEIGHT_BYTES = 1 << 36  # of one torch file
-_TORCH_NAMES = (  # what state dicts and their optimisers name; besides, torch's storages and data types
+_TORCH_NAMES = (  # the names in state dicts of models and optimisers; besides, torch's storages and data types
     "collections OrderedDict",
     "collections Counter",
     "torch Size",
@@ -81,7 +81,7 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
 
 
 def _foreign_names(path: Path) -> list[str]:
-    """What the pickle of a torch file names that no state dict does.
+    """The names in the pickle of a torch file that no state dict needs.
 
     Raises:
         CheckpointError: the archive unpacks to more than its own size (torch never compresses).

@@ -45,7 +45,7 @@ class PickledArray:
 
 @dataclass
 class PickledObject:
-    """An object that the pickle describes and that is not made: what would make it, its arguments, its state."""
+    """An object that the pickle describes and that is not made: its class or function, its arguments, its state."""
 
     name: str
     arguments: tuple[Any, ...] = ()
@@ -61,7 +61,7 @@ class _Name:
 
 @dataclass
 class _Kind:
-    """What the pickle says about an array's data type."""
+    """An array's data type as the pickle names it."""
 
     name: str
 
@@ -71,7 +71,7 @@ class _Mark:
 
 
 def unpickle_arrays(data: bytes, noted: Collection[str] = ()) -> Any:
-    """What a pickle holds, with a `PickledArray` for each array.
+    """The content of a pickle, with a `PickledArray` for each array.
 
     `noted`: classes and functions ("module name") of which a `PickledObject` takes the place, without being called.
 
@@ -88,10 +88,10 @@ class _Machine:
         self._stack: list[Any] = []
         self._memo: dict[int, Any] = {}
         self._allowance = 2 * len(data) + _SLACK_BYTES  # bytes that arrays and encoded texts may take
-        self._verbs: dict[str, Callable[[], None]] = {
+        self._verbs: dict[str, Callable[[], object]] = {
             "MARK": lambda: self._stack.append(_Mark()),
-            "POP": lambda: self._drop(),
-            "POP_MARK": lambda: self._drop_to_mark(),
+            "POP": lambda: self._take(1),
+            "POP_MARK": self._to_mark,
             "DUP": lambda: self._stack.append(self._stack[-1]),
             "NONE": lambda: self._stack.append(None),
             "NEWTRUE": lambda: self._stack.append(True),
@@ -100,15 +100,15 @@ class _Machine:
             "EMPTY_LIST": lambda: self._stack.append([]),
             "EMPTY_DICT": lambda: self._stack.append({}),
             "TUPLE": lambda: self._stack.append(tuple(self._to_mark())),
-            "TUPLE1": lambda: self._tuple(1),
-            "TUPLE2": lambda: self._tuple(2),
-            "TUPLE3": lambda: self._tuple(3),
+            "TUPLE1": lambda: self._stack.append(tuple(self._take(1))),
+            "TUPLE2": lambda: self._stack.append(tuple(self._take(2))),
+            "TUPLE3": lambda: self._stack.append(tuple(self._take(3))),
             "LIST": lambda: self._stack.append(self._to_mark()),
             "DICT": lambda: self._stack.append(_pairs(self._to_mark())),
-            "APPEND": lambda: self._list_below(1).extend(self._take(1)),
-            "APPENDS": self._appends,
-            "SETITEM": self._set_item,
-            "SETITEMS": self._set_items,
+            "APPEND": lambda: self._extend(self._take(1)),
+            "APPENDS": lambda: self._extend(self._to_mark()),
+            "SETITEM": lambda: self._update(self._take(2)),
+            "SETITEMS": lambda: self._update(self._to_mark()),
             "MEMOIZE": lambda: self._memo.update({len(self._memo): self._stack[-1]}),
             "STACK_GLOBAL": self._stack_global,
             "REDUCE": self._reduce,
@@ -150,12 +150,6 @@ class _Machine:
         del self._stack[len(self._stack) - count :]
         return taken
 
-    def _drop(self) -> None:
-        self._take(1)
-
-    def _drop_to_mark(self) -> None:
-        self._to_mark()
-
     def _to_mark(self) -> list[Any]:
         for place in range(len(self._stack) - 1, -1, -1):
             if isinstance(self._stack[place], _Mark):
@@ -164,32 +158,19 @@ class _Machine:
                 return taken
         raise RefusedError("its stack has no mark")
 
-    def _tuple(self, count: int) -> None:
-        self._stack.append(tuple(self._take(count)))
-
-    def _list_below(self, above: int) -> list[Any]:
-        found = self._stack[-1 - above]
+    def _extend(self, items: list[Any]) -> None:
+        """Append to the list on top of the stack."""
+        found = self._stack[-1]
         if not isinstance(found, list):
             raise RefusedError("it appends to something that is no list")
-        return found
+        found.extend(items)
 
-    def _appends(self) -> None:
-        items = self._to_mark()
-        self._list_below(0).extend(items)
-
-    def _set_item(self) -> None:
-        pair = self._take(2)
-        self._dict().update(_pairs(pair))
-
-    def _set_items(self) -> None:
-        items = self._to_mark()
-        self._dict().update(_pairs(items))
-
-    def _dict(self) -> dict[str, Any]:
+    def _update(self, items: list[Any]) -> None:
+        """Set entries of the dictionary on top of the stack."""
         found = self._stack[-1]
         if not isinstance(found, dict):
             raise RefusedError("it sets an entry of something that is no dictionary")
-        return found
+        found.update(_pairs(items))
 
     def _stack_global(self) -> None:
         module, name = self._take(2)
@@ -296,7 +277,7 @@ NOTED = (
     "builtins slice",
     "__builtin__ slice",
 )
-"""What a pickled data frame of numbers names; nothing of it is imported or called."""
+"""The names in a pickled data frame of numbers; none of them is imported or called."""
 _OLD = "0.14.1"  # the key of the older form
 
 

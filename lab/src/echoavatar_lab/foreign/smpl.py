@@ -14,8 +14,6 @@ up. The first 22 joints of SMPL are those of SMPL-X; its two hand joints have no
 the fingers stay straight.
 """
 
-import zipfile
-import zlib
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -26,14 +24,13 @@ from jaxtyping import Float
 
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.files.exports.smplx import skeleton
-from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 
 from .foreign_files import read_pickled_table
 
 UPRIGHT_SHARE = 0.6  # least component of the mean spine direction along the up axis
-_FOREIGN = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
 _Numbers = Any
 
 
@@ -54,7 +51,7 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
             fps = float(np.asarray(rate))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
-    except (*_FOREIGN, TypeError) as error:
+    except NPZ_ERRORS as error:
         raise MotionError(f"{path} cannot be read as npz ({error}); fetch it again") from error
     rest = None if body_model is None else rest_joints(body_model, betas)
     return smplx_motion(path, poses, trans, fps, rest)
@@ -137,7 +134,7 @@ def _body(path: Path) -> tuple[_Numbers, _Numbers, _Numbers]:
     try:
         with NpzArrays(path, MotionError) as stored:
             arrays = [np.asarray(stored[key], np.float64) for key in ("v_template", "shapedirs", "J_regressor")]
-    except (*_FOREIGN, KeyError, TypeError) as error:
+    except NPZ_ERRORS as error:
         raise MotionError(
             f"{path} is not an SMPL-X body model ({error}); pass --body-model SMPLX_NEUTRAL_2020.npz, or leave it out"
         ) from error

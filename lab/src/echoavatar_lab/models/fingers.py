@@ -6,7 +6,6 @@ follows from seed and step number.
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -146,8 +145,7 @@ def denoising_loss(
     """
     rows, frames = batch.hands.shape[:2]
     level = torch.where(random.pure < training.pure_noise, 1.0, random.level.sqrt())
-    given = (random.given < training.one_known).long() * (1 + (random.side < 0.5).long())  # 0 none, 1, 2
-    is_known = (given[:, None] == torch.tensor([1, 2], device=given.device)) & batch.is_moving
+    is_known = _known(training, random) & batch.is_moving
     share = torch.where(batch.is_moving, level[:, None], 1.0)[:, None, :, None]
     noisy = (1 - share) * batch.hands + share * random.hands
     shown = is_known[:, None].expand(rows, frames, 2)
@@ -163,9 +161,13 @@ def denoising_loss(
 
 def count_learned_hands(batch: FingerBatch, training: FingerTraining, random: FingerNoise) -> float:
     """Number of hands in the loss of a batch, at least one."""
-    given = (random.given < training.one_known).long() * (1 + (random.side < 0.5).long())
-    is_known = given[:, None] == torch.tensor([1, 2], device=given.device)
-    return float((batch.is_moving & ~is_known).sum().clamp_min(1))
+    return float((batch.is_moving & ~_known(training, random)).sum().clamp_min(1))
+
+
+def _known(training: FingerTraining, random: FingerNoise) -> Bool[Tensor, "b 2"]:
+    """Which hands are given, left and right: at most one of a window."""
+    is_right = random.side < 0.5
+    return (random.given < training.one_known)[:, None] & torch.stack([~is_right, is_right], 1)
 
 
 def _disturbed(body: Float[Tensor, "b t c"], training: FingerTraining, random: FingerNoise) -> Float[Tensor, "b t c"]:
@@ -191,6 +193,7 @@ class NoisyFingerBatch(NamedTuple):
 class FingerTask(TrainingTask[NoisyFingerBatch]):
     """A finger model and the clips with moving fingers that it is trained on."""
 
+    kind = "fingers"
     config: FingerTraining
 
     def __init__(
@@ -206,7 +209,7 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = FingerModel(config)
-        super().__init__(training, {"model": self.model})
+        super().__init__(training, {"model": self.model}, card)
         groups = [[clip for clip in group if clip.is_moving.any()] for group in (clips, recorded)]
         shares = [1 - training.recorded if groups[1] else 1.0, training.recorded]
         pairs = [(group, share) for group, share in zip(groups, shares, strict=True) if group]
@@ -215,11 +218,6 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
         groups, shares = [group for group, _ in pairs], [share for _, share in pairs]
         _measure(self.model, groups)
         self.sampler = FingerSampler(self.model, groups, shares, seed=training.seed)
-        self._card = dict(card or {})
-
-    def identity(self) -> dict[str, FingerConfig | FingerTraining]:
-        """Sizes and schedule."""
-        return {"fingers": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> NoisyFingerBatch:
         """See `TrainingTask.draw`; windows are normalised by the model's fixed statistics."""
@@ -233,11 +231,6 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
     def loss(self, batch: NoisyFingerBatch, step: int) -> Loss:
         """See `TrainingTask.loss`."""
         return Loss(denoising_loss(self.model, batch.windows, self.config, batch.noise), {})
-
-    def save(self, folder: Path, step: int) -> None:
-        """The finger model, in half precision."""
-        about = {"kind": "fingers", "step": step, "training": self.config.model_dump()}
-        self.model.save(folder, self._card | about)
 
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:

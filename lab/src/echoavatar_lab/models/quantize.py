@@ -15,7 +15,7 @@ encoded as video is, by distortion plus rate (Potts model, solved exactly by dyn
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as F
@@ -185,21 +185,10 @@ class LearningQuantizer(ResidualVectorQuantizer):
     multiplies the encoder's gradient by the number of layers).
     """
 
-    def __init__(
-        self,
-        *,
-        codes: int,
-        width: int,
-        layers: int,
-        decay: float = 0.99,
-        dead_below: float = 1.0,
-        kmeans_steps: int = 0,
-    ) -> None:
+    def __init__(self, *, codes: int, width: int, layers: int, **learning: Any) -> None:
+        """`learning`: further arguments of `LearningCodebook`."""
         super().__init__(codes=codes, width=width, layers=0)
-        self.layers.extend(
-            LearningCodebook(codes=codes, width=width, decay=decay, dead_below=dead_below, kmeans_steps=kmeans_steps)
-            for _ in range(layers)
-        )
+        self.layers.extend(LearningCodebook(codes=codes, width=width, **learning) for _ in range(layers))
 
     def books(self) -> Sequence[LearningCodebook]:
         """The codebooks, coarse to fine."""
@@ -214,15 +203,17 @@ class LearningQuantizer(ResidualVectorQuantizer):
         generator: torch.Generator | None = None,
         share: Share | None = None,
     ) -> Quantized:
-        """Quantise for training: in train mode the codebooks initialise themselves, learn, revive dead codes.
+        """Quantise for training. The codebooks must have been initialised.
 
         Args:
             latents: what to quantise.
-            temperature: > 0 draws codes by Gumbel noise on -distance^2 / temperature (release: 0.5).
+            temperature: > 0 draws codes in train mode by Gumbel noise on -distance^2 / temperature (release: 0.5).
             dropout: probability that this batch uses only a random number of leading layers (release: 0.2).
-            generator: source of all randomness; None: the global one, and first vectors for initialisation.
-            share: these are some rows of a batch; the codebooks learn when `settle` is called after its last.
+            generator: source of all randomness; None: the global one.
+            share: these are some rows of a batch; the codebooks learn when `settle` is called after its last. None: the
+                codebooks do not learn from them.
         """
+        temperature = temperature if self.training else 0.0
         if share is not None:
             share = Share(share.first * latents.shape[1], share.of * latents.shape[1])
         with torch.autocast(latents.device.type, enabled=False):
@@ -235,7 +226,11 @@ class LearningQuantizer(ResidualVectorQuantizer):
                 if q >= used:
                     chosen.append(torch.full_like(chosen[0], -1))
                     continue
-                codes, vectors = self._one_layer(book, residual.detach(), temperature, generator, share)
+                target = residual.detach()
+                codes = book.nearest(target, temperature=temperature, generator=generator, share=share)
+                if share is not None:
+                    book.keep(target, codes)
+                vectors = book.lookup(codes)
                 losses.append(F.mse_loss(residual, vectors))
                 residual = residual - vectors
                 chosen.append(codes)
@@ -249,10 +244,7 @@ class LearningQuantizer(ResidualVectorQuantizer):
 
     @torch.no_grad()
     def initialise(self, latents: Float[Tensor, "n c"], generator: torch.Generator | None = None) -> None:
-        """Initialise all codebooks from many latents, layer by layer on the remainder.
-
-        Ours, for short runs: `forward` would take them from the first batch alone.
-        """
+        """Initialise all codebooks from many latents, layer by layer on the remainder."""
         residual = latents.to(self.books()[0].codebook.dtype)
         for book in self.books():
             book.initialise(residual, generator)
@@ -275,26 +267,6 @@ class LearningQuantizer(ResidualVectorQuantizer):
             for q, book in enumerate(self.books())
             for name, value in book.training_state().items()
         }
-
-    def _one_layer(
-        self,
-        book: LearningCodebook,
-        residual: Tensor,
-        temperature: float,
-        generator: torch.Generator | None,
-        share: Share | None,
-    ) -> tuple[Tensor, Tensor]:
-        learns = self.training and torch.is_grad_enabled()
-        if learns and not bool(book.ready):
-            book.initialise(residual, generator)
-        temperature = temperature if self.training else 0.0
-        codes = book.nearest(residual, temperature=temperature, generator=generator, share=share)
-        vectors = book.lookup(codes)
-        if learns and share is not None:
-            book.keep(residual, codes)
-        elif learns:
-            book.update(residual, codes, generator)
-        return codes, vectors
 
     def _layers_used(self, dropout: float, generator: torch.Generator | None) -> int:
         if not self.training or dropout <= 0:

@@ -17,20 +17,18 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 from pydantic import Field
-from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec, LevelControl
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import to_features
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.quantize import steady_codes
+from echoavatar_lab.models.tokenizer.train import whole_features
 
 CUE_FRAMES = 3
 
@@ -94,7 +92,8 @@ def audio_codes(
 ) -> Int[np.ndarray, "f 2"]:
     """Codes of a whole clip of 24 kHz audio, as in a stream.
 
-    `is_leveled` must be as in the pipeline that hears it (`Runtime.level_control`): level control is not the paper's.
+    `is_leveled` must be as in the pipeline that runs the generator (`Runtime.level_control`); the paper has no level
+    control.
     """
     usable = len(audio) // SAMPLES_PER_AUDIO_TOKEN * SAMPLES_PER_AUDIO_TOKEN
     heard = torch.from_numpy(audio[None, :usable].copy())
@@ -120,16 +119,10 @@ def motion_codes(
     tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False, patience: float = 0.0
 ) -> Int[np.ndarray, "n 3 q"]:
     """Codes of a whole clip of motion."""
-    features = clip_features(tokenizer, clip, is_mirrored=is_mirrored)
+    features = whole_features(tokenizer.skeleton, clip)
+    if is_mirrored:
+        features = mirror_features(tokenizer.skeleton, features)
     return steady_codes(tokenizer, features[None], patience)[0].numpy().astype(np.int16)
-
-
-def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = False) -> Float[Tensor, "t c"]:
-    """Motion features of a clip, cut to whole motion tokens."""
-    frames = clip.frames // FRAMES_PER_MOTION_TOKEN * FRAMES_PER_MOTION_TOKEN
-    rotations = matrix_from_quaternion(torch.from_numpy(clip.rotations[:frames]))
-    features = to_features(tokenizer.skeleton, rotations, torch.from_numpy(clip.root[:frames]))
-    return mirror_features(tokenizer.skeleton, features) if is_mirrored else features
 
 
 def tokenize_sounds(

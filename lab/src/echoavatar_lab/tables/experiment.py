@@ -188,7 +188,7 @@ class Experiment:
         def make() -> None:
             skeleton = self.corpus.skeleton
             config = body_config(as_one_part(skeleton) if choice.is_whole else skeleton, sizes)
-            clips = [self.corpus.motion(name) for name in self.corpus.names("train", has_mirrored=False)]
+            clips = self.corpus.motions("train")
             train(
                 TokenizerTask(config, training, clips, card=self._card("tokenizer")),
                 folder,

@@ -13,7 +13,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics, from_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.timing import FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_FRAME
+from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
@@ -22,7 +22,7 @@ from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, mean_joint
 from echoavatar_lab.evaluation.motion_folder import Pair
 from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
-from echoavatar_lab.models.tokenizer.train import clip_features
+from echoavatar_lab.models.tokenizer.train import whole_features
 
 from .experiment import Experiment, motion_of
 from .scale import Variant
@@ -61,8 +61,8 @@ def reconstruction_scores(
     true: list[Moments] = []
     errors, steps, weights = [], [], []
     for clip in clips:
-        whole = clip.frames - clip.frames % FRAMES_PER_MOTION_TOKEN
-        truth = clip_features(tokenizer.skeleton, clip)[:whole]
+        truth = whole_features(tokenizer.skeleton, clip)
+        whole = len(truth)
         again = tokenizer.decode(tokenizer.encode(truth[None]))[0]
         sides = [from_features(tokenizer.skeleton, features) for features in (again, truth)]
         places = [

@@ -268,6 +268,7 @@ class SkeletonConvolutionTraining(TrainingConfig):
 class SkeletonConvolutionTask(TrainingTask[Tensor]):
     """The training task of the extractor."""
 
+    kind = "beat2-extractor"
     config: SkeletonConvolutionTraining
 
     def __init__(
@@ -287,8 +288,7 @@ class SkeletonConvolutionTask(TrainingTask[Tensor]):
             self.model = SkeletonConvolution(config)
         for head in (self.model.fc_mu, self.model.fc_logvar):
             head.requires_grad_(False)  # FID does not use them
-        super().__init__(training, {"model": self.model})
-        self._card = dict(card or {})
+        super().__init__(training, {"model": self.model}, card)
 
     def identity(self) -> dict[str, SkeletonConvolutionConfig | SkeletonConvolutionTraining]:
         """Sizes and schedule."""
@@ -308,8 +308,3 @@ class SkeletonConvolutionTask(TrainingTask[Tensor]):
         error = self.model.decode(self.model.encode(batch)) - batch
         places = F.smooth_l1_loss(error, torch.zeros_like(error))
         return Loss(places + self.config.speed_weight * error.diff(dim=1).abs().mean(), {"places": places})
-
-    def save(self, folder: Path, step: int) -> None:
-        """Write the extractor."""
-        about = {"kind": "beat2-extractor", "step": step, "training": self.config.model_dump()}
-        self.model.save(folder, self._card | about)

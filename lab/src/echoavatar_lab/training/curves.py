@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from scipy.ndimage import uniform_filter1d
 
 from echoavatar.errors import EchoAvatarError
 
@@ -61,11 +62,9 @@ def _flat(told: Mapping[str, Any], prefix: str = "") -> list[tuple[str, float]]:
 
 def smoothed(values: Float[np.ndarray, " n"], window: int) -> Float[np.ndarray, " n"]:
     """Moving average over `window` values, fewer at the ends."""
-    half = min(max(0, window // 2), len(values) // 2)
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    at = np.arange(len(values))
-    low, high = np.maximum(at - half, 0), np.minimum(at + half + 1, len(values))
-    return np.asarray((total[high] - total[low]) / (high - low))
+    size = 2 * min(window // 2, len(values) // 2) + 1
+    counted = uniform_filter1d(np.ones(len(values)), size, mode="constant")
+    return np.asarray(uniform_filter1d(values, size, mode="constant") / counted)
 
 
 def is_wide(curves: Sequence[Curve]) -> bool:

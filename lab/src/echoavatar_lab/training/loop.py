@@ -34,10 +34,7 @@ class AveragedWeights:
     def __init__(self, modules: Mapping[str, nn.Module], decay: float) -> None:
         self.decay = decay
         self._learned = {
-            f"{name}.{key}": parameter
-            for name, module in modules.items()
-            for key, parameter in module.named_parameters()
-            if parameter.requires_grad
+            name: parameter for name, parameter in nn.ModuleDict(modules).named_parameters() if parameter.requires_grad
         }
         self.values: dict[str, Tensor] = {key: value.detach().clone() for key, value in self._learned.items()}
 

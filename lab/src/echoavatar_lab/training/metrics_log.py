@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from echoavatar.errors import DependencyError
 from echoavatar.whole_file import write_whole
@@ -13,14 +13,8 @@ from echoavatar.whole_file import write_whole
 FILE = "metrics.jsonl"
 
 
-class _Output(Protocol):
-    def write(self, step: int, values: Mapping[str, object]) -> None: ...
-
-    def close(self) -> None: ...
-
-
 class MetricsLog:
-    """Writes metrics to all outputs. `step` is the number of optimiser steps done."""
+    """Writes metrics to the file and to all trackers. `step` is the number of optimiser steps done."""
 
     def __init__(self, folder: Path, step: int, trackers: Sequence[str] = ()) -> None:
         """Drops lines after `step`, because a resumed run repeats those steps.
@@ -32,19 +26,22 @@ class MetricsLog:
         if path.exists():
             kept = [one for one in read_metrics(path) if one["step"] <= step]
             write_whole(path, "".join(json.dumps(one) + "\n" for one in kept))
-        self._outputs: list[_Output] = [_Lines(path)]
+        self._file = path.open("a", encoding="utf-8")
         openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
-        self._outputs += [openers[name](folder) for name in trackers]
+        self._trackers = [openers[name](folder) for name in trackers]
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
         """Log one line."""
-        for output in self._outputs:
-            output.write(step, values)
+        self._file.write(json.dumps({"step": step} | dict(values)) + "\n")
+        self._file.flush()
+        for tracker in self._trackers:
+            tracker.write(step, values)
 
     def close(self) -> None:
-        """Close all outputs."""
-        for output in self._outputs:
-            output.close()
+        """Close the file and all trackers."""
+        self._file.close()
+        for tracker in self._trackers:
+            tracker.close()
 
 
 def want_trackers(trackers: Sequence[str]) -> None:
@@ -66,18 +63,6 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
             told = json.loads(line)
             found += [told] if isinstance(told, dict) and isinstance(told.get("step"), int | float) else []
     return found
-
-
-class _Lines:
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("a", encoding="utf-8")
-
-    def write(self, step: int, values: Mapping[str, object]) -> None:
-        self._file.write(json.dumps({"step": step} | dict(values)) + "\n")
-        self._file.flush()
-
-    def close(self) -> None:
-        self._file.close()
 
 
 class _TensorBoard:

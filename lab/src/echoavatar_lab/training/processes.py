@@ -7,7 +7,6 @@ devices and wraps the modules for DDP. With `sharded` each process holds only it
 
 import atexit
 import gc
-import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -110,12 +109,9 @@ class DistributedProcesses(Processes):
 
     def gather_json(self, value: Any) -> list[Any]:
         """See `Processes.gather_json`."""
-        text = torch.frombuffer(bytearray(json.dumps(value).encode()), dtype=torch.uint8)
-        lengths = self.gather(torch.tensor([len(text)])).tolist()
-        padded = torch.zeros(1, max(lengths), dtype=torch.uint8)
-        padded[0, : len(text)] = text
-        rows = self.gather(padded).cpu()
-        return [json.loads(bytes(row[:n].tolist())) for row, n in zip(rows, lengths, strict=True)]
+        found: list[Any] = [None] * self.count
+        torch.distributed.all_gather_object(found, value)
+        return found
 
     def agree(self, is_so: bool) -> bool:
         """See `Processes.agree`."""

@@ -14,8 +14,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
-from torch.distributed.tensor import DTensor
 
+from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
 from echoavatar.whole_file import whole_file
 
@@ -72,11 +72,7 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
 
 def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:
     """Weights and buffers, including those that state dicts omit."""
-    found = {
-        f"model.{name}.{key}": full_tensor(value)
-        for name, module in modules.items()
-        for key, value in module.state_dict().items()
-    }
+    found = {f"model.{key}": full_tensor(value) for key, value in nn.ModuleDict(modules).state_dict().items()}
     return found | {f"beside.{key}": value for key, value in _beside(modules)}
 
 
@@ -87,23 +83,10 @@ def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor]
     Raises:
         CheckpointError: names or shapes differ.
     """
-    own = {f"{name}.{key}": value for name, m in modules.items() for key, value in m.state_dict().items()}
-    saved = strip_prefix(tensors, "model.")
-    problems = [f"missing {key}" for key in own if key not in saved]
-    problems += [f"unknown {key}" for key in saved if key not in own]
-    problems += [
-        f"{key} is {tuple(saved[key].shape)}, wanted {tuple(value.shape)}"
-        for key, value in own.items()
-        if key in saved and saved[key].shape != value.shape
-    ]
-    if problems:
-        more = f"; and {len(problems) - 6} more" if len(problems) > 6 else ""
-        raise CheckpointError(f"{origin} does not fit this model: {'; '.join(problems[:6])}{more}")
-    for name, module in modules.items():
-        placed = {
-            key: placed_like(value, own[f"{name}.{key}"]) for key, value in strip_prefix(saved, f"{name}.").items()
-        }
-        module.load_state_dict(placed)
+    together = nn.ModuleDict(modules)
+    own, saved = together.state_dict(), strip_prefix(tensors, "model.")
+    placed = {key: placed_like(value, own[key]) if key in own else value for key, value in saved.items()}
+    checkpoint.load_into(together, placed, origin=origin)
     beside = strip_prefix(tensors, "beside.")
     for key, value in _beside(modules):
         value.copy_(beside[key])
@@ -113,7 +96,7 @@ def optimiser_state(modules: Mapping[str, nn.Module], optimisers: Sequence[torch
     """The optimisers' state of each parameter, by its name."""
     return {
         f"optimiser.{name}.{key}": full_tensor(torch.as_tensor(value))
-        for name, parameter in _parameters(modules)
+        for name, parameter in nn.ModuleDict(modules).named_parameters()
         for optimiser in optimisers
         if parameter in optimiser.state
         for key, value in optimiser.state[parameter].items()
@@ -134,18 +117,13 @@ def load_optimisers(
         for group in optimiser.param_groups
         for parameter in group["params"]
     }
-    for name, parameter in _parameters(modules):
+    for name, parameter in nn.ModuleDict(modules).named_parameters():
         if name in saved and id(parameter) in owners:
             owners[id(parameter)].state[parameter] = {
-                key: placed_like(value, parameter) if value.shape == parameter.shape else _scalar(value, parameter)
+                # fused optimisers want their count of steps on the parameter's device
+                key: placed_like(value, parameter) if value.shape == parameter.shape else value.to(parameter.device)
                 for key, value in saved[name].items()
             }
-
-
-def _scalar(value: Tensor, parameter: Tensor) -> Tensor:
-    """Move a step count to its parameter's device, as fused optimisers require."""
-    device = parameter.to_local().device if isinstance(parameter, DTensor) else parameter.device
-    return value.to(device)
 
 
 def random_state(device: torch.device) -> Tensor:
@@ -169,19 +147,13 @@ def strip_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor
     return {key[len(prefix) :]: value for key, value in tensors.items() if key.startswith(prefix)}
 
 
-def _parameters(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, nn.Parameter]]:
-    for name, module in modules.items():
-        for key, parameter in module.named_parameters():
-            yield f"{name}.{key}", parameter
-
-
 def _beside(modules: Mapping[str, nn.Module]) -> Iterator[tuple[str, Tensor]]:
-    """Buffers that state dicts omit; a module that reports them also reports those of its children."""
+    """Buffers that state dicts omit, by name; a module that reports its own also reports those of its children."""
     for name, module in modules.items():
-        spoken: set[int] = set()
+        reported: set[int] = set()
         for path, part in module.named_modules():
-            if id(part) not in spoken and isinstance(part, HasTrainingState):
+            if id(part) not in reported and isinstance(part, HasTrainingState):
                 assert isinstance(part, nn.Module)
-                spoken.update(id(inner) for inner in part.modules())
+                reported.update(id(inner) for inner in part.modules())
                 for key, value in part.training_state().items():
                     yield f"{name}.{path}.{key}", value

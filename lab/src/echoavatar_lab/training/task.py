@@ -93,20 +93,28 @@ class Loss(NamedTuple):
 class TrainingTask(ABC, Generic[BatchT]):
     """Config, modules, data and loss. A batch is a tensor or a (nested) tuple of tensors, rows first."""
 
+    kind = ""
+    """What cards call the first module, a `Checkpointed` model: it is then saved, and its config identifies the run."""
     has_idle = False
     """Whether some trained parameters get no gradient in some steps; DDP must know."""
     is_recordable = False
     """Whether `loss` only queues the same kernels in each step: it never waits for the device nor uses `step`, and all
-    batches have one shape. On a GPU the loop then records the step once and replays it (`recording`)."""
+    batches have one shape. On a GPU the loop then records the step once and replays it (`loop.Recording`)."""
     seconds = 0.0
     """Training time up to the checkpoint that is being saved."""
     processes = Processes()
     """The processes of the run, set by the loop: `draw` may divide expensive work, if all end with the same batch."""
 
-    def __init__(self, config: TrainingConfig, modules: Mapping[str, nn.Module]) -> None:
-        """`modules` hold everything that is trained or saved, by the name used in the checkpoint."""
+    def __init__(
+        self, config: TrainingConfig, modules: Mapping[str, nn.Module], card: Mapping[str, object] | None = None
+    ) -> None:
+        """`modules` hold everything that is trained or saved, by the name used in the checkpoint.
+
+        `card` is what the saved model's card says of its data, command and licence.
+        """
         self.config = config
         self.modules = dict(modules)
+        self._card = dict(card or {})
 
     @abstractmethod
     def draw(self, step: int) -> BatchT:
@@ -116,9 +124,16 @@ class TrainingTask(ABC, Generic[BatchT]):
     def loss(self, batch: BatchT, step: int) -> Loss:
         """Loss of some rows of a batch, on the modules' device; gradients flow only through this."""
 
-    @abstractmethod
     def save(self, folder: Path, step: int) -> None:
-        """Write the model after `step` steps; the modules hold the weights to save."""
+        """Write the model after `step` steps, by default the first module; the modules hold the weights to save."""
+        model = next(iter(self.modules.values()))
+        assert isinstance(model, checkpoint.Checkpointed), "override `save` for other modules"
+        model.save(folder, self.card(step))
+
+    def card(self, step: int) -> dict[str, object]:
+        """The card of the model after `step` steps."""
+        kind = {"kind": self.kind} if self.kind else {}
+        return self._card | kind | {"step": step, "training": self.config.model_dump()}
 
     def begin_with(self, start: Any) -> None:
         """Take the weights of a trained model before a new run; by default they are those of the first module.
@@ -137,8 +152,9 @@ class TrainingTask(ABC, Generic[BatchT]):
         return [adamw(self.modules.values(), self.config)]
 
     def identity(self) -> Mapping[str, Config]:
-        """Configs that must match those of the run being resumed."""
-        return {"training": self.config}
+        """Configs that must match those of the run being resumed: by default the schedule, and the model's sizes."""
+        sizes: dict[str, Any] = {self.kind: next(iter(self.modules.values())).config} if self.kind else {}
+        return {**sizes, "training": self.config}
 
     def rate(self, step: int, done: float) -> float:
         """Learning rate of a step; `done` is the share of the run completed, by steps or by time."""

@@ -14,8 +14,7 @@ from echoavatar_lab.models.generator.windows import (
     WindowSampler,
     corrupt_hierarchically,
     corrupt_uniformly,
-    leveled_of,
-    patience_of,
+    shared_encoding,
 )
 
 
@@ -62,20 +61,19 @@ def test_a_token_file_comes_back(tmp_path):
 def test_files_of_one_patience_tell_it_and_others_are_refused(tmp_path):
     TokenClip(clip(4).audio, clip(4).motion, clip(4).domain, patience=0.5).save(tmp_path / "a.npz")
     patient = TokenClip.load(tmp_path / "a.npz")
-    assert patience_of([patient, patient]) == 0.5
-    assert patience_of([]) == 0.0
+    assert shared_encoding([patient, patient])["patience"] == 0.5
+    assert shared_encoding([]) == {}
     with pytest.raises(MotionError, match=r"patience \[0\.0, 0\.5\]"):
-        patience_of([patient, clip(4)])
+        shared_encoding([patient, clip(4)])
 
 
 def test_whether_sound_was_leveled_travels_with_the_codes(tmp_path) -> None:
     raw = replace(clip(4), is_leveled=False)
     raw.save(tmp_path / "raw.npz")
     assert not TokenClip.load(tmp_path / "raw.npz").is_leveled
-    assert not leveled_of([raw, raw])
-    assert leveled_of([])
+    assert not shared_encoding([raw, raw])["is_leveled"]
     with pytest.raises(MotionError, match="--no-level"):
-        leveled_of([raw, clip(4)])
+        shared_encoding([raw, clip(4)])
 
 
 def test_ragged_ends_are_cut_to_whole_chunks():

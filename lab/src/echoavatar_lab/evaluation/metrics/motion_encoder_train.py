@@ -51,6 +51,7 @@ class NoisyWindows(NamedTuple):
 class MotionEncoderTask(TrainingTask[NoisyWindows]):
     """The training task of the extractor."""
 
+    kind = "fid-encoder"
     config: MotionEncoderTraining
 
     def __init__(
@@ -68,15 +69,10 @@ class MotionEncoderTask(TrainingTask[NoisyWindows]):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.model = MotionEncoder(config)
-        super().__init__(training, {"model": self.model})
+        super().__init__(training, {"model": self.model}, card)
         every = torch.cat([clip[::4] for clip in self.clips])
         self.model.set_feature_statistics(every.mean(0), every.std(0))
         self._weights = part_weights(config.features)
-        self._card = dict(card or {})
-
-    def identity(self) -> dict[str, MotionEncoderConfig | MotionEncoderTraining]:
-        """Sizes and schedule."""
-        return {"fid-encoder": self.model.config, "training": self.config}
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW."""
@@ -100,8 +96,7 @@ class MotionEncoderTask(TrainingTask[NoisyWindows]):
         """Write the extractor in half precision, its latents rescaled for the present weights."""
         stride = max(1, len(self.clips) // _MEASURED_CLIPS)
         self.model.set_latent_statistics(self.clips[::stride])
-        about = {"kind": "fid-encoder", "step": step, "training": self.config.model_dump()}
-        self.model.save(folder, self._card | about)
+        super().save(folder, step)
 
     def _windows(self, random: torch.Generator) -> Float[Tensor, "b t c"]:
         lengths = torch.tensor([len(clip) - self.config.frames + 1 for clip in self.clips]).double()

@@ -1,4 +1,4 @@
-"""Folders of recorded speech and music: which files they hold, who is heard, and what may be trained on.
+"""Folders of recorded speech and music: their files, the speakers and artists, and the split of each file.
 
 A folder may have a `manifest.csv` with the columns path, seconds, kind ("speech" or "music"), speaker_or_artist,
 title, language_or_genre and split ("train", "dev" or "test"), one row a file. Settings and weights are chosen on "dev";
@@ -6,10 +6,11 @@ title, language_or_genre and split ("train", "dev" or "test"), one row a file. S
 is music.
 
 The manifest of the recordings that the default bundle is made with marks "train" and "test", but its "test" has chosen
-weights and settings, and eight artists are in both. So the voices of that "test" are DEV, whoever stood in two splits
-goes wholly to one, and TEST holds 12 voices and 12 tracks that were in "train", by speakers and artists who are nowhere
-else. Nothing is trained or chosen on TEST. Wolfgang and Theodore Kerr (Wolfgang_) are one person, and uncredited tracks
-of FreePD may be Kevin MacLeod's. EmoDB has no voice in TEST, because all of its speakers say the same ten sentences.
+weights and settings, and eight artists are in both. So the voices of that "test" are DEV, a voice that stood in two
+splits goes wholly to one, and TEST holds 12 voices and 12 tracks that were in "train", by speakers and artists who are
+nowhere else. Nothing is trained or chosen on TEST. Wolfgang and Theodore Kerr (Wolfgang_) are one person, and
+uncredited tracks of FreePD may be Kevin MacLeod's. EmoDB has no voice in TEST, because all of its speakers say the same
+ten sentences.
 
 Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of a long file is read without decoding
 the whole. `AudioPool` holds groups of recordings in memory and draws from them by weight.
@@ -68,7 +69,7 @@ _SPLITS = {"test": TEST, "dev": DEV, "train": TRAIN}
 
 
 class RecordedFile(NamedTuple):
-    """A sound file, what it holds and who is heard; `voice` is the speaker or the artist, `style` language or genre."""
+    """A sound file with its labels; `voice` is the speaker or the artist, `style` the language or genre."""
 
     path: Path
     kind: Literal["speech", "music"]
@@ -100,7 +101,7 @@ def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile
 
 
 def split_of(voice: str, listed: str) -> str:
-    """The split of a speaker or artist: of a known one as above, of others as `listed` in their manifest."""
+    """The split of a speaker or artist: of the known ones as above, of others as `listed` in their manifest."""
     return next((split for split, names in _SPLITS.items() if voice in names), listed)
 
 

@@ -217,8 +217,8 @@ class CodecTask(TrainingTask[Sounds]):
             dead_below=0.3,
             kmeans_steps=10,
         )
-        super().__init__(config, {"codec": self.codec, "probe": self.probe, "quantizer": self.quantizer})
-        self.pool, self._card = pool, dict(card or {})
+        super().__init__(config, {"codec": self.codec, "probe": self.probe, "quantizer": self.quantizer}, card)
+        self.pool = pool
 
     def begin_with(self, start: AudioCodec) -> None:
         """Take over a trained codec; only the probe begins anew.
@@ -284,14 +284,13 @@ class CodecTask(TrainingTask[Sounds]):
 
     def save(self, folder: Path, step: int) -> None:
         """The codec."""
-        facts = {
+        facts: dict[str, object] = {
             "training": self.config.model_dump(mode="json", exclude={"codec"}),
             "steps_done": step,
             "training_minutes": round(self.seconds / 60, 1),
             "sound_seconds": self.pool.seconds,
         }
-        weights = self.codec.state_dict()
-        checkpoint.save(folder, config=self.codec.config, weights=weights, card=facts | self._card)
+        self.codec.save(folder, facts | self._card)
 
     def _latents(self, heard: Float[Tensor, "b s"]) -> Float[Tensor, "b n c"]:
         state = self.codec.init_state(len(heard))

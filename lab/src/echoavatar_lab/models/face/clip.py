@@ -10,8 +10,6 @@ LiveLinkFace, downsampled to 30fps".
 
 import csv
 import re
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -20,8 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.arkit import ARKIT_NAMES, HEAD_AND_EYES, reorder
-from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.arkit import ARKIT_NAMES, reorder
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import whole_file
 
@@ -85,7 +83,7 @@ class FaceClip:
                 audio = file["audio"].astype(np.float32) / _PCM
                 curves = reorder(file["curves"].astype(np.float32), [str(name) for name in file["channels"]])
                 return cls(str(file["name"]), audio.astype(np.float32), curves, str(file["split"]))
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        except NPZ_ERRORS as error:
             raise MotionError(f"{path} is not a readable face clip ({error}); make it again") from error
 
 
@@ -107,23 +105,10 @@ _MOST_APART_S = 0.5
 _TIMECODE = re.compile(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)")
 
 
-@dataclass(frozen=True)
-class LiveLinkTake:
-    """One take at 30 frames per second.
+def read_live_link(path: Path, *, timecode_hz: int | None = None) -> Float[np.ndarray, "t 52"]:
+    """The curves of a take in canonical order, 30 frames per second, clipped to 0..1.
 
-    Attributes:
-        curves: (t, 52) canonical order, clipped to 0..1.
-        head_and_eyes: (t, 9) `HEAD_AND_EYES`, radians; zeros where the file has none.
-        rate_hz: frame rate of the file.
-    """
-
-    curves: Float[np.ndarray, "t 52"]
-    head_and_eyes: Float[np.ndarray, "t 9"]
-    rate_hz: float
-
-
-def read_live_link(path: Path, *, timecode_hz: int | None = None) -> LiveLinkTake:
-    """Read a take. `timecode_hz` (30 or 60) is what frame numbers count; by default 60 if any is over 29, else 30.
+    `timecode_hz` (30 or 60) is the rate that frame numbers count at; by default 60 if any is over 29, else 30.
 
     Raises:
         MotionError: the file cannot be read; columns are missing; a value is no number; times run backwards, leave a
@@ -139,40 +124,41 @@ def read_live_link(path: Path, *, timecode_hz: int | None = None) -> LiveLinkTak
     if len(kept) < 2:
         raise MotionError(f"{path} has {len(kept)} rows with a face; record a longer take")
     times = _seconds(path, [(line, row[names.index("timecode")]) for line, row in kept], timecode_hz)
-    wanted = [*ARKIT_NAMES, *(name for name in HEAD_AND_EYES if name in names)]
-    columns = [names.index(name) for name in wanted]
+    columns = [names.index(name) for name in ARKIT_NAMES]
     values = np.array([_numbers(path, line, [row[i] for i in columns]) for line, row in kept])
-    rate = _rate(path, times, [line for line, _ in kept])
+    _check_rate(path, times, [line for line, _ in kept])
     frames = int((times[-1] - times[0]) * FRAME_RATE_HZ + 1e-6) + 1
     grid = np.arange(frames) / FRAME_RATE_HZ
-    out = np.stack([np.interp(grid, times - times[0], column) for column in values.T], axis=1)
-    angles = np.zeros((frames, len(HEAD_AND_EYES)), np.float32)
-    for i, name in enumerate(wanted[52:], 52):
-        angles[:, HEAD_AND_EYES.index(name)] = out[:, i]
-    return LiveLinkTake(np.clip(out[:, :52], 0, 1).astype(np.float32), angles, rate)
+    curves = np.stack([np.interp(grid, times - times[0], column) for column in values.T], axis=1)
+    return np.asarray(np.clip(curves, 0, 1), np.float32)
 
 
 def pair_with_audio(
-    name: str, take: LiveLinkTake, audio: Float[np.ndarray, " s"], *, offset_s: float = 0.0, split: str = "train"
+    name: str,
+    curves: Float[np.ndarray, "t 52"],
+    audio: Float[np.ndarray, " s"],
+    *,
+    offset_s: float = 0.0,
+    split: str = "train",
 ) -> FaceClip:
-    """A clip from a take and its sound (24 kHz mono); `offset_s` is when the take begins in the sound.
+    """A clip from a take's curves and its sound (24 kHz mono); `offset_s` is when the take begins in the sound.
 
     Raises:
         MotionError: their lengths differ by more than half a second, or nothing is left.
     """
     start = round(offset_s * SAMPLE_RATE_HZ)
     heard = audio[start:] if start >= 0 else np.concatenate([np.zeros(-start, np.float32), audio])
-    seconds, shown = len(heard) / SAMPLE_RATE_HZ, len(take.curves) / FRAME_RATE_HZ
+    seconds, shown = len(heard) / SAMPLE_RATE_HZ, len(curves) / FRAME_RATE_HZ
     if abs(seconds - shown) > _MOST_APART_S:
         raise MotionError(
             f"{name}: {seconds:.2f} s of sound but {shown:.2f} s of face; give the sound of the same take, "
             "or say where the take begins in it (--offset)"
         )
-    frames = min(len(take.curves), len(heard) // SAMPLES_PER_FRAME)
+    frames = min(len(curves), len(heard) // SAMPLES_PER_FRAME)
     if frames < 1:
         raise MotionError(f"{name}: no whole frame of sound and face together")
     sound = heard[: frames * SAMPLES_PER_FRAME].astype(np.float32)
-    return FaceClip(name, sound, take.curves[:frames], split)
+    return FaceClip(name, sound, curves[:frames], split)
 
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
@@ -210,8 +196,8 @@ def _seconds(path: Path, stamps: list[tuple[int, str]], timecode_hz: int | None)
     return np.asarray(times + 86_400 * (times < times[0] - 43_200))  # a take over midnight
 
 
-def _rate(path: Path, times: Float[np.ndarray, " t"], lines: list[int]) -> float:
-    """Frames per second of a take; implausible rates are refused."""
+def _check_rate(path: Path, times: Float[np.ndarray, " t"], lines: list[int]) -> None:
+    """Refuse times that run backwards, leave a gap, or fit no camera."""
     steps = np.diff(times)
     if steps.min() <= 0:
         at = lines[int(steps.argmin()) + 1]
@@ -225,4 +211,3 @@ def _rate(path: Path, times: Float[np.ndarray, " t"], lines: list[int]) -> float
     if steps.max() > _LONGEST_GAP_S:
         at = lines[int(steps.argmax()) + 1]
         raise MotionError(f"{path}, line {at}: {steps.max():.2f} s without a face before it; cut the take there")
-    return rate

@@ -15,7 +15,6 @@ lips will close.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +40,7 @@ from .clip import FaceClip
 
 
 class FaceTraining(TrainingConfig):
-    """How a face model is trained. The defaults suit a small model on a CPU; the paper's numbers are in the text."""
+    """How a face model is trained. The defaults suit a small model on a CPU; the descriptions give the paper's."""
 
     steps: int = Field(default=8000, gt=0, description="optimiser steps of the whole schedule (paper: 300,000)")
     batch: int = Field(default=32, gt=0, description="windows per step (paper: 128)")
@@ -69,7 +68,7 @@ class FaceTraining(TrainingConfig):
     listen: int = Field(
         default=0, ge=0, description="first steps, in which the encoder alone learns, by a readout of the face; cheap"
     )
-    listening_rate: float = Field(default=2e-3, gt=0, description="peak of their schedule")
+    listening_rate: float = Field(default=2e-3, gt=0, description="peak of the schedule of these first steps")
     readout: float = Field(
         default=0.3, ge=0, description="weight of that readout's error in the steps that follow; 0 as in the paper"
     )
@@ -288,6 +287,7 @@ class FaceLesson(NamedTuple):
 class FaceTask(TrainingTask[FaceLesson]):
     """A face model and the clips of split "train"."""
 
+    kind = "face"
     config: FaceTraining
 
     def __init__(
@@ -307,7 +307,7 @@ class FaceTask(TrainingTask[FaceLesson]):
         if encoder is not None:
             checkpoint.load_into(self.model.encoder, encoder.state_dict(), origin="the pretrained encoder")
             self.model.encoder.requires_grad_(False).eval()  # training neither changes nor masks nor drops anything
-        super().__init__(training, {"model": self.model, "reader": self.reader})
+        super().__init__(training, {"model": self.model, "reader": self.reader}, card)
         self.has_idle = training.listen > 0
         chosen = [levelled(clip) for clip in clips if clip.split == "train"]
         self.sampler = FaceSampler(
@@ -319,21 +319,14 @@ class FaceTask(TrainingTask[FaceLesson]):
             late=config.late,
         )
         self.model.measure(torch.from_numpy(np.concatenate([clip.curves for clip in chosen])))
-        self._card = dict(card or {})
-
-    def identity(self) -> dict[str, FaceConfig | FaceTraining]:
-        """Sizes and schedule."""
-        return {"face": self.model.config, "training": self.config}
 
     def rate(self, step: int, done: float) -> float:
         """Warm-up and decay; the steps in which the encoder trains alone have a schedule of their own."""
         training, listen = self.config, self.config.listen
         if step < listen:
-            peak, at, steps = training.listening_rate, step, listen
-        else:
-            peak, at, steps = training.learning_rate, step - listen, training.steps - listen
-        warm = min(1.0, (at + 1) / max(1, training.warmup))
-        return peak * warm * training.decayed(min(1.0, at / max(1, steps)))
+            alone = {"learning_rate": training.listening_rate, "steps": listen}
+            return training.model_copy(update=alone).rate_at(step)
+        return training.model_copy(update={"steps": max(1, training.steps - listen)}).rate_at(step - listen)
 
     def draw(self, step: int) -> FaceLesson:
         """See `TrainingTask.draw`."""
@@ -349,8 +342,3 @@ class FaceTask(TrainingTask[FaceLesson]):
             return Loss(read, {"read": read})
         flow = flow_loss(self.model, windows, training, batch.noise, features=features)
         return Loss(flow + training.readout * read, {"read": read})
-
-    def save(self, folder: Path, step: int) -> None:
-        """The face model."""
-        about = {"kind": "face", "step": step, "training": self.config.model_dump()}
-        self.model.save(folder, self._card | about)

@@ -1,4 +1,4 @@
-"""What a generator is trained for, and how much it relies on the sound.
+"""The losses of a generator, and a measure of how much it relies on the sound.
 
 The objective is the cross-entropy of motion codes, weighted by RVQ depth (paper, Hierarchical Loss Scaling).
 
@@ -32,9 +32,11 @@ from echoavatar.models.generator.config import AUDIO_FRAMES_PER_TOKEN
 from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.models.generator.model import Generator
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
+from echoavatar_lab.data import DOMAINS
+from echoavatar_lab.training.task import take_rows
 
 from .sequences import Exemplar, Sequences, build_sequences, code_logits, heard_at, read, segment_logits, streams_apart
-from .windows import CUES, DOMAINS, TokenClip, Window, WindowSampler
+from .windows import CUES, TokenClip, Window, WindowSampler
 
 
 def code_nll(
@@ -49,9 +51,7 @@ def code_nll(
     """
     if hidden is None:
         hidden = read(generator, batch, exemplar)
-    logits = code_logits(generator, batch, hidden, exemplar).float()
-    nll = F.cross_entropy(logits.flatten(0, 2), batch.targets.transpose(0, 1).flatten(), reduction="none")
-    return nll.view(logits.shape[:3]).transpose(0, 1)
+    return _nll(code_logits(generator, batch, hidden, exemplar), batch.targets.transpose(0, 1)).transpose(0, 1)
 
 
 def hierarchical_loss(
@@ -63,13 +63,6 @@ def hierarchical_loss(
     by_layer = counted.sum((0, 1, 3)) / (batch.mask.sum() * (segments // len(depth_weights)))
     weighted = [weight * nats for weight, nats in zip(depth_weights, by_layer, strict=True)]
     return torch.stack(weighted).sum() / sum(depth_weights)
-
-
-def to_device(batch: Sequences, device: str) -> Sequences:
-    """Move every tensor."""
-    ids, valid, predictors, targets, mask, asked = batch
-    valid, asked = (part if part is None else part.to(device) for part in (valid, asked))
-    return Sequences(ids.to(device), valid, predictors.to(device), targets.to(device), mask.to(device), asked)
 
 
 def summary(
@@ -215,7 +208,7 @@ def nll_by_domain(
     Raises:
         MotionError: no clip is as long as a window.
     """
-    order, device = generator.config.order, str(next(generator.parameters()).device)
+    order, device = generator.config.order, next(generator.parameters()).device
     clips = [clip.heard_ahead(generator.config.ahead_chunks) for clip in clips]
     windows, audio = _windows(clips, chunks or generator.config.window_chunks, shuffled_audio)
     count = len(audio)
@@ -224,7 +217,7 @@ def nll_by_domain(
     for at in torch.split(picked, batch):
         motion = windows.motion[at]
         missing = torch.zeros(len(motion), dtype=torch.int64)
-        sequences = to_device(build_sequences(order, audio[at], motion, motion, missing), device)
+        sequences = take_rows(build_sequences(order, audio[at], motion, motion, missing), slice(None), device)
         nll = code_nll(generator, sequences).mean(dim=1).double().cpu()
         for index in range(len(DOMAINS)):
             here = windows.domain[at] == index

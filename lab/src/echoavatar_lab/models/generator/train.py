@@ -148,7 +148,7 @@ def _bodies(generator: Generator) -> list[Body]:
 
 _FARTHEST, _DRIFT = 3, 0.08  # tokens out of step (0.4 s, half a slow beat); chance of a change at each token
 _MEASURED = 512  # windows of an evaluation
-_EXEMPLARS = 500_009  # salt of the other random numbers of a step
+_EXEMPLARS = 500_009  # salt of the random numbers of directives
 
 
 class Lesson(NamedTuple):
@@ -164,6 +164,7 @@ class Lesson(NamedTuple):
 class GeneratorTask(TrainingTask[Lesson]):
     """A generator, the clips of split "train" that it learns from, and those of split "test" that measure it."""
 
+    kind = "generator"
     config: GeneratorTraining
 
     def __init__(
@@ -214,10 +215,6 @@ class GeneratorTask(TrainingTask[Lesson]):
             own = self.generator.state_dict()
             weights = dict(weights) | {key: own[key] for key in own if key.startswith("exemplar.")}
         checkpoint.load_into(self.generator, weights, origin="the generator to start from")
-
-    def identity(self) -> dict[str, GeneratorConfig | GeneratorTraining]:
-        """Sizes and schedule."""
-        return {"generator": self.generator.config, "training": self.config}
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over everything; or Muon over the layers' matrices and AdamW over embeddings, heads, norms, biases."""
@@ -295,10 +292,6 @@ class GeneratorTask(TrainingTask[Lesson]):
         start = config.layout.segment_start(segment_of(config.layout))
         ids = start + torch.arange(config.layout.motion_codes, device=window.audio.device)
         return build_sequences(*parts, control_ids(batch.exemplar.members, ids))
-
-    def save(self, folder: Path, step: int) -> None:
-        """The generator."""
-        self.generator.save(folder, {"kind": "generator", "step": step, "training": self.config.model_dump()})
 
     def evaluate(self) -> Mapping[str, object]:
         """Mean NLL of the codes of "test" clips after their true past, of all and by domain; {} without such clips."""

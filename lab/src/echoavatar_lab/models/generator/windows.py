@@ -12,11 +12,10 @@ motion quality. Draws come from the generator alone. The body parts are corrupte
 defines one RVQ token grid of T x Q and does not say how three parts share it.
 """
 
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -25,13 +24,12 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
-from echoavatar.motion.formats.tables import NpzArrays
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import whole_file
 
 from .sequences import Exemplar
 
-DOMAINS = ("silence", "speech", "music")
 CUES = ("beat", "stress")
 DROPPED = (0.1, 0.2)  # share of a set that is left out in training (ours)
 SHORTEST_CHUNKS = 3  # a set is drawn from at least 0.8 s
@@ -85,7 +83,7 @@ class TokenClip:
                 codes = file["audio_codes"], file["motion_codes"], file["domain"]
                 flags = (bool(file.get(name, True)) for name in ("has_truth", "is_leveled"))
                 return cls(*codes, str(file["split"]), cues, patience, *flags)
-        except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        except NPZ_ERRORS as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
     def save(self, path: Path) -> None:
@@ -104,28 +102,18 @@ class TokenClip:
             )
 
 
-def patience_of(clips: Sequence[TokenClip]) -> float:
-    """The `patience` that all clips share; 0 without clips.
+def shared_encoding(clips: Sequence[TokenClip]) -> dict[str, Any]:
+    """The `patience` and `is_leveled` that all clips share; {} without clips.
 
     Raises:
-        MotionError: the clips differ in patience.
+        MotionError: the clips differ in one.
     """
-    found = sorted({clip.patience for clip in clips})
-    if len(found) > 1:
-        raise MotionError(f"the token files have codes of patience {found}; make all with one `--patience`")
-    return found[0] if found else 0.0
-
-
-def leveled_of(clips: Sequence[TokenClip]) -> bool:
-    """The `is_leveled` that all clips share; True without clips.
-
-    Raises:
-        MotionError: the clips differ.
-    """
-    found = {clip.is_leveled for clip in clips}
-    if len(found) > 1:
+    patience, leveled = sorted({clip.patience for clip in clips}), {clip.is_leveled for clip in clips}
+    if len(patience) > 1:
+        raise MotionError(f"the token files have codes of patience {patience}; make all with one `--patience`")
+    if len(leveled) > 1:
         raise MotionError("some token files hear levelled sound, others do not; make all with or without `--no-level`")
-    return found.pop() if found else True
+    return {"patience": patience[0], "is_leveled": leveled.pop()} if clips else {}
 
 
 class Window(NamedTuple):

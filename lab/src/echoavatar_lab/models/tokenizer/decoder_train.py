@@ -7,9 +7,7 @@ velocity and acceleration than in the paper. Not in the paper.
 """
 
 import copy
-import logging
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -17,19 +15,15 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor, nn
 
-from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
+from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training import Loss, Progress, TrainingConfig, adamw
 
 from ..quantize import steady_codes
-from .losses import LossWeights, MotionLoss, total
-from .measure import measure
-from .train import MovingBody, clip_features
-
-log = logging.getLogger(__name__)
+from .losses import LossWeights, total
+from .train import BodyTask, MovingBody, whole_features
 
 
 class DecoderTraining(TrainingConfig):
@@ -63,7 +57,7 @@ class Pairs(NamedTuple):
     codes: Int[Tensor, "b n p q"]
 
 
-class DecoderTask(TrainingTask[Pairs]):
+class DecoderTask(BodyTask[Pairs]):
     """A trained tokenizer whose decoder is trained further."""
 
     config: DecoderTraining
@@ -83,9 +77,8 @@ class DecoderTask(TrainingTask[Pairs]):
         `tokenizer` itself does not change. Raises MotionError when no clip is as long as a window.
         """
         # codes come from this tokenizer, whatever the folder of the run holds
-        self.tokenizer = tokenizer = copy.deepcopy(tokenizer).eval()
-        self.terms = MotionLoss(tokenizer.skeleton, training.losses)
-        super().__init__(training, {"tokenizer": tokenizer, "terms": self.terms})
+        super().__init__(copy.deepcopy(tokenizer).eval(), training, training.losses, tests, card)
+        self.patience = training.patience
         room = [len(clip.rotations) // FRAMES_PER_MOTION_TOKEN - training.tokens + 1 for clip in clips]
         kept = [(clip, size) for clip, size in zip(clips, room, strict=True) if size > 0]
         if not kept:
@@ -96,12 +89,6 @@ class DecoderTask(TrainingTask[Pairs]):
             self._clips.append(self._encoded(clip))
             if progress:
                 progress(done, len(kept))
-        self._tests = [clip_features(tokenizer.skeleton, clip) for clip in tests]
-        self._card = dict(card or {})
-
-    def identity(self) -> Mapping[str, Config]:
-        """Sizes only: a schedule may be shortened on the way."""
-        return {"tokenizer": self.tokenizer.config}
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW over the decoders; the rest is frozen."""
@@ -125,29 +112,11 @@ class DecoderTask(TrainingTask[Pairs]):
 
     def loss(self, batch: Pairs, step: int) -> Loss:
         """See `TrainingTask.loss`."""
-        statistics, skipped = self.tokenizer.statistics, self.config.unheard * FRAMES_PER_MOTION_TOKEN
-        truth = statistics.normalize(batch.features)[:, skipped:]
-        parts = [part.decode(batch.codes[:, :, p]) for p, part in enumerate(self._parts())]
-        decoded = torch.cat(parts, -1)[:, skipped:]
-        scale = torch.where(statistics.varies, statistics.std, 0.0)
-        terms = self.terms(decoded, truth, mean=statistics.mean, std=scale)
+        skipped = self.config.unheard * FRAMES_PER_MOTION_TOKEN
+        truth = self.tokenizer.statistics.normalize(batch.features)
+        parts = [part.decode(batch.codes[:, :, p]) for p, part in enumerate(self.tokenizer.tokenizers().values())]
+        terms = self.compare(torch.cat(parts, -1)[:, skipped:], truth[:, skipped:])
         return Loss(total(terms), terms)
-
-    def evaluate(self) -> Mapping[str, object]:
-        """Errors on the test clips, decoded from steady codes."""
-        return measure(self.tokenizer, self._tests, self.config.patience)._asdict() if self._tests else {}
-
-    def save(self, folder: Path, step: int) -> None:
-        """The whole tokenizer in half precision; at the end with the scores of what was written."""
-        card: dict[str, object] = {**self._card, "step": step, "training": self.config.model_dump()}
-        self.tokenizer.save(folder, card)
-        if step >= self.config.steps and self._tests:
-            scores = measure(BodyTokenizer.load(folder), self._tests, self.config.patience)
-            self.tokenizer.save(folder, card | {"scores": scores._asdict()})
-            log.info("steady codes: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
-
-    def _parts(self) -> list[MotionTokenizer]:
-        return list(self.tokenizer.tokenizers().values())
 
     def _learning(self) -> list[nn.Module]:
         return [
@@ -158,8 +127,7 @@ class DecoderTask(TrainingTask[Pairs]):
 
     def _encoded(self, clip: MovingBody) -> tuple[Tensor, list[Tensor]]:
         """A clip's features, and their codes as a stream would choose them, plain and mirrored."""
-        features = clip_features(self.tokenizer.skeleton, clip)
-        features = features[: len(features) - len(features) % FRAMES_PER_MOTION_TOKEN]
+        features = whole_features(self.tokenizer.skeleton, clip)
         both = [features]
         if self.config.is_mirrored:
             both.append(mirror_features(self.tokenizer.skeleton, features))

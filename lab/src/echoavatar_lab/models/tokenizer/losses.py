@@ -21,9 +21,8 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from echoavatar.config import Config
-from echoavatar.motion.kinematics import Skeleton, part_sizes
-
-TRAVEL_SIZE = 3  # two velocities and the height, at the end of the first part
+from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.kinematics.features import travel_slice
 
 
 class PlaneKinematics(nn.Module):
@@ -39,7 +38,7 @@ class PlaneKinematics(nn.Module):
         if sorted(joints) != list(range(skeleton.joints)):
             raise ValueError("every joint must belong to a body part")
         order = [joint for level in skeleton.levels for joint in level]
-        travel = travel_columns(skeleton)
+        travel = travel_slice(skeleton)
         columns = [c for c in range(6 * len(joints) + 3) if not travel.start <= c < travel.stop]
         source = [columns[6 * joints.index(joint) + c] for c in range(6) for joint in order]
         self.height = travel.stop - 1
@@ -88,12 +87,6 @@ def _unit(vector: Tensor) -> Tensor:
     """Planes (axis, joint, frame) of length one."""
     x, y, z = vector.unbind(0)
     return vector * (x * x + y * y + z * z).clamp_min(1e-16).rsqrt()
-
-
-def travel_columns(skeleton: Skeleton) -> slice:
-    """Columns of the root's two velocities and its height."""
-    end = next(iter(part_sizes(skeleton).values()))
-    return slice(end - TRAVEL_SIZE, end)
 
 
 def turning_joints(skeleton: Skeleton) -> list[int]:
@@ -168,7 +161,7 @@ class MotionLoss(nn.Module):
         self.fingers = finger_joints(skeleton)
         self.wrists = [wrist_of(skeleton, joint) for joint in self.fingers]
         self.turning = turning_joints(skeleton) if weights.turn else []
-        self.travel = travel_columns(skeleton)
+        self.travel = travel_slice(skeleton)
 
     def forward(
         self,

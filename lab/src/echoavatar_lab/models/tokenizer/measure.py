@@ -13,10 +13,11 @@ from torch import Tensor
 
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton
+from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from ..quantize import steady_codes
-from .losses import PlaneKinematics, finger_joints, travel_columns, wrist_of
+from .losses import PlaneKinematics, finger_joints, wrist_of
 
 
 class CodeUsage(NamedTuple):
@@ -84,7 +85,7 @@ def _errors(skeleton: Skeleton, kinematics: PlaneKinematics, decoded: Tensor, tr
     body = [joint for joint in skeleton.feature_joints if joint not in hands]
     wrists = [wrist_of(skeleton, joint) for joint in hands]
     difference = ours - theirs
-    start = travel_columns(skeleton).start
+    start = travel_slice(skeleton).start
     moved, wanted = (x[0, :, start : start + 2].T * MILLIMETRES for x in (decoded, truth))
     feet, ground = list(skeleton.config.feet), [0, 2]
     steps = [

@@ -26,15 +26,19 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, split_parts, to_features
+from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training.task import BatchT
 
 from ..quantize import LearningQuantizer, Share
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
+
+log = logging.getLogger(__name__)
 
 
 def as_one_part(skeleton: Skeleton) -> Skeleton:
@@ -113,6 +117,12 @@ def clip_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
     return to_features(skeleton, rotations, torch.from_numpy(np.asarray(clip.root, np.float32)))
 
 
+def whole_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
+    """Motion features of a clip, cut to whole motion tokens."""
+    features = clip_features(skeleton, clip)
+    return features[: len(features) - len(features) % FRAMES_PER_MOTION_TOKEN]
+
+
 def reach_statistics(
     skeleton: Skeleton, features: Iterable[Float[Tensor, "_ c"]], *, is_mirrored: bool
 ) -> FeatureStatistics:
@@ -124,9 +134,8 @@ def reach_statistics(
     statistics = floored_statistics(skeleton, features, is_mirrored=is_mirrored)
     joints = list(skeleton.feature_joints)
     reach = joint_reach(skeleton)[joints].repeat_interleave(6)
-    end = 6 * len(next(iter(skeleton.config.parts.values())))
-    std = statistics.std.clone()
-    columns = torch.cat([torch.arange(end), torch.arange(end + len(TRAVEL_FLOOR), len(std))])
+    std, travel = statistics.std.clone(), travel_slice(skeleton)
+    columns = torch.cat([torch.arange(travel.start), torch.arange(travel.stop, len(std))])
     own = std[columns]
     scaled = (own / reach).sqrt()
     start = 0
@@ -160,8 +169,7 @@ def floored_statistics(
     both = ([clip, mirror_features(skeleton, clip)] if is_mirrored else [clip] for clip in features)
     mean, std, varies = measure_features(clip for pair in both for clip in pair)
     floor = torch.full_like(std, ROTATION_FLOOR)
-    end = 6 * len(next(iter(skeleton.config.parts.values())))
-    floor[end : end + 3] = torch.tensor(TRAVEL_FLOOR)
+    floor[travel_slice(skeleton)] = torch.tensor(TRAVEL_FLOOR)
     return FeatureStatistics(mean, torch.maximum(std, floor), varies)
 
 
@@ -194,6 +202,48 @@ class WindowSampler:
             flipped = torch.rand(batch, generator=generator) < 0.5
             windows = torch.where(flipped[:, None, None], mirror_features(self.skeleton, windows), windows)
         return windows
+
+
+class BodyTask(TrainingTask[BatchT]):
+    """What the training of a whole tokenizer and of its decoder alone share: losses, and errors on test clips."""
+
+    patience = 0.0
+    """How steady the codes are from which the test clips are decoded."""
+
+    def __init__(
+        self,
+        tokenizer: BodyTokenizer,
+        training: TrainingConfig,
+        losses: LossWeights,
+        tests: Sequence[MovingBody],
+        card: Mapping[str, object] | None,
+    ) -> None:
+        self.tokenizer, self.terms = tokenizer, MotionLoss(tokenizer.skeleton, losses)
+        super().__init__(training, {"tokenizer": tokenizer, "terms": self.terms}, card)
+        self._tests = [clip_features(tokenizer.skeleton, clip) for clip in tests]
+
+    def identity(self) -> Mapping[str, Config]:
+        """Sizes only: a schedule may be shortened on the way."""
+        return {"tokenizer": self.tokenizer.config}
+
+    def compare(self, decoded: Float[Tensor, "b t c"], truth: Float[Tensor, "b t c"]) -> dict[str, Float[Tensor, ""]]:
+        """The terms of the loss between normalised features."""
+        statistics = self.tokenizer.statistics
+        scale = torch.where(statistics.varies, statistics.std, 0.0)
+        return self.terms(decoded, truth, mean=statistics.mean, std=scale)  # type: ignore[no-any-return]
+
+    def evaluate(self) -> Mapping[str, object]:
+        """Errors on the test clips."""
+        return measure(self.tokenizer, self._tests, self.patience)._asdict() if self._tests else {}
+
+    def save(self, folder: Path, step: int) -> None:
+        """The whole tokenizer in half precision; at the end with the scores of what was written."""
+        card = self.card(step)
+        self.tokenizer.save(folder, card)
+        if step >= self.config.steps and self._tests:
+            scores = measure(BodyTokenizer.load(folder), self._tests, self.patience)
+            self.tokenizer.save(folder, card | {"scores": scores._asdict()})
+            log.info("test clips: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
 
 
 SPARE_SCALE = 0.1  # channels that no axis needs start with a small share of their usual weights
@@ -234,20 +284,13 @@ def _silence(layer: nn.Linear) -> None:
 
 START_WINDOWS = 400  # windows the principal axes are taken from
 START_BATCHES = 12  # how many batches the codebooks are taken from after a start as an auto-encoder
-_CODES, _SETTLING, _STARTING = 500_009, 500_029, 500_041  # salts: what else is random in a step
-log = logging.getLogger(__name__)
+_CODES, _SETTLING, _STARTING = 500_009, 500_029, 500_041  # salts of the other random numbers of a step
 
 
 def learning_quantizer(config: MotionTokenizerConfig) -> LearningQuantizer:
     """The quantiser of a part while it is trained."""
-    return LearningQuantizer(
-        codes=config.codes,
-        width=config.width,
-        layers=config.layers,
-        decay=config.decay,
-        dead_below=config.dead_below,
-        kmeans_steps=config.kmeans_steps,
-    )
+    names = {"codes", "width", "layers", "decay", "dead_below", "kmeans_steps"}
+    return LearningQuantizer(**config.model_dump(include=names))
 
 
 class Windows(NamedTuple):
@@ -257,7 +300,7 @@ class Windows(NamedTuple):
     row: Int[Tensor, " b"]
 
 
-class TokenizerTask(TrainingTask[Windows]):
+class TokenizerTask(BodyTask[Windows]):
     """A body tokenizer and its training motion."""
 
     config: TokenizerTraining
@@ -274,25 +317,18 @@ class TokenizerTask(TrainingTask[Windows]):
         """Raises MotionError when no clip is as long as a window."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
-            self.tokenizer = BodyTokenizer(config)
-        self._quantizers = {name: learning_quantizer(part.config) for name, part in self.tokenizer.tokenizers().items()}
-        for name, part in self.tokenizer.tokenizers().items():
+            tokenizer = BodyTokenizer(config)
+        self._quantizers = {name: learning_quantizer(part.config) for name, part in tokenizer.tokenizers().items()}
+        for name, part in tokenizer.tokenizers().items():
             part.quantizer = self._quantizers[name]
-        skeleton = self.tokenizer.skeleton
+        super().__init__(tokenizer, training, training.losses, tests, card)
+        skeleton = tokenizer.skeleton
         features = [clip_features(skeleton, clip) for clip in clips]
         self.sampler = WindowSampler(skeleton, features, frames=training.frames, is_mirrored=training.is_mirrored)
         statistics = reach_statistics if training.is_scaled_by_reach else floored_statistics
-        self.tokenizer.set_statistics(statistics(skeleton, features, is_mirrored=training.is_mirrored))
-        self.terms = MotionLoss(skeleton, training.losses)
-        super().__init__(training, {"tokenizer": self.tokenizer, "terms": self.terms})
+        tokenizer.set_statistics(statistics(skeleton, features, is_mirrored=training.is_mirrored))
         if training.is_principal_start:
             self._start_from_principal_axes()
-        self._tests = [clip_features(skeleton, clip) for clip in tests]
-        self._card = dict(card or {})
-
-    def identity(self) -> Mapping[str, Config]:
-        """Sizes only: a schedule may be shortened on the way."""
-        return {"tokenizer": self.tokenizer.config}
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
         """AdamW, by which norms decay as well."""
@@ -321,18 +357,15 @@ class TokenizerTask(TrainingTask[Windows]):
 
     def loss(self, batch: Windows, step: int) -> Loss:
         """See `TrainingTask.loss`."""
-        tokenizer, statistics = self.tokenizer, self.tokenizer.statistics
-        truth = statistics.normalize(batch.features)
-        sizes = [part.features for part in tokenizer.config.parts.values()]
+        truth = self.tokenizer.statistics.normalize(batch.features)
+        sizes = [part.features for part in self.tokenizer.config.parts.values()]
         noise = torch.Generator(truth.device).manual_seed(self.config.noise(step, _CODES).initial_seed())
         share = Share(int(batch.row[0]), self.config.batch)
         passes = [
             self._pass(name, x, step, noise, share)
             for name, x in zip(self._quantizers, torch.split(truth, sizes, -1), strict=True)
         ]
-        decoded = torch.cat([features for features, _ in passes], -1)
-        scale = torch.where(statistics.varies, statistics.std, 0.0)
-        terms = self.terms(decoded, truth, mean=statistics.mean, std=scale)
+        terms = self.compare(torch.cat([features for features, _ in passes], -1), truth)
         commitment = torch.stack([commitment for _, commitment in passes]).mean()
         terms["commitment"] = self.config.losses.commitment * commitment
         return Loss(total(terms), terms)
@@ -342,19 +375,6 @@ class TokenizerTask(TrainingTask[Windows]):
         noise = self.config.noise(step, _SETTLING)
         for quantizer in self._quantizers.values():
             quantizer.settle(gather, noise)
-
-    def evaluate(self) -> Mapping[str, object]:
-        """Errors on the test clips."""
-        return measure(self.tokenizer, self._tests)._asdict() if self._tests else {}
-
-    def save(self, folder: Path, step: int) -> None:
-        """The tokenizer in half precision; at the end with the scores of what was written."""
-        card: dict[str, object] = {**self._card, "step": step, "training": self.config.model_dump()}
-        self.tokenizer.save(folder, card)
-        if step >= self.config.steps and self._tests:
-            scores = measure(BodyTokenizer.load(folder), self._tests)
-            self.tokenizer.save(folder, card | {"scores": scores._asdict()})
-            log.info("tokenizer: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
 
     def _is_ready(self) -> bool:
         return all(quantizer.is_ready for quantizer in self._quantizers.values())
