@@ -10,16 +10,22 @@ import numpy as np
 
 from echoavatar.errors import DependencyError, EchoAvatarError, MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.tables import write_csv, write_live_link, write_npz
+from echoavatar.whole_file import write_whole
 
+from ..avatar import Character, load_character
+from ..avatar.gltf import GltfAnimation, pack_glb
 from .blender import find_blender, write_fbx
 from .smplx import write_smplx
 from .take import Take
-from .target_rig import Rig
+from .target_rig import Rig, pack_on_rig
 from .usd import SUFFIXES as USD
+from .usd import write_usd
+from .vrma import pack_vrma
 
 if TYPE_CHECKING:
-    from ..avatar import Character
-    from ..avatar.video import Shot
+    from ..avatar.video import Shot  # loads FFmpeg
 
 FILMS = (".mp4", ".webm")
 SUFFIXES = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", *FILMS)
@@ -31,7 +37,7 @@ def write_take(
     take: Take,
     *,
     rig: Rig | None = None,
-    character: "Character | None" = None,
+    character: Character | None = None,
     shot: "Shot | None" = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
@@ -82,29 +88,20 @@ def _special(path: Path) -> str | None:
 
 
 def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.formats import write_bvh
-
     motion, scale = take.motion, 100.0 if rig is None else rig.units_per_metre
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=scale)
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.whole_file import write_whole
-
     write_whole(path, _packed(path, take, rig), error=MotionError)
 
 
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
-        from .target_rig import pack_on_rig
-
         if rig.gltf is None:
             raise MotionError(f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig")
         return pack_on_rig(rig.gltf, take)
-    from ..avatar import load_character
-    from ..avatar.gltf import GltfAnimation, pack_glb
-
     take = take.on_humanoid()
     motion = take.motion
     animation = GltfAnimation("motion", motion.rotations, motion.root, motion.fps, take.face)
@@ -112,15 +109,10 @@ def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
 
 
 def _vrma(path: Path, take: Take, rig: Rig | None) -> None:
-    from .vrma import write_vrma
-
-    write_vrma(path, take if rig is not None else take.on_humanoid())
+    write_whole(path, pack_vrma(take if rig is not None else take.on_humanoid()), error=MotionError)
 
 
 def _usd(path: Path, take: Take, _: Rig | None) -> None:
-    from ..avatar import load_character
-    from .usd import write_usd
-
     write_usd(path, load_character(), take)
 
 
@@ -129,23 +121,17 @@ def _fbx(path: Path, take: Take, rig: Rig | None) -> None:
 
 
 def _npz(path: Path, take: Take, _: Rig | None) -> None:
-    from echoavatar.motion.formats.tables import write_npz
-
     face = {} if take.face is None else {"face": take.face, "face_names": np.array(ARKIT_NAMES)}
     write_npz(path, take.motion, **face)
 
 
 def _csv(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.formats.tables import write_csv
-
     write_csv(path, take.motion)
     if take.face is not None:
         _face_csv(path.with_suffix(FACE_CSV), take, rig)
 
 
 def _face_csv(path: Path, take: Take, _: Rig | None) -> None:
-    from echoavatar.motion.formats.tables import write_live_link
-
     write_live_link(path, _face(path, take), take.motion.fps)
 
 
