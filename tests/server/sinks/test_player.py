@@ -85,15 +85,6 @@ def test_without_reports_the_clock_stops() -> None:
     assert last <= 0.25 * RATE
 
 
-def test_after_a_jump_it_takes_over_the_next_report() -> None:
-    clock = FollowingClock()
-    clock.tell(0, 0.0)
-    clock.read(0.0)
-    clock.tell(0.2 * RATE, 0.01)
-    clock.jump()
-    assert clock.read(0.01) == 0.2 * RATE
-
-
 def ahead(track: PoseTrack, at: float) -> float:
     pose = track.read(at)
     assert pose is not None
