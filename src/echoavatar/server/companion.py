@@ -17,7 +17,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from echoavatar.errors import EchoAvatarError
 
@@ -86,29 +86,6 @@ class ToolAccess(NamedTuple):
         return []
 
 
-class Companion(Protocol):
-    """Answers the user."""
-
-    name: str
-    hears: bool  # whether `transcribe` works
-
-    async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
-        """The answer to say; actions that go with it have been started.
-
-        Raises:
-            EchoAvatarError: the model does not answer.
-        """
-        ...
-
-    async def transcribe(self, wav: bytes) -> str:
-        """Transcribe a WAV file; empty if nothing was understood.
-
-        Raises:
-            EchoAvatarError: this companion cannot transcribe, or its model does not answer.
-        """
-        ...
-
-
 class ChatModel:
     """A model at `url`, such as http://127.0.0.1:11434/v1."""
 
@@ -124,11 +101,15 @@ class ChatModel:
             )
         if not model:
             raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")
-        self.name, self.hears = model, bool(transcriber)
+        self.name, self.hears = model, bool(transcriber)  # whether `transcribe` works
         self._url, self._key, self._transcriber, self._persona = url.rstrip("/"), key, transcriber, persona
 
     async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
-        """The model's answer; its tool calls are carried out on the way."""
+        """The answer to say; the tool calls that go with it are carried out on the way.
+
+        Raises:
+            EchoAvatarError: the model does not answer.
+        """
         messages: list[dict[str, Any]] = [{"role": "system", "content": self._persona}]
         messages += [{"role": past.role, "content": past.text} for past in history[-MAX_HISTORY_TURNS:]]
         messages.append({"role": "user", "content": said})
@@ -149,7 +130,11 @@ class ChatModel:
         return ""
 
     async def transcribe(self, wav: bytes) -> str:
-        """Transcribe a WAV file."""
+        """The words in a WAV file; empty if nothing was understood.
+
+        Raises:
+            EchoAvatarError: no model that transcribes is named, or it does not answer.
+        """
         if not self._transcriber:
             raise EchoAvatarError("transcription is off; set ECHOAVATAR_CHAT_EARS to a model that transcribes")
         boundary = secrets.token_hex(16)
@@ -275,7 +260,7 @@ CUES = (
 
 
 class Scripted:
-    """The script."""
+    """Answers from a script, without a model."""
 
     name = "script"
     hears = False
@@ -301,11 +286,14 @@ class Scripted:
         return line
 
     async def transcribe(self, wav: bytes) -> str:
-        """Not supported: the script cannot transcribe speech."""
+        """Raises EchoAvatarError: the script cannot transcribe speech."""
         del wav
         raise EchoAvatarError(
             "the script does not understand speech; type, or set ECHOAVATAR_CHAT_URL and ECHOAVATAR_CHAT_EARS"
         )
+
+
+Companion = ChatModel | Scripted
 
 
 def _find_action(text: str, actions: Sequence[str]) -> str:
