@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..avatar.video import Shot  # loads FFmpeg
 
 FILMS = (".mp4", ".webm")
+FACE_CSV, FACE47_CSV, SMPLX_NPZ = ".face.csv", ".face47.csv", ".smplx.npz"  # endings that are longer than a suffix
 SUFFIXES = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", *FILMS)
 Writer = Callable[[Path, Take, Rig | None], None]
 
@@ -56,8 +57,7 @@ def write_take(
         audio = np.zeros(0, np.float32) if take.audio is None else take.audio
         write_film(path, take.motion, audio, face=take.face, character=character, shot=shot, progress=progress)
         return
-    special = _special(path)
-    write = _SPECIAL[special] if special else _WRITERS[path.suffix.lower()]
+    write = next(write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending))
     write(path, take if rig is None else rig.retarget(take), rig)
 
 
@@ -75,16 +75,12 @@ def check_output(output: Path, *, has_rig: bool) -> None:
         raise EchoAvatarError(f"cannot write {output}: {output.parent} is not a folder; make it first")
     if not os.access(output.parent, os.W_OK) or output.is_dir():
         raise EchoAvatarError(f"cannot write {output}: no permission or a folder of that name; choose another -o")
-    if has_rig and (_special(output) or suffix in (*USD, *FILMS)):
+    if has_rig and output.name.lower().endswith((FACE_CSV, FACE47_CSV, SMPLX_NPZ, *USD, *FILMS)):
         raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
     if suffix == ".vrm" and not has_rig:
         raise EchoAvatarError("a .vrm is written into your own character: name it with --rig, or write .glb or .vrma")
     if suffix == ".fbx":
         find_blender()
-
-
-def _special(path: Path) -> str | None:
-    return next((end for end in _SPECIAL if path.name.lower().endswith(end)), None)
 
 
 def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
@@ -150,13 +146,10 @@ def _face(path: Path, take: Take) -> np.ndarray:
     return take.face
 
 
-FACE_CSV, FACE47_CSV = ".face.csv", ".face47.csv"
-_SPECIAL: Mapping[str, Writer] = {
+_WRITERS: Mapping[str, Writer] = {  # by the ending of the file's name, the longer ones first
     FACE_CSV: _face_csv,
     FACE47_CSV: _face47_csv,
-    ".smplx.npz": lambda path, take, _: write_smplx(path, take),
-}
-_WRITERS: Mapping[str, Writer] = {
+    SMPLX_NPZ: lambda path, take, _: write_smplx(path, take),
     ".bvh": _bvh,
     ".glb": _glb,
     ".vrm": _glb,
