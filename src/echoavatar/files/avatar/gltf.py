@@ -36,13 +36,7 @@ class Buffer:
         self.accessors: list[dict[str, Any]] = []
 
     def add(
-        self,
-        values: np.ndarray,
-        *,
-        target: int | None = None,
-        bounds: bool = False,
-        normalized: bool = False,
-        shape: str = "",
+        self, values: np.ndarray, *, target: int | None = None, bounds: bool = False, normalized: bool = False
     ) -> int:
         """Append one array as view and accessor; return the accessor's index."""
         values = np.ascontiguousarray(values)
@@ -50,7 +44,7 @@ class Buffer:
             "bufferView": self.view(values, target=target),
             "componentType": COMPONENT[values.dtype.name],
             "count": len(values),
-            "type": shape or SHAPE[values.shape[1:]],
+            "type": SHAPE[values.shape[1:]],
         }
         if normalized:
             accessor["normalized"] = True
