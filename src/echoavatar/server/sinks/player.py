@@ -11,7 +11,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Float
@@ -260,14 +259,6 @@ class SinkGroup:
         self._thread.join()
         for player in self.players:
             player.close()
-
-    def __enter__(self) -> "SinkGroup":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _reach(self, at: int, frames: int) -> None:
         self._end = at + frames * SAMPLES_PER_FRAME
