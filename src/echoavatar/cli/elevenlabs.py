@@ -1,7 +1,6 @@
 """`echoavatar elevenlabs setup`: create tools, prompt and sound format of an ElevenLabs agent through their API."""
 
 import argparse
-import asyncio
 import json
 import os
 from pathlib import Path
@@ -77,9 +76,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _schemas(args: argparse.Namespace) -> list[dict[str, Any]]:
     if args.server:
-        from echoavatar.agents.integrations import find_backend
+        from echoavatar.agents.client import RemoteTools
 
-        return asyncio.run(find_backend(args.server, token=args.token).tools())
+        return RemoteTools(args.server, token=args.token).schemas()
     from echoavatar.engine.music import Tracks
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Toolbox

@@ -56,7 +56,7 @@ class AvatarRenderer:
         face: Float[np.ndarray, " n"] | None = None,
         camera: Camera | None = None,
     ) -> UInt8[np.ndarray, "h w c"]:
-        """The picture of world rotations and positions; without `camera` it stands before the body where it is."""
+        """The picture of world rotations and positions; without `camera`, that of the shot's view follows the body."""
         self._renderer.camera = camera or aimed(self.shot.view, positions[followed_joint(self.shot.view)])
         points, normals = skin(self._character, rotations, positions, face)
         return self._renderer.draw(Surface(points, normals, self.paint))
@@ -72,7 +72,7 @@ def followed_joint(view: View) -> int:
 
 
 def aimed(view: View, at: Float[np.ndarray, " 3"]) -> Camera:
-    """The camera of a view, placed by the hips, or by the head in a close view."""
+    """The camera of a view; `at` is where the hips are, or the head in a close view, in metres."""
     x, y, z = (float(value) for value in at)
     if view == "face":
         return Camera((x + 0.10, y + 0.05, z + 0.82), (x, y + 0.03, z), 0.33)

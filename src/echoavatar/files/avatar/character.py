@@ -21,7 +21,7 @@ from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.nn.kernels import kernel
 
 NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
-# In glTF; films read the roughness of skin alone.
+# Details are written into glTF; films read the roughness of skin alone.
 DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")
 
 
@@ -102,7 +102,7 @@ def _sum_of_fours(values: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "i j 
 def looked_up(
     texels: Texels, picture: Int[np.ndarray, " v"], uvs: Float[np.ndarray, "v 2"]
 ) -> Float[np.ndarray, "v 3"]:
-    """The sRGB colour (0 to 1) of a picture at each place, from the third level; -1 is white."""
+    """The sRGB colour (0 to 1) at each place of its picture, from the third level; picture -1 is white."""
     out = np.ones((len(uvs), 3), np.float32)
     for row in range(len(NAMES)):
         start, width, height = texels.table[row, 2]

@@ -97,7 +97,7 @@ class Tracks:
         self.samplers.append({"input": self._clock, "interpolation": "LINEAR", "output": output})
 
 
-PLACE_STEP, MOVE_STEP, NORMAL_STEP, TURN_STEP = 2.0**-14, 2.0**-14, 2.0**-7, 2.0**-5  # metres (and UVs); parts of 1
+PLACE_STEP, MOVE_STEP, NORMAL_STEP, TURN_STEP = 2.0**-14, 2.0**-14, 2.0**-7, 2.0**-5  # metres or parts of 1
 
 
 def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:

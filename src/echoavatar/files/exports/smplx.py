@@ -1,10 +1,10 @@
 """Write SMPL-X parameters in the layout of BEAT2's `smplxflame_30`, for research tools.
 
-The rig is SMPL-X's joint order with, bone for bone, the rest offsets of our humanoid, because the body model's licence
-does not allow shipping it: rotations are exact, positions are those of a body of 1.70 m. The rotations of our bones go
-to the 55 joints. `trans` is the pelvis position minus its rest position, Y up. The shape is the mean body (`betas` are
-0); a user with the body model can set another. The jaw follows `jawOpen`. No map from ARKit's curves to FLAME's
-expressions is published, so `expressions` are 0.
+The rig has SMPL-X's 55 joints in their order, but the rest offsets of our humanoid's bones, because the licence of the
+body model does not allow shipping it: rotations are exact, positions are those of a body of 1.70 m. Each joint takes
+the rotation of our bone. `trans` is the pelvis position minus its rest position, Y up. The shape is the mean body
+(`betas` are 0); a user with the body model can set another. The jaw follows `jawOpen`. No map from ARKit's curves to
+FLAME's expressions is published, so `expressions` are 0.
 """
 
 import io
