@@ -61,12 +61,8 @@ class AvatarTools:
             return {"status": "rejected", "reason": str(error)}
         match name:
             case "send_action":
-                hold = given.get("hold")
-                status = await self._bridge.act(
-                    given["action"],
-                    intensity=float(given.get("intensity", 1.0)),
-                    hold=None if hold is None else float(hold),
-                )
+                intensity, hold = given.get("intensity", 1.0), given.get("hold")
+                status = await self._bridge.act(given["action"], intensity=intensity, hold=hold)
                 return {"action": status.name or given["action"]} | _result(status)
             case "play_music":
                 status = await self._bridge.play_music(given.get("title", ""))
