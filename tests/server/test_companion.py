@@ -1,4 +1,4 @@
-"""A language model whose endpoint is a small HTTP server."""
+"""The script, a language model whose endpoint is a small HTTP server, and the routes of the chat box."""
 
 import asyncio
 import json
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.server.fakes import RunningServer, serving
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server.companion import (
@@ -24,6 +25,7 @@ from echoavatar.server.companion import (
     ToolAccess,
     from_environment,
 )
+from echoavatar.wire.messages import ActionStatus, Hello
 
 Answer = Callable[[str, Any], tuple[int, Any]]
 TOOLS = [
@@ -271,3 +273,53 @@ def test_an_endpoint_is_a_model_with_the_persona_of_a_file(tmp_path: Path) -> No
 def test_mistakes_are_said(given: dict[str, str], remedy: str) -> None:
     with pytest.raises(EchoAvatarError, match=remedy):
         from_environment(given)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[RunningServer]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("ECHOAVATAR_CHAT_URL", raising=False)
+        with serving() as server:
+            yield server
+
+
+def test_the_companion_is_named(server: RunningServer) -> None:
+    assert server.http("/v1/chat") == (200, {"name": "script", "hears": False})
+
+
+def test_what_is_asked_for_happens_in_the_session_that_asks(server: RunningServer) -> None:
+    with server.call(Hello()) as first, server.call(Hello()):
+        body = {"session": first.ready.session, "text": "hello", "history": [{"role": "user", "text": 3}, 7]}
+        status, answer = server.http("/v1/chat", json.dumps(body).encode())
+        assert (status, answer["did"]) == (
+            200,
+            [{"name": "send_action", "arguments": {"action": "wave"}, "status": "accepted"}],
+        )
+        assert "Producer" in answer["say"]
+        assert first.until(ActionStatus).name == "wave"
+        body["text"] = "music!"
+        assert server.http("/v1/chat", json.dumps(body).encode())[1]["did"][0]["status"] == "accepted"
+        assert first.until(ActionStatus, lambda told: told.name in first.ready.tracks).status == "accepted"
+
+
+@pytest.mark.parametrize(
+    ("body", "headers", "status"),
+    [
+        (b'{"text": "hi"}', {}, 404),  # nobody is there
+        (b'{"text": "  "}', {}, 400),
+        (b'{"text": ' + b'"x"' * 1_000 + b"}", {}, 400),
+        (json.dumps({"text": "x" * 3_000}).encode(), {}, 400),
+        (b'{"text": "hi"}', {"content_type": "text/plain"}, 400),
+        (b'{"text": "hi"}', {"origin": "https://evil.example"}, 403),
+    ],
+)
+def test_invalid_requests_are_refused(server: RunningServer, body: bytes, headers: dict[str, str], status: int) -> None:
+    assert server.empties()
+    assert server.http("/v1/chat", body, **headers)[0] == status
+
+
+def test_the_script_cannot_transcribe(server: RunningServer) -> None:
+    status, answer = server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav")
+    assert (status, "ECHOAVATAR_CHAT_EARS" in answer["error"]) == (400, True)
+    assert server.http("/v1/chat/ears", b"RIFF", content_type="text/plain")[0] == 400
+    assert server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav", origin="https://evil.example")[0] == 403

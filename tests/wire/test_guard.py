@@ -17,6 +17,7 @@ from echoavatar.wire.guard import (
     is_loopback,
     network_of,
 )
+from echoavatar.wire.messages import CLOSE_CODES
 
 
 def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:
@@ -30,7 +31,7 @@ def test_the_token_may_stand_in_the_hello_or_in_the_header() -> None:
 def test_a_wrong_token_is_refused(given: str) -> None:
     with pytest.raises(ProtocolError) as caught:
         check_token("secret", given, {})
-    assert caught.value.close_code == 4401
+    assert CLOSE_CODES[caught.value.code] == 4401
 
 
 @pytest.mark.parametrize(
@@ -64,7 +65,7 @@ def test_known_pages_may_connect(origin: str | None, host: str) -> None:
 def test_other_pages_may_not(origin: str, host: str) -> None:
     with pytest.raises(ProtocolError) as caught:
         check_origin({"host": host, "origin": origin}, ())
-    assert caught.value.close_code == 4403
+    assert CLOSE_CODES[caught.value.code] == 4403
 
 
 def test_loopback() -> None:

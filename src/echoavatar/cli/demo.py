@@ -58,8 +58,9 @@ def _files(args: argparse.Namespace) -> int:
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.files.avatar import load_character
     from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
-    from echoavatar.files.avatar.page import PageClip, write_page
+    from echoavatar.files.avatar.page import PageClip, page_text
     from echoavatar.models.audio import read_audio
+    from echoavatar.whole_file import write_whole
 
     try:
         args.output.mkdir(parents=True, exist_ok=True)
@@ -84,7 +85,8 @@ def _files(args: argparse.Namespace) -> int:
         moving.append(GltfAnimation(name, motion.rotations, motion.root, face=done.face))
         clips.append(PageClip(title, name, sound))
     page = args.output / "index.html"
-    write_page(page, pack_glb(load_character(), moving, compact=True), clips)
+    text = page_text(pack_glb(load_character(), moving, compact=True), clips)
+    write_whole(page, text, error=EchoAvatarError)
     print(f"open {page.resolve().as_uri()}")
     if not args.no_browser:
         webbrowser.open(page.resolve().as_uri())

@@ -1,10 +1,10 @@
 """`echoavatar elevenlabs setup`: create tools, prompt and sound format of an ElevenLabs agent through their API."""
 
 import argparse
-import asyncio
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 from echoavatar.errors import EchoAvatarError
 
@@ -74,11 +74,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
+def _schemas(args: argparse.Namespace) -> list[dict[str, Any]]:
     if args.server:
-        from echoavatar.agents.integrations import find_backend
+        from echoavatar.agents.client import RemoteTools
 
-        return asyncio.run(find_backend(args.server, token=args.token).tools())
+        return RemoteTools(args.server, token=args.token).schemas()
     from echoavatar.engine.music import Tracks
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Toolbox
@@ -86,16 +86,10 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, object]]:
     return Toolbox(load_bundle(args.model).actions, Tracks()).schemas()
 
 
-def _names(schemas: list[dict[str, object]]) -> tuple[list[str], list[str]]:
+def _names(schemas: list[dict[str, Any]]) -> tuple[list[str], list[str]]:
     """The actions and tracks that the schemas offer."""
-    found: dict[str, list[str]] = {"action": [], "title": []}
-    for schema in schemas:
-        parameters = schema["parameters"]
-        assert isinstance(parameters, dict)
-        for key, known in parameters.get("properties", {}).items():
-            if key in found:
-                found[key] = list(known.get("enum", ()))
-    return found["action"], found["title"]
+    arguments = {name: known for schema in schemas for name, known in schema["parameters"]["properties"].items()}
+    return arguments["action"]["enum"], arguments["title"].get("enum", [])
 
 
 def _read(path: Path) -> str:

@@ -1,6 +1,7 @@
 """`echoavatar play`: play a recording into live sinks, to try a receiver without a server. No sound is played."""
 
 import argparse
+from contextlib import closing
 from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     config = HUMANOID.config
     rig = Rig(names=config.names, parents=config.parents, rest=config.offsets)
     rounds = 0
-    with SinkGroup(args.sink, rig) as group:
+    with closing(SinkGroup(args.sink, rig)) as group:
         print(f"{args.recording}: {motion.seconds:.1f} s to {', '.join(args.sink)}", flush=True)
         while rounds == 0 or args.loop:
             group.put(rounds * len(pose.root) * SAMPLES_PER_FRAME, pose)

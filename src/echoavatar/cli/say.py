@@ -5,7 +5,7 @@ import asyncio
 import json
 import sys
 import time
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, closing
 from pathlib import Path
 
 from tqdm import tqdm
@@ -54,7 +54,8 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
     async with AsyncExitStack() as stack:
         avatar = await stack.enter_async_context(connect(args.server, token=args.token, rate=rate, seed=args.seed))
         recorder = Recorder(avatar.ready)
-        shown = stack.enter_context(SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face)))
+        group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))
+        shown = stack.enter_context(closing(group))
         if args.act:
             await avatar.act(args.act)
         seg = await avatar.speak(samples)

@@ -83,7 +83,7 @@ class Toolbox:
         `load` decodes a track, which may take a while, away from the event loop.
         """
         try:
-            given = _checked(self.schemas(), name, arguments)
+            given = checked(self.schemas(), name, arguments)
             match name:
                 case "send_action":
                     asked = session.act(
@@ -113,8 +113,12 @@ def _tool(name: str, description: str, properties: Schema, required: Sequence[st
     return {"name": name, "description": description, "parameters": parameters}
 
 
-def _checked(tools: Sequence[Schema], name: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments, checked against the types of the tool's schema; null counts as left out."""
+def checked(tools: Sequence[Schema], name: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of a model's call, checked against the plain declarations; null counts as left out.
+
+    Raises:
+        EchoAvatarError: there is no such tool, or an argument is unknown, missing, of another type or out of bounds.
+    """
     parameters = {tool["name"]: tool["parameters"] for tool in tools}
     if name not in parameters:
         raise EchoAvatarError(f"no tool {name!r}; there are: {', '.join(parameters)}")
@@ -126,11 +130,14 @@ def _checked(tools: Sequence[Schema], name: str, arguments: Mapping[str, Any]) -
     if lacking:
         raise EchoAvatarError(f"{name} needs {lacking[0]!r}")
     for key, value in given.items():
-        kinds = (int, float) if known[key]["type"] == "number" else (str,)
-        is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        is_huge = is_number and not abs(value) <= 1e9  # not a number, infinite, or an integer that no float holds
-        if not isinstance(value, kinds) or isinstance(value, bool) or is_huge:
-            raise EchoAvatarError(f"{name}: {key} is {repr(value)[:20]}; it must be a {known[key]['type']}")
+        if known[key]["type"] == "number":
+            least, most = known[key]["minimum"], known[key]["maximum"]
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            wanted = "" if is_number and least <= value <= most else f"a number from {least:g} to {most:g}"
+        else:
+            wanted = "" if isinstance(value, str) else "a string"
+        if wanted:
+            raise EchoAvatarError(f"{name}: {key} is {repr(value)[:20]}; it must be {wanted}")
     return given
 
 

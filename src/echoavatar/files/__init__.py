@@ -1,4 +1,4 @@
-"""Files of other programs: exports, the character with its pictures and films, readers of foreign arrays.
+"""Files for other programs: exports of motion, and the character with its films and pages.
 
 May import `engine` and below.
 """

@@ -16,7 +16,7 @@ from echoavatar import __version__
 from echoavatar.engine import Engine
 from echoavatar.wire.sockets import OneBodyLength
 
-from .chat import chat_routes
+from .companion import chat_routes
 from .connection import Connection
 from .metrics import CONTENT_TYPE
 from .page import PageHeaders, page_routes

@@ -1,4 +1,4 @@
-"""A conversation partner for the live page: chooses the avatar's words and actions.
+"""The companion behind the live page's chat box, which chooses the avatar's words and actions, and the box's routes.
 
 `ChatModel` asks a language model at any OpenAI-compatible endpoint (Chat Completions with tools, and transcription),
 set by environment variables. It uses plain HTTP from a thread and needs no package. The key is sent in one header and
@@ -16,11 +16,19 @@ import secrets
 import urllib.error
 import urllib.request
 from collections.abc import Awaitable, Callable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
+
+from starlette.requests import Request
+from starlette.routing import BaseRoute, Route
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
+from echoavatar.wire.guard import check_origin
+
+from .session_manager import SessionManager
+from .tool_routes import answering, asked_session, call_tool, read_body, read_json
 
 Do = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 MAX_HISTORY_TURNS = 24  # turns, of both sides together
@@ -28,6 +36,8 @@ TIMEOUT_S = 60.0
 MAX_TOOL_ROUNDS = 3  # rounds of tool calls before the model must answer in words
 MAX_TOKENS = 300
 MAX_ANSWER_BYTES = 1 << 22
+MOST_LETTERS = 2_000
+MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
 # The default persona is the stage idol of the paper's appendix (System Prompt), in our own words.
 PERSONA = """\
 You are a digital idol on a virtual stage: charming, playful, a little in love with your own moves. The person you talk
@@ -87,29 +97,6 @@ class ToolAccess(NamedTuple):
         return []
 
 
-class Companion(Protocol):
-    """Answers the user."""
-
-    name: str
-    hears: bool  # whether `transcribe` works
-
-    async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
-        """The answer to say; actions that go with it have been started.
-
-        Raises:
-            EchoAvatarError: the model does not answer.
-        """
-        ...
-
-    async def transcribe(self, wav: bytes) -> str:
-        """Transcribe a WAV file; empty if nothing was understood.
-
-        Raises:
-            EchoAvatarError: this companion cannot transcribe, or its model does not answer.
-        """
-        ...
-
-
 class ChatModel:
     """A model at `url`, such as http://127.0.0.1:11434/v1."""
 
@@ -125,11 +112,15 @@ class ChatModel:
             )
         if not model:
             raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")
-        self.name, self.hears = model, bool(transcriber)
+        self.name, self.hears = model, bool(transcriber)  # whether `transcribe` works
         self._url, self._key, self._transcriber, self._persona = url.rstrip("/"), key, transcriber, persona
 
     async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
-        """The model's answer; its tool calls are carried out on the way."""
+        """The answer to say; the tool calls that go with it are carried out on the way.
+
+        Raises:
+            EchoAvatarError: the model does not answer.
+        """
         messages: list[dict[str, Any]] = [{"role": "system", "content": self._persona}]
         messages += [{"role": past.role, "content": past.text} for past in history[-MAX_HISTORY_TURNS:]]
         messages.append({"role": "user", "content": said})
@@ -150,7 +141,11 @@ class ChatModel:
         return ""
 
     async def transcribe(self, wav: bytes) -> str:
-        """Transcribe a WAV file."""
+        """The words in a WAV file; empty if nothing was understood.
+
+        Raises:
+            EchoAvatarError: no model that transcribes is named, or it does not answer.
+        """
         if not self._transcriber:
             raise EchoAvatarError("transcription is off; set ECHOAVATAR_CHAT_EARS to a model that transcribes")
         boundary = secrets.token_hex(16)
@@ -276,7 +271,7 @@ CUES = (
 
 
 class Scripted:
-    """The script."""
+    """Answers from a script, without a model."""
 
     name = "script"
     hears = False
@@ -302,11 +297,14 @@ class Scripted:
         return line
 
     async def transcribe(self, wav: bytes) -> str:
-        """Not supported: the script cannot transcribe speech."""
+        """Raises EchoAvatarError: the script cannot transcribe speech."""
         del wav
         raise EchoAvatarError(
             "the script does not understand speech; type, or set ECHOAVATAR_CHAT_URL and ECHOAVATAR_CHAT_EARS"
         )
+
+
+Companion = ChatModel | Scripted
 
 
 def _find_action(text: str, actions: Sequence[str]) -> str:
@@ -352,3 +350,57 @@ def from_environment(environment: Mapping[str, str] = os.environ) -> Companion:
         transcriber=environment.get("ECHOAVATAR_CHAT_EARS", ""),
         persona=persona,
     )
+
+
+def chat_routes(manager: SessionManager) -> list[BaseRoute]:
+    """The companion's name (GET /v1/chat), its reply to `{"session", "text", "history"}` (POST), and transcription."""
+    companion = lru_cache(maxsize=1)(from_environment)
+
+    async def name(_: Request) -> dict[str, Any]:
+        return {"name": companion().name, "hears": companion().hears}
+
+    async def talk(request: Request) -> dict[str, Any]:
+        return await _talk(manager, companion(), request)
+
+    async def hear(request: Request) -> dict[str, Any]:
+        return {"text": await companion().transcribe(await _sound(manager, request))}
+
+    return [
+        Route("/v1/chat", answering(manager, name, failure=503)),
+        Route("/v1/chat", answering(manager, talk), methods=["POST"]),
+        Route("/v1/chat/ears", answering(manager, hear), methods=["POST"]),
+    ]
+
+
+async def _talk(manager: SessionManager, companion: Companion, request: Request) -> dict[str, Any]:
+    message = await read_json(request, manager.settings.origins, most=1 << 16)
+    text = message.get("text")
+    if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
+        raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
+    session = asked_session(manager, request, message)
+    did: list[dict[str, Any]] = []
+
+    async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+        result = await call_tool(manager, session, name, arguments)
+        did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
+        return result
+
+    doing = ToolAccess(manager.toolbox.schemas("openai-chat"), do)
+    return {"say": await companion.reply(text, _history(message.get("history")), doing), "did": did}
+
+
+def _history(given: Any) -> list[ChatTurn]:
+    """The turns of the conversation so far; entries of the wrong shape are left out."""
+    rows = given[-MAX_HISTORY_TURNS:] if isinstance(given, list) else []
+    return [
+        ChatTurn(row["role"], row["text"][:MOST_LETTERS])
+        for row in rows
+        if isinstance(row, dict) and row.get("role") in ("user", "assistant") and isinstance(row.get("text"), str)
+    ]
+
+
+async def _sound(manager: SessionManager, request: Request) -> bytes:
+    check_origin(request.headers, manager.settings.origins)
+    if request.headers.get("content-type") != "audio/wav":  # a form on another page cannot say so
+        raise EchoAvatarError("send audio/wav")
+    return await read_body(request, MOST_SOUND)

@@ -11,6 +11,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.codec import ProtocolError, decode_client, encode, negotiate, subprotocol
 from echoavatar.wire.guard import check_origin, check_token
 from echoavatar.wire.messages import (
+    CLOSE_CODES,
     Action,
     Audio,
     ClientMessage,
@@ -212,4 +213,4 @@ class Connection:
             self._manager.metrics.errors.labels(error.code).inc()
             if error is not self._outbox.error:
                 await self._write(Error(code=error.code, message=str(error), fatal=True, retry_after=error.retry_after))
-            await self._socket.close(error.close_code, str(error).encode()[:120].decode(errors="ignore"))
+            await self._socket.close(CLOSE_CODES[error.code], str(error).encode()[:120].decode(errors="ignore"))

@@ -10,7 +10,7 @@ from pathlib import Path
 import anyio.to_thread
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -31,11 +31,6 @@ _HEADERS = {
     b"referrer-policy": b"no-referrer",
     b"cross-origin-opener-policy": b"same-origin",
 }
-_PLAIN = """<!doctype html><title>EchoAvatar</title>
-<h1>EchoAvatar is running</h1>
-<p>The page is not built into this installation. Clients connect to <code>/v1/stream</code>;
-see <a href="/health">health</a>, <a href="/v1/tools">tools</a>.</p>
-"""
 
 
 def page_routes() -> list[BaseRoute]:
@@ -44,12 +39,10 @@ def page_routes() -> list[BaseRoute]:
     static, assets = package / "server" / "static", package / "assets"
     routes: list[BaseRoute] = [Route("/avatar.glb", _avatar)]
     routes += [Route(f"/sounds/{name}", file_answer(assets / name, "audio/ogg", _FOR_ALL)) for name in SOUNDS]
-    if (static / "index.html").is_file():
-        routes.append(Route("/", _index((static / "index.html").read_text("utf-8"))))
-        built = _Built(directory=static / "assets", packages=[("echoavatar", "assets/shared")])
-        routes.append(Mount("/assets", GZipMiddleware(built, compresslevel=6)))
-        return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static), compresslevel=6))]
-    return [*routes, Route("/", _plain)]
+    routes.append(Route("/", _index((static / "index.html").read_text("utf-8"))))
+    built = _Built(directory=static / "assets", packages=[("echoavatar", "assets/shared")])
+    routes.append(Mount("/assets", GZipMiddleware(built, compresslevel=6)))
+    return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static), compresslevel=6))]
 
 
 class _Built(StaticFiles):
@@ -133,7 +126,3 @@ def _character(name: str, level: str) -> bytes:
     if level:
         return gzip.compress(level_file(name, int(level)).read_bytes(), 9, mtime=0)
     return gzip.compress(pack_glb(load_character(name), []), 6, mtime=0)
-
-
-async def _plain(_: Request) -> Response:
-    return HTMLResponse(_PLAIN)

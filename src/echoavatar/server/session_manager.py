@@ -268,12 +268,13 @@ class SessionManager:
 
     async def run(self) -> None:
         """Serve until cancelled; starts and stops the engine's threads."""
-        self._thread.on_change = _on_loop(asyncio.get_running_loop(), self._watch)
+        loop = asyncio.get_running_loop()
+        self._thread.on_change = _on_loop(loop, self._watch)
         with self._thread:
             try:
                 async with create_task_group() as tasks:
                     tasks.start_soon(_every, STATS_S, self._tell_stats)
-                    tasks.start_soon(_every, TRIM_S, _trim)
+                    tasks.start_soon(_every, TRIM_S, lambda: loop.run_in_executor(None, give_back))
                     if self.settings.sinks:
                         tasks.start_soon(_every, SINK_S, lambda: self._sinks.show(self._sessions.values()))
             finally:
@@ -386,10 +387,6 @@ async def _every(seconds: float, what: Callable[[], object]) -> None:
     while True:
         await asyncio.sleep(seconds)
         what()
-
-
-def _trim() -> None:
-    asyncio.get_running_loop().run_in_executor(None, give_back)
 
 
 def give_back() -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from echoavatar.wire.messages import MAX_MESSAGE_BYTES, Limits
+from echoavatar.wire.messages import Limits
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,6 @@ class ServerSettings:
     def limits(self) -> Limits:
         """The limits that `ready` tells clients."""
         return Limits(
-            message_bytes=MAX_MESSAGE_BYTES,
             inbox_seconds=self.inbox_seconds,
             ahead_seconds=self.ahead_seconds,
             resume_seconds=self.resume_seconds,

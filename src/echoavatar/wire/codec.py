@@ -8,7 +8,6 @@ import msgspec
 from echoavatar.errors import EchoAvatarError
 
 from .messages import (
-    CLOSE_CODES,
     ENCODINGS,
     MAX_MESSAGE_BYTES,
     PROTOCOL,
@@ -28,11 +27,6 @@ class ProtocolError(EchoAvatarError):
         self.code: ErrorCode = code
         self.fatal = fatal
         self.retry_after = retry_after
-
-    @property
-    def close_code(self) -> int:
-        """The WebSocket close code for this error."""
-        return CLOSE_CODES[self.code]
 
 
 _TO_CLIENT = (msgspec.msgpack.Decoder(ServerMessage), msgspec.json.Decoder(ServerMessage))

@@ -6,12 +6,15 @@ import ssl
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from echoavatar.errors import EchoAvatarError
 
 from .codec import ProtocolError
+
+if TYPE_CHECKING:
+    from anyio import CancelScope  # which only a server loads; the proxy checks origins with this module
 
 
 def check_token(expected: str, given: str, headers: Mapping[str, str]) -> None:
@@ -104,14 +107,6 @@ def check_certificate(certificate: str, key: str | None) -> None:
         ) from error
 
 
-class Waiting(Protocol):
-    """A connection that waits for its hello: the cancel scope of that wait."""
-
-    def cancel(self) -> None:
-        """Stop waiting."""
-        ...
-
-
 class Admission:
     """Open WebSockets, at most `limit`. Each is known by the cancel scope in which it waits for its hello. Until the
     hello it may have to give way to a new connection.
@@ -119,13 +114,13 @@ class Admission:
 
     def __init__(self, limit: int, per_address: int | None = None) -> None:
         self._limit, self._per_address = limit, per_address or limit
-        self._greeted: dict[Waiting, str] = {}  # with the client's address
-        self._waiting: dict[Waiting, str] = {}  # with the client's address, the oldest first
+        self._greeted: dict[CancelScope, str] = {}  # with the client's address
+        self._waiting: dict[CancelScope, str] = {}  # with the client's address, the oldest first
 
     def __len__(self) -> int:
         return len(self._greeted) + len(self._waiting)
 
-    def enter(self, scope: Waiting, address: str) -> bool:
+    def enter(self, scope: "CancelScope", address: str) -> bool:
         """Admit a connection; returns False if there is no room.
 
         An address that is at its own limit gives up its oldest connection without hello. If all places are taken, the
@@ -150,13 +145,13 @@ class Admission:
         self._waiting[scope] = address
         return True
 
-    def greet(self, scope: Waiting) -> None:
+    def greet(self, scope: "CancelScope") -> None:
         """The connection said hello, so it keeps its place."""
         address = self._waiting.pop(scope, None)
         if address is not None:
             self._greeted[scope] = address
 
-    def leave(self, scope: Waiting) -> None:
+    def leave(self, scope: "CancelScope") -> None:
         """The connection is closed."""
         self._waiting.pop(scope, None)
         self._greeted.pop(scope, None)

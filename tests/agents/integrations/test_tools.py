@@ -58,7 +58,7 @@ def test_calls_reach_the_stage(tools: AvatarTools) -> None:
         ("dive", {}, "there are: send_action"),
         ("send_action", {}, "needs 'action'"),
         ("send_action", {"action": 3}, "a string"),
-        ("send_action", {"action": "wave", "speed": 1}, "has no argument 'speed'"),
+        ("send_action", {"action": "wave", "speed": 1}, "knows no 'speed'"),
         ("send_action", {"action": "wave", "intensity": "much"}, "a number"),
         ("send_action", {"action": "wave", "intensity": True}, "a number"),
         ("send_action", {"action": "wave", "hold": 1e9}, "a number from 0 to 60"),

@@ -9,16 +9,7 @@ from tests.files.avatar.weights import humanoid_weights
 
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.files.avatar import CHARACTERS, LEVELS, MATERIALS, level_file, load_character
-from echoavatar.files.avatar.character import (
-    NAMES,
-    REDUCTIONS,
-    Morphs,
-    Textures,
-    added,
-    checked_face,
-    decoded,
-    looked_up,
-)
+from echoavatar.files.avatar.character import NAMES, REDUCTIONS, checked_face, decoded, looked_up
 from echoavatar.files.avatar.gltf import pack_glb
 from echoavatar.files.avatar.halfway import BONES
 from echoavatar.motion.arkit import ARKIT_NAMES
@@ -37,11 +28,6 @@ def test_pictures_come_back_with_their_reductions() -> None:
         assert (alpha.min() < 10) == (name == "hair")
 
 
-def test_bytes_are_kept_whole() -> None:
-    textures = load_character().textures
-    assert Textures.of_arrays(textures.arrays()) == textures
-
-
 def test_places_find_their_colour() -> None:
     """A place outside any picture is white; skin is redder than blue wherever a face lies."""
     character = load_character()
@@ -49,42 +35,6 @@ def test_places_find_their_colour() -> None:
     found = looked_up(texels, np.array([-1, 0]), np.array([[0.5, 0.5], [0.45, 0.5]], np.float32))
     np.testing.assert_array_equal(found[0], 1)
     assert found[1, 0] > found[1, 2]
-
-
-def some() -> tuple[Morphs, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(0)
-    moves, turns = rng.normal(size=(3, 20, 3)) * 0.01, rng.normal(size=(3, 20, 3)) * 0.3
-    still = rng.random((3, 20)) < 0.6
-    moves[still], turns[still] = 0, 0
-    moves[:, 17:], turns[:, 17:] = 0, 0
-    moves[1, 16, 0] = 0.01
-    return Morphs.of_dense(("a", "b", "c"), moves, turns), moves, turns
-
-
-def test_sparse_shapes_add_up_as_full_ones() -> None:
-    morphs, moves, turns = some()
-    assert morphs.reach == 17
-    weights = np.array([0.2, 0.7, 1.0], np.float32)
-    positions, normals = np.zeros((20, 3), np.float32), np.tile(np.float32([0, 0, 1]), (20, 1))
-    added(weights, morphs.starts, morphs.vertices, morphs.moves, morphs.turns, positions, normals, morphs.reach)
-    np.testing.assert_allclose(positions, np.einsum("n,nvi->vi", weights, moves), atol=1e-6)
-    turned = [0, 0, 1] + np.einsum("n,nvi->vi", weights, turns)
-    np.testing.assert_allclose(normals, turned / np.linalg.norm(turned, axis=1, keepdims=True), atol=1e-5)
-
-
-def test_what_hardly_moves_is_left_out() -> None:
-    morphs, moves, _ = some()
-    assert len(morphs.vertices) == (np.abs(moves).max(2) > 0).sum()
-
-
-def test_stored_shapes_read_back() -> None:
-    """Moves to a thousandth of a millimetre, turns to 1/128."""
-    morphs, _, _ = some()
-    again = Morphs.of_arrays(morphs.arrays())
-    assert again.names == morphs.names
-    np.testing.assert_array_equal(again.vertices, morphs.vertices)
-    np.testing.assert_allclose(again.moves, morphs.moves, atol=1.1e-6)
-    np.testing.assert_allclose(again.turns, morphs.turns, atol=1 / 127)
 
 
 def test_faces_are_checked_and_clipped() -> None:
@@ -157,19 +107,6 @@ def test_triangles_face_along_their_normals() -> None:
     face = np.cross(b - a, c - a)
     agree = np.einsum("fi,fi->f", face, character.normals[triangles].mean(1)) > 0
     assert agree.mean() > 0.985
-
-
-def test_save_and_load_agree(tmp_path: Path) -> None:
-    character = load_character()
-    character.save(tmp_path / "copy.npz")
-    again = load_character(tmp_path / "copy.npz")
-    np.testing.assert_allclose(again.positions, character.positions)
-    np.testing.assert_allclose(again.normals, character.normals, atol=1 / 127)
-    np.testing.assert_array_equal(again.triangles, character.triangles)
-    np.testing.assert_array_equal(again.face.vertices, character.face.vertices)
-    np.testing.assert_allclose(again.face.moves, character.face.moves, atol=1e-6)
-    assert again.face.names == character.face.names
-    assert (tmp_path / "copy.npz").stat().st_size < 1_300_000
 
 
 def test_an_expression_leaves_the_body_alone_and_keeps_normals_unit() -> None:

@@ -11,7 +11,7 @@ import soundfile
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
-from echoavatar.files.avatar.page import PageClip, write_page
+from echoavatar.files.avatar.page import PageClip, page_text
 
 JAW = 17  # jawOpen
 CHROMIUM = Path("/usr/bin/chromium")
@@ -31,7 +31,8 @@ def make_page(path: Path, wave: Wave) -> None:
     talk[:, JAW] = np.linspace(0, 1, 120)
     animations = [GltfAnimation("speech", *wave(120), face=talk), GltfAnimation("music", *wave(90))]
     clips = [PageClip("Speech <1>", "speech", tone(4), note="</script><b>"), PageClip("Music", "music", tone(3))]
-    write_page(path, pack_glb(load_character(), animations, compact=True), clips, title="Echo & co", note="look")
+    glb = pack_glb(load_character(), animations, compact=True)
+    path.write_text(page_text(glb, clips, title="Echo & co", note="look"), "utf-8")
 
 
 def test_the_page_stands_alone(tmp_path: Path, wave: Wave) -> None:
@@ -48,10 +49,10 @@ def test_the_page_stands_alone(tmp_path: Path, wave: Wave) -> None:
     assert data["clips"][0]["audio"].startswith("data:audio/ogg;base64,")
 
 
-def test_clips_must_name_an_animation(tmp_path: Path, wave: Wave) -> None:
+def test_clips_must_name_an_animation(wave: Wave) -> None:
     glb = pack_glb(load_character(), [GltfAnimation("speech", *wave(10))])
     with pytest.raises(MotionError, match="'dance'"):
-        write_page(tmp_path / "a.html", glb, [PageClip("x", "dance", b"")])
+        page_text(glb, [PageClip("x", "dance", b"")])
 
 
 @pytest.mark.browser

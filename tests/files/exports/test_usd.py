@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.files.avatar.weights import bone_weights
 
 from echoavatar.errors import DependencyError
 from echoavatar.files.avatar import load_character
@@ -61,7 +62,7 @@ def test_skinned_points_and_shapes_are_those_of_the_character(short: Take, tmp_p
     used = np.unique(character.triangles[character.triangles[:, 0] >= character.face.reach])
     rest = character.positions[used][:, None] - REST
     each = np.einsum("jab,vjb->vja", turned, rest) + moved
-    ours = np.einsum("vj,vja->va", character.bone_weights[used], each)
+    ours = np.einsum("vj,vja->va", bone_weights(character)[used], each)
     np.testing.assert_allclose(np.array(points), ours, atol=1e-4)
     shape = UsdSkel.BlendShape(stage.GetPrimAtPath("/Avatar/Face/jawOpen"))
     offsets = np.array(shape.GetOffsetsAttr().Get())

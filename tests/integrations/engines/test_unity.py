@@ -14,8 +14,7 @@ from echoavatar.files.exports import Take
 from echoavatar.files.exports.vrma import pack_vrma
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.server.sinks.encoders import JsonEncoder
-from echoavatar.server.sinks.sink import Frame
+from echoavatar.server.sinks.encoders import Frame, JsonEncoder
 from echoavatar.wire.messages import Rig
 
 PACKAGE = Path(__file__).parents[3] / "integrations/unity"

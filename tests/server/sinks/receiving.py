@@ -9,7 +9,7 @@ import numpy as np
 
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.sinks import Frame
-from echoavatar.server.sinks.sink import Encoder
+from echoavatar.server.sinks.encoders import Encoder
 from echoavatar.wire.blobs import Pose
 from echoavatar.wire.messages import Rig
 

@@ -13,6 +13,7 @@ from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_chara
 from echoavatar.files.avatar.halfway import BONES
 from echoavatar_character.pose import posed
 from echoavatar_character.sheets import POSES
+from echoavatar_character.stored import bone_weights
 
 BELOW_ELBOW = ("LowerArm", "Hand", "Thumb", "Index", "Middle", "Ring", "Little")
 PAIRS = [("trousers", "trunk"), ("hair", "trunk"), ("left forearm", "right forearm")]
@@ -21,7 +22,7 @@ PAIRS += [(f"{side} forearm", part) for side in ("left", "right") for part in ("
 
 def _parts(character: Character) -> dict[str, Bool[np.ndarray, " v"]]:
     of = {material.name: character.materials == i for i, material in enumerate(MATERIALS)}
-    weights = character.bone_weights
+    weights = bone_weights(character)
 
     def share(*names: str, side: str = "") -> Float[np.ndarray, " v"]:
         columns = [i for i, bone in enumerate(BONES) if bone.startswith(side) and any(name in bone for name in names)]

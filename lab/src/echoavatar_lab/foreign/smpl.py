@@ -25,7 +25,7 @@ from jaxtyping import Float
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.files.exports.smplx import skeleton
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
-from echoavatar.motion.kinematics import Motion
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 
 from .foreign_files import read_pickled_table
@@ -79,12 +79,23 @@ def smplx_motion(
         raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
     if not 0 < fps < 1000:
         raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
-    rig = skeleton(rest)
+    rig = skeleton() if rest is None else _skeleton_at(rest)
     matrices = matrix_from_axis_angle(torch.from_numpy(poses.reshape(t, 55, 3)))
     matrices, trans = _with_y_up(matrices, trans, path)
     rotations = quaternion_from_matrix(matrices).numpy().astype(np.float32)
     motion = Motion(rig, rotations, (trans + rig.offsets[0].numpy()).astype(np.float32), fps)
     return _on_floor(motion)
+
+
+def _skeleton_at(rest: Float[np.ndarray, "55 3"]) -> Skeleton:
+    """The joints at the places of a body model, with our hips' place and the feet on the floor."""
+    ours = skeleton()
+    places = rest - rest[0] + HUMANOID.rest_positions[0].numpy()
+    parents = np.array(ours.parents)
+    offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
+    lowest_toes = places[ours.indices(("left_foot", "right_foot")), 1].min()
+    offsets[0, 1] -= lowest_toes - float(HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1])
+    return Skeleton(ours.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist()))}))
 
 
 def _with_y_up(matrices: torch.Tensor, trans: _Numbers, path: Path) -> tuple[torch.Tensor, _Numbers]:

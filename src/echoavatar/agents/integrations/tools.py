@@ -8,11 +8,12 @@ model never mentions gestures or songs that do not exist.
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from echoavatar.engine.tools import Schema, checked
+from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.messages import ActionStatus
 
 from .bridge import AvatarBridge
 
-Schema = dict[str, Any]
 PERSONA = """\
 # Who you are
 You are {name}, a digital idol: charming, playful, a little in love with yourself. You are nobody's assistant and no
@@ -54,18 +55,14 @@ class AvatarTools:
 
     async def call(self, name: str, arguments: Mapping[str, Any]) -> Schema:
         """Carry out a model's call. A call that fails returns the status `rejected`; nothing is raised."""
-        given = {key: value for key, value in arguments.items() if value is not None}
-        wrong = self._find_error(name, given)
-        if wrong:
-            return {"status": "rejected", "reason": wrong}
+        try:
+            given = checked(self.schemas, name, arguments)
+        except EchoAvatarError as error:
+            return {"status": "rejected", "reason": str(error)}
         match name:
             case "send_action":
-                hold = given.get("hold")
-                status = await self._bridge.act(
-                    given["action"],
-                    intensity=float(given.get("intensity", 1.0)),
-                    hold=None if hold is None else float(hold),
-                )
+                intensity, hold = given.get("intensity", 1.0), given.get("hold")
+                status = await self._bridge.act(given["action"], intensity=intensity, hold=hold)
                 return {"action": status.name or given["action"]} | _result(status)
             case "play_music":
                 status = await self._bridge.play_music(given.get("title", ""))
@@ -75,25 +72,6 @@ class AvatarTools:
                 return {"status": "done"}
             case _:
                 return {"actions": list(self._bridge.ready.actions), "music": list(self._bridge.ready.tracks)}
-
-    def _find_error(self, name: str, given: Mapping[str, Any]) -> str:
-        """What is wrong with a call; empty if nothing is."""
-        schema = next((schema for schema in self.schemas if schema["name"] == name), None)
-        if schema is None:
-            return f"no tool {name!r}; there are: {', '.join(self.names)}"
-        known = schema["parameters"].get("properties", {})
-        for key, value in given.items():
-            if key not in known:
-                return f"{name} has no argument {key!r}; it takes: {', '.join(known) or 'nothing'}"
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if known[key]["type"] == "number":
-                least, most = known[key].get("minimum", 0), known[key].get("maximum", 60)
-                if not is_number or not least <= value <= most:
-                    return f"{name}: {key} is {value!r}; it must be a number from {least} to {most}"
-            elif not isinstance(value, str):
-                return f"{name}: {key} is {value!r}; it must be a string"
-        missing = [key for key in schema["parameters"].get("required", ()) if key not in given]
-        return f"{name} needs {missing[0]!r}" if missing else ""
 
 
 def _result(status: ActionStatus) -> Schema:

@@ -56,7 +56,7 @@ class AvatarRenderer:
         face: Float[np.ndarray, " n"] | None = None,
         camera: Camera | None = None,
     ) -> UInt8[np.ndarray, "h w c"]:
-        """The picture of world rotations and positions; without `camera` it stands before the body where it is."""
+        """The picture of world rotations and positions; without `camera`, that of the shot's view follows the body."""
         self._renderer.camera = camera or aimed(self.shot.view, positions[followed_joint(self.shot.view)])
         points, normals = skin(self._character, rotations, positions, face)
         return self._renderer.draw(Surface(points, normals, self.paint))
@@ -72,10 +72,10 @@ def followed_joint(view: View) -> int:
 
 
 def aimed(view: View, at: Float[np.ndarray, " 3"]) -> Camera:
-    """The camera of a view, placed by the hips, or by the head in a close view."""
-    if view == "face":
-        return close_up(at)
+    """The camera of a view; `at` is where the hips are, or the head in a close view, in metres."""
     x, y, z = (float(value) for value in at)
+    if view == "face":
+        return Camera((x + 0.10, y + 0.05, z + 0.82), (x, y + 0.03, z), 0.33)
     if view == "bust":
         return Camera((x + 0.22, y - 0.02, z + 1.45), (x, y - 0.12, z), 0.50)
     turn = math.radians(_TURNS[view])
@@ -85,9 +85,3 @@ def aimed(view: View, at: Float[np.ndarray, " 3"]) -> Camera:
         z - beside * math.sin(turn) + before * math.cos(turn),
     )
     return Camera((placed[0], 1.35, placed[1]), (x, 0.93, z))
-
-
-def close_up(head: Float[np.ndarray, " 3"], *, side: float = 0.10) -> Camera:
-    """A camera on the face, placed by the head joint; `side` is its distance to the character's left in metres."""
-    x, y, z = (float(value) for value in head)
-    return Camera(position=(x + side, y + 0.05, z + 0.82), target=(x, y + 0.03, z), field_of_view=0.33)

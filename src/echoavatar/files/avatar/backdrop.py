@@ -53,7 +53,7 @@ class Backdrop:
         wall, floor = wall * wall * (3 - 2 * wall), floor * floor * (3 - 2 * floor)
         colour = top + (horizon - top) * wall + (bottom - horizon) * floor
         colour = colour * (1 - 0.10 * (self.top != self.bottom) * x**2)
-        noise = np.random.default_rng(0).uniform(0, 1, (height, width, 1))  # or a slow gradient shows bands
+        noise = np.random.default_rng(0).uniform(0, 1, (height, width, 1))  # without it a slow gradient shows bands
         is_flat = self.top == self.horizon == self.bottom
         return np.asarray(np.clip(colour + (0.0 if is_flat else noise), 0, 255), np.uint8)
 

@@ -5,12 +5,12 @@ targets say what each blendshape adds to the vertices of the neutral face, kept 
 """
 
 import io
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -20,10 +20,8 @@ from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.nn.kernels import kernel
 
-from .halfway import BONES
-
 NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
-# In glTF; films read the roughness of skin alone.
+# Details are written into glTF; films read the roughness of skin alone.
 DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")
 
 
@@ -50,17 +48,9 @@ class Textures:
         """The names of the pictures that there are."""
         return [name for name in NAMES + DETAILS if getattr(self, name)]
 
-    def plain(self) -> "Textures":
-        """Colours alone."""
-        return replace(self, **dict.fromkeys(DETAILS, b""))
-
-    def arrays(self) -> dict[str, Any]:
-        """As arrays of bytes for an npz."""
-        return {f"texture_{field.name}": np.frombuffer(getattr(self, field.name), np.uint8) for field in fields(self)}
-
     @classmethod
     def of_arrays(cls, stored: dict[str, np.ndarray]) -> "Textures":
-        """The inverse of `arrays`."""
+        """The pictures of a character's npz."""
         return cls(*(stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS))
 
 
@@ -112,7 +102,7 @@ def _sum_of_fours(values: Float[np.ndarray, "h w c"]) -> Float[np.ndarray, "i j 
 def looked_up(
     texels: Texels, picture: Int[np.ndarray, " v"], uvs: Float[np.ndarray, "v 2"]
 ) -> Float[np.ndarray, "v 3"]:
-    """The sRGB colour (0 to 1) of a picture at each place, from the third level; -1 is white."""
+    """The sRGB colour (0 to 1) at each place of its picture, from the third level; picture -1 is white."""
     out = np.ones((len(uvs), 3), np.float32)
     for row in range(len(NAMES)):
         start, width, height = texels.table[row, 2]
@@ -135,7 +125,6 @@ def grey_at(encoded: bytes, uvs: Float[np.ndarray, "v 2"]) -> Float[np.ndarray, 
 
 MOVE_UNIT = 2e-6  # metres; how moves are stored
 TURN_UNIT = 1 / 64  # how changes of normals are stored
-LEAST_MOVE, LEAST_TURN = 1.5e-4, 0.06  # smaller changes are left out
 
 
 @dataclass(frozen=True)
@@ -177,42 +166,15 @@ class Morphs:
             here = at >= 0
             yield name, at[here], self.moves[part][here], self.turns[part][here]
 
-    def arrays(self) -> dict[str, Any]:
-        """Small arrays for an npz."""
-        return {
-            "face_names": np.array(self.names),
-            "face_starts": self.starts.astype(np.int32),
-            "face_vertices": self.vertices.astype(np.uint16),
-            "face_moves": np.round(self.moves / MOVE_UNIT).astype(np.int16),
-            "face_turns": np.clip(np.round(self.turns / TURN_UNIT), -127, 127).astype(np.int8),
-        }
-
     @classmethod
     def of_arrays(cls, stored: Mapping[str, np.ndarray]) -> "Morphs":
-        """The inverse of `arrays`."""
+        """The shapes of a character's npz."""
         return cls(
             tuple(str(name) for name in stored["face_names"]),
             stored["face_starts"].astype(np.int64),
             stored["face_vertices"].astype(np.int64),
             stored["face_moves"].astype(np.float32) * np.float32(MOVE_UNIT),
             stored["face_turns"].astype(np.float32) * np.float32(TURN_UNIT),
-        )
-
-    @classmethod
-    def of_dense(
-        cls, names: Sequence[str], moves: Float[np.ndarray, "n v 3"], turns: Float[np.ndarray, "n v 3"]
-    ) -> "Morphs":
-        """Sparse shapes from full ones; tiny changes are left out."""
-        entries = [
-            np.flatnonzero((np.abs(move).max(1) > LEAST_MOVE) | (np.abs(turn).max(1) > LEAST_TURN))
-            for move, turn in zip(moves, turns, strict=True)
-        ]
-        return cls(
-            tuple(names),
-            np.cumsum([0, *(len(e) for e in entries)]),
-            np.concatenate(entries),
-            np.concatenate([move[e] for move, e in zip(moves, entries, strict=True)]).astype(np.float32),
-            np.concatenate([turn[e] for turn, e in zip(turns, entries, strict=True)]).astype(np.float32),
         )
 
 
@@ -291,15 +253,6 @@ class Character:
     face: Morphs  # blendshapes of the first vertices
     textures: Textures
 
-    @cached_property
-    def bone_weights(self) -> Float[np.ndarray, "v b"]:
-        """Weights as one matrix over all `BONES`."""
-        dense = np.zeros((len(self.positions), len(BONES)), np.float32)
-        rows = np.arange(len(dense))
-        for column in range(self.joints.shape[1]):
-            np.add.at(dense, (rows, self.joints[:, column]), self.weights[:, column])
-        return dense
-
     def flat_colours(self) -> Float[np.ndarray, "v 3"]:
         """The sRGB colour of each vertex, 0 to 1, for files without pictures."""
         order = {name: row for row, name in enumerate(NAMES)}
@@ -312,22 +265,6 @@ class Character:
         strengths = np.asarray(weights, np.float32)
         added(strengths, face.starts, face.vertices, face.moves, face.turns, positions, normals, face.reach)
         return positions, normals
-
-    def save(self, path: Path) -> None:
-        """Write an npz. Normals and weights are stored as integers, triangles in the smallest type that fits."""
-        np.savez_compressed(
-            path,
-            positions=np.round(self.positions / PLACE_UNIT).astype(np.int16),
-            normals=np.round(self.normals * 127).astype(np.int8),
-            colours=self.colours,
-            materials=self.materials,
-            joints=self.joints,
-            weights=np.round(self.weights * 255).astype(np.uint8),
-            triangles=self.triangles.astype(np.uint16 if len(self.positions) < 65536 else np.int32),
-            uvs=np.round(self.uvs * UV_UNITS).astype(np.int32),
-            **self.face.arrays(),
-            **self.textures.arrays(),
-        )
 
 
 def load_character(path: Path | str | None = None) -> Character:

@@ -36,13 +36,7 @@ class Buffer:
         self.accessors: list[dict[str, Any]] = []
 
     def add(
-        self,
-        values: np.ndarray,
-        *,
-        target: int | None = None,
-        bounds: bool = False,
-        normalized: bool = False,
-        shape: str = "",
+        self, values: np.ndarray, *, target: int | None = None, bounds: bool = False, normalized: bool = False
     ) -> int:
         """Append one array as view and accessor; return the accessor's index."""
         values = np.ascontiguousarray(values)
@@ -50,7 +44,7 @@ class Buffer:
             "bufferView": self.view(values, target=target),
             "componentType": COMPONENT[values.dtype.name],
             "count": len(values),
-            "type": shape or SHAPE[values.shape[1:]],
+            "type": SHAPE[values.shape[1:]],
         }
         if normalized:
             accessor["normalized"] = True
@@ -103,7 +97,7 @@ class Tracks:
         self.samplers.append({"input": self._clock, "interpolation": "LINEAR", "output": output})
 
 
-PLACE_STEP, MOVE_STEP, NORMAL_STEP, TURN_STEP = 2.0**-14, 2.0**-14, 2.0**-7, 2.0**-5  # metres (and UVs); parts of 1
+PLACE_STEP, MOVE_STEP, NORMAL_STEP, TURN_STEP = 2.0**-14, 2.0**-14, 2.0**-7, 2.0**-5  # metres or parts of 1
 
 
 def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:

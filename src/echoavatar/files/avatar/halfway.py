@@ -1,4 +1,4 @@
-"""Halfway bones: helpers beside the 52 bones that keep the flesh of bent shoulders and elbows.
+"""Halfway bones: helpers beside the 52 bones that keep the girth of bent shoulders and elbows.
 
 Linear blend skinning draws a vertex that follows two bones straight from one place to the other, so a joint bent by
 150 degrees loses most of its girth. A halfway bone stands at such a joint, hangs on the bone's parent and turns by half

@@ -1,4 +1,4 @@
-"""Write one self-contained HTML file that plays the avatar with its sound, without a network or a server."""
+"""One self-contained HTML file that plays the avatar with its sound, without a network or a server."""
 
 import base64
 import html
@@ -6,11 +6,9 @@ import json
 import re
 from collections.abc import Sequence
 from importlib.resources import files
-from pathlib import Path
 from typing import NamedTuple
 
 from echoavatar.errors import MotionError
-from echoavatar.whole_file import write_whole
 
 
 class PageClip(NamedTuple):
@@ -20,13 +18,6 @@ class PageClip(NamedTuple):
     animation: str
     audio: bytes
     note: str = ""
-
-
-def write_page(
-    path: str | Path, glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = ""
-) -> None:
-    """Write the page of `page_text`; raises MotionError where it cannot be written."""
-    write_whole(path, page_text(glb, clips, title=title, note=note), error=MotionError)
 
 
 def page_text(glb: bytes, clips: Sequence[PageClip], *, title: str = "EchoAvatar", note: str = "") -> str:

@@ -80,7 +80,8 @@ def barycentric(ax, ay, bx, by, cx, cy, area, column, row):  # type: ignore[no-u
 def border(weight, across, down):  # type: ignore[no-untyped-def]
     """Where a weight that grows by `across` and `down` is zero, as a border on the left and one on the right.
 
-    Each is a column in the first row and its gain by the next row; that on the left is negated. One of them is far off.
+    Each is a column in the first row and its gain by the next row; that on the left is negated. The side without a
+    border gets one that is far off.
     """
     if across > TINY:
         return (weight / across, down / across), (FAR, ZERO)
@@ -92,7 +93,8 @@ def border(weight, across, down):  # type: ignore[no-untyped-def]
 def span(row, count, lefts, rights):  # type: ignore[no-untyped-def]
     """The first column in a row of a triangle and the one behind the last, of 0 to count - 1.
 
-    The hundredth closes the seam between neighbours. Borders are negated for `min`: `max` compiles to far slower code.
+    Both ends reach a hundredth further, which closes the seam between neighbours. Borders are negated for `min`:
+    `max` compiles to far slower code.
     """
     (a, da), (b, db), (c, dc) = lefts
     first = F(0.99) - min(min(a + row * da, b + row * db), c + row * dc)

@@ -22,7 +22,7 @@ SHADOW_TEXELS = 512
 SHADOW_METRES = 2.6
 CONTACT_CELLS = 128
 CONTACT_METRES = 1.92
-MATT = 0.7  # roughness from which skin is painted hair
+MATT = 0.7  # skin that is rougher is painted hair
 NEAR_M = 1.5  # to the target: a closer camera sees shadows in finer texels
 
 
@@ -195,7 +195,7 @@ class Renderer:
         corners = np.array([[x, 0, z] for x in (low[0], high[0]) for z in (low[2], high[2])], np.float32)
         seen = np.zeros_like(corners)
         self._project(corners, seen)
-        if (seen[:, 2] <= 0).any():  # the floor beneath the camera is seen, if any
+        if (seen[:, 2] <= 0).any():  # a corner is behind the camera: the shadow may be anywhere
             box = (0, 0, self.width, self.height)
         else:
             left, top, right, bottom = self._box(seen)
@@ -206,7 +206,7 @@ class Renderer:
         )  # fmt: skip
 
     def _touch(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Fill the contact shadow; gives the body's middle on the floor, and the map from metres to cells."""
+        """Fill the contact shadow; returns the body's middle on the floor, and the map from metres to cells."""
         from scipy.ndimage import uniform_filter
 
         middle = self._bounds[0, :, ::2].mean(0)
@@ -235,7 +235,7 @@ class Renderer:
         return left // n * n, top // n * n, -(-right // n) * n, -(-bottom // n) * n
 
     def _rays(self) -> NDArray[np.float32]:
-        """The affine map from samples to ray directions: of the corner, a step to the right, a step down."""
+        """The affine map from samples to ray directions: the corner's, and what a step to the right or down adds."""
         high, wide = self._grid
         right, up, back = self.camera.axes()
         corner = -back - right * (wide / 2) / self._focal + up * (high / 2) / self._focal

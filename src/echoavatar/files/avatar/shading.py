@@ -1,4 +1,4 @@
-"""The light on the visible surface: each sample of the body at its edges, and its shadow on the floor.
+"""The light on the body, sample by sample at its edges and once a pixel elsewhere, and its shadow on the floor.
 
 Every other pixel keeps the backdrop. Constants are float32, or numba would compute in double precision.
 """
@@ -9,8 +9,8 @@ from echoavatar.nn.kernels import kernel
 
 from .raster import HALF, ONE, ZERO, F
 
-BLUR = F(2.5)  # texels in a sample from which on the next smaller picture is taken
-REPEATS = F(64.0)  # of a picture, at most, to the left or above
+BLUR = F(2.5)  # a sample that covers more texels reads the next smaller picture
+REPEATS = F(64.0)  # a picture repeats at most so often to the left or above
 FADE_METRES = F(2.6)  # distance from the body at which its shadow on the floor is gone
 
 
@@ -49,7 +49,7 @@ def lit(x, y, z, to_light, shadow, bias):  # type: ignore[no-untyped-def]
 
 @kernel(fastmath=True, inline="always")
 def wrapped(index, count):  # type: ignore[no-untyped-def]
-    """An index of -1 to count, which follows the last."""
+    """An index from -1 to count, moved into 0 to count - 1."""
     return count - 1 if index < 0 else 0 if index >= count else index
 
 

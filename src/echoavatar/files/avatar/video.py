@@ -19,7 +19,6 @@ from echoavatar.whole_file import whole_file
 
 from .avatar_renderer import CLOSE, AvatarRenderer, Shot, View, aimed, followed_joint
 from .character import Character, checked_face, load_character
-from .render import Camera
 
 __all__ = ["Shot", "View", "default_size", "film", "write_film"]
 
@@ -68,11 +67,10 @@ def film(
     face: Float[np.ndarray, "t n"] | None = None,
     character: Character | None = None,
     shot: Shot | None = None,
-    camera: Camera | None = None,
 ) -> Generator[UInt8[np.ndarray, "h w c"], None, None]:
     """The pictures of a motion, frame by frame, drawn by two threads.
 
-    Without `camera` the camera smoothly follows the hips, or the head where the view is close.
+    The camera smoothly follows the hips, or the head where the view is close.
     """
     shot = shot or Shot()
     first = AvatarRenderer(character or load_character(), shot)
@@ -86,9 +84,8 @@ def film(
     def drawn(frame: int) -> UInt8[np.ndarray, "h w c"]:
         renderer = idle.get()
         weights = None if face is None else face[frame]
-        picture = renderer.draw(
-            rotations[frame], positions[frame], weights, camera or aimed(shot.view, followed[frame])
-        )
+        camera = aimed(shot.view, followed[frame])
+        picture = renderer.draw(rotations[frame], positions[frame], weights, camera)
         idle.put(renderer)
         return picture
 

@@ -10,18 +10,25 @@ import numpy as np
 
 from echoavatar.errors import DependencyError, EchoAvatarError, MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.tables import write_csv, write_live_link, write_npz
+from echoavatar.whole_file import write_whole
 
+from ..avatar import Character, load_character
+from ..avatar.gltf import GltfAnimation, pack_glb
 from .blender import find_blender, write_fbx
 from .smplx import write_smplx
 from .take import Take
-from .target_rig import Rig
+from .target_rig import Rig, pack_on_rig
 from .usd import SUFFIXES as USD
+from .usd import write_usd
+from .vrma import pack_vrma
 
 if TYPE_CHECKING:
-    from ..avatar import Character
-    from ..avatar.video import Shot
+    from ..avatar.video import Shot  # loads FFmpeg
 
 FILMS = (".mp4", ".webm")
+FACE_CSV, FACE47_CSV, SMPLX_NPZ = ".face.csv", ".face47.csv", ".smplx.npz"  # endings that are longer than a suffix
 SUFFIXES = (".bvh", ".glb", ".vrm", ".vrma", *USD, ".fbx", ".npz", ".csv", *FILMS)
 Writer = Callable[[Path, Take, Rig | None], None]
 
@@ -31,7 +38,7 @@ def write_take(
     take: Take,
     *,
     rig: Rig | None = None,
-    character: "Character | None" = None,
+    character: Character | None = None,
     shot: "Shot | None" = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
@@ -50,8 +57,7 @@ def write_take(
         audio = np.zeros(0, np.float32) if take.audio is None else take.audio
         write_film(path, take.motion, audio, face=take.face, character=character, shot=shot, progress=progress)
         return
-    special = _special(path)
-    write = _SPECIAL[special] if special else _WRITERS[path.suffix.lower()]
+    write = next(write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending))
     write(path, take if rig is None else rig.retarget(take), rig)
 
 
@@ -69,7 +75,7 @@ def check_output(output: Path, *, has_rig: bool) -> None:
         raise EchoAvatarError(f"cannot write {output}: {output.parent} is not a folder; make it first")
     if not os.access(output.parent, os.W_OK) or output.is_dir():
         raise EchoAvatarError(f"cannot write {output}: no permission or a folder of that name; choose another -o")
-    if has_rig and (_special(output) or suffix in (*USD, *FILMS)):
+    if has_rig and output.name.lower().endswith((FACE_CSV, FACE47_CSV, SMPLX_NPZ, *USD, *FILMS)):
         raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
     if suffix == ".vrm" and not has_rig:
         raise EchoAvatarError("a .vrm is written into your own character: name it with --rig, or write .glb or .vrma")
@@ -77,34 +83,21 @@ def check_output(output: Path, *, has_rig: bool) -> None:
         find_blender()
 
 
-def _special(path: Path) -> str | None:
-    return next((end for end in _SPECIAL if path.name.lower().endswith(end)), None)
-
-
 def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.formats import write_bvh
-
     motion, scale = take.motion, 100.0 if rig is None else rig.units_per_metre
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=scale)
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.whole_file import write_whole
-
     write_whole(path, _packed(path, take, rig), error=MotionError)
 
 
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
-        from .target_rig import pack_on_rig
-
         if rig.gltf is None:
             raise MotionError(f"{rig.path} has no mesh for {path.name!r}: write .bvh, or give a .glb as --rig")
         return pack_on_rig(rig.gltf, take)
-    from ..avatar import load_character
-    from ..avatar.gltf import GltfAnimation, pack_glb
-
     take = take.on_humanoid()
     motion = take.motion
     animation = GltfAnimation("motion", motion.rotations, motion.root, motion.fps, take.face)
@@ -112,15 +105,10 @@ def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
 
 
 def _vrma(path: Path, take: Take, rig: Rig | None) -> None:
-    from .vrma import write_vrma
-
-    write_vrma(path, take if rig is not None else take.on_humanoid())
+    write_whole(path, pack_vrma(take if rig is not None else take.on_humanoid()), error=MotionError)
 
 
 def _usd(path: Path, take: Take, _: Rig | None) -> None:
-    from ..avatar import load_character
-    from .usd import write_usd
-
     write_usd(path, load_character(), take)
 
 
@@ -129,23 +117,17 @@ def _fbx(path: Path, take: Take, rig: Rig | None) -> None:
 
 
 def _npz(path: Path, take: Take, _: Rig | None) -> None:
-    from echoavatar.motion.formats.tables import write_npz
-
     face = {} if take.face is None else {"face": take.face, "face_names": np.array(ARKIT_NAMES)}
     write_npz(path, take.motion, **face)
 
 
 def _csv(path: Path, take: Take, rig: Rig | None) -> None:
-    from echoavatar.motion.formats.tables import write_csv
-
     write_csv(path, take.motion)
     if take.face is not None:
         _face_csv(path.with_suffix(FACE_CSV), take, rig)
 
 
 def _face_csv(path: Path, take: Take, _: Rig | None) -> None:
-    from echoavatar.motion.formats.tables import write_live_link
-
     write_live_link(path, _face(path, take), take.motion.fps)
 
 
@@ -164,13 +146,10 @@ def _face(path: Path, take: Take) -> np.ndarray:
     return take.face
 
 
-FACE_CSV, FACE47_CSV = ".face.csv", ".face47.csv"
-_SPECIAL: Mapping[str, Writer] = {
+_WRITERS: Mapping[str, Writer] = {  # by the ending of the file's name, the longer ones first
     FACE_CSV: _face_csv,
     FACE47_CSV: _face47_csv,
-    ".smplx.npz": lambda path, take, _: write_smplx(path, take),
-}
-_WRITERS: Mapping[str, Writer] = {
+    SMPLX_NPZ: lambda path, take, _: write_smplx(path, take),
     ".bvh": _bvh,
     ".glb": _glb,
     ".vrm": _glb,

@@ -1,10 +1,10 @@
 """Write SMPL-X parameters in the layout of BEAT2's `smplxflame_30`, for research tools.
 
-The rig is SMPL-X's joint order with, bone for bone, the rest offsets of our humanoid, because the body model's licence
-does not allow shipping it: rotations are exact, positions are those of a body of 1.70 m. The rotations of our bones go
-to the 55 joints. `trans` is the pelvis position minus its rest position, Y up. The shape is the mean body (`betas` are
-0); a user with the body model can set another. The jaw follows `jawOpen`. No map from ARKit's curves to FLAME's
-expressions is published, so `expressions` are 0.
+The rig has SMPL-X's 55 joints in their order, but the rest offsets of our humanoid's bones, because the licence of the
+body model does not allow shipping it: rotations are exact, positions are those of a body of 1.70 m. Each joint takes
+the rotation of our bone. `trans` is the pelvis position minus its rest position, Y up. The shape is the mean body
+(`betas` are 0); a user with the body model can set another. The jaw follows `jawOpen`. No map from ARKit's curves to
+FLAME's expressions is published, so `expressions` are 0.
 """
 
 import io
@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
@@ -68,15 +67,12 @@ def _table() -> list[tuple[str, int, str]]:
     return rows
 
 
-def skeleton(rest: Float[np.ndarray, "55 3"] | None = None) -> Skeleton:
-    """The 55 joints at `rest` (metres, from a body model) or at the positions of our humanoid."""
-    rows = _table()
-    places = _our_rest(rows) if rest is None else rest - rest[0] + HUMANOID.rest_positions[0].numpy()
+def skeleton() -> Skeleton:
+    """The 55 joints at the positions of our humanoid."""
+    rows, rest = _table(), HUMANOID.rest_positions.numpy()
+    head = rest[HUMANOID.index("head")]
+    places = [rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows]
     offsets = [places[j] - (places[parent] if parent >= 0 else 0) for j, (_, parent, _) in enumerate(rows)]
-    if rest is not None:
-        feet = [places[j, 1] for j in (10, 11)]
-        ours = HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1]
-        offsets[0] = offsets[0] - np.array([0.0, min(feet) - float(ours), 0.0])  # puts the feet on the floor
     return Skeleton(
         SkeletonConfig(
             names=tuple(name for name, _, _ in rows),
@@ -86,12 +82,6 @@ def skeleton(rest: Float[np.ndarray, "55 3"] | None = None) -> Skeleton:
             vrm={bone: j for j, (_, _, bone) in enumerate(rows) if bone},
         )
     )
-
-
-def _our_rest(rows: list[tuple[str, int, str]]) -> Float[np.ndarray, "55 3"]:
-    rest = HUMANOID.rest_positions.numpy()
-    head = rest[HUMANOID.index("head")]
-    return np.stack([rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows])
 
 
 JAW_RADIANS = 0.35  # a wide open jaw

@@ -32,7 +32,7 @@ class Take:
 
 
 def read_take(path: Path) -> Take:
-    """A recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
+    """The take in a recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
 
     Raises:
         MotionError: the file is missing, damaged, or of another kind.

@@ -223,7 +223,7 @@ def read_rig(path: Path) -> Rig:
     """The rig of a file.
 
     Raises:
-        MotionError: the file is missing, damaged or of another kind, its bones are not known, or it does not stand.
+        MotionError: the file is missing, damaged or of another kind, or its bones are unknown or do not stand upright.
     """
     suffix = path.suffix.lower()
     if suffix in GLTF:

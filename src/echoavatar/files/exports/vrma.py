@@ -6,7 +6,6 @@ translation of a node, and the gaze is the rotation of another node. Vowels and 
 ARKit shapes work with avatars that have them.
 """
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.whole_file import write_whole
 
 from ..avatar.gltf import Buffer, Tracks, packed
 from .take import Take
@@ -30,17 +28,12 @@ _RIGHT_EYE = LIVE_LINK_NAMES.index("rightEyeYaw")
 REQUIRED = ("hips", "spine", "head")
 
 
-def write_vrma(path: Path, take: Take) -> None:
-    """Write a take on our rig, or on any rig whose bones are known.
+def pack_vrma(take: Take) -> bytes:
+    """The bytes of a file with a take on our rig, or on any rig whose bones are known.
 
     Raises:
-        MotionError: a bone that the format requires is missing, or the file cannot be written.
+        MotionError: a bone that the format requires is missing.
     """
-    write_whole(path, pack_vrma(take), error=MotionError)
-
-
-def pack_vrma(take: Take) -> bytes:
-    """The file's bytes."""
     motion = take.motion if take.motion.skeleton is HUMANOID else in_t_pose(take.motion)
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     if missing := [bone for bone in REQUIRED if bone not in bones]:

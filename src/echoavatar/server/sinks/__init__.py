@@ -4,8 +4,8 @@ May import `wire`, `models`, `motion` and below. Every sink has a thread of its 
 waits for it, and a receiver that is slow or gone affects nothing here.
 """
 
-from .address import check_address, make_sink, parse_address
+from .encoders import Frame
 from .player import SinkGroup, SinkPlayer
-from .sink import Frame, Sink, UdpSink
+from .sink import UdpSink, check_address, make_sink, parse_address
 
-__all__ = ["SinkGroup", "Frame", "Sink", "SinkPlayer", "UdpSink", "check_address", "make_sink", "parse_address"]
+__all__ = ["Frame", "SinkGroup", "SinkPlayer", "UdpSink", "check_address", "make_sink", "parse_address"]

@@ -26,8 +26,6 @@ from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES, HEAD_AND_EYES, VRM
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.messages import Rig
 
-from .sink import Frame
-
 RIG_SECONDS = 1.0
 _DIGITS = 5
 VERSION = 6
@@ -42,6 +40,16 @@ _VRM0 = (
 )  # fmt: skip
 _THUMBS = {"ThumbMetacarpal": "ThumbProximal", "ThumbProximal": "ThumbIntermediate"}
 _ROOT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+class Frame(NamedTuple):
+    """What is shown at one moment, in our axes (Y up, facing +Z, left +X)."""
+
+    rotations: Float[np.ndarray, "j 4"]  # quaternions wxyz, parent-relative
+    root: Float[np.ndarray, "3"]  # metres, of the hips
+    face: Float[np.ndarray, " n"] | None  # the result of the sink's `faces`; None without a face
+    seconds: float  # since the sink started, on its own clock
+    at: int  # sample of the session's clock that is heard with it
 
 
 class JsonEncoder:
@@ -228,3 +236,6 @@ class VmcEncoder:
         parts = [np.array([frame.seconds, *_ROOT]), to_unity(frame.rotations, places).ravel()]
         parts.append(self._at_rest if frame.face is None else frame.face)
         return self._bundles.fill(np.concatenate(parts))
+
+
+Encoder = JsonEncoder | LiveLinkEncoder | VmcEncoder

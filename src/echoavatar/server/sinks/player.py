@@ -11,7 +11,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +19,8 @@ from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.blobs import Pose, unpack_pose
 from echoavatar.wire.messages import Flush, Motion, Rig, ServerMessage
 
-from .address import make_sink
-from .sink import Frame, Sink
+from .encoders import Frame
+from .sink import UdpSink, make_sink
 
 CORRECTION_S = 0.1  # an error this large doubles the clock's speed, or stops the clock
 JUMP_S = 0.35  # a larger error is corrected at once
@@ -44,10 +43,6 @@ class FollowingClock:
     def tell(self, at: float, now: float) -> None:
         """Report that the other clock shows `at` at the time `now`, in seconds of `time.monotonic`."""
         self._told = at, now
-
-    def jump(self) -> None:
-        """Take over the next report directly, without smoothing."""
-        self._read = None
 
     def read(self, now: float) -> float | None:
         """The sample to show now; None before the first report."""
@@ -138,7 +133,7 @@ def _interpolate(a: Pose, b: Pose, share: float) -> Pose:
 class SinkPlayer:
     """Plays a session into a sink. Messages and clock reports may come from any thread, and never wait for the sink."""
 
-    def __init__(self, sink: Sink, rig: Rig, *, curves: int = 52, name: str = "sink") -> None:
+    def __init__(self, sink: UdpSink, rig: Rig, *, curves: int = 52, name: str = "sink") -> None:
         """`rig` and `curves` describe the motion messages."""
         self.shown, self.failed = 0, 0
         self._sink, self._name = sink, name
@@ -264,14 +259,6 @@ class SinkGroup:
         self._thread.join()
         for player in self.players:
             player.close()
-
-    def __enter__(self) -> "SinkGroup":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _reach(self, at: int, frames: int) -> None:
         self._end = at + frames * SAMPLES_PER_FRAME

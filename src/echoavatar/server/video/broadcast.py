@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import av
 
@@ -20,21 +20,6 @@ CLOCK_HZ = 1_000  # of pictures: FLV counts milliseconds
 KEY_S = 2  # between key frames, as streaming servers require
 
 
-class Output(Protocol):
-    """Takes a stream; its methods may block, and one thread calls them."""
-
-    name: str  # the camera's, as other programs list it, or the address
-
-    def show(self, picture: Picture) -> None:
-        """Show a picture; raises EchoAvatarError where it cannot go on."""
-
-    def hear(self, block: Block) -> None:
-        """Play 20 ms of sound."""
-
-    def close(self) -> None:
-        """End the stream."""
-
-
 class VirtualCamera:
     """A camera that other programs can choose. It carries no sound."""
 
@@ -46,7 +31,7 @@ class VirtualCamera:
             raise DependencyError("a virtual camera needs pyvirtualcam: pip install 'echoavatar[camera]'") from error
         try:
             self._camera: Any = pyvirtualcam.Camera(size[0], size[1], rate)
-            self.name = str(self._camera.device)
+            self.name = str(self._camera.device)  # as other programs list it
         except RuntimeError as error:
             raise DependencyError(
                 "this machine has no virtual camera; Linux: `sudo modprobe v4l2loopback`; Windows and macOS: install "
@@ -84,7 +69,7 @@ class Broadcast:
             self._container.start_encoding()
 
     def show(self, picture: Picture) -> None:
-        """Encode and send a picture."""
+        """Encode and send a picture; raises EchoAvatarError where the address takes no more."""
         frame = av.VideoFrame.from_ndarray(picture.pixels, format="rgb24")
         frame.pts, frame.time_base = max(self._last + 1, round(picture.seconds * CLOCK_HZ)), Fraction(1, CLOCK_HZ)
         self._last = frame.pts
@@ -120,6 +105,9 @@ class Broadcast:
             raise EchoAvatarError(
                 f"cannot send to {self.name} ({error}); check the address, and that something listens"
             ) from error
+
+
+Output = VirtualCamera | Broadcast  # their methods may block, and one thread calls them
 
 
 def container_of(to: str) -> str:

@@ -15,12 +15,14 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int16, UInt8
 
 from echoavatar.timing import SAMPLE_RATE_HZ, exact_div
+
+from .video_source import VideoSource
 
 BLOCK_SAMPLES = exact_div(SAMPLE_RATE_HZ, 50)  # 20 ms
 BLOCK_S = BLOCK_SAMPLES / SAMPLE_RATE_HZ
@@ -33,20 +35,6 @@ MOST_BEHIND_S = 0.5  # blocks of sound that are later are skipped, unless told o
 CALM = 0.1  # weight of the newest measurement in a mean
 _SINC = np.sinc(np.arange(0.5 - EDGE, EDGE)) * np.hanning(2 * EDGE + 2)[1:-1]  # interpolates halfway between samples
 _NICENESS = 5  # motion comes first
-
-
-class Source(Protocol):
-    """What is streamed: `VideoSource`."""
-
-    @property
-    def end(self) -> int:
-        """The clock up to which the session has arrived."""
-
-    def sound(self, at: int, count: int) -> Int16[np.ndarray, " s"]:
-        """The samples from clock `at` on."""
-
-    def picture(self, at: float) -> UInt8[np.ndarray, "h w c"]:
-        """The picture at clock `at`."""
 
 
 class Block(NamedTuple):
@@ -68,7 +56,7 @@ class LiveStream:
 
     def __init__(
         self,
-        source: Source,
+        source: VideoSource,
         playhead: Callable[[], int],
         *,
         rate: int = PICTURE_RATE_HZ,

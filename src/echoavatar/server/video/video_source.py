@@ -81,11 +81,6 @@ class VideoSource:
         self._followed: tuple[float, Float[np.ndarray, " 3"]] | None = None  # where the camera looks, and since when
 
     @property
-    def shot(self) -> Shot:
-        """How the avatar is pictured."""
-        return self._renderer.shot
-
-    @property
     def end(self) -> int:
         """The clock up to which the session has arrived."""
         return self._sound.end
@@ -122,7 +117,8 @@ class VideoSource:
             torch.from_numpy(np.asarray(root, np.float32)),
         )
         positions = world.positions.numpy()
-        camera = aimed(self.shot.view, self._follow(at, positions[followed_joint(self.shot.view)]))
+        view = self._renderer.shot.view
+        camera = aimed(view, self._follow(at, positions[followed_joint(view)]))
         return self._renderer.draw(world.rotations.numpy(), positions, face, camera)
 
     def _hear(self) -> None:

@@ -19,11 +19,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from echoavatar.files.avatar import CHARACTERS, MATERIALS, Character, load_character
-from echoavatar.files.avatar.character import FOLDER, Morphs
+from echoavatar.files.avatar.character import DETAILS, FOLDER, Morphs
 from echoavatar.files.avatar.gltf import pack_glb
 from echoavatar.files.avatar.halfway import REST
 
 from .pose import DOWN, posed
+from .stored import bone_weights
 
 TOOLS = Path(__file__).parents[2]
 TRIANGLES: tuple[Mapping[str, int], ...] = (  # by material; what is not named is kept
@@ -53,7 +54,9 @@ def simplified(character: Character, level: int) -> Character:
         target = TRIANGLES[level].get(material.name, len(faces))
         kept.append(_fewer(character, faces, target) if target < len(faces) else faces)
     made = part(character, np.concatenate(kept))
-    return made if level < len(TRIANGLES) - 1 else replace(made, textures=made.textures.plain())
+    if level < len(TRIANGLES) - 1:
+        return made
+    return replace(made, textures=replace(made.textures, **dict.fromkeys(DETAILS, b"")))  # colours alone
 
 
 def _hair(character: Character, level: int) -> tuple[Character, list[Int[np.ndarray, "f 3"]]]:
@@ -110,7 +113,7 @@ def _fewer(character: Character, faces: Int[np.ndarray, "f 3"], target: int) -> 
     extent = float(np.ptp(warped, axis=0).max())
     tiles = character.materials[used[0]] in TILED
     uvs = character.uvs[used] * (TILE_WEIGHT if tiles else 1)
-    values = [normals[used], _directions(character, used), _mixed(character.bone_weights[used]), uvs]
+    values = [normals[used], _directions(character, used), _mixed(bone_weights(character)[used]), uvs]
     weights = np.repeat([0.25, 2.0 / extent, 0.05, UV_WEIGHT], [3, MOVES, WEIGHTS, 2])
     table = np.concatenate(values, 1).astype(np.float32)
     head = np.array([len(used), table.shape[1], local.size, target * 3], np.int32)

@@ -10,13 +10,13 @@ from PIL import Image
 
 import echoavatar
 from echoavatar.files.avatar import MATERIALS, Character, Textures
-from echoavatar.files.avatar.character import LEAST_MOVE, LEAST_TURN, Morphs
 from echoavatar.motion.arkit import ARKIT_NAMES
 
 from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, skin
 from .bends import bent, eased
 from .body import Body, make_body
 from .person import PEOPLE, Person
+from .stored import LEAST_MOVE, LEAST_TURN, save, sparse
 from .surface import Surface, normals, smoothed, triangles
 
 ARMS = [j for j, name in enumerate(fit.NAMES) if name.endswith("UpperArm")]
@@ -219,7 +219,7 @@ def _joined(blocks: list[dict[str, np.ndarray]], pictures: Textures) -> Characte
         joints=joints.astype(np.uint8),
         weights=shares.astype(np.float32),
         triangles=place[faces].astype(np.int32),
-        face=Morphs.of_dense(ARKIT_NAMES, moves[:, order], turns[:, order]),
+        face=sparse(ARKIT_NAMES, moves[:, order], turns[:, order]),
         textures=pictures,
     )
 
@@ -233,7 +233,7 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     for name in args.names:
         made = make_character(PEOPLE[name])
-        made.save(args.out / f"{name}.npz")
+        save(made, args.out / f"{name}.npz")
         size = (args.out / f"{name}.npz").stat().st_size
         print(f"{name}: {len(made.triangles)} triangles, {len(made.positions)} vertices, {size / 1e6:.2f} MB")
 
