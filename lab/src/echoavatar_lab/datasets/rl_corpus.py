@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import stream_audio, write_wav
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.corpora.music.instruments import render
 from echoavatar_lab.corpora.music.music import compose_piece
 from echoavatar_lab.corpora.music.styles import STYLES
@@ -211,11 +212,8 @@ class _CorpusFolder:
     def __init__(self, plan: SoundPlan) -> None:
         self._folder, self._info = plan.folder, plan.info()
         self._listed: dict[str, Sound] = {}
-        try:
-            for kind in ("speech", "music"):
-                (plan.folder / kind).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise EchoAvatarError(f"cannot write to {plan.folder} ({error.strerror}); choose another -o") from error
+        for kind in ("speech", "music"):
+            make_output_folder(plan.folder / kind)
         if not (plan.folder / MANIFEST).exists():
             return
         before = SoundSet(plan.folder)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.corpora.capture.library import open_library
 from echoavatar_lab.data.clip import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
@@ -57,13 +58,7 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
     """
     if plan.hours <= 0:
         raise EchoAvatarError(f"--hours must be positive, got {plan.hours}")
-    folder = plan.folder / "clips"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EchoAvatarError(
-            f"cannot write the corpus to {plan.folder}: {error.strerror}; choose another -o"
-        ) from error
+    make_output_folder(plan.folder / "clips")
     wanted = [i for i in range(plan.clips) if not _path(plan, i).exists()]
     done = plan.clips - len(wanted)
     for _ in _made(plan, wanted, workers):

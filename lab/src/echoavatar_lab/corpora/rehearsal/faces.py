@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.models.face.clip import FaceClip
 
 from ..speech.lips import lip_curves
@@ -41,15 +42,12 @@ def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Callable[
     """Make or complete a folder of clips and return their number.
 
     Raises:
-        MotionError: hours is not positive, or the folder cannot be written.
+        EchoAvatarError: hours is not positive, or the folder cannot be written.
     """
     if not hours > 0:
-        raise MotionError(f"--hours must be positive, got {hours}")
+        raise EchoAvatarError(f"--hours must be positive, got {hours}")
     count = max(TEST_EVERY, round(hours * 3600 / CLIP_SECONDS))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MotionError(f"cannot write face clips to {folder}: {error.strerror}; choose another -o") from error
+    make_output_folder(folder)
     for index in range(count):
         path = folder / f"{_name(seed, index)}.npz"
         if not path.exists():
