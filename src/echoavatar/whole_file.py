@@ -57,6 +57,18 @@ def write_whole(
         partial.write_bytes(data.encode() if isinstance(data, str) else data)
 
 
+def make_output_folder(folder: Path) -> None:
+    """Make a folder for the output of a command, with the folders above it; it may exist.
+
+    Raises:
+        EchoAvatarError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EchoAvatarError(f"cannot write to {folder}: {error.strerror}; choose another -o") from error
+
+
 def _flush(path: Path, mode: int) -> None:
     opened = os.open(path, mode)
     try:

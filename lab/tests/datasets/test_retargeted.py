@@ -12,7 +12,8 @@ from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import angle_between, quaternion_from_axis_angle, quaternion_multiply
 from echoavatar_lab.data.corpus import can_mirror
-from echoavatar_lab.datasets.retargeted import annotate_rig, arm_length, fidelity, keep_hand_contact
+from echoavatar_lab.data.statistics import arm_length
+from echoavatar_lab.datasets.retargeted import annotate_rig, fidelity, keep_hand_contact
 
 
 def test_our_own_rig_gets_the_parts_it_has():
@@ -95,7 +96,7 @@ def apart(motion: Motion) -> torch.Tensor:
 def test_hands_that_meet_come_as_near_as_they_were():
     source = narrow(folding())
     before = retarget(source)
-    near = apart(source) < 0.35 * arm_length(source)
+    near = apart(source) < 0.35 * arm_length(source.skeleton)
     assert bool(near.any()), "the gesture must bring the hands together"
     assert float((apart(before) - apart(source))[near].min()) > 0.05
     after = keep_hand_contact(before, source)
@@ -129,7 +130,7 @@ def test_hands_that_stay_apart_are_left_alone():
 
 
 def test_arm_length_is_upper_arm_and_forearm():
-    assert arm_length(gesture(0.1)) == pytest.approx(0.265 + 0.245)
+    assert arm_length(HUMANOID) == pytest.approx(0.265 + 0.245)
 
 
 def test_a_bent_arm_shows_in_angle_and_distance():

@@ -14,6 +14,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import make_output_folder
 
 from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, size
 
@@ -140,10 +141,7 @@ def _outputs(args: argparse.Namespace, known: Collection[str]) -> list[Path]:
         return [args.output]
     if is_file:
         raise EchoAvatarError(f"several sounds need a folder: -o {args.output.with_suffix('')}{os.sep}")
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
+    make_output_folder(args.output)
     stems = ["stdin" if sound == STDIN else sound.stem for sound in args.audio]
     if twice := [stem for stem, count in Counter(stems).items() if count > 1]:
         raise EchoAvatarError(f"two sounds are called {twice[0]!r} and would go into one file; rename one")

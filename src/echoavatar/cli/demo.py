@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import make_output_folder
 
 from . import serve
 from .options import DEVICE_HELP, add_model, advance
@@ -62,10 +62,7 @@ def _files(args: argparse.Namespace) -> int:
     from echoavatar.models.audio import read_audio
     from echoavatar.whole_file import write_whole
 
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
+    make_output_folder(args.output)
     pipeline = Pipeline(load_bundle(args.model), device=args.device)
     pipeline.warm_up()
     clips, moving = [], []

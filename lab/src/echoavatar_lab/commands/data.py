@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import make_output_folder
 
 from . import data_capture, data_face, data_prepare, data_rl_corpus
 from .progress import progress_bar
@@ -152,10 +152,7 @@ def _preview(args: argparse.Namespace) -> int:
     from echoavatar_lab.data import Corpus
     from echoavatar_lab.evaluation.pictures import contact_sheet, save_picture
 
-    try:
-        args.output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write to {args.output}: {error.strerror}; choose another -o") from error
+    make_output_folder(args.output)
     corpus = Corpus(args.corpus)
     for name in tqdm(corpus.names(has_mirrored=False)[: args.clips], unit="clip"):
         clip = corpus.load(name)

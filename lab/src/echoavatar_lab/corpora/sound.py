@@ -4,7 +4,7 @@ All times are seconds on the 24 kHz sample clock. Audio is mono float32 and alwa
 (800 samples) long. Not in the paper, which trains on recorded corpora.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -14,6 +14,8 @@ from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 FloatArray = np.ndarray
 TimeArray = np.ndarray
+
+STRESSED = 0.45  # least prominence of a stressed syllable
 
 
 @dataclass(frozen=True)
@@ -48,17 +50,13 @@ class Span:
 
 @dataclass(frozen=True)
 class Source:
-    """Who or what is heard in a stretch: kind is "speech", "music" or "singing"; `name` and `style` describe it."""
+    """The voice or the piece in a stretch: kind is "speech", "music" or "singing"; `name` and `style` describe it."""
 
     start: float
     end: float
     kind: str
     name: str
     style: str
-
-
-def _no_times() -> TimeArray:
-    return np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -70,8 +68,8 @@ class SoundTrack:
     syllables: tuple[Syllable, ...] = ()
     phrases: tuple[tuple[float, float], ...] = ()
     phones: tuple[tuple[float, float, str], ...] = ()
-    beats: TimeArray = field(default_factory=_no_times)
-    downbeats: TimeArray = field(default_factory=_no_times)
+    beats: TimeArray = field(default_factory=lambda: np.zeros(0))
+    downbeats: TimeArray = field(default_factory=lambda: np.zeros(0))
     sections: tuple[Section, ...] = ()
     style: str = ""
     bpm: float = 0.0
@@ -81,6 +79,11 @@ class SoundTrack:
     def seconds(self) -> float:
         """Length of the audio."""
         return len(self.audio) / SAMPLE_RATE_HZ
+
+    @property
+    def stresses(self) -> list[float]:
+        """Times of the vowels of stressed syllables, seconds."""
+        return [syllable.vowel for syllable in self.syllables if syllable.prominence >= STRESSED]
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,17 @@ def concatenate(tracks: Sequence[SoundTrack]) -> SoundTrack:
         bpm=longest.bpm,
         sources=tuple(s for track in moved for s in track.sources),
     )
+
+
+def bridged(stretches: Iterable[tuple[float, float]], gap: float) -> list[tuple[float, float]]:
+    """Stretches (start, end) in order of time, joined across gaps that are shorter than `gap` seconds."""
+    joined: list[tuple[float, float]] = []
+    for start, end in stretches:
+        if joined and start - joined[-1][1] < gap:
+            joined[-1] = (joined[-1][0], end)
+        else:
+            joined.append((start, end))
+    return joined
 
 
 def merge_spans(spans: Sequence[Span]) -> tuple[Span, ...]:

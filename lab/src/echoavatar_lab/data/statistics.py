@@ -11,6 +11,7 @@ from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.motion import Motion, Pose
 from echoavatar.motion.kinematics.rigs import bone_map, known_bones
 from echoavatar.motion.kinematics.rotations import angle_between
+from echoavatar.motion.kinematics.skeleton import Skeleton
 from echoavatar_lab.data.faults import DIGITS, skate
 
 PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
@@ -60,7 +61,7 @@ def describe(motion: Motion) -> dict[str, float]:
 def wrist_speeds(motion: Motion) -> _Array:
     """(t - 1, 2) speed of left and right wrist in the frame of the hips, metres per second."""
     bones, pose = bone_map(motion.skeleton), motion.pose()
-    return _speed(_own_frame(bones, pose)[:, [bones["leftHand"], bones["rightHand"]]], motion.fps)
+    return _speed(own_frame(bones, pose)[:, [bones["leftHand"], bones["rightHand"]]], motion.fps)
 
 
 def turned_feet(motion: Motion) -> Float[np.ndarray, "t 2"]:
@@ -68,21 +69,26 @@ def turned_feet(motion: Motion) -> Float[np.ndarray, "t 2"]:
     bones = known_bones(motion.skeleton)
     if not {"leftToes", "rightToes"} <= bones.keys():
         return np.full((motion.frames, 2), np.nan)
-    own = _own_frame(bones, motion.pose())
+    own = own_frame(bones, motion.pose())
     along = own[:, [bones["leftToes"], bones["rightToes"]]] - own[:, [bones["leftFoot"], bones["rightFoot"]]]
     turn = np.abs(np.degrees(np.arctan2(along[..., 0], along[..., 2])))
     return np.asarray(turn > TURNED_DEG, np.float64)
 
 
+def arm_length(skeleton: Skeleton) -> float:
+    """Length of upper arm plus forearm, mean of both sides, metres."""
+    bones = bone_map(skeleton)
+    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerArm", "Hand")]
+    return float(skeleton.offsets[joints].norm(dim=-1).sum() / 2)
+
+
 def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) -> dict[str, float]:
     hands = [bones["leftHand"], bones["rightHand"]]
     shoulders = [bones["leftUpperArm"], bones["rightUpperArm"]]
-    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerArm", "Hand")]
-    arm = float(motion.skeleton.offsets[joints].norm(dim=-1).sum() / 2)
-    own = _own_frame(bones, pose)
+    own = own_frame(bones, pose)
     speed = _speed(own[:, hands], motion.fps)
     over_hips = places[:, hands, 1] - places[:, bones["hips"], None, 1]
-    stretch = np.linalg.norm(places[:, hands] - places[:, shoulders], axis=-1) / arm
+    stretch = np.linalg.norm(places[:, hands] - places[:, shoulders], axis=-1) / arm_length(motion.skeleton)
     is_peak = (speed[1:-1] > speed[:-2]) & (speed[1:-1] >= speed[2:]) & (speed[1:-1] > STROKE_SPEED)
     return {
         "wrist_speed_mean_m_s": float(speed.mean()),
@@ -117,8 +123,8 @@ def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, floa
     }
 
 
-def _own_frame(bones: dict[str, int], pose: Pose) -> _Array:
-    """Positions relative to the hips, turned so that the hips face +Z (about the vertical only)."""
+def own_frame(bones: dict[str, int], pose: Pose) -> _Array:
+    """Positions (t, j, 3) relative to the hips, turned about the vertical so that the hips face +Z."""
     places = pose.positions.numpy().astype(np.float64)
     across = places[:, bones["leftUpperLeg"]] - places[:, bones["rightUpperLeg"]]
     left = across[:, [0, 2]] / np.linalg.norm(across[:, [0, 2]], axis=-1, keepdims=True).clip(1e-9)

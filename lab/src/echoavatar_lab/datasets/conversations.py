@@ -8,6 +8,7 @@ names two speakers alternate. Lines that begin with # are ignored.
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Literal
 
@@ -48,22 +49,20 @@ def conversations(seed: int, file: Path | None = None) -> Iterator[Script]:
         EchoAvatarError: the file cannot be read, or holds no script.
     """
     written = [(f"file-{k:04d}", lines, file.name) for k, lines in enumerate(_blocks(file))] if file else []
-    written += [(f"own-{k:04d}", block.splitlines(), OWN) for k, block in enumerate(_own())]
+    written += [(f"own-{k:04d}", block.splitlines(), OWN) for k, block in enumerate(_CONVERSATIONS.split("\n\n"))]
     for number, (name, lines, source) in enumerate(written):
-        yield Script(name, _turns(lines), source, _split(number))
-    number = 0
-    while True:
-        yield _made_up(seed, number)
-        number += 1
+        yield Script(name, _turns(lines), source, split_of(number))
+    yield from (_made_up(seed, number) for number in count())
 
 
-def _split(number: int) -> Literal["train", "test"]:
+def split_of(number: int) -> Literal["train", "test"]:
+    """The split of a script or a piece by its number: every tenth is held out."""
     return "test" if number % _TEST_EVERY == _TEST_EVERY - 1 else "train"
 
 
 def _made_up(seed: int, number: int) -> Script:
     """Generate two to six turns of one to four sentences each with the rehearsal grammar."""
-    rng, split = np.random.default_rng([seed, 0x5C, number]), _split(number)
+    rng, split = np.random.default_rng([seed, 0x5C, number]), split_of(number)
     turns = []
     for speaker in range(int(rng.integers(2, 7))):
         said = write_monologue(rng, int(rng.integers(1, 5)), split)
@@ -109,11 +108,7 @@ def _sentences(text: str) -> tuple[Sentence, ...]:
     return tuple(found)
 
 
-def _own() -> list[str]:
-    return [block.strip() for block in _CONVERSATIONS.strip().split("\n\n")]
-
-
-_CONVERSATIONS = """
+_CONVERSATIONS = """\
 A: There you are! I have been waiting for almost an hour. Did the train break down again?
 B: Not the train, no. The whole bridge was closed. Nobody told us why, and then, all of a sudden, it was open again.
 A: That is the third time this month. You should really start to ride your bicycle.
@@ -164,5 +159,4 @@ A: Can we go over the numbers once more? We sold two hundred in spring, and almo
 B: Right, but look at the costs. They went up even faster. We earn less with every box that leaves the house.
 A: So either we raise the price, or we find someone who packs them for less.
 B: Or we make fewer kinds. Honestly, who needs eleven sorts of tea?
-A: My aunt. But I take your point.
-"""
+A: My aunt. But I take your point."""

@@ -147,8 +147,8 @@ def motorica(folder: Path) -> Survey:
     recordings: list[Recording] = []
     left_out: list[LeftOut] = []
     sounds = {path.stem: path for path in files_below(folder, ".wav")}
-    rig = next((path for path in files_below(folder, ".bvh") if _MOTORICA_NAME.match(path.stem)), None)
-    whole = {path.stem for path in files_below(folder, ".bvh")}
+    whole = {path.stem: path for path in files_below(folder, ".bvh")}
+    rig = next((path for name, path in whole.items() if _MOTORICA_NAME.match(name)), None)
     for path in files_below(folder, ".bvh", ".pkl"):
         if path.suffix == ".pkl" and not path.name.endswith(SUFFIX):
             continue  # sound as LDA's features

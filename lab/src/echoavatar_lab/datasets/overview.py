@@ -1,6 +1,6 @@
 """Pictures of a set: lengths of clips, speeds and positions of the hands, joint angles, contact sheets."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.data import Corpus
-from echoavatar_lab.data.statistics import wrist_speeds
+from echoavatar_lab.data.statistics import own_frame, wrist_speeds
 from echoavatar_lab.evaluation.pictures import contact_sheet, save_picture
 
 MOST_CLIPS = 200  # in the histograms, spread over the set
@@ -26,14 +26,9 @@ def draw_overview(corpus: Corpus, folder: Path, *, sheets: int = 3) -> list[Path
     folder.mkdir(parents=True, exist_ok=True)
     names = _spread(corpus.names(has_mirrored=False), MOST_CLIPS)
     motions = [_motion(corpus, name) for name in names]
-    pictures: dict[str, Callable[[], Any]] = {
-        "duration": lambda: _durations(corpus),
-        "speed": lambda: _speeds(motions),
-        "pose": lambda: _poses(motions),
-    }
+    pictures = {"duration": _durations(corpus), "speed": _speeds(motions), "pose": _poses(motions)}
     written = []
-    for name, draw in pictures.items():
-        figure = draw()
+    for name, figure in pictures.items():
         figure.tight_layout()
         figure.savefig(folder / f"{name}.png", dpi=110)
         written.append(folder / f"{name}.png")
@@ -119,13 +114,6 @@ def _poses(motions: Sequence[Motion]) -> Any:
 
 def _wrists(motion: Motion) -> _Array:
     """(2 t, 2): positions of both wrists to the left and above, relative to the hips and their heading."""
-    bones, pose = bone_map(motion.skeleton), motion.pose()
-    places = pose.positions.numpy().astype(np.float64)
-    across = places[:, bones["leftUpperLeg"]] - places[:, bones["rightUpperLeg"]]
-    across[:, 1] = 0
-    across /= np.linalg.norm(across, axis=1, keepdims=True).clip(1e-9)
-    found = []
-    for name in ("leftHand", "rightHand"):
-        reach = places[:, bones[name]] - places[:, bones["hips"]]
-        found.append(np.stack([(reach * across).sum(1), reach[:, 1]], 1))
-    return np.concatenate(found)
+    bones = bone_map(motion.skeleton)
+    own = own_frame(bones, motion.pose())
+    return np.concatenate([own[:, bones["leftHand"], :2], own[:, bones["rightHand"], :2]])

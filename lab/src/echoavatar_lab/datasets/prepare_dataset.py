@@ -22,6 +22,7 @@ from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio.io import open_sound
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.data import Corpus
 
 from .prepare_recording import Receipt, finished_part, prepare_recording, stamp
@@ -62,11 +63,11 @@ def prepare(
     """
     started = time.perf_counter()
     writer = SetWriter(folder, kind, survey.terms, options)
-    _make(folder)
+    make_output_folder(folder / "parts")
     recordings = with_splits(survey.recordings, options.test_every)
     writer.assign_splits({recording.name: recording.split for recording in recordings})
-    kept = [recording for recording in recordings if writer.holds(recording.name, stamp(recording, options))]
-    todo = [recording for recording in recordings if recording not in kept]
+    kept = [one.name for one in recordings if writer.holds(one.name, stamp(one, options))]
+    todo = [recording for recording in recordings if recording.name not in kept]
     failures: list[Failure] = []
     made: list[str] = []
     state = "interrupted"
@@ -83,19 +84,13 @@ def prepare(
     finally:
         if made or kept:
             writer.flush()
-        _write_report(folder, state, survey, (made, [recording.name for recording in kept]), failures, writer.receipts)
+        _write_report(folder, state, survey, (made, kept), failures, writer.receipts)
     if not (made or kept):
         first = f"{failures[0].name}: {failures[0].why}" if failures else "no recording"
         raise EchoAvatarError(f"none of {len(recordings)} recordings could be prepared; {first}")
     corpus = writer.finish(split_source(survey, options))
     return Outcome(
-        corpus,
-        survey,
-        writer.receipts,
-        tuple(made),
-        tuple(recording.name for recording in kept),
-        tuple(failures),
-        time.perf_counter() - started,
+        corpus, survey, writer.receipts, tuple(made), tuple(kept), tuple(failures), time.perf_counter() - started
     )
 
 
@@ -104,13 +99,6 @@ def split_source(survey: Survey, options: SetOptions) -> str:
     if options.test_every is None:
         return survey.split_from
     return f"one in {options.test_every} by name" if options.test_every else "nothing held out"
-
-
-def _make(folder: Path) -> None:
-    try:
-        (folder / "parts").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write to {folder}: {error.strerror}; choose another -o") from error
 
 
 def _results(

@@ -13,7 +13,7 @@ second.
 import time
 import zlib
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -27,7 +27,7 @@ from torch import Tensor
 from echoavatar.config import Config
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import read_audio
-from echoavatar.models.fingers import FingerModel, load_shipped, refine_fingers
+from echoavatar.models.fingers import load_shipped, refine_fingers
 from echoavatar.models.fingers.clips import FROZEN_DEG_S
 from echoavatar.models.fingers.refine import finger_joints
 from echoavatar.motion.formats import read_bvh
@@ -48,8 +48,6 @@ from .lda import SUFFIX, read_lda
 from .retargeted import annotate_rig, fidelity, keep_hand_contact
 from .source import Domain, Recording, SetOptions
 
-STRESSED = 0.45  # least prominence of a stressed syllable, as in the rehearsal corpus
-
 
 def sound_labels(audio: NDArray[np.float32], kind: Domain) -> tuple[NDArray[np.uint8], dict[str, tuple[float, ...]]]:
     """Domain (t,) of each frame, and times in seconds of beats, downbeats and stresses, as in a rehearsal clip.
@@ -63,7 +61,7 @@ def sound_labels(audio: NDArray[np.float32], kind: Domain) -> tuple[NDArray[np.u
     events: dict[str, Sequence[float]] = {
         "beats": track.beats.tolist(),
         "downbeats": track.downbeats.tolist(),
-        "stress": [syllable.vowel for syllable in track.syllables if syllable.prominence >= STRESSED],
+        "stress": track.stresses,
     }
     end = len(audio) / SAMPLE_RATE_HZ
     kept = {name: tuple(round(time, 4) for time in times if 0 <= time < end) for name, times in events.items()}
@@ -71,6 +69,7 @@ def sound_labels(audio: NDArray[np.float32], kind: Domain) -> tuple[NDArray[np.u
 
 
 State = Literal["good", "static", "erratic", "none"]
+SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 TREMBLE = 0.6  # between recorded hands (up to 0.4) and white noise (0.77 and more)
 TREMBLE_DEG_S = 20.0  # slower trembling is not visible
 MOST_BENT_DEG = 140.0  # more than recorded fingers ever bend
@@ -94,15 +93,16 @@ class HandScores(NamedTuple):
 
 def hand_states(motion: Motion) -> dict[str, State]:
     """State of the left and right hand; "none" if the rig has no finger bones."""
-    rotations, states = motion.matrices(), {}
-    for side in ("left", "right"):
+    rotations = motion.matrices()
+    states: dict[str, State] = {}
+    for side in SIDES:
         joints = list(finger_joints(motion, side).values())
         states[side] = hand_scores(rotations[:, joints], motion.fps).state if joints else "none"
     return states
 
 
 def hand_scores(rotations: Float[Tensor, "t j 3 3"], fps: float) -> HandScores:
-    """Scores of the finger bones of one hand."""
+    """Score the rotations (t, j, 3, 3) of the finger bones of one hand, each relative to its parent."""
     bend = torch.rad2deg(angle_between(rotations, torch.eye(3).expand_as(rotations)))
     step = axis_angle_from_quaternion(quaternion_from_matrix(rotations[:-1].transpose(-1, -2) @ rotations[1:]))
     speed, change = step.norm(dim=-1), (step[1:] - step[:-1]).norm(dim=-1)
@@ -116,16 +116,14 @@ def hand_scores(rotations: Float[Tensor, "t j 3 3"], fps: float) -> HandScores:
 
 def mend_hands(motion: Motion, states: dict[str, State], seed: int, *, is_all: bool) -> tuple[Motion, list[str]]:
     """Give new fingers to static and erratic hands, or to all; return the motion and the sides that changed."""
-    sides = [side for side, state in states.items() if state != "none" and (is_all or state != "good")]
-    for side in sides if len(sides) == 1 else ():
-        hands: Literal["left", "right"] = "left" if side == "left" else "right"
-        return refine_fingers(_finger_model(), motion, hands=hands, seed=seed), sides
-    return (refine_fingers(_finger_model(), motion, hands="both", seed=seed) if sides else motion), sides
+    sides = [side for side in SIDES if states[side] != "none" and (is_all or states[side] != "good")]
+    if not sides:
+        return motion, []
+    hands = "both" if len(sides) == 2 else sides[0]
+    return refine_fingers(_finger_model(), motion, hands=hands, seed=seed), list(sides)
 
 
-@lru_cache(maxsize=1)
-def _finger_model() -> FingerModel:
-    return load_shipped()
+_finger_model = cache(load_shipped)
 
 
 SLOWEST_FPS = 15.0  # captured motion has at least this frame rate
@@ -135,7 +133,7 @@ Sound = np.ndarray
 
 
 class Receipt(Config):
-    """What was made of one recording; stored in `recordings.json`."""
+    """The description of the clip that was made of one recording; stored in `recordings.json`."""
 
     name: str = Field(description="of the clip")
     split: str = Field(description="train, val or test")
@@ -184,7 +182,13 @@ def prepare_recording(recording: Recording, options: SetOptions, folder: Path) -
         notes += ["its sound is silence"] if float(np.abs(audio).max()) < 1e-4 else []
     domain, events = sound_labels(audio, recording.domain)
     clip = Clip(
-        recording.name, audio, result.rotations, result.root, domain, events=_arrays(events), split=recording.split
+        recording.name,
+        audio,
+        result.rotations,
+        result.root,
+        domain,
+        events={kind: np.array(times) for kind, times in events.items()},
+        split=recording.split,
     )
     clip.save(part_path(folder, recording.name))
     receipt = Receipt(
@@ -206,7 +210,8 @@ def prepare_recording(recording: Recording, options: SetOptions, folder: Path) -
         motion={key: round(value, 5) for key, value in describe(result).items()},
         work_seconds=round(time.perf_counter() - started, 2),
     )
-    return _save(receipt, folder)
+    write_whole(part_path(folder, recording.name).with_suffix(".json"), receipt.model_dump_json())
+    return receipt
 
 
 def part_path(folder: Path, name: str) -> Path:
@@ -297,12 +302,3 @@ def _common_length(
             f"{recording.motion.name} has {frames} frames at 30 per second; at least {CHUNK_FRAMES} are needed"
         )
     return frames, notes
-
-
-def _arrays(events: dict[str, tuple[float, ...]]) -> dict[str, NDArray[np.float64]]:
-    return {kind: np.array(times) for kind, times in events.items()}
-
-
-def _save(receipt: Receipt, folder: Path) -> Receipt:
-    write_whole(part_path(folder, receipt.name).with_suffix(".json"), receipt.model_dump_json())
-    return receipt

@@ -9,22 +9,23 @@ of the body. Proportions differ between rigs, so hand distances are in arm lengt
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.motion.kinematics import Motion, Pose, Skeleton
+from echoavatar.motion.kinematics.easing import falloff
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
 from echoavatar.motion.kinematics.retarget import with_wrists
-from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar.motion.kinematics.rigs import bone_map, feet_of
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.motion.kinematics.two_bone import reach
+from echoavatar.motion.kinematics.two_bone import Limb, bend_limb
 from echoavatar_lab.data.faults import skate
+from echoavatar_lab.data.statistics import arm_length
 
 _SIDES = (("left", "right"), ("Left", "Right"), ("_L", "_R"), ("_l", "_r"), ("L_", "R_"), ("l_", "r_"))
 
@@ -40,28 +41,25 @@ def annotate_rig(motion: Motion) -> Motion:
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     thighs = {bones["leftUpperLeg"], bones["rightUpperLeg"]}
     wrists = {bones["leftHand"], bones["rightHand"]}
+    above_hips = _line(skeleton, bones["hips"])
     lower, hands = [0], []
     for joint in range(1, skeleton.joints):
         above = _line(skeleton, joint)
-        if above & thighs or bones["hips"] in _below(skeleton, joint):
+        if above & thighs or joint in above_hips:
             lower.append(joint)
         elif (above - {joint}) & wrists:
             hands.append(joint)
     upper = [joint for joint in range(skeleton.joints) if joint not in {*lower, *hands}]
     parts = {"lower": tuple(lower), "upper": tuple(upper), "hands": tuple(hands)}
-    feet = [bones.get(name, bones[name.replace("Toes", "Foot")]) for name in _FEET]
     config = skeleton.config.model_copy(
         update={
             "parts": {name: joints for name, joints in parts.items() if joints},
             "mirror": _pairs(skeleton),
-            "feet": tuple(feet),
+            "feet": tuple(feet_of(bones)),
             "vrm": bones,
         }
     )
     return Motion(Skeleton(config), motion.rotations, motion.root, motion.fps)
-
-
-_FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 
 
 def _line(skeleton: Skeleton, joint: int) -> set[int]:
@@ -71,11 +69,6 @@ def _line(skeleton: Skeleton, joint: int) -> set[int]:
         line.add(joint)
         joint = skeleton.parents[joint]
     return line
-
-
-def _below(skeleton: Skeleton, joint: int) -> set[int]:
-    """A joint and its descendants."""
-    return {other for other in range(skeleton.joints) if joint in _line(skeleton, other)}
 
 
 def _pairs(skeleton: Skeleton) -> tuple[int, ...]:
@@ -102,15 +95,9 @@ def _swapped(name: str, one: str, other: str) -> str:
     return name.replace(one, other, 1)
 
 
+ARM = ("UpperArm", "LowerArm", "Hand")
 NEAR_ARMS, FAR_ARMS = 0.35, 0.8
 """Arm lengths between the wrists: below the first full correction, above the second none."""
-
-
-class _Arm(NamedTuple):
-    shoulder: int
-    elbow: int
-    hand: int
-    hinge_sign: float  # the elbow bends about +Y or -Y of the forearm
 
 
 def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
@@ -120,63 +107,38 @@ def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
         motion: on our rig, retargeted from `source`.
         source: the same frames on the recording's own rig.
     """
-    wanted = _between(source) / arm_length(source) * arm_length(motion)
-    bones, pose = bone_map(motion.skeleton), motion.pose()
-    places, world_rotations = pose.positions.double(), pose.rotations.double()
-    weight = _weight(wanted.norm(dim=-1) / arm_length(motion))
+    bones, length = bone_map(motion.skeleton), arm_length(motion.skeleton)
+    wanted = _between(source) / arm_length(source.skeleton) * length
+    weight = falloff(wanted.norm(dim=-1) / length, NEAR_ARMS, FAR_ARMS)
     if float(weight.max()) == 0:
         return motion
-    now = places[:, bones["leftHand"]] - places[:, bones["rightHand"]]
-    step = (wanted - now) * weight[:, None] / 2
-    local = motion.matrices().double().clone()
+    step = (wanted - _between(motion)) * weight[:, None] / 2
+    pose = Pose(*(part.double() for part in motion.pose()))
+    local = motion.matrices().double()
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        arm = _Arm(bones[f"{side}UpperArm"], bones[f"{side}LowerArm"], bones[f"{side}Hand"], -sign)
-        _bring(local, arm, motion.skeleton.parents, (places, world_rotations), places[:, arm.hand] + sign * step)
+        shoulder, elbow, hand = (bones[side + bone] for bone in ARM)
+        local = bend_limb(
+            Limb.of(motion.skeleton, (shoulder, elbow, hand)),
+            local,
+            pose,
+            hinge=-sign * pose.rotations[:, elbow, :, 1],
+            target=pose.positions[:, hand] + sign * step,
+            end=pose.rotations[:, hand],
+        )
     is_moved = weight > 0
     rotations = motion.rotations.copy()
     for side in ("left", "right"):
-        for bone in ("UpperArm", "LowerArm", "Hand"):
+        for bone in ARM:
             joint = bones[side + bone]
             made = quaternion_from_matrix(local[:, joint]).float()
             rotations[is_moved.numpy(), joint] = made[is_moved].numpy()
     return replace(motion, rotations=rotations)
 
 
-def _bring(
-    local: Tensor, arm: _Arm, parents: tuple[int, ...], world: tuple[Tensor, Tensor], target: Float[Tensor, "t 3"]
-) -> None:
-    """Write the arm's rotations that put the wrist at its target; the hand keeps its world orientation."""
-    places, world_rotations = world
-    first, second = reach(
-        hip=places[:, arm.shoulder],
-        knee=places[:, arm.elbow],
-        ankle=places[:, arm.hand],
-        hinge=arm.hinge_sign * world_rotations[:, arm.elbow, :, 1],
-        target=target,
-    )
-    upper, fore = first @ world_rotations[:, arm.shoulder], second @ world_rotations[:, arm.elbow]
-    local[:, arm.shoulder] = world_rotations[:, parents[arm.shoulder]].transpose(-1, -2) @ upper
-    local[:, arm.elbow] = upper.transpose(-1, -2) @ fore
-    local[:, arm.hand] = fore.transpose(-1, -2) @ world_rotations[:, arm.hand]
-
-
-def _weight(apart: Float[Tensor, " t"]) -> Float[Tensor, " t"]:
-    """1 for hands together, 0 for hands apart, smooth in between."""
-    share = ((FAR_ARMS - apart) / (FAR_ARMS - NEAR_ARMS)).clamp(0, 1)
-    return share.pow(3) * (10 - 15 * share + 6 * share.square())
-
-
 def _between(motion: Motion) -> Float[Tensor, "t 3"]:
     """Vector from the right wrist to the left, metres, world axes."""
     bones, places = bone_map(motion.skeleton), motion.pose().positions.double()
     return places[:, bones["leftHand"]] - places[:, bones["rightHand"]]
-
-
-def arm_length(motion: Motion) -> float:
-    """Length of upper arm plus forearm, mean of both sides, metres."""
-    bones: Mapping[str, int] = bone_map(motion.skeleton)
-    joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerArm", "Hand")]
-    return float(motion.skeleton.offsets[joints].norm(dim=-1).sum() / 2)
 
 
 def _both_sides(*lines: tuple[str, str]) -> tuple[tuple[str, str], ...]:
@@ -223,26 +185,25 @@ def fidelity(source: Motion, result: Motion) -> dict[str, float]:
 
 def _feet(motion: Motion) -> _Array:
     """(t, 4, 3): left ankle and toes, right ankle and toes; a rig without toes repeats the ankle."""
-    bones = bone_map(motion.skeleton)
-    toes = [f"{side}Toes" if f"{side}Toes" in bones else f"{side}Foot" for side in ("left", "right")]
-    return _places(motion, ("leftFoot", toes[0], "rightFoot", toes[1]))
+    return _places(motion, feet_of(bone_map(motion.skeleton)))
 
 
-def _places(motion: Motion, names: tuple[str, ...]) -> _Array:
-    bones = bone_map(motion.skeleton)
-    return motion.pose().positions[:, [bones[name] for name in names]].numpy().astype(np.float64)
+def _places(motion: Motion, joints: Sequence[int]) -> _Array:
+    return motion.pose().positions[:, joints].numpy().astype(np.float64)
 
 
 def _hands_apart(motion: Motion) -> _Array:
     """Distance between the wrists in arm lengths."""
-    hands = _places(motion, ("leftHand", "rightHand"))
-    apart: _Array = np.linalg.norm(hands[:, 0] - hands[:, 1], axis=-1) / arm_length(motion)
+    apart: _Array = _between(motion).norm(dim=-1).numpy() / arm_length(motion.skeleton)
     return apart
 
 
 def _angle_deg(a: Motion, b: Motion, lines: tuple[tuple[str, str], ...]) -> float:
     """Mean angle between the directions of some lines of two bodies."""
-    names = tuple(name for line in lines for name in line)
-    ways = [np.diff(_places(motion, names).reshape(motion.frames, -1, 2, 3), axis=2)[:, :, 0] for motion in (a, b)]
+    ways = []
+    for motion in (a, b):
+        bones = bone_map(motion.skeleton)
+        ends = _places(motion, [bones[name] for line in lines for name in line]).reshape(motion.frames, -1, 2, 3)
+        ways.append(ends[:, :, 1] - ends[:, :, 0])
     one, other = (way / np.linalg.norm(way, axis=-1, keepdims=True) for way in ways)
     return float(np.degrees(np.arccos(np.clip((one * other).sum(-1), -1, 1))).mean())

@@ -9,7 +9,7 @@ can continue.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 from zlib import crc32
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import stream_audio, write_wav
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.corpora.music.instruments import render
 from echoavatar_lab.corpora.music.music import compose_piece
 from echoavatar_lab.corpora.music.styles import STYLES
@@ -29,7 +30,7 @@ from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
-from .conversations import OWN, RULE, Script, conversations
+from .conversations import OWN, RULE, Script, conversations, split_of
 from .prepare_recording import sound_labels
 from .source import files_below
 from .text_to_speech import LOUDNESS_DB, TextToSpeech
@@ -37,7 +38,6 @@ from .text_to_speech import LOUDNESS_DB, TextToSpeech
 COMPOSED_SECONDS = (60.0, 120.0)
 LONGEST_SECONDS = 600.0  # used of a file
 SHORTEST_SECONDS = 4.0
-TEST_EVERY = 10
 
 
 class LabelledSound(NamedTuple):
@@ -72,19 +72,13 @@ def recorded_music(folder: Path, licence: str) -> Iterator[Job]:
         where = path.relative_to(folder)
         stem = "".join(sign if sign.isascii() and sign.isalnum() else "-" for sign in path.stem)[:40]
         name = f"music-{crc32(str(where).encode()):08x}-{stem}"
-        yield Job(name, _split(number), partial(_read_piece, path, str(where), licence))
+        yield Job(name, split_of(number), partial(_read_piece, path, str(where), licence))
 
 
 def composed_music(seed: int) -> Iterator[Job]:
     """Endless composed pieces; each follows from the seed and its number."""
-    number = 0
-    while True:
-        yield Job(f"music-own-{seed}-{number:04d}", _split(number), partial(_compose, seed, number))
-        number += 1
-
-
-def _split(number: int) -> Literal["train", "test"]:
-    return "test" if number % TEST_EVERY == TEST_EVERY - 1 else "train"
+    for number in count():
+        yield Job(f"music-own-{seed}-{number:04d}", split_of(number), partial(_compose, seed, number))
 
 
 def _read_piece(path: Path, where: str, licence: str) -> LabelledSound:
@@ -127,7 +121,7 @@ FAILURES_IN_A_ROW = 5  # after which the scripts are not to blame, so the run st
 
 @dataclass(frozen=True)
 class SoundPlan:
-    """What to make, and where."""
+    """The sounds to make, and their folder."""
 
     folder: Path
     voice: TextToSpeech
@@ -140,7 +134,7 @@ class SoundPlan:
     music_licence: str = "not stated"
 
     def info(self) -> dict[str, Any]:
-        """What must stay the same over all runs on a folder."""
+        """The options that must stay the same over all runs on a folder."""
         return {
             "kind": "sound to tune a generator on by reward",
             "seed": self.seed,
@@ -152,7 +146,7 @@ class SoundPlan:
 
 @dataclass
 class RlCorpusResult:
-    """What a run made, kept from earlier runs, and could not make."""
+    """The sounds that a run made or kept from earlier runs, and those that it could not make, with the reason."""
 
     made: dict[str, Sound] = field(default_factory=dict)
     kept: dict[str, Sound] = field(default_factory=dict)
@@ -176,7 +170,8 @@ def make_rl_corpus(plan: SoundPlan, progress: Progress | None = None) -> RlCorpu
     """
     if plan.hours < 0 or plan.pieces < 0 or plan.hours + plan.pieces == 0:
         raise EchoAvatarError(f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive")
-    music = list(islice(_music(plan), plan.pieces))  # an empty folder must fail before the speech is made
+    pieces = recorded_music(plan.music, plan.music_licence) if plan.music else composed_music(plan.seed)
+    music = list(islice(pieces, plan.pieces))  # an empty folder must fail before the speech is made
     folder, found = _CorpusFolder(plan), RlCorpusResult()
     in_a_row, jobs = 0, _speech(plan)
     while found.seconds("speech") < plan.hours * 3600:
@@ -191,10 +186,6 @@ def make_rl_corpus(plan: SoundPlan, progress: Progress | None = None) -> RlCorpu
         if progress:
             progress("music", number, len(music))
     return found
-
-
-def _music(plan: SoundPlan) -> Iterator[Job]:
-    return recorded_music(plan.music, plan.music_licence) if plan.music else composed_music(plan.seed)
 
 
 def _speech(plan: SoundPlan) -> Iterator[Job]:
@@ -221,11 +212,8 @@ class _CorpusFolder:
     def __init__(self, plan: SoundPlan) -> None:
         self._folder, self._info = plan.folder, plan.info()
         self._listed: dict[str, Sound] = {}
-        try:
-            for kind in ("speech", "music"):
-                (plan.folder / kind).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise EchoAvatarError(f"cannot write to {plan.folder} ({error.strerror}); choose another -o") from error
+        for kind in ("speech", "music"):
+            make_output_folder(plan.folder / kind)
         if not (plan.folder / MANIFEST).exists():
             return
         before = SoundSet(plan.folder)

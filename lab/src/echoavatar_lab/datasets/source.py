@@ -56,7 +56,7 @@ class LeftOut(NamedTuple):
 
 
 class Survey(NamedTuple):
-    """What was found in a folder."""
+    """The recordings that were found in a folder, and those that were not or are not used."""
 
     terms: Terms
     recordings: Sequence[Recording]
@@ -70,16 +70,12 @@ def with_splits(recordings: Sequence[Recording], test_every: int | None) -> list
 
     Without `test_every`, every tenth of the recordings without a published split is held out.
     """
-    ordered = sorted(recordings, key=lambda recording: recording.name)
-    if test_every is None and all(recording.split for recording in ordered):
-        return ordered
     every = 10 if test_every is None else test_every
-    keep = test_every is None
     return [
         recording
-        if keep and recording.split
+        if test_every is None and recording.split
         else replace(recording, split="test" if every and number % every == every - 1 else "train")
-        for number, recording in enumerate(ordered)
+        for number, recording in enumerate(sorted(recordings, key=lambda recording: recording.name))
     ]
 
 

@@ -30,7 +30,7 @@ from echoavatar_lab.corpora.sound import FloatArray, SoundTrack, concatenate, wh
 from echoavatar_lab.corpora.speech.speech import draw_speaker, resolve_engine, silence, speak
 
 from .conversations import Script, Turn
-from .prepare_recording import STRESSED, sound_labels
+from .prepare_recording import sound_labels
 
 Service = Literal["auto", "flite", "own", "openai", "elevenlabs"]
 LOUDNESS_DB = -25.0
@@ -103,7 +103,7 @@ class LocalTextToSpeech:
                 )
             tracks += [speak(turn.sentences, speakers[turn.speaker], rng, self._engine), _gap(rng)]
         track = concatenate(tracks[:-1])
-        stress = tuple(round(s.vowel, 4) for s in track.syllables if s.prominence >= STRESSED)
+        stress = tuple(round(time, 4) for time in track.stresses)
         domain = domains(track, len(track.audio) // SAMPLES_PER_FRAME)
         voices = tuple(speaker.voice for speaker in speakers)
         return Spoken(set_loudness(track.audio, LOUDNESS_DB), domain, {"stress": stress}, voices)

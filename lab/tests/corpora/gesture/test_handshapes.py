@@ -15,6 +15,6 @@ def test_shapes_stay_within_the_controls_ranges(name: str):
 
 def test_counting_shows_as_many_straight_fingers():
     """A straight finger has a curl under 0.1; the thumb only counts at five."""
-    straight = [int((hand_shape(name)[1:5] < 0.1).sum()) for name in COUNTS]
+    straight = [int((hand_shape(name)[1:5] < 0.1).sum()) for name in (*COUNTS, "five")]
     assert straight == [1, 2, 3, 4, 4]
     assert [count_shape(word) for word in ("One", "second,", "three.", "fifty")] == ["one", "two", "three", "five"]

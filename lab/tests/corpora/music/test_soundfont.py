@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from echoavatar.errors import DependencyError
-from echoavatar_lab.corpora.music.soundfont import FLUID_R3, render_soundfont
+from echoavatar_lab.corpora.music.soundfont import render_soundfont
 from echoavatar_lab.corpora.sound import Note, Piece
+
+FLUID_R3 = Path("/usr/share/sounds/sf2/FluidR3_GM.sf2")
 
 
 def test_notes_begin_where_the_score_says():
@@ -15,7 +17,7 @@ def test_notes_begin_where_the_score_says():
     pytest.importorskip("pretty_midi")
     notes = tuple(Note(t, 0.2, 0, 0.9, "clave") for t in (0.5, 1.0, 1.5))
     piece = Piece(notes, np.array([0.5, 1.0, 1.5]), np.array([0.5]), (), "", 120.0, 2.0, is_cut=True)
-    audio = render_soundfont(piece, np.random.default_rng(0))
+    audio = render_soundfont(piece, np.random.default_rng(0), FLUID_R3)
     assert len(audio) == 48000
     for start in (0.5, 1.0, 1.5):
         at = round(start * 24000)
@@ -35,4 +37,4 @@ def test_a_missing_player_is_named(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     piece = Piece((), np.zeros(0), np.zeros(0), (), "", 60.0, 1.0, is_cut=True)
     with pytest.raises(DependencyError, match="apt install fluidsynth"):
-        render_soundfont(piece, np.random.default_rng(0))
+        render_soundfont(piece, np.random.default_rng(0), FLUID_R3)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar_lab.corpora.rehearsal.faces import TEST_EVERY, rehearse_clip, rehearse_faces
 from echoavatar_lab.models.face.clip import load_clips
@@ -30,5 +30,5 @@ def test_a_folder_is_completed_and_holds_both_splits(tmp_path, monkeypatch):
     rehearse_faces(tmp_path, hours=0.01, seed=1)
     assert made[TEST_EVERY:] == [2]
     assert {clip.split for clip in load_clips(tmp_path)} == {"train", "test"}
-    with pytest.raises(MotionError, match="--hours"):
+    with pytest.raises(EchoAvatarError, match="--hours"):
         rehearse_faces(tmp_path, hours=0, seed=1)

@@ -2,8 +2,7 @@ import pytest
 
 from echoavatar_lab.corpora.speech.formant import _CONSONANTS, _VOWEL_FORMANTS
 from echoavatar_lab.corpora.speech.pronounce import VOWELS, pronounce, syllabify
-from echoavatar_lab.corpora.speech.script import templates
-from echoavatar_lab.corpora.speech.vocabulary import WORDS
+from echoavatar_lab.corpora.speech.vocabulary import SENTENCES, WORDS
 
 
 @pytest.mark.parametrize(
@@ -16,7 +15,7 @@ def test_spelling_rules(word, phones):
 
 def test_every_word_of_the_scripts_can_be_pronounced():
     words = {w for group in WORDS.values() for w in group}
-    words |= {w.strip("*,.?!") for s in ("train", "test") for t in templates(s) for w in t.split() if w.isalpha()}
+    words |= {w for shape in SENTENCES.values() for template in shape for w in template.split() if w.isalpha()}
     known = set(_CONSONANTS) | set(_VOWEL_FORMANTS)
     for word in sorted(words):
         phones = pronounce(word)

@@ -5,7 +5,6 @@ from echoavatar_lab.corpora.speech.prosody import (
     Delivery,
     SpokenSyllable,
     draw_delivery,
-    is_weak,
     lift_nuclei,
     score_prominence,
     shape_pitch,
@@ -72,8 +71,3 @@ def test_speakers_differ_and_use_the_given_voices():
     speakers = [draw_delivery(rng, ("a", "b")) for _ in range(20)]
     assert {s.voice for s in speakers} == {"a", "b"}
     assert len({s.rate for s in speakers}) == 20
-
-
-def test_pronouns_are_weak_and_nouns_are_not():
-    assert is_weak("They")
-    assert not is_weak("garden")

@@ -139,7 +139,7 @@ class _Speaker:
             self._rest(side, end, following - end)
 
     def _choose_hands(self) -> None:
-        """Draw who works in the next phrases: both hands, one, or one after the other, and where their homes are."""
+        """Draw which hands work in the next phrases (both, one, or one after the other) and where their homes are."""
         rng, manner = self.rng, self.manner
         self.lead = RIGHT if rng.random() < manner.right else LEFT
         self.is_both = bool(rng.random() < manner.both)
@@ -273,18 +273,18 @@ class _Speaker:
             self.lead = 1 - self.lead
         if name == "count":
             form = replace(form, shape=count_shape(cue.word))
-        if name == "negation":
-            self._inwards(cue, two_handed)
         sides = [LEFT, RIGHT] if two_handed else [self.lead]
+        if name == "negation":
+            self._inwards(cue, sides)
         for side in sides:
             self._reach(side, cue, form, size)
         if name == "greeting":
             self._wave(cue, phrase_end)
         self.free_at = cue.stroke_end + (0.35 if name in ("size", "count", "there", "question") else 0.15)
 
-    def _inwards(self, cue: Cue, two_handed: bool) -> None:
-        """Move the hand to the middle before it wipes outwards."""
-        for side in [LEFT, RIGHT] if two_handed else [self.lead]:
+    def _inwards(self, cue: Cue, sides: list[int]) -> None:
+        """Move hands to the middle before they wipe outwards."""
+        for side in sides:
             inner = self.homes[side].copy()
             inner[WRIST] = (-0.05, -0.20 if side == self.lead else -0.24, 0.28)
             inner[5] = 1.0

@@ -24,14 +24,12 @@ HAND_SHAPES: dict[str, tuple[float, ...]] = {
     "five": (0.02, 0.02, 0.02, 0.02, 0.03, 0.90, 0.0),
 }
 
-COUNTS = ("one", "two", "three", "four", "five")
-_COUNT_WORDS = (
-    ("one", "first", "once", "single", "1"),
-    ("two", "second", "twice", "both", "couple", "2"),
-    ("three", "third", "3"),
-    ("four", "fourth", "4"),
-    ("five", "fifth", "many", "several", "5"),
-)
+COUNTS = {  # the words that each counting shape shows; "five" also shows any other word
+    "one": ("one", "first", "once", "single", "1"),
+    "two": ("two", "second", "twice", "both", "couple", "2"),
+    "three": ("three", "third", "3"),
+    "four": ("four", "fourth", "4"),
+}
 
 
 def hand_shape(name: str) -> Float[np.ndarray, " 7"]:
@@ -42,4 +40,4 @@ def hand_shape(name: str) -> Float[np.ndarray, " 7"]:
 def count_shape(word: str) -> str:
     """The counting shape for a number word; any other word gives all five fingers."""
     bare = word.lower().strip(".,;:!?'\"")
-    return next((shape for shape, words in zip(COUNTS, _COUNT_WORDS, strict=True) if bare in words), "five")
+    return next((shape for shape, words in COUNTS.items() if bare in words), "five")

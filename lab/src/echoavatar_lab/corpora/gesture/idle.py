@@ -15,7 +15,7 @@ from echoavatar_lab.corpora.capture.standing import IDLE, TALKING
 from echoavatar_lab.corpora.capture.standing import standing as captured_standing
 
 from ..controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, critically_damped, neutral, smoothed, wander
-from ..sound import SoundTrack
+from ..sound import SoundTrack, bridged
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
 from .speakers import Manner, draw_manner
@@ -27,20 +27,19 @@ PAUSE_S = 3.0  # the body of a speaker goes on through shorter pauses
 
 
 def resting_hands(rest: str) -> Float[Array, "2 14"]:
-    """Both hands at rest: hanging, clasped in front of the belly, on the hips or behind the back."""
+    """Both hands at rest: hanging, clasped in front of the belly, one on the hip or both behind the back."""
+    hanging = pack_hand(HANGING_WRIST, (0.08, 0.0, 0.35), hand_shape("relaxed"))
     if rest == "clasped":
         left = pack_hand((-0.095, -0.385, 0.190), (0.10, 0.05, 0.45), hand_shape("clasp"), 0.10)
         right = pack_hand((-0.095, -0.405, 0.235), (0.15, 0.05, 0.40), hand_shape("clasp"), 0.10)
         return np.stack([left, right])
     if rest == "hips":
         hips = pack_hand((0.065, -0.390, 0.075), (0.45, 0.05, 0.75), hand_shape("loose fist"), 0.55)
-        hanging = pack_hand(HANGING_WRIST, (0.08, 0.0, 0.35), hand_shape("relaxed"))
         return np.stack([hips, hanging])
     if rest == "behind":
         hand = pack_hand((0.015, -0.455, -0.080), (0.10, 0.0, 0.20), hand_shape("relaxed"), 0.15)
         return np.stack([hand, hand])
-    hand = pack_hand(HANGING_WRIST, (0.08, 0.0, 0.35), hand_shape("relaxed"))
-    return np.stack([hand, hand])
+    return np.stack([hanging, hanging])
 
 
 def idle(
@@ -70,7 +69,7 @@ def _captured(track: SoundTrack, seed: int, library: CapturedLibrary, manner: Ma
     """A captured person who waits, and sways like people who talk from shortly after speech begins until it ends."""
     frames, rng = round(track.seconds * FRAME_RATE_HZ), np.random.default_rng([seed, 4])
     wanted, resting = np.full(frames, IDLE), np.zeros(frames, np.float32)
-    for begin, end in _talks(track):
+    for begin, end in bridged(track.phrases, PAUSE_S):
         first, last = (round((time + REACTION_S) * FRAME_RATE_HZ) for time in (begin, end))
         wanted[first:last] = TALKING * rng.uniform(0.8, 1.2) * (0.95 + 0.6 * manner.liveliness)
         resting[first:last] = 1.0
@@ -84,17 +83,6 @@ def _captured(track: SoundTrack, seed: int, library: CapturedLibrary, manner: Ma
     spine[:, 1] -= 0.012 * breath
     shoulder += 0.022 * breath[:, None, None] * np.array([1.0, -0.4])
     return with_hands(replace(body, spine=_f32(spine), shoulder=_f32(shoulder)), hands)
-
-
-def _talks(track: SoundTrack) -> list[tuple[float, float]]:
-    """Phrases, joined across pauses that are too short to rest in."""
-    talks: list[tuple[float, float]] = []
-    for begin, end in track.phrases:
-        if talks and begin - talks[-1][1] < PAUSE_S:
-            talks[-1] = (talks[-1][0], end)
-        else:
-            talks.append((begin, end))
-    return talks
 
 
 def with_hands(body: Controls, hands: Float[Array, "t 2 14"]) -> Controls:

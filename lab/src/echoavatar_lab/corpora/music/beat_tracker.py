@@ -61,7 +61,7 @@ def _whiten(strength: Array) -> Array:
     return np.asarray(strength / (np.std(strength) + 1e-9))
 
 
-def estimate_bpm(onsets: Onsets, loop_s: float = 0.0) -> float:
+def _estimate_bpm(onsets: Onsets, loop_s: float) -> float:
     """The tempo whose period and multiples correlate best, with a broad prior around 118 beats per minute.
 
     A loop that lasts `loop_s` has a power of two of beats, or three times that.
@@ -83,16 +83,16 @@ def estimate_bpm(onsets: Onsets, loop_s: float = 0.0) -> float:
     return float(bpms[int(np.argmax(np.maximum(score, 0) * prior))])
 
 
-def track_beats(audio: FloatArray, bpm: float = 0.0, loop_s: float = 0.0) -> Beats:
+def track_beats(audio: FloatArray, loop_s: float = 0.0) -> Beats:
     """Beats of audio (s,); silence and music without a pulse have none.
 
-    A `bpm` above 0 is taken as the known tempo. With `loop_s` the audio is a loop of that length, played several times
-    from its first beat on, which tells the beats better than the ear can in syncopated music.
+    With `loop_s` the audio is a loop of that length, played several times from its first beat on, which tells the beats
+    better than the ear can in syncopated music.
     """
     if len(audio) < SAMPLE_RATE_HZ or float(np.max(np.abs(audio))) < 1e-4:
         return Beats(np.zeros(0), np.zeros(0), 0.0)
     onsets = onset_strength(audio)
-    tempo = bpm or estimate_bpm(onsets, loop_s)
+    tempo = _estimate_bpm(onsets, loop_s)
     if loop_s > 0:
         beats = np.arange(0.0, len(audio) / SAMPLE_RATE_HZ, 60 / tempo)
         return Beats(beats, beats[:: 3 if round(loop_s * tempo / 60) % 3 == 0 else 4], tempo)

@@ -78,28 +78,26 @@ def render(piece: Piece, rng: np.random.Generator) -> FloatArray:
     for note in piece.notes:
         key = (note.instrument, note.pitch, round(note.duration * 50))
         if key not in cache:
-            cache[key] = _sound(note, colours[note.instrument], rng)
+            colour, timbre = colours[note.instrument], TIMBRES.get(note.instrument)
+            cache[key] = _drum(note.instrument, colour, rng) if timbre is None else _tone(timbre, note, colour, rng)
         wave = cache[key]
         start = round(note.start * _RATE)
         stop = min(len(mix), start + len(wave))
         mix[start:stop] += gains[note.instrument] * note.velocity**1.5 * wave[: stop - start]
-    mix = mix[:length]
+    return mastered(mix[:length], piece)
+
+
+def mastered(mix: FloatArray, piece: Piece) -> FloatArray:
+    """A mix (s,) as long as its piece, cut or faded out at the end, softly limited to a peak near 0.9."""
     fade = round((0.005 if piece.is_cut else 0.8) * _RATE)
     mix[-fade:] *= np.linspace(1, 0, fade)
     drive = 1.2 / max(float(np.quantile(np.abs(mix), 0.999)), 1e-6)
-    return (0.9 * np.tanh(drive * mix)).astype(np.float32)
+    return np.asarray(0.9 * np.tanh(drive * mix), np.float32)
 
 
-def _sound(note: Note, colour: float, rng: np.random.Generator) -> Array:
-    if note.instrument in TIMBRES:
-        return _tone(TIMBRES[note.instrument], note.pitch, note.duration, colour, rng)
-    return _drum(note.instrument, colour, rng)
-
-
-def _tone(timbre: Timbre, pitch: int, duration: float, colour: float, rng: np.random.Generator) -> Array:
-    hertz = 440 * 2 ** ((pitch - 69) / 12)
-    tail = timbre.release * 4
-    time = np.arange(round((duration + tail) * _RATE)) / _RATE
+def _tone(timbre: Timbre, note: Note, colour: float, rng: np.random.Generator) -> Array:
+    hertz = 440 * 2 ** ((note.pitch - 69) / 12)
+    time = np.arange(round((note.duration + 4 * timbre.release) * _RATE)) / _RATE
     bright = _cycle(timbre, hertz, timbre.tilt + colour)
     dark = _cycle(timbre, hertz, timbre.dark_tilt + colour)
     blend = np.exp(-time / (0.6 * timbre.decay)) if timbre.decay else np.full(len(time), 0.5)
@@ -112,7 +110,7 @@ def _tone(timbre: Timbre, pitch: int, duration: float, colour: float, rng: np.ra
     envelope = np.minimum(1, time / timbre.attack)
     if timbre.decay:
         envelope *= np.exp(-time / timbre.decay)
-    over = np.maximum(0, time - duration)
+    over = np.maximum(0, time - note.duration)
     return np.asarray(timbre.gain / timbre.voices**0.5 * wave * envelope * np.exp(-over / timbre.release))
 
 

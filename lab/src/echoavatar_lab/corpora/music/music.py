@@ -48,6 +48,7 @@ class _Grid:
 
     style: Style
     beats: TimeArray
+    rng: np.random.Generator
     notes: list[Note] = field(default_factory=list)
 
     @property
@@ -68,26 +69,34 @@ class _Grid:
         """Change of velocity for the start of a bar, for other beats, and for steps between beats."""
         return 0.2 if step == 0 else 0.1 if step % self.style.steps_per_beat == 0 else -0.12
 
+    def add(self, bar: int, step: int, steps: float, pitch: int, velocity: float, instrument: str) -> None:
+        """Add one note at a step of a bar, with a random timing error (4 ms) like a player's."""
+        start = self.time(bar, step)
+        step_s = (self.time(bar + 1, 0) - self.time(bar, 0)) / self.style.steps
+        start = max(0.0, start + float(self.rng.normal(0, 0.004)))
+        loudness = float(np.clip(velocity + self.rng.normal(0, 0.03), 0.08, 1.0))
+        self.notes.append(Note(start, max(0.06, steps * step_s), pitch, loudness, instrument))
+
 
 def compose_piece(rng: np.random.Generator, seconds: float, style: str = "") -> Piece:
     """Compose about `seconds` of music: whole bars and a final chord, or cut at any point."""
     kind = STYLES[style] if style else list(STYLES.values())[rng.integers(len(STYLES))]
     bpm = float(rng.uniform(*kind.bpm))
     is_cut = bool(rng.random() < 0.5)
-    grid = _Grid(kind, _beat_times(rng, kind, bpm, seconds))
+    grid = _Grid(kind, _beat_times(rng, kind, bpm, seconds), rng)
     band = _draw_band(rng, kind)
     last_bar = grid.bars - 3
     plan = _plan_sections(rng, last_bar)
     motifs = {name: _draw_motif(rng, kind) for name, *_ in plan}
     for name, energy, first, count in plan:
         for bar in range(first, first + count):
-            _play_bar(grid, band, rng, bar, energy, name, motifs[name], is_last=bar == first + count - 1)
+            _play_bar(grid, band, bar, energy, name, motifs[name], is_last=bar == first + count - 1)
     end = float(grid.beats[last_bar * kind.beats_per_bar])
     if is_cut:
         end = float(min(end, seconds * rng.uniform(0.9, 1.0)))
     else:
         _final_chord(grid, band, last_bar)
-    return _as_piece(grid, plan, bpm, end, is_cut, rng)
+    return _as_piece(grid, plan, bpm, end, is_cut=is_cut)
 
 
 def _beat_times(rng: np.random.Generator, style: Style, bpm: float, seconds: float) -> TimeArray:
@@ -145,7 +154,6 @@ def _draw_motif(rng: np.random.Generator, style: Style) -> tuple[tuple[int, int,
 def _play_bar(
     grid: _Grid,
     band: Band,
-    rng: np.random.Generator,
     bar: int,
     energy: float,
     section: str,
@@ -159,32 +167,32 @@ def _play_bar(
     loud = 0.35 + 0.5 * energy
     is_break = section == "break"
     if band.has_drums and not is_break:
-        _play_drums(grid, rng, bar, energy, loud, has_fill=is_last)
+        _play_drums(grid, bar, energy, loud, has_fill=is_last)
     if not is_break and not band.is_solo:
         for step, level in _hits(style.bass):
             walk = chord + (0, 2, 4, 5)[step // style.steps_per_beat % 4] if style.name == "swing" else chord
             pitch = band.degree(walk) - 12 - (12 if band.root > 51 else 0)
-            _add(grid, rng, bar, step, 2.5, pitch, loud * level + grid.accent(step), band.bass)
+            grid.add(bar, step, 2.5, pitch, loud * level + grid.accent(step), band.bass)
     if not band.is_solo:
-        _play_chords(grid, band, rng, bar, chord, loud)
+        _play_chords(grid, band, bar, chord, loud)
     if band.has_lead and (energy > 0.42 or band.is_solo or not band.has_drums):
         half = style.steps * (bar % 2)
         for step, length, height in motif:
-            if half <= step < half + style.steps and rng.random() < 0.88:
+            if half <= step < half + style.steps and grid.rng.random() < 0.88:
                 pitch = band.degree(height + chord % 3) + (12 if band.root < 50 else 0)
-                _add(grid, rng, bar, step - half, length * 0.95, pitch, loud + grid.accent(step - half), band.lead)
+                grid.add(bar, step - half, length * 0.95, pitch, loud + grid.accent(step - half), band.lead)
     if band.is_solo or not band.has_drums:  # without drums, this voice marks the beats
         for beat in range(style.beats_per_bar):
             pitch = band.degree(chord + (0 if beat == 0 else 4)) - (12 if beat == 0 else 0)
             step = beat * style.steps_per_beat
             voice = band.lead if band.is_solo and band.lead not in _SUNG else band.comp
-            _add(grid, rng, bar, step, style.steps_per_beat * 0.9, pitch, loud + grid.accent(step), voice)
+            grid.add(bar, step, style.steps_per_beat * 0.9, pitch, loud + grid.accent(step), voice)
 
 
 _SUNG = ("voice_aah", "voice_ooh", "flute", "clarinet", "trumpet")
 
 
-def _play_drums(grid: _Grid, rng: np.random.Generator, bar: int, energy: float, loud: float, *, has_fill: bool) -> None:
+def _play_drums(grid: _Grid, bar: int, energy: float, loud: float, *, has_fill: bool) -> None:
     style = grid.style
     for row, (drum, pattern) in enumerate(style.drums):
         if row and energy < _DRUM_ENERGY.get(drum, 0.5):
@@ -192,16 +200,16 @@ def _play_drums(grid: _Grid, rng: np.random.Generator, bar: int, energy: float, 
         for step, level in _hits(pattern):
             if has_fill and step >= style.steps // 2 and drum not in ("ride", "bell_bar", "kick"):
                 continue
-            _add(grid, rng, bar, step, 1, 0, loud * level + grid.accent(step), drum)
+            grid.add(bar, step, 1, 0, loud * level + grid.accent(step), drum)
     if has_fill and energy > 0.45:
         for step in range(style.steps // 2, style.steps):
-            if rng.random() < 0.7:
+            if grid.rng.random() < 0.7:
                 drum = ("snare", "tom_high", "tom_low")[min(2, 6 * (step - style.steps // 2) // style.steps)]
-                _add(grid, rng, bar, step, 1, 0, loud + grid.accent(step), drum)
-        _add(grid, rng, bar + 1, 0, 4, 0, loud, "crash")
+                grid.add(bar, step, 1, 0, loud + grid.accent(step), drum)
+        grid.add(bar + 1, 0, 4, 0, loud, "crash")
 
 
-def _play_chords(grid: _Grid, band: Band, rng: np.random.Generator, bar: int, chord: int, loud: float) -> None:
+def _play_chords(grid: _Grid, band: Band, bar: int, chord: int, loud: float) -> None:
     hits = _hits(grid.style.chords)
     for i, (step, level) in enumerate(hits):
         following = hits[i + 1][0] if i + 1 < len(hits) else grid.style.steps
@@ -209,29 +217,11 @@ def _play_chords(grid: _Grid, band: Band, rng: np.random.Generator, bar: int, ch
             pitch = band.degree(chord + voice)
             pitch -= 12 if pitch > band.root + 13 else 0
             velocity = 0.75 * loud * level + grid.accent(step)
-            _add(grid, rng, bar, step, (following - step) * 0.9, pitch, velocity, band.comp)
+            grid.add(bar, step, (following - step) * 0.9, pitch, velocity, band.comp)
 
 
 def _hits(pattern: str) -> list[tuple[int, float]]:
     return [(step, 1.0 if mark == "x" else 0.55) for step, mark in enumerate(pattern) if mark != "-"]
-
-
-def _add(
-    grid: _Grid,
-    rng: np.random.Generator,
-    bar: int,
-    step: int,
-    steps: float,
-    pitch: int,
-    velocity: float,
-    instrument: str,
-) -> None:
-    """Add one note at a step of a bar, with a random timing error (4 ms) like a player's."""
-    start = grid.time(bar, step)
-    step_s = (grid.time(bar + 1, 0) - grid.time(bar, 0)) / grid.style.steps
-    start = max(0.0, start + float(rng.normal(0, 0.004)))
-    loudness = float(np.clip(velocity + rng.normal(0, 0.03), 0.08, 1.0))
-    grid.notes.append(Note(start, max(0.06, steps * step_s), pitch, loudness, instrument))
 
 
 def _final_chord(grid: _Grid, band: Band, bar: int) -> None:
@@ -244,9 +234,7 @@ def _final_chord(grid: _Grid, band: Band, bar: int) -> None:
         grid.notes += [Note(start, 1.0, 0, 0.9, "kick"), Note(start, 1.0, 0, 0.8, "crash")]
 
 
-def _as_piece(
-    grid: _Grid, plan: list[tuple[str, float, int, int]], bpm: float, end: float, is_cut: bool, rng: np.random.Generator
-) -> Piece:
+def _as_piece(grid: _Grid, plan: list[tuple[str, float, int, int]], bpm: float, end: float, *, is_cut: bool) -> Piece:
     beats = grid.beats[grid.beats <= end + (1e-6 if not is_cut else -1e-6)]
     downbeats = beats[:: grid.style.beats_per_bar]
     limit = end if is_cut else end + 0.05

@@ -15,8 +15,8 @@ from echoavatar.errors import DependencyError
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from ..sound import FloatArray, Piece
+from .instruments import mastered
 
-FLUID_R3 = Path("/usr/share/sounds/sf2/FluidR3_GM.sf2")
 _LATE_S = 0.0066  # delay of fluidsynth's notes (FluidR3 at 24 kHz)
 
 _PROGRAMS: dict[str, tuple[int, ...]] = {
@@ -33,7 +33,7 @@ _DRUMS = {
 }  # fmt: skip
 
 
-def render_soundfont(piece: Piece, rng: np.random.Generator, font: Path = FLUID_R3) -> FloatArray:
+def render_soundfont(piece: Piece, rng: np.random.Generator, font: Path) -> FloatArray:
     """Play a piece with fluidsynth: audio (s,), 24 kHz, peak near 0.9. Raises DependencyError if a tool is missing."""
     program = shutil.which("fluidsynth")
     if program is None:
@@ -47,7 +47,9 @@ def render_soundfont(piece: Piece, rng: np.random.Generator, font: Path = FLUID_
         command = [program, *options, "-T", "wav", "-F", str(sound), str(font), str(score)]
         subprocess.run(command, check=True, capture_output=True)
         stereo = soundfile.read(sound, dtype="float32", always_2d=True)[0]
-    return _finish(stereo.mean(axis=1), piece)
+    length = round(piece.seconds * SAMPLE_RATE_HZ)
+    mono = stereo.mean(axis=1)[round(_LATE_S * SAMPLE_RATE_HZ) :][:length]
+    return mastered(np.pad(mono, (0, length - len(mono))), piece)
 
 
 def _write_midi(piece: Piece, rng: np.random.Generator, path: Path) -> None:
@@ -66,14 +68,3 @@ def _write_midi(piece: Piece, rng: np.random.Generator, path: Path) -> None:
             part.notes.append(pretty_midi.Note(velocity, pitch, note.start, note.start + note.duration))
         midi.instruments.append(part)
     midi.write(str(path))
-
-
-def _finish(mono: FloatArray, piece: Piece) -> FloatArray:
-    """Remove the player's delay, cut at the piece's end and normalise."""
-    length = round(piece.seconds * SAMPLE_RATE_HZ)
-    mono = mono[round(_LATE_S * SAMPLE_RATE_HZ) :][:length]
-    mono = np.pad(mono, (0, length - len(mono)))
-    fade = round((0.005 if piece.is_cut else 0.8) * SAMPLE_RATE_HZ)
-    mono[-fade:] *= np.linspace(1, 0, fade)
-    drive = 1.2 / max(float(np.quantile(np.abs(mono), 0.999)), 1e-6)
-    return np.asarray(0.9 * np.tanh(drive * mono), dtype=np.float32)

@@ -30,7 +30,6 @@ class Style:
 
 
 _LEADS = ("flute", "saw_lead", "square_lead", "trumpet", "violin", "voice_aah", "voice_ooh", "clarinet", "bell")
-_COMPS = ("piano", "epiano", "organ", "guitar", "strings", "pad")
 
 STYLES: dict[str, Style] = {
     style.name: style

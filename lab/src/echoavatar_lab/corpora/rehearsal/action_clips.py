@@ -25,12 +25,12 @@ NOTHING: Triple = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Script:
-    """One action: its timed poses, the motion on top of them (`shake`), the stretch to repeat, and its meaning."""
+    """One action: its timed poses, the motions on top of them (`shakes`), the stretch to repeat, and its meaning."""
 
     keys: Keys
     hold: tuple[float, float]
     about: str
-    shake: Shake | None = None
+    shakes: tuple[Shake, ...] = ()
     is_on_top: bool = False  # moves torso and head only; speech keeps the motion codes
     has_hands: bool = False  # arms and fingers are those of the clip: hands that meet, touch, point or are fists
 
@@ -46,8 +46,8 @@ def clip(script: Script) -> Motion:
     times = np.array([time for time, _ in script.keys], np.float32)
     poses = np.concatenate([pose.packed() for _, pose in script.keys])
     controls = Controls.unpacked(through_keys(times, poses, frames))
-    if script.shake is not None:
-        controls = script.shake((np.arange(frames) / FRAME_RATE_HZ).astype(np.float32), controls)
+    for shake in script.shakes:
+        controls = shake((np.arange(frames) / FRAME_RATE_HZ).astype(np.float32), controls)
     rotations, root = solve(controls)
     return Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
 
@@ -81,17 +81,6 @@ def swing(field: str, index: tuple[int, ...], size: float, hz: float, start: flo
         curve = getattr(controls, field).copy()
         curve[(slice(None), *index)] += size * fade * np.sin(2 * np.pi * hz * (clock - start))
         return replace(controls, **{field: curve})
-
-    return shake
-
-
-def both(*shakes: Shake) -> Shake:
-    """Apply several shakes in order."""
-
-    def shake(clock: Array, controls: Controls) -> Controls:
-        for each in shakes:
-            controls = each(clock, controls)
-        return controls
 
     return shake
 
@@ -150,7 +139,7 @@ SCRIPTS: Mapping[str, Script] = {
         _there_and_back(pose(None, WAVING, head=(-0.1, 0.0, 0.08)), stay=1.9),
         (0.8, 2.5),
         "wave the right hand in greeting or farewell",
-        both(swing("wrist", (1, 0), 0.10, 2.0, 0.7, 2.6), swing("palm", (1, 1), 0.3, 2.0, 0.7, 2.6)),
+        (swing("wrist", (1, 0), 0.10, 2.0, 0.7, 2.6), swing("palm", (1, 1), 0.3, 2.0, 0.7, 2.6)),
         has_hands=True,
     ),
     "look_around": Script(
@@ -173,8 +162,8 @@ SCRIPTS: Mapping[str, Script] = {
         "hand to the chin, thinking",
         has_hands=True,
     ),
-    "agree": Script(((0.0, pose()), (2.4, pose())), (0.3, 2.1), "nod", _NOD, is_on_top=True),
-    "disagree": Script(((0.0, pose()), (2.6, pose())), (0.3, 2.2), "shake the head", _SHAKE, is_on_top=True),
+    "agree": Script(((0.0, pose()), (2.4, pose())), (0.3, 2.1), "nod", (_NOD,), is_on_top=True),
+    "disagree": Script(((0.0, pose()), (2.6, pose())), (0.3, 2.2), "shake the head", (_SHAKE,), is_on_top=True),
     "give_up": Script(
         _there_and_back(pose(PALM_UP, PALM_UP, head=(0.0, 0.05, 0.16)), reach=0.55, stay=0.8),
         (0.6, 1.3),
@@ -231,7 +220,7 @@ SCRIPTS: Mapping[str, Script] = {
         ((0.0, pose()), (1.3, pose())),
         (0.2, 1.1),
         "a short nod while listening",
-        swing("head", (1,), 0.17, 1.8, 0.1, 1.2),
+        (swing("head", (1,), 0.17, 1.8, 0.1, 1.2),),
         is_on_top=True,
     ),
     "listen": Script(

@@ -35,21 +35,21 @@ def set_loudness(audio: FloatArray, target_db: float) -> FloatArray:
     return np.asarray(np.where(over, soft, scaled), dtype=np.float32)
 
 
-def fill_band(audio: FloatArray, rng: np.random.Generator, gain: float = 0.5) -> FloatArray:
+def fill_band(audio: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Fill 7.6-11.5 kHz with noise that follows the 5-7.5 kHz envelope, as 16 kHz speech lacks that band."""
     sides = butter(4, (5000, 7500), "bandpass", fs=SAMPLE_RATE_HZ, output="sos")
     top = butter(4, (7600, 11_500), "bandpass", fs=SAMPLE_RATE_HZ, output="sos")
     envelope = lfilter([0.02], [1, -0.98], np.abs(sosfilt(sides, audio)))
     noise = sosfilt(top, rng.standard_normal(len(audio)))
-    return np.asarray(audio + gain * 1.7 * envelope * noise, dtype=np.float32)
+    return np.asarray(audio + 0.85 * envelope * noise, dtype=np.float32)
 
 
-def equalise(audio: FloatArray, rng: np.random.Generator, bands: int = 3, db: float = 6.0) -> FloatArray:
-    """Apply random peaking filters of up to +-`db`."""
+def equalise(audio: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Apply three random peaking filters of up to +-6 dB."""
     out: npt.NDArray[np.float64] = audio.astype(np.float64)
-    for _ in range(bands):
+    for _ in range(3):
         hertz = float(np.exp(rng.uniform(np.log(90), np.log(8000))))
-        b, a = _peaking(hertz, float(rng.uniform(-db, db)), float(rng.uniform(0.5, 1.5)))
+        b, a = _peaking(hertz, float(rng.uniform(-6, 6)), float(rng.uniform(0.5, 1.5)))
         out = lfilter(b, a, out)
     return np.asarray(out, dtype=np.float32)
 
@@ -76,7 +76,10 @@ def place_in_room(audio: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def background(rng: np.random.Generator, samples: int, kind: str = "") -> FloatArray:
-    """Noise of unit RMS: "room" (brownish), "air" (pinkish), "hiss" (white) or "hum" (mains with harmonics)."""
+    """Noise (samples,) of unit RMS: "room" (brownish), "air" (pinkish), "hiss" (white) or "hum" (mains with harmonics).
+
+    Without a kind, one is drawn.
+    """
     kind = kind or str(rng.choice(["room", "air", "hiss", "hum"]))
     if kind == "hum":
         time = np.arange(samples) / SAMPLE_RATE_HZ
@@ -90,9 +93,9 @@ def background(rng: np.random.Generator, samples: int, kind: str = "") -> FloatA
     return (noise / max(float(np.sqrt(np.mean(noise**2))), 1e-9)).astype(np.float32)
 
 
-def add_background(audio: FloatArray, rng: np.random.Generator, snr_db: float, kind: str = "") -> FloatArray:
-    """Add noise throughout, `snr_db` below the loud parts."""
-    noise = background(rng, len(audio), kind)
+def add_background(audio: FloatArray, rng: np.random.Generator, snr_db: float) -> FloatArray:
+    """Add noise of a random kind throughout, `snr_db` below the loud parts."""
+    noise = background(rng, len(audio))
     level = 10 ** ((loudness(audio) - snr_db) / 20)
     return np.asarray(audio + level * noise, dtype=np.float32)
 

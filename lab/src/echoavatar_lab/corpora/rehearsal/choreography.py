@@ -123,9 +123,9 @@ def walking_home(standing: Controls, before: Controls, at: int) -> Controls:
     left = 1 - minimum_jerk((np.arange(len(standing)) - begin) / (steps * stride))
     middle = standing.pelvis_position[at, [0, 2]]
     curves = {name: getattr(standing, name).copy() for name in _FEET}
-    place, yaw = _carried(standing.pelvis_position, middle, off * left[:, None], turn * left)
+    place = _carried(standing.pelvis_position, middle, off * left[:, None], turn * left)
     rotation = standing.pelvis_rotation.copy()
-    rotation[:, 0] += yaw
+    rotation[:, 0] += (turn * left).astype(np.float32)
     for side in range(2):
         share = np.ones(len(standing))
         for number in range(steps + 1):
@@ -137,22 +137,22 @@ def walking_home(standing: Controls, before: Controls, at: int) -> Controls:
             share += (goal - share) * minimum_jerk((phase - 0.18) / 0.66)
             curves["foot_position"][:, side, 1] += 0.055 * air(phase)
             curves["foot_pitch"][:, side] += 0.2 * air(np.clip(phase / 0.7, 0, 1))
-        foot, foot_yaw = _carried(curves["foot_position"][:, side], middle, off * share[:, None], turn * share)
+        foot = _carried(curves["foot_position"][:, side], middle, off * share[:, None], turn * share)
         curves["foot_position"][:, side] = foot
-        curves["foot_yaw"][:, side] += foot_yaw
+        curves["foot_yaw"][:, side] += (turn * share).astype(np.float32)
     return replace(standing, pelvis_position=place, pelvis_rotation=rotation, **curves)
 
 
 def _carried(
     place: Float[Array, "t 3"], middle: Float[Array, " 2"], shift: Float[Array, "t 2"], turn: Float[Array, " t"]
-) -> tuple[Array, Array]:
-    """Places turned about a middle and shifted, frame by frame, and the turn itself."""
+) -> Array:
+    """Places turned about a middle and shifted, frame by frame."""
     cos, sin = np.cos(turn), np.sin(turn)
     x, z = place[:, 0] - middle[0], place[:, 2] - middle[1]
     out = place.copy()
     out[:, 0] = middle[0] + cos * x + sin * z + shift[:, 0]
     out[:, 2] = middle[1] + cos * z - sin * x + shift[:, 1]
-    return out, turn.astype(np.float32)
+    return out
 
 
 def _with_lift(curves: dict[str, Array], before: Controls, after: Controls, moments: list[int]) -> dict[str, Array]:

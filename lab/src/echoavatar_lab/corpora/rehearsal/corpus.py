@@ -9,7 +9,7 @@ import json
 import multiprocessing
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, astuple, dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar_lab.corpora.capture.library import CapturedLibrary, open_library
+from echoavatar.whole_file import make_output_folder
+from echoavatar_lab.corpora.capture.library import open_library
 from echoavatar_lab.data.clip import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
 
@@ -57,13 +58,7 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
     """
     if plan.hours <= 0:
         raise EchoAvatarError(f"--hours must be positive, got {plan.hours}")
-    folder = plan.folder / "clips"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EchoAvatarError(
-            f"cannot write the corpus to {plan.folder}: {error.strerror}; choose another -o"
-        ) from error
+    make_output_folder(plan.folder / "clips")
     wanted = [i for i in range(plan.clips) if not _path(plan, i).exists()]
     done = plan.clips - len(wanted)
     for _ in _made(plan, wanted, workers):
@@ -102,7 +97,7 @@ def make_clip(plan: Plan, index: int) -> Clip:
         events={
             "beats": np.asarray(track.beats, np.float64),
             "downbeats": np.asarray(track.downbeats, np.float64),
-            "stress": np.array([s.vowel for s in track.syllables if s.prominence >= 0.45], np.float64),
+            "stress": np.array(track.stresses, np.float64),
         },
         split=split,
         labels={
@@ -121,9 +116,7 @@ def domains(track: SoundTrack, frames: int) -> NDArray[np.uint8]:
     return domain
 
 
-@cache
-def _library(path: Path) -> CapturedLibrary:
-    return open_library(path)
+_library = cache(open_library)
 
 
 def _name(plan: Plan, index: int) -> str:
@@ -134,16 +127,15 @@ def _path(plan: Plan, index: int) -> Path:
     return clip_path(plan.folder, _name(plan, index))
 
 
-def _work(job: tuple[Plan, int]) -> int:
-    plan, index = job
+def _work(plan: Plan, index: int) -> None:
     make_clip(plan, index).save(_path(plan, index))
-    return index
 
 
-def _made(plan: Plan, wanted: list[int], workers: int) -> Iterator[int]:
-    jobs = [(plan, index) for index in wanted]
+def _made(plan: Plan, wanted: list[int], workers: int) -> Iterator[None]:
+    """Make the wanted clips; yields after each."""
+    work = partial(_work, plan)
     if workers <= 1:
-        yield from map(_work, jobs)
+        yield from map(work, wanted)
         return
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        yield from pool.imap_unordered(_work, jobs)
+        yield from pool.imap_unordered(work, wanted)

@@ -1,7 +1,7 @@
-"""Procedural face clips: rehearsal sound with lip curves made from its phones (`rehearsal.lips`).
+"""Procedural face clips: rehearsal sound with lip curves made from its phones (`speech.lips`).
 
 The paper captures one speaker with a phone; nothing captured may ship with us, so the default face learns from
-synthetic speech of several voices. A clip depends on the seed and its number alone. Only training imports this.
+synthetic speech of several voices. A clip depends on the seed and its number alone.
 """
 
 from collections.abc import Callable
@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.models.face.clip import FaceClip
 
 from ..speech.lips import lip_curves
@@ -23,31 +24,32 @@ MIXED_EVERY = 3  # one clip in three has music and long silence as well, in whic
 
 
 def rehearse_clip(seed: int, index: int, seconds: float = CLIP_SECONDS) -> FaceClip:
-    """One clip; every eighth is of split "test", with sentences of its own."""
+    """Make one clip; every eighth is of split "test", with sentences of its own."""
     split = "test" if index % TEST_EVERY == TEST_EVERY - 1 else "train"
     own = int(np.random.SeedSequence([seed, index, 0xFACE]).generate_state(1)[0])
     mix = "mixed" if index % MIXED_EVERY == 1 else "speech"
     track = compose_track(own, seconds, mix=mix, split=split)
     curves = lip_curves(track, ARKIT_NAMES)
     audio = np.asarray(track.audio[: len(curves) * SAMPLES_PER_FRAME], np.float32)
-    return FaceClip(f"face-{seed}-{index:04d}", audio, curves, split)
+    return FaceClip(_name(seed, index), audio, curves, split)
+
+
+def _name(seed: int, index: int) -> str:
+    return f"face-{seed}-{index:04d}"
 
 
 def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Callable[[int, int], None] | None = None) -> int:
-    """Make (or complete) a folder of clips; returns how many there are.
+    """Make or complete a folder of clips and return their number.
 
     Raises:
-        MotionError: hours is not positive, or the folder cannot be written.
+        EchoAvatarError: hours is not positive, or the folder cannot be written.
     """
     if not hours > 0:
-        raise MotionError(f"--hours must be positive, got {hours}")
+        raise EchoAvatarError(f"--hours must be positive, got {hours}")
     count = max(TEST_EVERY, round(hours * 3600 / CLIP_SECONDS))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise MotionError(f"cannot write face clips to {folder}: {error.strerror}; choose another -o") from error
+    make_output_folder(folder)
     for index in range(count):
-        path = folder / f"face-{seed}-{index:04d}.npz"
+        path = folder / f"{_name(seed, index)}.npz"
         if not path.exists():
             rehearse_clip(seed, index).save(path)
         if progress is not None:

@@ -86,15 +86,6 @@ class RecordedSound:
                 return voice
         return voice
 
-    def __bool__(self) -> bool:
-        return bool(self.voices or self.music_files)
-
-
-@cache
-def recorded_sound(folder: Path, split: str) -> RecordedSound:
-    """The recordings of a folder; read once in a process."""
-    return RecordedSound(folder, split)
-
 
 def _utterance(file: RecordedFile, rng: np.random.Generator) -> SoundTrack:
     """A short file as it is, or a stretch of a longer one, cut where it is quiet."""

@@ -12,26 +12,29 @@ from echoavatar.errors import AudioError
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from ..music.beat_tracker import track_beats
-from ..sound import FloatArray, Section, SoundTrack, Span, Syllable, merge_spans, whole_frames
+from ..sound import FloatArray, Section, SoundTrack, Span, Syllable, TimeArray, bridged, merge_spans, whole_frames
 from .augment import set_loudness
 
 _HOP = 240  # 10 ms
 _FRAME_S = _HOP / SAMPLE_RATE_HZ
+_LOUDNESS_DB = -23.08253637749964  # corpora were made with this value; the labels hardly depend on it
 _SPEECH_FLOOR_DB = -27.0  # below loud speech; breath lies lower, ends of words higher
 Array = np.ndarray
 
 
-def track_from_recording(audio: FloatArray, kind: str, seed: int = 0, loop_s: float = 0.0) -> SoundTrack:
-    """Label a recording (s,) of 24 kHz mono "speech" or "music"; `seed` draws its loudness (-32..-18 dB).
+def track_from_recording(audio: FloatArray, kind: str, loop_s: float = 0.0) -> SoundTrack:
+    """Label a recording (s,) of 24 kHz mono "speech" or "music", and set its loudness to -23 dB.
 
     With `loop_s` it is a musical loop of that length, played several times (`track_beats`).
+
+    Raises:
+        AudioError: another kind, or less than a second of finite mono samples.
     """
     if kind not in ("speech", "music"):
         raise AudioError(f"a recording's kind is {kind!r}; pass 'speech' or 'music'")
     if audio.ndim != 1 or len(audio) < SAMPLE_RATE_HZ or not np.isfinite(audio).all():
         raise AudioError(f"recording of shape {audio.shape}; pass at least one second of finite mono samples")
-    level = float(np.random.default_rng(seed).uniform(-32, -18))
-    audio = whole_frames(set_loudness(audio.astype(np.float32), level))
+    audio = whole_frames(set_loudness(audio.astype(np.float32), _LOUDNESS_DB))
     return _label_speech(audio) if kind == "speech" else _label_music(audio, loop_s)
 
 
@@ -41,17 +44,20 @@ def _label_music(audio: FloatArray, loop_s: float) -> SoundTrack:
     power = _frame_power(audio)
     loud = _active(power, floor_db=-42, bridge_s=1.5, shortest_s=2.0)
     spans = _as_spans(loud, "music", end)
-    keep = np.array([any(a - 0.05 <= beat <= b for a, b in loud) for beat in found.beats], dtype=bool)
-    keep_down = np.array([any(a - 0.05 <= beat <= b for a, b in loud) for beat in found.downbeats], dtype=bool)
     return SoundTrack(
         audio=audio,
         spans=spans,
-        beats=found.beats[keep] if len(keep) else found.beats,
-        downbeats=found.downbeats[keep_down] if len(keep_down) else found.downbeats,
+        beats=_heard(found.beats, loud),
+        downbeats=_heard(found.downbeats, loud),
         sections=_sections(power, loud),
         style="recording",
         bpm=found.bpm,
     )
+
+
+def _heard(beats: TimeArray, loud: list[tuple[float, float]]) -> TimeArray:
+    """The beats within loud stretches."""
+    return np.array([beat for beat in beats if any(a - 0.05 <= beat <= b for a, b in loud)], np.float64)
 
 
 def _frame_power(audio: FloatArray) -> Array:
@@ -67,12 +73,7 @@ def _active(power: Array, *, floor_db: float, bridge_s: float, shortest_s: float
     top, bottom = np.quantile(level, [0.95, 0.05])
     on = level > max(top + floor_db, min(bottom + 6, top - 20))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
-    stretches: list[tuple[float, float]] = []
-    for a, b in edges.reshape(-1, 2) * _FRAME_S:
-        if stretches and a - stretches[-1][1] < bridge_s:
-            stretches[-1] = (stretches[-1][0], float(b))
-        else:
-            stretches.append((float(a), float(b)))
+    stretches = bridged((edges.reshape(-1, 2) * _FRAME_S).tolist(), bridge_s)
     return [(a, b) for a, b in stretches if b - a >= shortest_s]
 
 

@@ -4,6 +4,7 @@ Not in the paper, which trains on recorded corpora.
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,10 +32,11 @@ from ..speech.script import write_monologue
 from ..speech.singing import sing
 from ..speech.speech import draw_speaker, resolve_engine, speak
 from .augment import add_background, background, fill_band, set_loudness, treat
-from .recorded_sound import RecordedSound, recorded_sound
+from .recorded_sound import RecordedSound
 
 _MIXES = ("mixed", "speech", "music", "silence")
 _SHARES = (0.0, 0.0, 0.5, 1.0, 1.0)  # of recorded parts in a track
+_recorded_sound = cache(RecordedSound)  # a folder is read once in a process
 _SUNG = 0.2  # chance that a synthetic voice sings over music, if there are recordings
 
 
@@ -64,7 +66,7 @@ def compose_track(
         split=split,
         level_db=float(np.clip(rng.normal(-25, 6), -40, -14)),
         soundfont=soundfont,
-        recorded=recorded_sound(recordings, "train") if recordings else None,
+        recorded=_recorded_sound(recordings, "train") if recordings else None,
         share=float(rng.choice(_SHARES)) if recordings else 0.0,
     )
     speaker = draw_speaker(rng, settings.engine)

@@ -5,7 +5,6 @@ flite where that is not installed. Not in the paper.
 """
 
 import numpy as np
-import numpy.typing as npt
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
@@ -13,8 +12,8 @@ from .pronounce import VOWELS, syllabify
 from .prosody import Delivery, SpokenSyllable, Utterance, lift_nuclei, score_prominence, shape_pitch
 from .script import Word
 
-FORMANT_VOICES = ("alto", "tenor", "bass")
-_VOICE = {"alto": (190.0, 1.14), "tenor": (125.0, 1.0), "bass": (95.0, 0.93)}  # pitch in Hz, formant scale
+VOICE = {"alto": (190.0, 1.14), "tenor": (125.0, 1.0), "bass": (95.0, 0.93)}  # pitch in Hz, formant scale
+FORMANT_VOICES = tuple(VOICE)
 _HOP, _FFT = 120, 1024  # 5 ms frames
 _MARGIN_S = 0.03
 Array = np.ndarray
@@ -74,26 +73,17 @@ def say(words: tuple[Word, ...], delivery: Delivery, seed: int) -> Utterance:
     syllables = score_prominence(syllables, words)
     total = phones[-1][1] + _MARGIN_S
     frames = int(np.ceil(total * SAMPLE_RATE_HZ / _HOP)) + 1
-    plain = _plain_pitch(frames, delivery)
+    hertz, scale = VOICE[delivery.voice]
+    plain = (hertz * np.linspace(1.12, 0.88, frames)).astype(np.float32)  # falls, as a statement does
     f0 = shape_pitch(
         plain, frame_s=_HOP / SAMPLE_RATE_HZ, syllables=syllables, delivery=delivery, is_question=words[-1].mark == "?"
     )
-    scale = _VOICE[delivery.voice][1] * (1 + 1.2 * (0.42 - delivery.alpha))
+    scale = scale * (1 + 1.2 * (0.42 - delivery.alpha))
     raw = synthesise(phones, f0.astype(np.float64), scale, rng)[: round(total * SAMPLE_RATE_HZ)]
     level = np.asarray(0.5 * raw / max(float(np.max(np.abs(raw))), 1e-9), dtype=np.float32)
     audio = lift_nuclei(level, SAMPLE_RATE_HZ, syllables, delivery.nucleus_db)
     spoken = tuple(phone for phone in phones if phone[2] != "pau")
     return Utterance(audio, spoken, syllables)
-
-
-def voice_of(name: str) -> tuple[float, float]:
-    """Pitch in Hz and formant scale of a voice."""
-    return _VOICE[name]
-
-
-def synthesise(phones: list[tuple[float, float, str]], f0: Array, scale: float, rng: np.random.Generator) -> Array:
-    """Phones (start s, end s, name) at the pitch f0 (t,) in Hz, a value every 5 ms: audio (120 t,)."""
-    return _synthesise(_tracks(phones, len(f0)), f0, scale, rng)
 
 
 def _timing(
@@ -128,12 +118,6 @@ def _length(name: str, is_stressed: bool) -> float:
     return _CONSONANTS[name][0]
 
 
-def _plain_pitch(frames: int, delivery: Delivery) -> npt.NDArray[np.float32]:
-    """The falling pitch of a statement. Every frame has one; the control tracks say how much it is voiced."""
-    fall = np.linspace(1.12, 0.88, frames)
-    return (_VOICE[delivery.voice][0] * fall).astype(np.float32)
-
-
 def _tracks(phones: list[tuple[float, float, str]], frames: int) -> Array:
     """Control tracks (t, 7): three formants, voice, noise, noise centre and width, smoothed over 25 ms."""
     rows = np.zeros((frames, 7))
@@ -154,9 +138,13 @@ def _tracks(phones: list[tuple[float, float, str]], frames: int) -> Array:
     return np.stack([np.convolve(padded[:, k], smooth, mode="valid") for k in range(7)], axis=1)
 
 
-def _synthesise(tracks: Array, f0: Array, scale: float, rng: np.random.Generator) -> Array:
-    """Overlap-add of filtered pulses and noise: audio (t * 120,)."""
-    frames = len(tracks)
+def synthesise(phones: list[tuple[float, float, str]], f0: Array, scale: float, rng: np.random.Generator) -> Array:
+    """Phones (start s, end s, name) at the pitch f0 (t,) in Hz, a value every 5 ms: audio (120 t,).
+
+    Every frame has a pitch; the control tracks say how much it is voiced. Filtered pulses and noise are overlap-added.
+    """
+    frames = len(f0)
+    tracks = _tracks(phones, frames)
     length = frames * _HOP
     time = np.arange(length + _FFT)
     phase = np.cumsum(np.interp(time, np.arange(frames) * _HOP, f0)) / SAMPLE_RATE_HZ

@@ -144,16 +144,7 @@ def _rest(start: float, end: float) -> _Pull:
 def _effort(track: SoundTrack, start: float, end: float) -> float:
     """Scale of the jaw opening, 0.75 to 1.25 by the syllable's prominence."""
     middle = (start + end) / 2
-    for syllable in _near(track, middle):
-        if syllable[0] <= middle <= syllable[1]:
-            return 0.75 + 0.5 * syllable[2]
-    return 1.0
-
-
-def _near(track: SoundTrack, time: float) -> list[tuple[float, float, float]]:
-    starts = [s.start for s in track.syllables]
-    at = int(np.searchsorted(starts, time))
-    return [(s.start, s.end, s.prominence) for s in track.syllables[max(0, at - 2) : at + 1]]
+    return next((0.75 + 0.5 * s.prominence for s in track.syllables if s.start <= middle <= s.end), 1.0)
 
 
 def _blend(pulls: Sequence[_Pull], time: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f c"]:

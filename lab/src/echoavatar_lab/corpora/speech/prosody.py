@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from ..sound import FloatArray
+from ..sound import STRESSED, FloatArray
 from .script import Word
 
 _WEAK_TEXT = """
@@ -17,7 +17,7 @@ _WEAK_TEXT = """
     and or but if when while so to of in on at by near for than that this there with not no too very can could would
     will until because
 """
-_WEAK_WORDS = frozenset(_WEAK_TEXT.split())
+_WEAK_WORDS = frozenset(_WEAK_TEXT.split())  # pronouns, auxiliaries and other function words
 _BUMP_SD_S = 0.07
 
 
@@ -69,11 +69,6 @@ def draw_delivery(rng: np.random.Generator, voices: tuple[str, ...]) -> Delivery
     )
 
 
-def is_weak(word: str) -> bool:
-    """Whether a word is a pronoun, an auxiliary or another function word."""
-    return word.lower() in _WEAK_WORDS
-
-
 def score_prominence(syllables: tuple[SpokenSyllable, ...], words: tuple[Word, ...]) -> tuple[SpokenSyllable, ...]:
     """Set prominences: 1.0 for focus, 0.85 for the last stressed content word of a phrase, less for other stresses."""
     scored = [replace(s, prominence=_base_score(s, words[s.word])) for s in syllables]
@@ -81,7 +76,7 @@ def score_prominence(syllables: tuple[SpokenSyllable, ...], words: tuple[Word, .
         group = range(first, last)
         if any(scored[i].prominence >= 1 for i in group):
             continue
-        content = [i for i in group if scored[i].prominence >= 0.45]
+        content = [i for i in group if scored[i].prominence >= STRESSED]
         fallback = [i for i in group if scored[i].is_stressed]
         for i in (content or fallback or list(group))[-1:]:
             scored[i] = replace(scored[i], prominence=0.85)
@@ -93,7 +88,7 @@ def _base_score(syllable: SpokenSyllable, word: Word) -> float:
         return 0.0
     if word.is_focus:
         return 1.0
-    if is_weak(word.text):
+    if word.text.lower() in _WEAK_WORDS:
         return 0.45 if word.meaning else 0.1
     return 0.45 + 0.2 * syllable.has_accent + 0.1 * bool(word.meaning)
 
@@ -121,7 +116,7 @@ def shape_pitch(
     semitones = 12 * np.log2(np.where(voiced, f0, centre) / centre) * delivery.spread
     time = np.arange(len(f0)) * frame_s
     for syllable in syllables:
-        if syllable.prominence >= 0.45:
+        if syllable.prominence >= STRESSED:
             bump = np.exp(-0.5 * ((time - syllable.vowel) / _BUMP_SD_S) ** 2)
             semitones = semitones + delivery.bump_semitones * syllable.prominence * bump
     if is_question and syllables:
@@ -137,7 +132,7 @@ def lift_nuclei(audio: FloatArray, rate_hz: int, syllables: tuple[SpokenSyllable
     time = np.arange(len(audio)) / rate_hz
     gain = np.zeros(len(audio))
     for syllable in syllables:
-        if syllable.prominence >= 0.45:
+        if syllable.prominence >= STRESSED:
             a, b = np.searchsorted(time, [syllable.vowel - 0.25, syllable.vowel + 0.25])
             near = time[a:b] - syllable.vowel
             gain[a:b] += syllable.prominence * db * np.exp(-0.5 * (near / 0.08) ** 2)

@@ -5,7 +5,8 @@ Training and test scripts share no sentence template and no pair of neighbouring
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from zlib import crc32
 
 import numpy as np
@@ -43,7 +44,9 @@ class Sentence:
 def write_sentence(rng: np.random.Generator, split: str = "train") -> Sentence:
     """Draw one sentence of a split ("train" or "test")."""
     while True:
-        template = _draw_template(rng, split)
+        shapes = templates(split)
+        choices = shapes[rng.integers(len(shapes))]
+        template = choices[rng.integers(len(choices))]
         fills: list[str] = []
         text = _expand(template, rng, fills)
         held_out = [_is_held_out(a, b) for a, b in zip(fills, fills[1:], strict=False)]
@@ -61,21 +64,14 @@ def write_monologue(rng: np.random.Generator, sentences: int, split: str = "trai
     return tuple(out)
 
 
-def templates(split: str) -> tuple[str, ...]:
-    """All sentence templates of a split."""
-    return tuple(t for shape in SENTENCES for t in _of_split(shape, split))
-
-
-def _of_split(shape: str, split: str) -> list[str]:
-    rank = list(SENTENCES).index(shape)
-    every = SENTENCES[shape]
-    return [t for i, t in enumerate(every) if ((i + rank) % _TEST_EVERY == 0) == (split == "test")]
-
-
-def _draw_template(rng: np.random.Generator, split: str) -> str:
-    shapes = [shape for shape in SENTENCES if _of_split(shape, split)]
-    choices = _of_split(shapes[rng.integers(len(shapes))], split)
-    return choices[rng.integers(len(choices))]
+@cache
+def templates(split: str) -> tuple[tuple[str, ...], ...]:
+    """The sentence templates of a split, grouped by their shape in `SENTENCES`."""
+    shapes = [
+        tuple(t for i, t in enumerate(every) if ((i + rank) % _TEST_EVERY == 0) == (split == "test"))
+        for rank, every in enumerate(SENTENCES.values())
+    ]
+    return tuple(shape for shape in shapes if shape)
 
 
 def _expand(template: str, rng: np.random.Generator, fills: list[str]) -> str:
@@ -103,8 +99,7 @@ def parse_words(text: str) -> tuple[Word, ...]:
     for piece in text.split():
         if piece == "[p]":
             if words:
-                last = words[-1]
-                words[-1] = Word(last.text, last.is_focus, last.meaning, last.mark or ",", True)
+                words[-1] = replace(words[-1], mark=words[-1].mark or ",", pause=True)
             continue
         marks = re.sub(r"[^,.?!]", "", piece)
         body, _, meaning = re.sub(r"[,.?!]", "", piece).partition("^")

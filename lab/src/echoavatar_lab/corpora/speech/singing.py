@@ -8,7 +8,7 @@ import numpy as np
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from ..sound import FloatArray, Source, TimeArray
-from .formant import FORMANT_VOICES, Array, synthesise, voice_of
+from .formant import FORMANT_VOICES, VOICE, Array, synthesise
 from .pronounce import VOWELS, syllabify
 from .script import write_sentence
 
@@ -23,7 +23,7 @@ def sing(music: FloatArray, beats: TimeArray, rng: np.random.Generator) -> tuple
     Phrases of 3 to 7 notes of one or two beats; notes follow the strongest pitch classes of the music.
     """
     voice = FORMANT_VOICES[rng.integers(len(FORMANT_VOICES))]
-    hertz, scale = voice_of(voice)
+    hertz, scale = VOICE[voice]
     frames = int(np.ceil(len(music) / SAMPLE_RATE_HZ / _HOP_S)) + 1
     phones: list[tuple[float, float, str]] = []
     pitch = np.full(frames, hertz)

@@ -9,16 +9,18 @@ import numpy as np
 from echoavatar.errors import DependencyError
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-from ..sound import FloatArray, SoundTrack, Span, Syllable, concatenate, whole_frames
+from ..sound import FloatArray, SoundTrack, Span, Syllable, bridged, concatenate, whole_frames
 from .flite import VOICES, flite
 from .formant import FORMANT_VOICES
 from .formant import say as formant_say
 from .prosody import Delivery, Utterance, draw_delivery
 from .script import Sentence, Word
 
+PHRASE_GAP_S = 0.15  # a shorter pause does not end a phrase
+
 
 def resolve_engine(engine: str) -> str:
-    """The engine, "flite" or "own", that `engine` ("auto", "flite", "own") means on this machine."""
+    """The engine that "auto", "flite" or "own" means on this machine: "flite" or "own"."""
     if engine == "own":
         return "own"
     try:
@@ -73,29 +75,17 @@ def _breaths(sentence: Sentence) -> list[tuple[Word, ...]]:
     return [tuple(group) for group in groups if group]
 
 
-def _phrases(said: Utterance) -> tuple[tuple[float, float], ...]:
-    """Stretches between pauses of more than 150 ms."""
-    phrases: list[tuple[float, float]] = []
-    for start, end, name in said.phones:
-        if name == "pau":
-            continue
-        if phrases and start - phrases[-1][1] < 0.15:
-            phrases[-1] = (phrases[-1][0], end)
-        else:
-            phrases.append((start, end))
-    return tuple(phrases)
-
-
 def _as_track(said: Utterance, words: tuple[Word, ...]) -> SoundTrack:
     audio: FloatArray = whole_frames(said.audio)
     syllables = tuple(
         Syllable(s.start, s.end, s.vowel, s.prominence, words[s.word].text, words[s.word].meaning)
         for s in said.syllables
     )
+    spoken = [(start, end) for start, end, name in said.phones if name != "pau"]
     return SoundTrack(
         audio=audio,
         spans=(Span(0.0, len(audio) / SAMPLE_RATE_HZ, "speech"),),
         syllables=syllables,
-        phrases=_phrases(said),
+        phrases=tuple(bridged(spoken, PHRASE_GAP_S)),
         phones=said.phones,
     )

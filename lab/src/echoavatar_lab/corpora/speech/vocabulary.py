@@ -1,49 +1,43 @@
 """The words and sentence shapes of the rehearsal scripts: plain dictionary words, written for this project."""
 
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(text.split())
-
-
-WORDS: dict[str, tuple[str, ...]] = {
-    "noun": _words(
+_TEXTS = {
+    "noun": (
         "house garden river table window letter picture story kitchen bottle mountain bridge ticket camera "
         "blanket market teacher neighbor doctor problem question answer number machine engine paper corner "
         "summer winter morning dinner coffee music movie island ocean forest village city station train "
         "basket ladder hammer button pocket mirror candle flower apple carrot potato cookie farmer captain "
         "dragon monkey rabbit chicken elephant computer telephone umbrella holiday birthday company"
     ),
-    "many": _words(
+    "many": (
         "books cats dogs cars trees birds boxes friends people children lights doors windows songs stories "
         "letters apples flowers tickets pictures buttons chairs bottles minutes hours days mistakes ideas"
     ),
-    "adj": _words(
+    "adj": (
         "old new red green blue quiet noisy empty broken pretty heavy funny lovely lonely clever famous "
         "simple golden yellow purple modern perfect dirty happy gentle hungry wooden silver common secret "
         "narrow hollow sudden bitter sweet strange warm cold bright dark soft hard slow quick fresh dry"
     ),
-    "size": _words("big huge tiny small little enormous giant tall wide long short deep thick thin massive"),
-    "verb": _words(
+    "size": "big huge tiny small little enormous giant tall wide long short deep thick thin massive",
+    "verb": (
         "saw found lost took brought carried opened closed painted cleaned fixed sold bought dropped "
         "followed watched noticed remembered forgot showed hid moved lifted pushed pulled touched answered"
     ),
-    "do": _words(
+    "do": (
         "see find take bring carry open close paint clean fix sell buy drop follow watch notice remember "
         "forget show hide move lift push pull touch answer change finish visit borrow collect repair"
     ),
-    "go": _words("walked ran went drove traveled hurried wandered climbed danced returned"),
-    "name": _words(
-        "Anna Peter Maria Robert Lucy Thomas Emma Daniel Laura Michael Susan David Helen Martin Nancy Oliver"
-    ),
-    "who": _words("nobody everybody somebody everyone"),
-    "number": _words("two three four five six seven eight nine ten eleven twelve twenty thirty fifty hundred"),
-    "time": _words("yesterday today tonight tomorrow sometimes usually already recently finally again"),
-    "day": _words("Monday Tuesday Wednesday Thursday Friday Saturday Sunday"),
-    "feel": _words("happy angry sad tired proud sorry worried excited afraid surprised nervous calm ready"),
-    "adverb": _words("really quickly slowly simply carefully quietly suddenly nearly almost never always"),
-    "place": _words("kitchen garden city station market village forest office school hospital theater library"),
-    "weather": _words("raining snowing windy sunny cloudy foggy freezing burning pouring"),
+    "go": "walked ran went drove traveled hurried wandered climbed danced returned",
+    "name": ("Anna Peter Maria Robert Lucy Thomas Emma Daniel Laura Michael Susan David Helen Martin Nancy Oliver"),
+    "who": "nobody everybody somebody everyone",
+    "number": "two three four five six seven eight nine ten eleven twelve twenty thirty fifty hundred",
+    "time": "yesterday today tonight tomorrow sometimes usually already recently finally again",
+    "day": "Monday Tuesday Wednesday Thursday Friday Saturday Sunday",
+    "feel": "happy angry sad tired proud sorry worried excited afraid surprised nervous calm ready",
+    "adverb": "really quickly slowly simply carefully quietly suddenly nearly almost never always",
+    "place": "kitchen garden city station market village forest office school hospital theater library",
+    "weather": "raining snowing windy sunny cloudy foggy freezing burning pouring",
 }
+WORDS = {slot: tuple(text.split()) for slot, text in _TEXTS.items()}
 
 PHRASES: dict[str, tuple[str, ...]] = {
     "np": ("the {noun}", "the {adj} {noun}", "my {noun}", "a {adj} {noun}", "your {adj} {noun}", "that {noun}"),
