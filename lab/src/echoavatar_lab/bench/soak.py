@@ -48,7 +48,7 @@ from echoavatar.wire.messages import (
     Sound,
     State,
 )
-from echoavatar_lab.evaluation.pictures import save_figure
+from echoavatar_lab.training.curves import save_figure
 
 START_S = 300.0  # for the server to load, and to compile on a new machine
 FAULT_S = 60.0  # between faults of the server

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
-from .pictures import save_figure
+from echoavatar_lab.training.curves import save_figure
 
 LEVEL = 0.95
 SAMPLES = 2000
