@@ -10,8 +10,8 @@ from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.models.fingers import FingerModel
 from echoavatar.models.fingers.clips import body_features, finger_clip
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
-from echoavatar_lab.data.clip import mirror_positions, mirror_rotations
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_axis_angle
+from echoavatar_lab.data.clip import mirror_positions, mirror_quaternions
 from echoavatar_lab.models.fingers import (
     FingerSampler,
     FingerTask,
@@ -31,9 +31,10 @@ def test_the_rate_ends_at_its_final_share() -> None:
 
 
 def test_the_mirrored_features_are_those_of_the_mirrored_body() -> None:
-    turns = matrix_from_axis_angle(0.5 * torch.randn(20, HUMANOID.joints, 3).cumsum(0) / 20)
+    quaternions = quaternion_from_axis_angle(0.5 * torch.randn(20, HUMANOID.joints, 3).cumsum(0) / 20)
+    turns, other = (matrix_from_quaternion(q) for q in (quaternions, mirror_quaternions(HUMANOID, quaternions)))
     root = 0.02 * torch.randn(20, 3).cumsum(0) + HUMANOID.offsets[0]
-    mirrored = body_features(mirror_rotations(HUMANOID, turns), mirror_positions(root))
+    mirrored = body_features(other, mirror_positions(root))
     torch.testing.assert_close(mirror_body(body_features(turns, root)), mirrored, atol=1e-5, rtol=1e-4)
 
 

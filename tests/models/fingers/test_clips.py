@@ -15,8 +15,8 @@ from echoavatar.models.fingers.clips import (
 )
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.motion import resample
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
-from echoavatar_lab.data.clip import mirror_rotations
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion
+from echoavatar_lab.data.clip import mirror_quaternions
 from echoavatar_lab.models.fingers import fit_basis
 
 
@@ -26,9 +26,11 @@ def test_finger_rotations_inverts_hand_poses() -> None:
 
 
 def test_a_mirrored_body_has_its_hands_swapped() -> None:
-    turns = waving(20).matrices()
+    motion = waving(20)
+    turns = motion.matrices()
     hands = hand_poses(turns[:, list(FINGERS)])
-    mirrored = hand_poses(mirror_rotations(HUMANOID, turns)[:, list(FINGERS)])
+    other = matrix_from_quaternion(mirror_quaternions(HUMANOID, torch.from_numpy(motion.rotations)))
+    mirrored = hand_poses(other[:, list(FINGERS)])
     torch.testing.assert_close(mirrored, hands.flip(1))
 
 

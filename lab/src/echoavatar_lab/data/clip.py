@@ -161,12 +161,6 @@ class open_clip:  # noqa: N801  used like `open`
             raise MotionError(f"clip {self.path} is damaged ({error}); make the corpus again") from error
 
 
-def mirror_rotations(skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"]) -> Float[Tensor, "*n j 3 3"]:
-    """Parent-relative matrices of the mirrored pose."""
-    flip = rotations.new_tensor([-1.0, 1.0, 1.0])
-    return rotations[..., _pairs(skeleton), :, :] * flip[:, None] * flip
-
-
 def mirror_quaternions(skeleton: Skeleton, quaternions: Float[Tensor, "*n j 4"]) -> Float[Tensor, "*n j 4"]:
     """Parent-relative quaternions `wxyz` of the mirrored pose."""
     return quaternions[..., _pairs(skeleton), :] * quaternions.new_tensor([1.0, 1.0, -1.0, -1.0])
