@@ -24,9 +24,9 @@ from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec, LevelControl
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import to_features
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
+from echoavatar.motion.kinematics import Motion, from_features, to_features
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.generator.windows import TokenClip
@@ -130,6 +130,15 @@ def clip_features(tokenizer: BodyTokenizer, clip: Clip, *, is_mirrored: bool = F
     rotations = matrix_from_quaternion(torch.from_numpy(clip.rotations[:frames]))
     features = to_features(tokenizer.skeleton, rotations, torch.from_numpy(clip.root[:frames]))
     return mirror_features(tokenizer.skeleton, features) if is_mirrored else features
+
+
+@torch.inference_mode()
+def motion_of_codes(tokenizer: BodyTokenizer, codes: Int[Tensor, "n p q"]) -> Motion:
+    """The motion of codes on any device, decoded on the tokenizer's rig; nothing behind the decoder runs."""
+    decoded = tokenizer.decode(codes[None].to(tokenizer.mean.device))[0].cpu()
+    frames = from_features(tokenizer.skeleton, decoded)
+    rotations = quaternion_from_matrix(frames.rotations).numpy()
+    return Motion(tokenizer.skeleton, rotations, frames.root.numpy(), float(FRAME_RATE_HZ))
 
 
 def tokenize_sounds(

@@ -43,7 +43,7 @@ from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import train
 from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
-from .experiment import Experiment, make_once, motion_of
+from .experiment import Experiment, make_once
 from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
 from .scores import GENERATION_COLUMNS, generation_cells, papers
 from .table import Cell, Column, Line, Table
@@ -99,8 +99,7 @@ def waves(experiment: Experiment) -> list[Sequence[Part]]:
 
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
-    truth = [motion_of(clip) for clip in experiment.test_clips]
-    lines = [Line("GT", {}, generation_cells(experiment, truth))]
+    lines = [Line("GT", {}, generation_cells(experiment, experiment.true_motions))]
     experiment.say(f"line: {UNTUNED[0]}")
     untuned = generation_cells(experiment, experiment.generated_motions(GeneratorChoice(OURS.name)))
     lines.append(Line(UNTUNED[0], UNTUNED[1], untuned))

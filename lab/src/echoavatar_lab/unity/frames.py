@@ -105,8 +105,11 @@ def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> N
 
 def smoothed(block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None) -> Float[np.ndarray, "t c"]:
     """Smooth a block, and blend its first frames with the last frame of the previous smoothed block."""
-    smooth = savgol_filter(block, _WINDOW, _DEGREE, axis=0)
-    return smooth if last is None else _blended(smooth, last[None])
+    smooth = np.asarray(savgol_filter(block, _WINDOW, _DEGREE, axis=0))
+    if last is None:
+        return smooth
+    shares = (np.arange(BLEND_FRAMES)[:, None] + 1) / (BLEND_FRAMES + 1)
+    return np.concatenate([shares * smooth[:BLEND_FRAMES] + (1 - shares) * last, smooth[BLEND_FRAMES:]])
 
 
 def at_60_fps(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
@@ -119,18 +122,9 @@ def rotations_at_60_fps(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray,
     """The same for unit quaternions."""
     following = np.concatenate([frames[1:], frames[-1:]])
     following = following * np.where((frames * following).sum(-1, keepdims=True) < 0, -1, 1)
-    return np.stack([frames, _unit(frames + following)], 1).reshape(-1, *frames.shape[1:])
-
-
-def _blended(block: np.ndarray, last: np.ndarray) -> np.ndarray:
-    shares = (np.arange(BLEND_FRAMES) + 1) / (BLEND_FRAMES + 1)
-    shares = shares.reshape(-1, *([1] * (block.ndim - 1)))
-    drawn = shares * block[:BLEND_FRAMES] + (1 - shares) * last
-    return np.concatenate([drawn, block[BLEND_FRAMES:]])
-
-
-def _unit(quaternions: np.ndarray) -> np.ndarray:
-    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
+    between = frames + following
+    between = between / np.linalg.norm(between, axis=-1, keepdims=True)
+    return np.stack([frames, between], 1).reshape(-1, *frames.shape[1:])
 
 
 HEADER = struct.Struct(">I")
