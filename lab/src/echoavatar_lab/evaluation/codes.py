@@ -71,17 +71,17 @@ class Reliance(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """What the audio is worth."""
+        """How much the audio lowers the NLL."""
         return self.shuffled - self.true
 
     @property
     def timing_gain(self) -> float:
-        """What its timing is worth."""
+        """How much the audio's timing lowers the NLL."""
         return self.late - self.true
 
 
 def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, Reliance]:
-    """By each of `HEARD` that occurs."""
+    """The reliance in each kind of sound in `HEARD` that occurs."""
     true = nll_by_domain(generator, tokens)
     shuffled = nll_by_domain(generator, tokens, shuffled_audio=True)
     late = nll_by_domain(

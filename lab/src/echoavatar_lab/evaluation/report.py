@@ -190,7 +190,7 @@ def behaviour_rows(made: Sequence[Track], truth: Sequence[Track] | None, chunk: 
 
 
 def _behaviour(clips: Sequence[Track], chunk: ChunkSize) -> dict[tuple[str, str], float]:
-    """By name and unit."""
+    """Values by name and unit."""
     legs = [0, *(i for i, name in enumerate(HUMANOID.names) if name.endswith(("LowerLeg", "Foot", "Toes")))]
     energy = [leg_energy(clip, legs) for clip in clips]
     speed = [hand_speed_m_s(clip, HUMANOID.indices(("leftHand", "rightHand"))) for clip in clips]

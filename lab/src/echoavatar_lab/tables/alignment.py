@@ -93,7 +93,7 @@ class TunedOutcome(NamedTuple):
 
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
-    """The parts of the table, see `waves`: the generator, both rewards, the three methods."""
+    """The parts of the table, see `scale.generator_waves`: the generator, both rewards, the three methods."""
     return [*generator_waves([GeneratorChoice(OURS.name)]), [_setting], [partial(tuned, method=one) for one in LINES]]
 
 
@@ -134,7 +134,18 @@ def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
         if method == "dpo":
             pairs = folder / "pairs.jsonl"
             if not pairs.exists():
-                _rank(experiment, ready, pairs, training)
+                make_pairs(
+                    ready,
+                    pairs,
+                    prompts=BUDGETS[experiment.scale.name].prompts,
+                    past=training.past,
+                    length=training.length,
+                    group=8,
+                    margin=0.0,
+                    fewest_events=training.fewest_events,
+                    seed=experiment.seed,
+                    progress=experiment.progress,
+                )
         task = training_task(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
         tune(task, folder, device=experiment.device, trackers=experiment.trackers, progress=experiment.progress)
 
@@ -223,21 +234,6 @@ def _reward_settings(
 def reward_window(clips: dict[str, TokenClip]) -> int:
     """The window of both rewards in chunks: 4 s, or less if the clips are shorter."""
     return min(WINDOW_CHUNKS, *(clip.chunks for clip in clips.values()))
-
-
-def _rank(experiment: Experiment, ready: AlignmentSetup, path: Path, training: AlignTraining) -> None:
-    make_pairs(
-        ready,
-        path,
-        prompts=BUDGETS[experiment.scale.name].prompts,
-        past=training.past,
-        length=training.length,
-        group=8,
-        margin=0.0,
-        fewest_events=training.fewest_events,
-        seed=experiment.seed,
-        progress=experiment.progress,
-    )
 
 
 def _folder(experiment: Experiment, method: Method) -> Path:

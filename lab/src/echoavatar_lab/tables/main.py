@@ -88,7 +88,7 @@ def make(experiment: Experiment) -> Table:
 
 
 def foreign_notes(experiment: Experiment, others: Mapping[str, Sequence[Motion]]) -> list[str]:
-    """What was scored of other systems: the same clips, and how many of them are cut short."""
+    """Notes on the motion of other systems: it is of the same clips, and some of it may be cut short."""
     told = []
     for name, motions in others.items():
         short = [clip.frames - motion.frames for motion, clip in zip(motions, experiment.test_clips, strict=True)]

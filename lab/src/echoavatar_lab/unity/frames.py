@@ -70,13 +70,13 @@ class UnityAxes:
         self._units = 1 / rig.metres_per_unit
 
     def rotations(self, quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
-        """From ours (`wxyz`) to theirs (`xyzw`)."""
+        """Our quaternions (`wxyz`) as quaternions in Unity's axes (`xyzw`)."""
         ours = matrix_from_quaternion(torch.from_numpy(quaternions).double())
         turned = self._matrices @ (self._axes.T @ ours @ self._axes) @ self._inverse
         return quaternion_from_matrix(turned)[..., [1, 2, 3, 0]].numpy().astype(np.float32)
 
     def positions(self, root: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-        """From ours in metres to theirs in centimetres."""
+        """Our positions in metres as positions in Unity's axes in centimetres."""
         x, y, z = (root.astype(np.float64) @ self._axes.numpy()).T * self._units
         return np.stack([x, z, -y], 1).astype(np.float32)
 
@@ -113,13 +113,13 @@ def smoothed(block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | No
 
 
 def at_60_fps(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
-    """From 30 to 60 fps: insert midpoints, and repeat the last frame."""
+    """From 30 to 60 fps for vectors: insert midpoints, and repeat the last frame."""
     following = np.concatenate([frames[1:], frames[-1:]])
     return np.stack([frames, (frames + following) / 2], 1).reshape(-1, *frames.shape[1:])
 
 
 def rotations_at_60_fps(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "u j 4"]:
-    """The same for unit quaternions."""
+    """From 30 to 60 fps for unit quaternions, whose midpoints are unit quaternions again."""
     following = np.concatenate([frames[1:], frames[-1:]])
     following = following * np.where((frames * following).sum(-1, keepdims=True) < 0, -1, 1)
     between = frames + following
