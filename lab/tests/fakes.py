@@ -1,12 +1,13 @@
-"""A experiment of four swaying clips that trains nothing: whatever is made is the truth, turned down."""
+"""An experiment of four swaying clips that trains nothing: whatever is made is the truth, turned down."""
 
 from dataclasses import replace
 
 import torch
 from lab.tests.evaluation.clips import MUSIC, SPEECH, clip
 
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.evaluation.table import Interval, Row
-from echoavatar_lab.tables.experiment import motion_of
+from echoavatar_lab.tables.experiment import Experiment
 from echoavatar_lab.tables.scale import TINY
 
 
@@ -27,7 +28,8 @@ def counted(motions, clips, extractor, *, seed: int = 0) -> list[Row]:
 
 class FakeExperiment:
     seed, scale, extractor, device = 0, TINY, FakeExtractor(), "cpu"
-    runtime = "paper"
+    runtime, rig = "paper", HUMANOID
+    baseline_motions = Experiment.baseline_motions
 
     def __init__(self) -> None:
         self.said: list[str] = []
@@ -38,6 +40,10 @@ class FakeExperiment:
         ]
         self.train_clips = [replace(one, split="train") for one in self.test_clips]
 
+    @property
+    def true_motions(self):
+        return [one.motion() for one in self.test_clips]
+
     def say(self, line: str) -> None:
         self.said.append(line)
 
@@ -46,4 +52,4 @@ class FakeExperiment:
 
     def generated_motions(self, choice):
         self.asked.append(choice.name)
-        return [motion_of(one) for one in self.test_clips]
+        return self.true_motions

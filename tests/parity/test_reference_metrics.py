@@ -14,7 +14,7 @@ from echoavatar_lab.evaluation.metrics.beat_alignment import (
     speech_onsets,
 )
 from echoavatar_lab.evaluation.metrics.distributions import frechet_distance
-from echoavatar_lab.evaluation.metrics.positions import l1_diversity
+from echoavatar_lab.evaluation.metrics.positions import l1_deviation
 
 
 def stored(name: str) -> dict[str, np.ndarray]:
@@ -56,4 +56,5 @@ def test_hit_rate_and_diversity() -> None:
     ours = hit_rate(np.array([0.5, 1, 2.2]), np.array([0.45, 1.4, 3]), 0.3)
     assert ours == pytest.approx(float(golden["gahr_demo"]), abs=1e-9)
     joints = golden["joints"].reshape(-1, 55, 3)
-    assert l1_diversity([joints, joints[:120]]) == pytest.approx(float(golden["l1div"]), abs=1e-9)
+    spread = np.average([l1_deviation(joints), l1_deviation(joints[:120])], weights=[len(joints), 120])
+    assert spread == pytest.approx(float(golden["l1div"]), abs=1e-9)

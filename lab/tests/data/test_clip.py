@@ -116,7 +116,7 @@ def test_twice_is_nothing():
     assert torch.equal(mirror_features(HUMANOID, mirror_features(HUMANOID, features)), features)
 
 
-def test_all_forms_agree():
+def test_both_forms_agree():
     quaternions, root = random_clip()
     rotations = matrix_from_quaternion(quaternions)
     mirrored = matrix_from_quaternion(mirror_quaternions(HUMANOID, quaternions))

@@ -10,7 +10,6 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.evaluation.metrics.retrieval import chance
 from echoavatar_lab.tables import alignment, scores
 from echoavatar_lab.tables.alignment import QUOTED, RETRIEVAL_COLUMNS, _quoted, _retrieval_lines
-from echoavatar_lab.tables.experiment import motion_of
 from echoavatar_lab.tables.table import Table
 
 PROBES = (
@@ -43,7 +42,7 @@ def test_every_method_has_a_line_and_the_untuned_one_the_rewards_it_began_with(e
     def tuned(where, method):
         asked.append(method)
         rewards = alignment.rewards_of(where.folder / "alignment" / "grpo")
-        return alignment.TunedOutcome([motion_of(clip) for clip in where.test_clips], rewards)
+        return alignment.TunedOutcome(where.true_motions, rewards)
 
     monkeypatch.setattr(scores, "generation_scores", counted)
     monkeypatch.setattr(alignment, "tuned", tuned)

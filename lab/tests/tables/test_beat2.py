@@ -16,7 +16,7 @@ from echoavatar_lab.datasets import survey_of
 from echoavatar_lab.foreign.smpl import read_smplx
 from echoavatar_lab.tables import beat2
 from echoavatar_lab.tables.beat2 import Beat2Experiment, write_sample
-from echoavatar_lab.tables.experiment import Experiment, Sources, motion_of
+from echoavatar_lab.tables.experiment import Experiment, Sources
 from echoavatar_lab.tables.scale import PAPER, TINY
 from echoavatar_lab.tables.skeleton_convolution import SkeletonConvolution, SkeletonConvolutionConfig
 
@@ -63,7 +63,7 @@ def test_a_copy_becomes_a_set_on_smplx_joints_and_is_kept(copy: Path, tmp_path: 
 
 def test_positions_have_the_root_at_the_origin(copy: Path, tmp_path: Path) -> None:
     made = beat2_experiment(tmp_path, copy)
-    places = made.positions(made.motion(made.test_clips[0]))
+    places = made.positions(made.true_motions[0])
     assert places.shape == (64, 55, 3)
     assert float(places[:, 0].abs().max()) == 0
     assert float(places[0, 15, 1]) == pytest.approx(
@@ -101,7 +101,7 @@ def thrice(clip: Clip) -> Clip:
 class FakeBeat2(FakeExperiment):
     """On our rig, some of whose joints stand for SMPL-X's thirteen."""
 
-    sources, is_synthetic, motion = Sources(), True, staticmethod(motion_of)
+    sources, is_synthetic = Sources(), True
 
     class extractor:  # noqa: N801  (an object, not a kind)
         @staticmethod
@@ -151,7 +151,7 @@ def test_each_clip_of_motion_counts_by_its_length() -> None:
     frames = long.frames // 3
     short = Clip("short", long.audio[: frames * 800], long.rotations[:frames], long.root[:frames], long.domain[:frames])
     experiment.test_clips = [long, short]
-    still = motion_of(replace(short, rotations=np.tile(short.rotations[:1], (frames, 1, 1))))
-    alone = {row.name: row.value for row in beat2.scored(experiment, [motion_of(long), motion_of(short)])}
-    mixed = {row.name: row.value for row in beat2.scored(experiment, [motion_of(long), still])}
+    still = replace(short, rotations=np.tile(short.rotations[:1], (frames, 1, 1))).motion()
+    alone = {row.name: row.value for row in beat2.scored(experiment, experiment.true_motions)}
+    mixed = {row.name: row.value for row in beat2.scored(experiment, [long.motion(), still])}
     assert mixed["l1_diversity"] == pytest.approx(0.75 * alone["l1_diversity"], rel=0.02)

@@ -1,9 +1,11 @@
 """EMAGE's extractor against the released implementation, run with random weights (tests/fixtures/golden)."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import torch
+from safetensors.torch import save_file
 from tests.golden import golden
 from tests.parity.test_reference_tokenizer import procedural
 
@@ -42,13 +44,16 @@ def test_names_shapes_and_masks_of_the_extractor() -> None:
 
 
 @torch.no_grad()
-def test_the_extractor_gives_the_released_numbers() -> None:
+def test_the_extractor_gives_the_released_numbers(tmp_path: Path) -> None:
     golden = {key: torch.from_numpy(value) for key, value in stored("fid_vaeskconv.npz").items()}
     own = SkeletonConvolution(SkeletonConvolutionConfig()).state_dict()
     built = set(told("fid_vaeskconv_keys.json")["not_procedural(topology-derived)"])
     drawn = procedural({key: tuple(own[key].shape) for key in own if key not in built}, 5001)
     prefixed = {f"module.{key}": value for key, value in (own | drawn).items()}
-    model = SkeletonConvolution.from_weights(prefixed)
+    config = SkeletonConvolutionConfig().model_dump_json()
+    (tmp_path / "config.json").write_text(config)
+    save_file(prefixed, tmp_path / "model.safetensors")
+    model = SkeletonConvolution.load(tmp_path)
     latent = model.encode(golden["x"])
     torch.testing.assert_close(latent, golden["latent"], atol=5e-5, rtol=0)
     torch.testing.assert_close(model.decode(latent), golden["rec"], atol=5e-5, rtol=0)

@@ -4,7 +4,6 @@ from lab.tests.fakes import FakeExperiment, FakeExtractor
 
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.models.tokenizer.train import as_one_part
-from echoavatar_lab.tables.experiment import motion_of
 from echoavatar_lab.tables.scores import generation_scores, reconstruction_scores
 
 
@@ -37,6 +36,6 @@ def test_a_slide_of_a_millimetre_is_ten_of_the_papers_units(skeleton) -> None:
 
 def test_truth_against_itself_is_no_distance() -> None:
     clips = FakeExperiment().test_clips
-    rows = {row.name: row for row in generation_scores([motion_of(c) for c in clips], clips, FakeExtractor())}
+    rows = {row.name: row for row in generation_scores([c.motion() for c in clips], clips, FakeExtractor())}
     assert rows["fid"].value == pytest.approx(0, abs=1e-6)
     assert {"ba_g_paper", "ba_d_paper", "l1_diversity"} <= rows.keys()

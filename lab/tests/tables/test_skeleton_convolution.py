@@ -86,8 +86,9 @@ def test_weights_come_back_with_and_without_the_prefix(model: SkeletonConvolutio
     weights = {f"module.{key}": value.contiguous() for key, value in model.state_dict().items()}
     save_file(weights, tmp_path / "model.safetensors")
     torch.testing.assert_close(SkeletonConvolution.load(tmp_path).encode(x), model.encode(x))
+    save_file({}, tmp_path / "model.safetensors")
     with pytest.raises(CheckpointError, match="missing"):
-        SkeletonConvolution.from_weights({}, SMALL)
+        SkeletonConvolution.load(tmp_path)
 
 
 @pytest.mark.parametrize("shape", [(1, 30, 42), (1, 32, 41), (1, 0, 42)])

@@ -6,7 +6,6 @@ from lab.tests.fakes import FakeExperiment, counted
 from echoavatar_lab.evaluation.motion_folder import motion_files
 from echoavatar_lab.tables import scores, user_study
 from echoavatar_lab.tables.alignment import TunedOutcome
-from echoavatar_lab.tables.experiment import motion_of
 from echoavatar_studio.settings import read_study
 from echoavatar_studio.sources import read_sounds
 
@@ -24,7 +23,7 @@ def test_each_kind_is_scored_on_its_own_clips(monkeypatch: pytest.MonkeyPatch) -
 def test_the_package_is_a_study_of_the_studio(tmp_path: Path, monkeypatch) -> None:
     experiment = FakeExperiment()
     experiment.folder = tmp_path
-    truth = [motion_of(clip) for clip in experiment.test_clips]
+    truth = experiment.true_motions
     experiment.foreign_motions = lambda: {"EDGE": truth}
     monkeypatch.setattr(user_study, "tuned", lambda experiment, method: TunedOutcome(truth, {}))
     path = user_study.write_study(experiment)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder
 
 from . import serve

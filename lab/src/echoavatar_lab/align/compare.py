@@ -16,6 +16,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
+from echoavatar_lab.training.curves import save_figure
 from echoavatar_lab.training.metrics_log import read_metrics
 
 from .policy import GeneratorPolicy, check_reference
@@ -73,7 +74,7 @@ def draw_run(metrics: Path, picture: Path) -> None:
         if axis.get_legend_handles_labels()[0]:
             axis.legend(fontsize=7)
     figure.tight_layout()
-    figure.savefig(picture, dpi=100)
+    save_figure(figure, picture, dpi=100)
 
 
 def _draw_cost(axis: Any, at: Sequence[int], probes: Sequence[Mapping[str, Any]]) -> None:

@@ -17,12 +17,12 @@ from torch import Tensor
 from echoavatar.files.avatar.video import Shot, write_film
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Motion, Skeleton, from_features
+from echoavatar.motion.kinematics import Skeleton, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, moments, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, motion_features
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
+from echoavatar_lab.models.tokenize import motion_of_codes
 
 from .decoded_motion import DecodedMotion, decode_continuations, decode_truth
 from .policy import GeneratorPolicy, exact_kl, mean_by_layer
@@ -194,9 +194,6 @@ class SampleVideos:
         codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1)
         sounds = self._codec.decode(batch.audio.cpu())
         path.parent.mkdir(parents=True, exist_ok=True)
-        skeleton = self._tokenizer.skeleton
-        moved = from_features(skeleton, self._tokenizer.decode(codes.to(self._tokenizer.mean.device)).cpu())
-        rotations = quaternion_from_matrix(moved.rotations)
-        for at, sound in enumerate(sounds):
-            motion = Motion(skeleton, rotations[at].numpy(), moved.root[at].numpy(), FRAME_RATE_HZ)
-            write_film(path.with_name(f"{path.name}_{at}.mp4"), motion, sound.numpy(), shot=Shot(FILM_SIZE, samples=1))
+        for at, (row, sound) in enumerate(zip(codes, sounds, strict=True)):
+            target = path.with_name(f"{path.name}_{at}.mp4")
+            write_film(target, motion_of_codes(self._tokenizer, row), sound.numpy(), shot=Shot(FILM_SIZE, samples=1))

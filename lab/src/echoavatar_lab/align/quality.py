@@ -304,6 +304,8 @@ def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path:
     """The paper's figure: mean score over severity, measured and assigned, for trained and unseen kinds."""
     from matplotlib.figure import Figure  # costs every start of `align` half a second
 
+    from echoavatar_lab.training.curves import save_figure
+
     means, unseen = found["levels"], found["unseen"]
     assert isinstance(means, dict)
     assert isinstance(unseen, dict)
@@ -324,4 +326,4 @@ def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path:
         axis.set_xlabel("severity")
     axes[0].set_ylabel("quality reward, held-out")
     figure.tight_layout()
-    figure.savefig(path, dpi=120)
+    save_figure(figure, path, dpi=120)

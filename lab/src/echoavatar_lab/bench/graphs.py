@@ -22,7 +22,7 @@ _STAGES = {"codec": "encoder", "generator": "generator", "decoder": "decoder", "
 
 @dataclass(frozen=True)
 class GraphReport:
-    """Milliseconds (p50, p95) of each stage of a chunk, and where."""
+    """Milliseconds (p50, p95) of each stage of a chunk, and the device that took them."""
 
     stages_ms: dict[str, tuple[float, float]]
     device: str
@@ -64,7 +64,7 @@ def bench_graphs(bundle: Bundle, *, device: str = "cuda", chunks: int = 100) -> 
 
 
 def _now(is_cuda: bool) -> float:
-    """The clock, when the GPU has done what it was asked."""
+    """The time in seconds when the GPU has finished its work."""
     if is_cuda:
         torch.cuda.synchronize()
     return time.perf_counter()

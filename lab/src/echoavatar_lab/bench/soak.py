@@ -48,7 +48,7 @@ from echoavatar.wire.messages import (
     Sound,
     State,
 )
-from echoavatar_lab.evaluation.pictures import save_figure
+from echoavatar_lab.training.curves import save_figure
 
 START_S = 300.0  # for the server to load, and to compile on a new machine
 FAULT_S = 60.0  # between faults of the server
@@ -63,7 +63,7 @@ TROUBLES = ("drop", "stall", "flood", "interrupt", "vanish")
 
 
 class Watcher:
-    """What comes in one session, checked against its clock and epoch."""
+    """Counts the messages of one session and checks them against its clock and epoch."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -221,7 +221,7 @@ def bench_soak(
     faults: bool = False,
     progress: Callable[[float], None],
 ) -> dict[str, Any]:
-    """Run it. `progress` is told the minutes that have passed.
+    """Run the soak. `progress` is told the minutes that have passed.
 
     The report is counts, the share of real time that the sessions' motion reached, and memory over time in MB.
 

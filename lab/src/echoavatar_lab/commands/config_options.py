@@ -7,6 +7,28 @@ from typing import Any, Literal, get_args, get_origin
 from echoavatar.config import Config
 
 
+def add_field(
+    parser: argparse._ActionsContainer, flag: str, config: type[Config], name: str, *, default: Any = None
+) -> argparse.Action:
+    """Declare an option for a field that is a switch, a number, a text, a path or a literal; it has no default itself.
+
+    The help names `default`, or the field's own where that is None. A switch that is on by default is turned off.
+    """
+    field = config.model_fields[name]
+    own = field.default if default is None else default
+    kind: Any = field.annotation
+    if kind is bool:
+        how: dict[str, Any] = {"action": "store_false" if own else "store_true"}
+        text = f"turn off: {field.description}" if own else str(field.description)
+    else:
+        if type(None) in get_args(kind):
+            (kind,) = (one for one in get_args(kind) if one is not type(None))
+        is_literal = get_origin(kind) is Literal
+        how = {"type": str if is_literal else kind, "choices": get_args(kind) if is_literal else None}
+        text = f"{field.description} (default: {'none' if own is None else own})"
+    return parser.add_argument(flag, default=None, help=text.replace("%", "%%"), **how)
+
+
 def add_fields(
     parser: argparse._ActionsContainer,
     config: type[Config],
@@ -14,23 +36,10 @@ def add_fields(
     *,
     default: str | Mapping[str, Any] | None = None,
 ) -> None:
-    """Declare `--NAME` for fields that are numbers, texts, paths or literals; the option itself has no default.
-
-    The help names the field's default, `default` if it is a text, or the values that `default` holds by name.
-    """
+    """Declare `--NAME` for several fields, see `add_field`; a mapping holds what the help names by field."""
     for name in names:
-        field = config.model_fields[name]
-        kind: Any = field.annotation
-        if type(None) in get_args(kind):
-            (kind,) = (one for one in get_args(kind) if one is not type(None))
-        is_literal = get_origin(kind) is Literal
-        own = default.get(name, field.default) if isinstance(default, Mapping) else default or field.default
-        parser.add_argument(
-            f"--{name.replace('_', '-')}",
-            type=str if is_literal else kind,
-            choices=get_args(kind) if is_literal else None,
-            help=f"{field.description} (default: {'none' if own is None else own})".replace("%", "%%"),
-        )
+        told = default.get(name) if isinstance(default, Mapping) else default
+        add_field(parser, f"--{name.replace('_', '-')}", config, name, default=told)
 
 
 def given_fields(args: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:

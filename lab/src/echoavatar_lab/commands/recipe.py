@@ -15,7 +15,7 @@ import json
 from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar, get_args, get_origin
+from typing import Any, NamedTuple, TypeVar
 
 import yaml
 from pydantic import ValidationError
@@ -23,14 +23,10 @@ from pydantic import ValidationError
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 
+from .config_options import add_field
+
 SECTIONS = ("model", "training")
 ConfigT = TypeVar("ConfigT", bound=Config)
-
-
-class _Field(NamedTuple):
-    section: str
-    name: str
-    is_inverted: bool
 
 
 class Options:
@@ -45,7 +41,7 @@ class Options:
         base: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> None:
         """`base` holds defaults, by section, that replace those of the configs."""
-        self._parser, self._fields = parser, dict[str, _Field]()
+        self._parser, self._fields = parser, dict[str, tuple[str, str]]()
         self._configs = {"model": model, "training": training}
         self._base = {section: dict((base or {}).get(section, {})) for section in SECTIONS}
         parser.add_argument(
@@ -56,17 +52,9 @@ class Options:
     def add(self, flag: str, field: str) -> None:
         """Declare an option for `section.name`; of a field that is on by default, one that turns it off."""
         section, name = field.split(".")
-        about = self._configs[section].model_fields[name]
-        default, text, kind = self._base[section].get(name, about.default), str(about.description), about.annotation
-        how: dict[str, Any] = {"action": "store_true"}
-        if kind is bool:
-            text = f"turn off: {text}" if default else text
-        else:
-            is_literal = get_origin(kind) is Literal
-            how = {"type": str if is_literal else kind, "choices": get_args(kind) if is_literal else None}
-            text += f" (default: {default})"
-        action = self._parser.add_argument(flag, default=None, help=text.replace("%", "%%"), **how)
-        self._fields[action.dest] = _Field(section, name, kind is bool and bool(default))
+        default = self._base[section].get(name)
+        action = add_field(self._parser, flag, self._configs[section], name, default=default)
+        self._fields[action.dest] = section, name
 
     def settings(self, args: argparse.Namespace, base: Mapping[str, Mapping[str, Any]] | None = None) -> "Settings":
         """Merge the settings; priority: command line, recipe, `base` (by default the options' own)."""
@@ -77,11 +65,10 @@ class Options:
         for section, found in recipe.items():
             _merge(values[section], found)
         named = {(section, name) for section, found in recipe.items() for name in found}
-        for dest, field in self._fields.items():
-            given = getattr(args, dest)
-            if given is not None:
-                values[field.section][field.name] = (not given) if field.is_inverted else given
-                named.add((field.section, field.name))
+        for dest, (section, name) in self._fields.items():
+            if (given := getattr(args, dest)) is not None:
+                values[section][name] = given
+                named.add((section, name))
         return Settings(values["model"], values["training"], named, str(args.recipe or "the command line"))
 
 

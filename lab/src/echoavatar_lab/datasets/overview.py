@@ -14,6 +14,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.data.statistics import own_frame, wrist_speeds
 from echoavatar_lab.evaluation.pictures import contact_sheet, save_picture
+from echoavatar_lab.training.curves import save_figure
 
 MOST_CLIPS = 200  # in the histograms, spread over the set
 LONGEST_S = 60.0  # used of each clip
@@ -30,7 +31,7 @@ def draw_overview(corpus: Corpus, folder: Path, *, sheets: int = 3) -> list[Path
     written = []
     for name, figure in pictures.items():
         figure.tight_layout()
-        figure.savefig(folder / f"{name}.png", dpi=110)
+        save_figure(figure, folder / f"{name}.png")
         written.append(folder / f"{name}.png")
     for name in _spread(names, sheets):
         path = folder / f"sheet_{name}.png"

@@ -64,7 +64,7 @@ class ActionScore(NamedTuple):
 def evaluate_actions(
     pipeline: Pipeline, audio: Float[np.ndarray, " s"], names: Sequence[str] = (), *, seeds: Sequence[int] = SEEDS
 ) -> list[ActionScore]:
-    """All actions of the bundle with a reference clip of ours (or those in `names`), in one batch for each seed."""
+    """Score all actions of the bundle that we have a reference clip of (or those in `names`), a batch for each seed."""
     chosen = list(names) or [name for name in SCRIPTS if name in pipeline.actions]
     runs = [_run(pipeline, audio, chosen, seed) for seed in seeds]
     return [_mean(same) for same in zip(*runs, strict=True)]

@@ -22,6 +22,7 @@ from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.data.statistics import turned_feet
+from echoavatar_lab.training.curves import save_figure
 
 from .metrics.distributions import frechet_distance, held_out_accuracy, scaled_by_truth
 from .metrics.liveliness import (
@@ -36,7 +37,7 @@ from .metrics.liveliness import (
     liveliness,
     windows,
 )
-from .pictures import contact_sheet, save_figure
+from .pictures import contact_sheet
 from .takes import Sound, Take, joined, perform
 
 QUIET_TAKES = 3  # of silence, and of listening

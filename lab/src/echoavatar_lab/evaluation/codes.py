@@ -26,22 +26,21 @@ from echoavatar.engine.pipeline import Bundle
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import HUMANOID, Motion, from_features
+from echoavatar.motion.kinematics import HUMANOID, from_features
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.motion.stages.post import Post
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data import MUSIC, Clip
 from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenize import audio_codes, motion_codes
+from echoavatar_lab.models.tokenize import audio_codes, motion_codes, motion_of_codes
 from echoavatar_lab.models.tokenizer.measure import code_usage
 from echoavatar_lab.models.tokenizer.train import whole_features
 
 from .beat_rows import event_rows
 from .measures import Track, track
 from .metrics.liveliness import POINTS, shoulder_turn_deg
-from .metrics.positions import jerk_m_s3, reconstruction
+from .metrics.positions import Reconstruction, jerk_m_s3, reconstruction
 from .table import Row, row_of_means
 
 HEARD = ("silence", "speech", "music", "all")
@@ -73,17 +72,17 @@ class Reliance(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """What the audio is worth."""
+        """How much the audio lowers the NLL."""
         return self.shuffled - self.true
 
     @property
     def timing_gain(self) -> float:
-        """What its timing is worth."""
+        """How much the audio's timing lowers the NLL."""
         return self.late - self.true
 
 
 def reliance(generator: Generator, tokens: Sequence[TokenClip]) -> dict[str, Reliance]:
-    """By each of `HEARD` that occurs."""
+    """The reliance in each kind of sound in `HEARD` that occurs."""
     true = nll_by_domain(generator, tokens)
     shuffled = nll_by_domain(generator, tokens, shuffled_audio=True)
     late = nll_by_domain(
@@ -130,11 +129,16 @@ def reconstruction_rows(tokenizer: BodyTokenizer, clips: Sequence[Clip], *, seed
         motions = [from_features(skeleton, side).rotations for side in (features, rebuilt)]
         steps = [side[:, travel][:, :2] for side in (features, rebuilt)]
         errors.append(reconstruction(skeleton, *motions, *steps))
-    weights = np.array([clip.frames for clip in clips], float)
-    named = zip(("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), np.array(errors).T, strict=True)
-    rows = [row_of_means(f"codes_{name}", unit, values, weights=weights, seed=seed) for name, unit, values in named]
+    rows = error_rows(errors, [clip.frames for clip in clips], prefix="codes_", seed=seed)
     use = min(float(code_usage(own, tokenizer.config.codes).fraction[0]) for own in torch.cat(codes).unbind(1))
     return [*rows, Row("codebook_use_min", "", use)]
+
+
+def error_rows(errors: Sequence[Reconstruction], frames: Sequence[int], *, prefix: str = "", seed: int) -> list[Row]:
+    """The rows of reconstruction errors of clips, means weighted by length."""
+    weights = np.array(frames, float)
+    named = zip(("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), np.array(errors).T, strict=True)
+    return [row_of_means(prefix + name, unit, values, weights=weights, seed=seed) for name, unit, values in named]
 
 
 def true_codes(
@@ -155,11 +159,11 @@ def true_codes(
     post = Post(tokenizer.skeleton)
     tracks: dict[str, list[Track]] = {name: [] for name in (TRUTH, DECODED, SHOWN, *([] if others else [DRAWN]))}
     for done, clip in enumerate(clips, 1):
-        decoded = _decoded(tokenizer, tokenizer.encode(whole_features(tokenizer.skeleton, clip)[None]))
+        decoded = motion_of_codes(tokenizer, tokenizer.encode(whole_features(tokenizer.skeleton, clip)[None])[0])
         motions = {TRUTH: clip.motion(tokenizer.skeleton), DECODED: decoded, SHOWN: post.replay(decoded)}
         if not others:
             [tokens] = token_clips(bundle, [clip])
-            motions[DRAWN] = _decoded(tokenizer, drawn_after_truth(bundle.generator, tokens, seed=seed + done)[None])
+            motions[DRAWN] = motion_of_codes(tokenizer, drawn_after_truth(bundle.generator, tokens, seed=seed + done))
         for name, motion in motions.items():
             tracks[name].append(track(on_our_rig(motion), clip.domain[: motion.frames]))
         if progress:
@@ -199,10 +203,3 @@ def drawn_after_truth(generator: Generator, tokens: TokenClip, *, seed: int = 0)
         made.append(stream.step(sound, deepcopy(state), row, seeds=torch.tensor([seed])))
         stream.prime(sound, moved, state, row)
     return torch.cat(made, dim=1)[0]
-
-
-def _decoded(tokenizer: BodyTokenizer, codes: Int[Tensor, "1 n p q"]) -> Motion:
-    with torch.inference_mode():
-        moved = from_features(tokenizer.skeleton, tokenizer.decode(codes)[0])
-    rotations = quaternion_from_matrix(moved.rotations).numpy()
-    return Motion(tokenizer.skeleton, rotations, moved.root.numpy(), FRAME_RATE_HZ)

@@ -48,7 +48,7 @@ class Pace(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What is faster is danced (metres a second) or gestured (arm lengths a second)."""
+    """Speeds above which a frame is danced (of the ankles, metres a second) or gestured (of the hands, arm lengths)."""
 
     ankles: float = ANKLES
     hands: float = HANDS
@@ -58,7 +58,7 @@ DEFAULT = Limits()
 
 
 class Shares(NamedTuple):
-    """Of one class: how long it is, and the shares of its frames, 0 to 1; the rest is neither."""
+    """One class of sound: its length, and the shares of its frames, 0 to 1; the rest is neither."""
 
     kind: str
     group: str
@@ -69,7 +69,7 @@ class Shares(NamedTuple):
 
 
 class Person(NamedTuple):
-    """A captured take: who moves, what it is, how fast."""
+    """A captured take: its performer, kind, pace and length."""
 
     performer: str
     kind: str
@@ -88,7 +88,7 @@ def pace(motion: Motion) -> Pace:
 
 
 def danced_gestured(found: Pace, chosen: Limits = DEFAULT) -> tuple[np.ndarray, np.ndarray]:
-    """Of each frame whether it is danced, and whether it is gestured."""
+    """Whether each frame is danced, and whether it is gestured."""
     danced = found.ankles > chosen.ankles
     return danced, (found.hands > chosen.hands) & ~danced
 

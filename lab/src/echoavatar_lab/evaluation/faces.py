@@ -90,9 +90,9 @@ def evaluate_face(
     )
 
 
-def held_out_tracks(count: int, seconds: float = 30.0, seed: int = 4_711) -> list[SoundTrack]:
-    """Speech with pauses, of sentences that are not in the training data."""
-    return [compose_track(seed + index, seconds, mix="speech", split="test") for index in range(count)]
+def held_out_tracks(count: int) -> list[SoundTrack]:
+    """Half minutes of speech with pauses, of sentences that are not in the training data."""
+    return [compose_track(4_711 + index, 30.0, mix="speech", split="test") for index in range(count)]
 
 
 @torch.inference_mode()

@@ -1,4 +1,4 @@
-"""What is measured of single clips: of motion alone, and of how a body behaves to the domain heard in each frame."""
+"""Measurements of single clips: of the motion alone, and of how the body behaves in each domain of sound."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Reads motion, true or made, with its audio, matched by file name: sets and folders of files alike; and makes it.
+"""Reads true and generated motion with its audio from sets and folders, matched by file name; and generates it.
 
 A set is a corpus of either format (`data rehearse`, `data prepare`, `data merge`), of which one split is taken. A
 file is `.bvh` of any known rig, `.npz` (a clip, output of `animate`, or SMPL-X parameters as EMAGE writes them) or
@@ -90,7 +90,7 @@ class Source:
     name: str = ""
 
     def read(self, *, is_resampling: bool = False) -> MotionFile:
-        """See `read_motion_file`."""
+        """Read the clip, see `read_motion_file`."""
         if self.corpus is None:
             return read_motion_file(self.path, is_resampling=is_resampling)
         clip, rig = self.corpus.load(self.name), self.corpus.skeleton_of(self.name)

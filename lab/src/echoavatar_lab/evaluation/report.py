@@ -24,7 +24,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 from echoavatar_lab.data import MUSIC, SILENCE, SPEECH, Clip
 
 from .beat_rows import ClipAudio, alignment_row, dance_rows, event_rows, gesture_rows
-from .codes import reconstruction_rows, reliance, reliance_rows, token_clips
+from .codes import error_rows, reconstruction_rows, reliance, reliance_rows, token_clips
 from .measures import (
     UNITS,
     ClipMeasurements,
@@ -91,13 +91,7 @@ def score(
         places, truths = [clip.positions for clip in made], [clip.positions for clip in true]
         rows += gesture_rows(heard, places, truths, seed=seed) + dance_rows(heard, places, truths, seed=seed)
     rows += clip_rows(made, true, seed=seed) + liveliness_rows(pairs, seed=seed)
-    weights = np.array([pair.made.frames for pair in pairs], float)
-    errors = np.array([_errors(pair) for pair in pairs]).T
-    for name, unit, column in zip(
-        ("mpjpe_body", "mpjpe_hands", "trans_loss"), ("mm", "mm", "mm/frame"), errors, strict=True
-    ):
-        rows.append(row_of_means(name, unit, column, weights=weights, seed=seed))
-    return rows
+    return rows + error_rows([_errors(pair) for pair in pairs], [pair.made.frames for pair in pairs], seed=seed)
 
 
 def clip_rows(
@@ -196,7 +190,7 @@ def behaviour_rows(made: Sequence[Track], truth: Sequence[Track] | None, chunk: 
 
 
 def _behaviour(clips: Sequence[Track], chunk: ChunkSize) -> dict[tuple[str, str], float]:
-    """By name and unit."""
+    """Values by name and unit."""
     legs = [0, *(i for i, name in enumerate(HUMANOID.names) if name.endswith(("LowerLeg", "Foot", "Toes")))]
     energy = [leg_energy(clip, legs) for clip in clips]
     speed = [hand_speed_m_s(clip, HUMANOID.indices(("leftHand", "rightHand"))) for clip in clips]

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.figure import Figure
 
-from .pictures import save_figure
+from echoavatar_lab.training.curves import save_figure
 
 LEVEL = 0.95
 SAMPLES = 2000
@@ -144,7 +144,7 @@ def mean_rows(tables: Sequence[Sequence[Row]]) -> list[Row]:
 
 
 def as_text(rows: Sequence[Row]) -> str:
-    """Aligned columns; a dash for missing values."""
+    """The rows in aligned columns; a dash for missing values."""
     head = ("metric", "made", "95 % interval", "chance", "over chance", "95 % interval", "truth", "its chance", "unit")
     lines = [head]
     for row in rows:
@@ -174,7 +174,7 @@ def as_text(rows: Sequence[Row]) -> str:
 
 
 def as_json(rows: Sequence[Row]) -> dict[str, dict[str, object]]:
-    """By name; null for missing values."""
+    """The rows by name; null for missing values."""
     return {
         row.name: {
             "unit": row.unit,

@@ -1,4 +1,4 @@
-"""What is performed and who is compared with: recorded sounds, and captured motion, of a kind and a class each."""
+"""Recorded sounds that the avatar performs, and captured motion to compare with; each has a kind and a class."""
 
 import csv
 import itertools

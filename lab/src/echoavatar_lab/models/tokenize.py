@@ -17,13 +17,16 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 from pydantic import Field
+from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec, LevelControl
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
+from echoavatar.motion.kinematics import Motion, from_features
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.models.generator.windows import TokenClip
@@ -123,6 +126,15 @@ def motion_codes(
     if is_mirrored:
         features = mirror_features(tokenizer.skeleton, features)
     return steady_codes(tokenizer, features[None], patience)[0].numpy().astype(np.int16)
+
+
+@torch.inference_mode()
+def motion_of_codes(tokenizer: BodyTokenizer, codes: Int[Tensor, "n p q"]) -> Motion:
+    """The motion of codes on any device, decoded on the tokenizer's rig; nothing behind the decoder runs."""
+    decoded = tokenizer.decode(codes[None].to(tokenizer.mean.device))[0].cpu()
+    frames = from_features(tokenizer.skeleton, decoded)
+    rotations = quaternion_from_matrix(frames.rotations).numpy()
+    return Motion(tokenizer.skeleton, rotations, frames.root.numpy(), float(FRAME_RATE_HZ))
 
 
 def tokenize_sounds(

@@ -17,8 +17,8 @@ from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import write_whole
-from echoavatar_lab.reference.expected_tensors import from_reference
 
+from .expected_tensors import from_reference
 from .inspection import Inspection
 from .weights import occurring
 

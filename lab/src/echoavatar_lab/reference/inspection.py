@@ -21,9 +21,8 @@ from echoavatar.models.tokenizer import MotionTokenizerConfig
 from echoavatar.models.tokens import REFERENCE_LAYOUT
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig
 from echoavatar_lab.foreign.foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
-from echoavatar_lab.reference.expected_tensors import from_reference
 
-from .expected_tensors import differences, face_shapes, generator_shapes, hubert_of, tokenizer_shapes
+from .expected_tensors import differences, face_shapes, from_reference, generator_shapes, hubert_of, tokenizer_shapes
 from .release_rig import JOINTS, body_statistics, rig_config, skeleton_config
 from .weights import StoredGenerator, compacted
 

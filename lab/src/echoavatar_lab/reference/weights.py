@@ -21,16 +21,17 @@ from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokens import REFERENCE_LAYOUT, TokenLayout
 
 
-def occurring(layout: TokenLayout = REFERENCE_LAYOUT) -> Int[Tensor, " v"]:
+def occurring() -> Int[Tensor, " v"]:
     """Ids of the rows that can occur: special ids ascending, then audio, then motion."""
+    layout = REFERENCE_LAYOUT
     audio = torch.arange(layout.audio_layers * layout.audio_codes) + layout.audio_base
     motion = torch.arange(layout.segments * layout.motion_codes) + layout.motion_base
-    return torch.cat([torch.tensor(_specials(layout)), audio, motion])
+    return torch.cat([torch.tensor(_specials()), audio, motion])
 
 
-def compacted(layout: TokenLayout = REFERENCE_LAYOUT) -> TokenLayout:
-    """The layout renumbered to the rows that `occurring` lists."""
-    specials = _specials(layout)
+def compacted() -> TokenLayout:
+    """The release's layout, renumbered to the rows that `occurring` lists."""
+    layout, specials = REFERENCE_LAYOUT, _specials()
     rows = {token: row for row, token in enumerate(specials)}
 
     def renamed(ids: tuple[int, ...]) -> tuple[int, ...]:
@@ -51,7 +52,8 @@ def compacted(layout: TokenLayout = REFERENCE_LAYOUT) -> TokenLayout:
     )
 
 
-def _specials(layout: TokenLayout) -> list[int]:
+def _specials() -> list[int]:
+    layout = REFERENCE_LAYOUT
     used = (layout.start_id, *layout.before_audio, *layout.before_motion, *layout.before_example)
     return sorted({*used, *layout.after_example})
 

@@ -43,7 +43,7 @@ from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import train
 from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
-from .experiment import Experiment, make_once, motion_of
+from .experiment import Experiment, make_once
 from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
 from .scores import GENERATION_COLUMNS, generation_cells, papers
 from .table import Cell, Column, Line, Table
@@ -93,14 +93,13 @@ class TunedOutcome(NamedTuple):
 
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
-    """The parts of the table, see `waves`: the generator, both rewards, the three methods."""
+    """The parts of the table, see `scale.generator_waves`: the generator, both rewards, the three methods."""
     return [*generator_waves([GeneratorChoice(OURS.name)]), [_setting], [partial(tuned, method=one) for one in LINES]]
 
 
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
-    truth = [motion_of(clip) for clip in experiment.test_clips]
-    lines = [Line("GT", {}, generation_cells(experiment, truth))]
+    lines = [Line("GT", {}, generation_cells(experiment, experiment.true_motions))]
     experiment.say(f"line: {UNTUNED[0]}")
     untuned = generation_cells(experiment, experiment.generated_motions(GeneratorChoice(OURS.name)))
     lines.append(Line(UNTUNED[0], UNTUNED[1], untuned))
@@ -135,7 +134,18 @@ def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
         if method == "dpo":
             pairs = folder / "pairs.jsonl"
             if not pairs.exists():
-                _rank(experiment, ready, pairs, training)
+                make_pairs(
+                    ready,
+                    pairs,
+                    prompts=BUDGETS[experiment.scale.name].prompts,
+                    past=training.past,
+                    length=training.length,
+                    group=8,
+                    margin=0.0,
+                    fewest_events=training.fewest_events,
+                    seed=experiment.seed,
+                    progress=experiment.progress,
+                )
         task = training_task(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
         tune(task, folder, device=experiment.device, trackers=experiment.trackers, progress=experiment.progress)
 
@@ -224,21 +234,6 @@ def _reward_settings(
 def reward_window(clips: dict[str, TokenClip]) -> int:
     """The window of both rewards in chunks: 4 s, or less if the clips are shorter."""
     return min(WINDOW_CHUNKS, *(clip.chunks for clip in clips.values()))
-
-
-def _rank(experiment: Experiment, ready: AlignmentSetup, path: Path, training: AlignTraining) -> None:
-    make_pairs(
-        ready,
-        path,
-        prompts=BUDGETS[experiment.scale.name].prompts,
-        past=training.past,
-        length=training.length,
-        group=8,
-        margin=0.0,
-        fewest_events=training.fewest_events,
-        seed=experiment.seed,
-        progress=experiment.progress,
-    )
 
 
 def _folder(experiment: Experiment, method: Method) -> Path:

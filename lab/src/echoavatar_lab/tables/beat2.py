@@ -26,9 +26,9 @@ from echoavatar.files.exports.take import Take
 from echoavatar.models.audio import write_wav
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Motion
-from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar_lab.data import SPEECH, Clip, Corpus
+from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar_lab.data import SPEECH, Corpus
 from echoavatar_lab.datasets import SetOptions, prepare, survey_of
 from echoavatar_lab.datasets.layouts import BEAT2_SPLIT
 from echoavatar_lab.evaluation.beat_rows import ClipAudio, gesture_rows
@@ -39,7 +39,6 @@ from echoavatar_lab.evaluation.report import fid_row
 from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.training import train
 
-from .baselines import BASELINES, Baselines
 from .experiment import Experiment, Sources, want_test_clips
 from .generate import Sounds, decoded_motion
 from .main import foreign_notes
@@ -140,9 +139,10 @@ class Beat2Experiment(Experiment):
         self._make_once(folder, {"corpus": self._digest, "training": training.model_dump(mode="json")}, make)
         return SkeletonConvolution.load(folder)
 
-    def motion(self, clip: Clip) -> Motion:
-        """The motion of a clip on SMPL-X's joints."""
-        return Motion(self.corpus.skeleton, clip.rotations, clip.root, float(FRAME_RATE_HZ))
+    @property
+    def rig(self) -> Skeleton:
+        """SMPL-X's joints."""
+        return self.corpus.skeleton
 
     def positions(self, motion: Motion) -> Float[torch.Tensor, "t 55 3"]:
         """Joint positions in metres with the root at the origin, as EMAGE measures them, on the body of the set."""
@@ -227,18 +227,14 @@ def make(experiment: Beat2Experiment) -> Table:
     """Train what is missing, score it and make the table."""
     keys = ("fid", "ba_g", "diversity")
     others = experiment.foreign_motions()  # first: a bad file must be told before hours of training
-    truth = [experiment.motion(clip) for clip in experiment.test_clips]
     line = partial(_line, experiment)
     published = {name: dict(zip(keys, values, strict=True)) for name, values in QUOTED.items()}
     ours = {name.lower(): name for name in others}
     lines = [Line(f"{name} (quoted)", values) for name, values in published.items() if name.lower() not in ours]
-    rows = scored(experiment, truth)
+    rows = scored(experiment, experiment.true_motions)
     lines.append(Line("Real motion", {}, cells(rows, SCORES)))
     lines.append(Line("Real motion, one half against the other", {}, _halves(rows)))
-    baselines = Baselines(experiment.train_clips, experiment.corpus.skeleton)
-    for name, kind in BASELINES.items():
-        sounds = enumerate(experiment.test_clips, experiment.seed)
-        lines.append(line(name, [baselines.make(kind, clip.audio, seed=seed) for seed, clip in sounds]))
+    lines += [line(name, motions) for name, motions in experiment.baseline_motions()]
     quoted = {name.lower(): values for name, values in published.items()}
     lines += [line(name, motions, quoted.get(name.lower())) for name, motions in others.items()]
     choice = GeneratorChoice(OURS.name)
@@ -252,7 +248,7 @@ def scored(experiment: Beat2Experiment, motions: Sequence[Motion]) -> list[Row]:
     clips, seed = experiment.test_clips, experiment.seed
     frames = [min(motion.frames, clip.frames) for motion, clip in zip(motions, clips, strict=True)]
     made = [motion.cut(0, stop) for motion, stop in zip(motions, frames, strict=True)]
-    true = [experiment.motion(clip).cut(0, stop) for clip, stop in zip(clips, frames, strict=True)]
+    true = [motion.cut(0, stop) for motion, stop in zip(experiment.true_motions, frames, strict=True)]
     places, truths = (
         [experiment.positions(motion).numpy().astype(np.float64) for motion in side] for side in (made, true)
     )

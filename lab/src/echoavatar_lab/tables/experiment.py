@@ -5,7 +5,7 @@ Each part is made once and kept. An interrupted training run resumes. Tables in 
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,8 +18,8 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
 from echoavatar.models.tokens import TokenLayout
-from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.evaluation.measures import Extractor
@@ -29,6 +29,7 @@ from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenizer.train import as_one_part
 from echoavatar_lab.training import Progress, train
 
+from .baselines import BASELINES, Baselines
 from .generate import Sounds, foreign_motion, live_motion
 from .scale import GeneratorChoice, Scale, TokenizerChoice
 
@@ -296,7 +297,7 @@ class Experiment:
 
     def written_motions(self, folder: Path) -> list[Motion]:
         """What `write_motions` wrote."""
-        return [self.motion(Clip.load(folder / f"{clip.name}.npz")) for clip in self.test_clips]
+        return [Clip.load(folder / f"{clip.name}.npz").motion(self.rig) for clip in self.test_clips]
 
     def foreign_motions(self) -> dict[str, list[Motion]]:
         """Motion of other systems for the test clips, by the systems' names, on the rig of this experiment.
@@ -304,15 +305,29 @@ class Experiment:
         Raises:
             EchoAvatarError: a folder lacks a clip, or one is too short or cannot be used; the message names the file.
         """
-        is_resampling, skeleton = self.sources.is_resampling, self.corpus.skeleton
+        is_resampling = self.sources.is_resampling
         return {
-            name: [foreign_motion(folder, clip, skeleton, is_resampling=is_resampling) for clip in self.test_clips]
+            name: [foreign_motion(folder, clip, self.rig, is_resampling=is_resampling) for clip in self.test_clips]
             for name, folder in self.sources.others.items()
         }
 
-    def motion(self, clip: Clip) -> Motion:
-        """The motion of a clip on the rig of this experiment."""
-        return motion_of(clip)
+    @cached_property
+    def true_motions(self) -> list[Motion]:
+        """The motion of the test clips."""
+        return [clip.motion(self.rig) for clip in self.test_clips]
+
+    @property
+    def rig(self) -> Skeleton:
+        """The rig of all clips and all generated motion."""
+        return HUMANOID
+
+    def baseline_motions(self) -> Iterator[tuple[str, list[Motion]]]:
+        """Names of the baselines and their motion for the test clips; clip k has the seed `seed` + k."""
+        baselines = Baselines(self.train_clips, self.rig)
+        for name, kind in BASELINES.items():
+            self.say(f"line: {name}")
+            sounds = enumerate(self.test_clips, self.seed)
+            yield name, [baselines.make(kind, clip.audio, seed=seed) for seed, clip in sounds]
 
     def _generate(self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds) -> list[Motion]:
         how = {"runtime": self.runtime, "device": self.device}
@@ -389,11 +404,6 @@ def is_mostly(clip: TokenClip, kind: str | None) -> bool:
     """Whether a clip has more speech than music (`kind` "speech") or the reverse ("music"); None accepts any clip."""
     speech, music = (int(np.sum(clip.domain == number)) for number in (1, 2))
     return kind is None or (speech > music if kind == "speech" else music > speech)
-
-
-def motion_of(clip: Clip) -> Motion:
-    """The motion of a clip, on our rig."""
-    return Motion(HUMANOID, clip.rotations, clip.root, float(FRAME_RATE_HZ))
 
 
 def with_motion(clip: Clip, motion: Motion) -> Clip:

@@ -23,12 +23,11 @@ from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Motion, Skeleton, from_features
-from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.motion_folder import motion_files, read_motion_file
-from echoavatar_lab.models.tokenize import audio_codes
+from echoavatar_lab.models.tokenize import audio_codes, motion_of_codes
 from echoavatar_lab.training import Progress
 
 Sounds = Mapping[int, Float[np.ndarray, " s"]]
@@ -84,9 +83,7 @@ def decoded_motion(
     motions = []
     for number, (sound, drawn) in enumerate(zip(sounds.values(), made.cpu(), strict=True), 1):
         frames = len(sound) // SAMPLES_PER_FRAME
-        body = from_features(tokenizer.skeleton, tokenizer.decode(drawn[None])[0])
-        turns, root = quaternion_from_matrix(body.rotations[:frames]).numpy(), body.root[:frames].numpy()
-        motions.append(Motion(tokenizer.skeleton, turns, root, float(FRAME_RATE_HZ)))
+        motions.append(motion_of_codes(tokenizer, drawn).cut(0, frames))
         if progress:
             progress(number, count)
     return motions

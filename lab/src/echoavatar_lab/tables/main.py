@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from echoavatar.motion.kinematics import Motion
 
-from .baselines import BASELINES, Baselines
-from .experiment import EXTRA_CHUNKS, Experiment, motion_of
+from .experiment import EXTRA_CHUNKS, Experiment
 from .scale import OURS, GeneratorChoice, Part, Scale, Variant, generator_waves
 from .scores import GENERATION_COLUMNS, generated_line, generation_cells, papers
 from .table import Line, Table
@@ -67,17 +66,9 @@ def waves(experiment: Experiment) -> list[Sequence[Part]]:
 
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
-    truth = generation_cells(experiment, [motion_of(clip) for clip in experiment.test_clips])
-    lines = [Line("GT", TRUTH, truth)]
+    lines = [Line("GT", TRUTH, generation_cells(experiment, experiment.true_motions))]
     others = experiment.foreign_motions()  # first: a bad file must be told before hours of training
-    baselines = Baselines(experiment.train_clips)
-    for name, kind in BASELINES.items():
-        experiment.say(f"line: {name}")
-        motions = [
-            baselines.make(kind, clip.audio, seed=experiment.seed + number)
-            for number, clip in enumerate(experiment.test_clips)
-        ]
-        lines.append(Line(name, {}, generation_cells(experiment, motions)))
+    lines += [Line(name, {}, generation_cells(experiment, made)) for name, made in experiment.baseline_motions()]
     for name, motions in others.items():
         experiment.say(f"line: {name}")
         lines.append(Line(name, _quoted(name), generation_cells(experiment, motions)))
@@ -97,7 +88,7 @@ def make(experiment: Experiment) -> Table:
 
 
 def foreign_notes(experiment: Experiment, others: Mapping[str, Sequence[Motion]]) -> list[str]:
-    """What was scored of other systems: the same clips, and how many of them are cut short."""
+    """Notes on the motion of other systems: it is of the same clips, and some of it may be cut short."""
     told = []
     for name, motions in others.items():
         short = [clip.frames - motion.frames for motion, clip in zip(motions, experiment.test_clips, strict=True)]

@@ -24,7 +24,7 @@ from echoavatar.engine.pipeline.bundle import with_random_generator
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.motion.kinematics import Motion
 
-from .experiment import BATCH, Experiment, motion_of
+from .experiment import BATCH, Experiment
 from .scale import OURS, GeneratorChoice, Part, generator_waves
 from .scores import GENERATION_COLUMNS, generation_cells
 from .table import Cell, Column, Line, Table
@@ -47,12 +47,6 @@ def _processor() -> str:
 
 
 LATENCY = "latency"
-LATENCY_COLUMNS = (
-    Column("h200", "NVIDIA H200, mean", "ms"),
-    Column("rtx4090", "NVIDIA RTX 4090, mean", "ms"),
-    Column("p50", "here, median", "ms"),
-    Column("p95", "95th percentile", "ms"),
-)
 PAPER_PARTS: Mapping[str, tuple[str, ...]] = {
     "Audio Encoder": ("level", "codec"),
     "Audio-to-Motion Model": ("generator",),
@@ -76,9 +70,10 @@ def make_latency(experiment: Experiment) -> Table:
     experiment.say(f"timing: {bundle.name}")
     pipeline = Pipeline(bundle, device=experiment.device)
     columns = (
-        *LATENCY_COLUMNS[:2],
+        Column("h200", "NVIDIA H200, mean", "ms"),
+        Column("rtx4090", "NVIDIA RTX 4090, mean", "ms"),
         Column("p50", f"{hardware(str(pipeline.device))}, median", "ms"),
-        *LATENCY_COLUMNS[3:],
+        Column("p95", "95th percentile", "ms"),
     )
     pipeline.warm_up()
     report = bench_stream(pipeline, seconds=experiment.scale.seconds)
@@ -124,8 +119,7 @@ def waves(experiment: Experiment) -> list[Sequence[Part]]:
 
 def make(experiment: Experiment) -> Table:
     """Run the generator in each way, score it and make the table."""
-    truth = [motion_of(clip) for clip in experiment.test_clips]
-    lines = [Line("GT", {}, generation_cells(experiment, truth))]
+    lines = [Line("GT", {}, generation_cells(experiment, experiment.true_motions))]
     model = experiment.sources.model
     for name in RUNTIMES:
         experiment.say(f"line: {name}")

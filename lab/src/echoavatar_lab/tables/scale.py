@@ -232,7 +232,7 @@ Part = Callable[[Any], object]
 
 
 def generator_waves(choices: Iterable[GeneratorChoice]) -> list[Sequence[Part]]:
-    """Tokenizers with their codes; stage 1; motion of the generators of stage 2; of those that go on from them."""
+    """Four waves: tokenizers and codes; stage 1; motion of the generators of stage 2; of those that go on from them."""
     chosen = list({choice.name: choice for choice in choices}.values())
     tokenizers = {choice.tokenizer.name: choice.tokenizer for choice in chosen}
     firsts = {one.name: one for choice in chosen if (one := choice.before) is not None and one.is_first}

@@ -18,13 +18,13 @@ from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.distributions import Moments, moments
 from echoavatar_lab.evaluation.metrics.motion_encoder import motion_features
-from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, mean_joint_error, trans_loss, without_heading
+from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, mean_distance, without_heading
 from echoavatar_lab.evaluation.motion_folder import Pair
 from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.models.tokenizer.train import whole_features
 
-from .experiment import Experiment, motion_of
+from .experiment import Experiment
 from .scale import Variant
 from .table import Cell, Column, Line, Wanted, cells
 
@@ -69,10 +69,10 @@ def reconstruction_scores(
             forward_kinematics(HUMANOID, without_heading(side.rotations), torch.zeros(whole, 3)).positions
             for side in sides
         ]
-        errors.append(mean_joint_error(*places) / PAPER_UNIT_M)
+        errors.append(mean_distance(*places) / PAPER_UNIT_M)
         start = travel_slice(tokenizer.skeleton).start
         moved, wanted = (features[:, start : start + 2] for features in (again, truth))
-        steps.append(trans_loss(moved, wanted) / PAPER_UNIT_M)
+        steps.append(mean_distance(moved, wanted) / PAPER_UNIT_M)
         weights.append(float(whole))
         for side, found in zip(sides, (made, true), strict=True):
             found.append(_moments(extractor, side.rotations, side.root))
@@ -115,7 +115,7 @@ def generated_line(experiment: Experiment, variant: Variant) -> Line:
 def _pair(motion: Motion, clip: Clip) -> Pair:
     frames = min(motion.frames, clip.frames)
     audio, domain = clip.audio[: frames * SAMPLES_PER_FRAME], clip.domain[:frames]
-    return Pair(clip.name, motion.cut(0, frames), motion_of(clip).cut(0, frames), audio, domain)
+    return Pair(clip.name, motion.cut(0, frames), clip.motion().cut(0, frames), audio, domain)
 
 
 def _moments(extractor: Extractor, rotations: torch.Tensor, root: torch.Tensor) -> Moments:

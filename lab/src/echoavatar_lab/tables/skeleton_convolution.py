@@ -33,6 +33,7 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.files.exports.smplx import skeleton
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar_lab.evaluation.metrics.motion_encoder_train import cut_windows
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 Edge = tuple[int, int]
@@ -230,20 +231,8 @@ class SkeletonConvolution(checkpoint.Checkpointed):
     def load(cls, folder: Path) -> Self:
         """Read `config.json` and `model.safetensors`; names may have the released files' prefix `module.`."""
         config = checkpoint.read_config(folder, SkeletonConvolutionConfig)
-        return cls.from_weights(checkpoint.read_weights(folder), config, origin=str(folder))
-
-    @classmethod
-    def from_weights(
-        cls,
-        weights: Mapping[str, Tensor],
-        config: SkeletonConvolutionConfig | None = None,
-        *,
-        origin: str = "the weights",
-    ) -> Self:
-        """Build from tensors by name."""
-        plain = {key.removeprefix(_PREFIX): value for key, value in weights.items()}
-        build = partial(cls, config or SkeletonConvolutionConfig())
-        return checkpoint.build_for(plain, build, origin=origin).eval()
+        weights = {key.removeprefix(_PREFIX): value for key, value in checkpoint.read_weights(folder).items()}
+        return checkpoint.build_for(weights, partial(cls, config), origin=str(folder)).eval()
 
 
 def _decoder(width: int, features: int, *, depth: int) -> list[nn.Module]:
@@ -295,13 +284,8 @@ class SkeletonConvolutionTask(TrainingTask[Tensor]):
         return {"extractor": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> Float[Tensor, "b t c"]:
-        """See `TrainingTask.draw`: windows, uniform over all positions in the data."""
-        random, frames = self.config.noise(step), self.config.frames
-        starts = torch.tensor([len(clip) - frames + 1 for clip in self.clips]).double()
-        chosen = torch.multinomial(starts, self.config.batch, replacement=True, generator=random)
-        at = (torch.rand(self.config.batch, generator=random) * starts[chosen]).long()
-        pairs = zip(chosen.tolist(), at.tolist(), strict=True)
-        return torch.stack([self.clips[clip][start : start + frames] for clip, start in pairs])
+        """See `TrainingTask.draw`."""
+        return cut_windows(self.clips, self.config.frames, self.config.batch, self.config.noise(step))
 
     def loss(self, batch: Float[Tensor, "b t c"], step: int) -> Loss:
         """Error of rotations and of their frame differences."""

@@ -55,7 +55,7 @@ Times = Sequence[float] | np.ndarray
 
 
 def make_labels(experiment: Experiment) -> Table:
-    """Label everything and compare."""
+    """Label all sounds and compare the labels with the truth."""
     if experiment.sources.corpus is None:
         raise EchoAvatarError("reproduce sound-labels reads loops: give a folder with a manifest.csv as --corpus")
     count = {"tiny": 2, "rehearsal": 20, "paper": 40}[experiment.scale.name]
@@ -144,7 +144,7 @@ _SECONDS = 40.0  # of one sound
 
 
 class KnownSound(NamedTuple):
-    """Sound and what is true of each of its frames; `events` are marked a frame wide."""
+    """Sound and the true labels of each of its frames; `events` are marked a frame wide."""
 
     audio: Float[np.ndarray, " s"]
     domain: Int[np.ndarray, " n"]
@@ -225,7 +225,7 @@ def synthetic(split: str, count: int, seed: int) -> list[KnownSound]:
 
 
 def known(track: SoundTrack) -> KnownSound:
-    """What is true of each frame of a track, at one loudness, as the level control makes all sound alike."""
+    """A track with its true labels, at one loudness, as the level control makes all sound alike."""
     frames = len(track.audio) // SAMPLES_PER_AUDIO_TOKEN
     audio = set_loudness(track.audio[: frames * SAMPLES_PER_AUDIO_TOKEN], -25)
     domain = np.zeros(frames, np.int64)
@@ -339,7 +339,7 @@ def score(
 
 
 def chance(sounds: Sequence[KnownSound], seed: int) -> dict[str, float]:
-    """What an answer without hearing scores."""
+    """Scores of answers that do not depend on the sound."""
     rng = np.random.default_rng(seed)
     kinds = len(np.unique(np.concatenate([sound.domain for sound in sounds])))
     found = {"domain": 1 / kinds, "voiced": 0.5, "energy": 0.0}

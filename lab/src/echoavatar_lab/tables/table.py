@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.evaluation.table import UNKNOWN, Row
+from echoavatar_lab.training.curves import save_figure
 
 NAN = float("nan")
 
@@ -221,7 +222,7 @@ def draw(table: Table, path: Path) -> None:
         _panel(axis, table, column)
     axes[0].set_yticks(range(len(table.lines)), [line.name for line in table.lines], fontsize=9)
     axes[0].invert_yaxis()
-    figure.savefig(path, dpi=130)
+    save_figure(figure, path, dpi=130)
 
 
 def _fields(table: Table) -> list[_Field]:

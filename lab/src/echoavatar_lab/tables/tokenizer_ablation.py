@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 from echoavatar_lab.models.tokenizer.losses import LossWeights
 
-from .experiment import Experiment, motion_of
+from .experiment import Experiment
 from .scale import OURS, GeneratorChoice, Part, TokenizerChoice, generator_waves
 from .scores import GENERATION, generation_cells, reconstruction_scores
 from .table import Cell, Column, Line, Table, Wanted
@@ -85,5 +85,5 @@ def make(experiment: Experiment) -> Table:
 
 def _halves(experiment: Experiment) -> dict[str, Cell]:
     """FID between test clips and other test clips: what motion of the same kind scores."""
-    truth, halves = [motion_of(clip) for clip in experiment.test_clips], Wanted("fid", part="truth")
-    return generation_cells(experiment, truth, {"fid": halves, "generation_fid": halves})
+    halves = Wanted("fid", part="truth")
+    return generation_cells(experiment, experiment.true_motions, {"fid": halves, "generation_fid": halves})

@@ -109,7 +109,8 @@ def write_study(experiment: Experiment) -> Path:
     for group, members in groups.items():
         for name, motions in members.items():
             place = Path("clips", _file_safe(f"{group}, {name}"))
-            _write_clips(folder / place, motions, experiment.test_clips)
+            for clip, motion in zip(experiment.test_clips, motions, strict=True):
+                with_motion(clip, motion).save(folder / place / f"{clip.name}.npz")
             systems.append({"name": name, "clips": str(place), "group": group})
     shortest = min(clip.seconds for clip in experiment.test_clips)
     study = {
@@ -136,11 +137,6 @@ def _groups(experiment: Experiment, others: Systems) -> dict[str, Systems]:
         groups[f"RL Strategy, {method.upper()}"] = {f"Ours, before {method.upper()}": ours, name: after}
     groups["Dataset Composition"] = {one.name: experiment.generated_motions(one.generator) for one in VARIANTS}
     return groups
-
-
-def _write_clips(folder: Path, motions: Sequence[Motion], clips: Sequence[Clip]) -> None:
-    for motion, clip in zip(motions, clips, strict=True):
-        with_motion(clip, motion).save(folder / f"{clip.name}.npz")
 
 
 def _file_safe(text: str) -> str:

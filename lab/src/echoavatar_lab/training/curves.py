@@ -93,8 +93,17 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
         _plot(axis, name, {run: curves[name] for run, curves in runs.items() if name in curves}, list(runs))
     lines = [axes[0, 0].plot([], [], color=_colour(at), lw=2)[0] for at in range(len(runs))]
     figure.legend(lines, list(runs), loc="outside upper left", ncols=min(len(runs), 4), fontsize=8, frameon=False)
+    save_figure(figure, path, dpi=120)
+
+
+def save_figure(figure: Figure, path: Path, *, dpi: int = 110) -> None:
+    """Write a plot: .png, .pdf or .svg.
+
+    Raises:
+        EchoAvatarError: it cannot be written.
+    """
     try:
-        figure.savefig(path, dpi=120)
+        figure.savefig(path, dpi=dpi)
     except (OSError, ValueError) as error:
         raise EchoAvatarError(f"cannot write {path} ({error}); name a .png in a folder that exists") from error
 

@@ -70,13 +70,13 @@ class UnityAxes:
         self._units = 1 / rig.metres_per_unit
 
     def rotations(self, quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
-        """From ours (`wxyz`) to theirs (`xyzw`)."""
+        """Our quaternions (`wxyz`) as quaternions in Unity's axes (`xyzw`)."""
         ours = matrix_from_quaternion(torch.from_numpy(quaternions).double())
         turned = self._matrices @ (self._axes.T @ ours @ self._axes) @ self._inverse
         return quaternion_from_matrix(turned)[..., [1, 2, 3, 0]].numpy().astype(np.float32)
 
     def positions(self, root: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
-        """From ours in metres to theirs in centimetres."""
+        """Our positions in metres as positions in Unity's axes in centimetres."""
         x, y, z = (root.astype(np.float64) @ self._axes.numpy()).T * self._units
         return np.stack([x, z, -y], 1).astype(np.float32)
 
@@ -105,32 +105,26 @@ def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> N
 
 def smoothed(block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None) -> Float[np.ndarray, "t c"]:
     """Smooth a block, and blend its first frames with the last frame of the previous smoothed block."""
-    smooth = savgol_filter(block, _WINDOW, _DEGREE, axis=0)
-    return smooth if last is None else _blended(smooth, last[None])
+    smooth = np.asarray(savgol_filter(block, _WINDOW, _DEGREE, axis=0))
+    if last is None:
+        return smooth
+    shares = (np.arange(BLEND_FRAMES)[:, None] + 1) / (BLEND_FRAMES + 1)
+    return np.concatenate([shares * smooth[:BLEND_FRAMES] + (1 - shares) * last, smooth[BLEND_FRAMES:]])
 
 
 def at_60_fps(frames: Float[np.ndarray, "t ..."]) -> Float[np.ndarray, "u ..."]:
-    """From 30 to 60 fps: insert midpoints, and repeat the last frame."""
+    """From 30 to 60 fps for vectors: insert midpoints, and repeat the last frame."""
     following = np.concatenate([frames[1:], frames[-1:]])
     return np.stack([frames, (frames + following) / 2], 1).reshape(-1, *frames.shape[1:])
 
 
 def rotations_at_60_fps(frames: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "u j 4"]:
-    """The same for unit quaternions."""
+    """From 30 to 60 fps for unit quaternions, whose midpoints are unit quaternions again."""
     following = np.concatenate([frames[1:], frames[-1:]])
     following = following * np.where((frames * following).sum(-1, keepdims=True) < 0, -1, 1)
-    return np.stack([frames, _unit(frames + following)], 1).reshape(-1, *frames.shape[1:])
-
-
-def _blended(block: np.ndarray, last: np.ndarray) -> np.ndarray:
-    shares = (np.arange(BLEND_FRAMES) + 1) / (BLEND_FRAMES + 1)
-    shares = shares.reshape(-1, *([1] * (block.ndim - 1)))
-    drawn = shares * block[:BLEND_FRAMES] + (1 - shares) * last
-    return np.concatenate([drawn, block[BLEND_FRAMES:]])
-
-
-def _unit(quaternions: np.ndarray) -> np.ndarray:
-    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True))
+    between = frames + following
+    between = between / np.linalg.norm(between, axis=-1, keepdims=True)
+    return np.stack([frames, between], 1).reshape(-1, *frames.shape[1:])
 
 
 HEADER = struct.Struct(">I")

@@ -131,15 +131,10 @@ def shuffled_scores(
     return scores
 
 
-def mean_of_known(scores: Float[np.ndarray, "*n"]) -> float:
-    """Mean over the finite values; NaN if there are none."""
-    known = scores[np.isfinite(scores)]
-    return float(known.mean()) if known.size else float("nan")
-
-
 def chance_per_clip(scores: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " n"]:
-    """Each motion's chance level: the mean of its row."""
-    return np.array([mean_of_known(row) for row in scores])
+    """Each motion's chance level: the mean of the finite scores in its row; NaN if there are none."""
+    rows = [row[np.isfinite(row)] for row in scores]
+    return np.array([row.mean() if len(row) else np.nan for row in rows])
 
 
 GestureForm = Literal["paper", "emage", "evaltools", "fixed", "sharp"]
@@ -177,14 +172,14 @@ GESTURE_RULES: dict[GestureForm, GestureRule] = {
 }
 
 
-def mean_speeds(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> Float[np.ndarray, " j"]:
+def mean_speeds(positions: Float[np.ndarray, "t j 3"]) -> Float[np.ndarray, " j"]:
     """Mean speed of each joint, m/s, which the EMAGE forms divide by (BEAT2 has fixed values for SMPL-X)."""
-    return np.asarray(central_speed(positions, fps).mean(0))
+    return np.asarray(central_speed(positions).mean(0))
 
 
-def central_speed(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> Float[np.ndarray, "t j"]:
-    """Length of the central difference over two frames (one-sided at the ends), m/s."""
-    return np.asarray(np.linalg.norm(np.gradient(positions, axis=0) * fps, axis=-1))
+def central_speed(positions: Float[np.ndarray, "t j 3"]) -> Float[np.ndarray, "t j"]:
+    """Length of the central difference over two frames of 30 fps (one-sided at the ends), m/s."""
+    return np.asarray(np.linalg.norm(np.gradient(positions, axis=0) * FRAME_RATE_HZ, axis=-1))
 
 
 def step_speed(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> Float[np.ndarray, "t-1 j"]:
@@ -199,21 +194,19 @@ def gesture_beat_frames(
     mean_speed: Float[np.ndarray, " j"] | None = None,
     *,
     window: tuple[int, int] | None = None,
-    fps: float = FRAME_RATE_HZ,
 ) -> list[Shaped[np.ndarray, " _"]]:
     """The frames of each joint's motion beats, counted from the window's start; uses `central_speed`.
 
     Args:
-        positions: metres.
+        positions: metres, at 30 frames per second.
         rule: one of `GESTURE_RULES` except `sharp`, whose beats lie between frames (`gesture_beats`).
         mean_speed: m/s for each joint; needed by rules with a threshold.
         window: first frame and end (exclusive) to consider; None: all but the trimmed ends.
-        fps: frames per second.
 
     Raises:
         MotionError: the rule needs `mean_speed` and there is none, or the window is empty.
     """
-    speed = central_speed(positions, fps)
+    speed = central_speed(positions)
     if rule.threshold is not None:
         if mean_speed is None:
             raise MotionError("this form of BA_G needs the joints' mean speeds; pass `mean_speeds` of the true motion")
@@ -237,17 +230,14 @@ def gesture_beats(
     positions: Float[np.ndarray, "t j 3"],
     form: GestureForm = "sharp",
     mean_speed: Float[np.ndarray, " j"] | None = None,
-    *,
-    window: tuple[int, int] | None = None,
-    fps: float = FRAME_RATE_HZ,
 ) -> list[Float[np.ndarray, " _"]]:
-    """The times (s) of each joint's motion beats, counted from the window's start; arguments as above."""
+    """The times (s) of each joint's motion beats, counted from the end of the trimmed start; arguments as above."""
     rule = GESTURE_RULES[form]
     if form == "sharp":
-        speed = step_speed(positions, fps)
+        speed = step_speed(positions)
         minima = [find_peaks(-own, height=-own.mean(), distance=rule.order)[0] for own in speed.T]
-        return [(at + 0.5) / fps for at in minima]
-    return [at / fps for at in gesture_beat_frames(positions, rule, mean_speed, window=window, fps=fps)]
+        return [(at + 0.5) / FRAME_RATE_HZ for at in minima]
+    return [at / FRAME_RATE_HZ for at in gesture_beat_frames(positions, rule, mean_speed)]
 
 
 def gesture_alignment(

@@ -81,7 +81,7 @@ class MotionEncoderTask(TrainingTask[NoisyWindows]):
     def draw(self, step: int) -> NoisyWindows:
         """See `TrainingTask.draw`."""
         random = self.config.noise(step, _NOISE * self.config.seed)
-        windows = self._windows(random)
+        windows = self.model.normalize(cut_windows(self.clips, self.config.frames, self.config.batch, random))
         return NoisyWindows(windows, torch.randn(windows.shape, generator=random) * self.config.noise_spread)
 
     def loss(self, batch: NoisyWindows, step: int) -> Loss:
@@ -98,15 +98,15 @@ class MotionEncoderTask(TrainingTask[NoisyWindows]):
         self.model.set_latent_statistics(self.clips[::stride])
         super().save(folder, step)
 
-    def _windows(self, random: torch.Generator) -> Float[Tensor, "b t c"]:
-        lengths = torch.tensor([len(clip) - self.config.frames + 1 for clip in self.clips]).double()
-        chosen = torch.multinomial(lengths, self.config.batch, replacement=True, generator=random)
-        shares = torch.rand(self.config.batch, generator=random)
-        cut = []
-        for clip, share in zip(chosen.tolist(), shares.tolist(), strict=True):
-            start = int(share * int(lengths[clip]))
-            cut.append(self.clips[clip][start : start + self.config.frames])
-        return self.model.normalize(torch.stack(cut))
+
+def cut_windows(
+    clips: Sequence[Float[Tensor, "_ c"]], frames: int, count: int, random: torch.Generator
+) -> Float[Tensor, "b t c"]:
+    """`count` windows of `frames` frames, uniform over all positions in the clips."""
+    starts = torch.tensor([len(clip) - frames + 1 for clip in clips]).double()
+    chosen = torch.multinomial(starts, count, replacement=True, generator=random)
+    at = (torch.rand(count, generator=random) * starts[chosen]).long()
+    return torch.stack([clips[clip][first : first + frames] for clip, first in zip(chosen, at, strict=True)])
 
 
 def part_weights(features: int) -> Float[Tensor, " c"]:

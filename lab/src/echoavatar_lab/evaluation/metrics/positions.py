@@ -50,13 +50,8 @@ def without_heading(rotations: Float[Tensor, "t j 3 3"]) -> Float[Tensor, "t j 3
     return facing
 
 
-def mean_joint_error(made: Float[Tensor, "t j 3"], true: Float[Tensor, "t j 3"]) -> float:
-    """Mean distance of corresponding joints, metres."""
-    return float((true - made).norm(dim=-1).mean())
-
-
-def trans_loss(made: Float[Tensor, "t 2"], true: Float[Tensor, "t 2"]) -> float:
-    """Mean length of the error of the root's planar steps, metres a frame."""
+def mean_distance(made: Float[Tensor, "*n d"], true: Float[Tensor, "*n d"]) -> float:
+    """Mean distance of corresponding points: MPJPE of joints, the trans loss of the root's planar steps."""
     return float((true - made).norm(dim=-1).mean())
 
 
@@ -84,9 +79,9 @@ def reconstruction(
     anchors = [_wrist(skeleton, j, set(hands)) for j in hands]
     finger_truth, finger_guess = truth[:, hands] - truth[:, anchors], guess[:, hands] - guess[:, anchors]
     return Reconstruction(
-        mean_joint_error(guess[:, body], truth[:, body]) * 1000,
-        mean_joint_error(finger_guess, finger_truth) * 1000,
-        trans_loss(rebuilt_velocity, velocity) * 1000,
+        mean_distance(guess[:, body], truth[:, body]) * 1000,
+        mean_distance(finger_guess, finger_truth) * 1000,
+        mean_distance(rebuilt_velocity, velocity) * 1000,
     )
 
 
@@ -102,46 +97,40 @@ def _wrist(skeleton: Skeleton, joint: int, hands: set[int]) -> int:
 
 
 def l1_deviation(positions: Float[np.ndarray, "t j 3"]) -> float:
-    """Diversity of one clip in metres: mean over frames of the summed deviation from the clip's mean pose."""
+    """Diversity of one clip in metres: mean over frames of the summed deviation from the clip's mean pose.
+
+    Positions must be relative to the root. The diversity of several clips is their mean, weighted by length.
+    """
     values = np.asarray(positions, np.float64)
     return float(np.abs(values - values.mean(0)).sum() / len(values))
 
 
-def l1_diversity(clips: Sequence[Float[np.ndarray, "_ j 3"]]) -> float:
-    """Diversity of all clips, weighted by length; positions must be relative to the root."""
-    return float(np.average([l1_deviation(clip) for clip in clips], weights=[len(clip) for clip in clips]))
-
-
-SMPL_FEET = (7, 10, 8, 11)
-"""Left ankle and toe, right ankle and toe among SMPL's 24 joints."""
 EDGE_SCALE = 10_000.0
 
 
-def jerk_m_s3(positions: Float[np.ndarray, "t j 3"], fps: float = FRAME_RATE_HZ) -> float:
-    """Mean length of the third derivative of joint positions relative to the root; NaN below four frames."""
+def jerk_m_s3(positions: Float[np.ndarray, "t j 3"]) -> float:
+    """Mean length of the third derivative of joint positions relative to the root; NaN below four frames of 30 fps."""
     if len(positions) < 4:
         return float("nan")
     relative = positions - positions[:, :1]
-    return float(np.linalg.norm(np.diff(relative, n=3, axis=0), axis=-1).mean() * fps**3)
+    return float(np.linalg.norm(np.diff(relative, n=3, axis=0), axis=-1).mean() * FRAME_RATE_HZ**3)
 
 
-def floor_depth_cm(feet: Float[np.ndarray, "t f 3"], floor_m: float = 0.0) -> float:
+def floor_depth_cm(feet: Float[np.ndarray, "t f 3"]) -> float:
     """Mean depth of the lowest foot point below the floor (Y up), centimetres; 0 in frames where it is above."""
-    return float(np.maximum(floor_m - feet[..., 1].min(1), 0).mean() * 100)
+    return float(np.maximum(-feet[..., 1].min(1), 0).mean() * 100)
 
 
-def foot_contact_score(
-    positions: Float[np.ndarray, "t j 3"], feet: Sequence[int] = SMPL_FEET, *, up: int = 1, fps: float = FRAME_RATE_HZ
-) -> float:
+def foot_contact_score(positions: Float[np.ndarray, "t j 3"], feet: Sequence[int], *, up: int = 1) -> float:
     """EDGE's physical foot contact score (PFC), times 10,000 as in its table; 0 is best.
 
     The root can only accelerate when a foot stands. The score is the mean over frames of the root's acceleration
     (downward part left out, scaled by the clip's maximum) times the horizontal step of each foot's stiller point.
     Known faults: it has no physical unit, one jolt rescales the whole clip, and a body that floats motionless scores 0.
-    EDGE has Z up at 30 fps: `up=2`.
+    `feet` are left ankle and toe, right ankle and toe. EDGE has Z up at 30 fps: `up=2`.
     """
     positions = np.asarray(positions, np.float64)
-    acceleration = np.diff(positions[:, 0], n=2, axis=0) * fps**2
+    acceleration = np.diff(positions[:, 0], n=2, axis=0) * FRAME_RATE_HZ**2
     acceleration[:, up] = np.maximum(acceleration[:, up], 0)
     push = np.linalg.norm(acceleration, axis=-1)
     flat = [axis for axis in range(3) if axis != up]

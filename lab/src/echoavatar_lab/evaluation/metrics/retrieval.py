@@ -29,11 +29,9 @@ class Retrieval(NamedTuple):
     gallery: int
 
 
-def similarity(
-    sounds: Float[np.ndarray, "n d"], motions: Float[np.ndarray, "n d"], *, decimals: int = 9
-) -> Float[np.ndarray, "n n"]:
+def similarity(sounds: Float[np.ndarray, "n d"], motions: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n n"]:
     """Inner products in double precision, rounded so that equal embeddings tie in any order of summation."""
-    return np.asarray(np.round(sounds.astype(np.float64) @ motions.astype(np.float64).T, decimals))
+    return np.asarray(np.round(sounds.astype(np.float64) @ motions.astype(np.float64).T, 9))
 
 
 def ranks(similarities: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " n"]:
@@ -56,18 +54,18 @@ def gallery(similarities: Float[np.ndarray, "n n"], size: int = PAPER_GALLERY, *
     return retrieval(similarities[np.ix_(chosen, chosen)])
 
 
-def tmr_batches(pairs: int, size: int = TMR_BATCH) -> list[Int[np.ndarray, " b"]]:
+def tmr_batches(pairs: int) -> list[Int[np.ndarray, " b"]]:
     """TMR's batches: one shuffle of seed 0 with NumPy's legacy generator, cut into full batches."""
     order = np.random.RandomState(0).permutation(pairs)
-    return [order[at : at + size] for at in range(0, pairs - size + 1, size)]
+    return [order[at : at + TMR_BATCH] for at in range(0, pairs - TMR_BATCH + 1, TMR_BATCH)]
 
 
-def batched(similarities: Float[np.ndarray, "n n"], size: int = TMR_BATCH) -> Retrieval:
+def batched(similarities: Float[np.ndarray, "n n"]) -> Retrieval:
     """Mean scores over TMR's batches."""
-    parts = [retrieval(similarities[np.ix_(b, b)]) for b in tmr_batches(len(similarities), size)]
+    parts = [retrieval(similarities[np.ix_(b, b)]) for b in tmr_batches(len(similarities))]
     recall = {k: float(np.mean([part.recall[k] for part in parts])) for k in KS}
     median, reciprocal = (float(np.mean([part[field] for part in parts])) for field in (1, 2))
-    return Retrieval(recall, median, reciprocal, size)
+    return Retrieval(recall, median, reciprocal, TMR_BATCH)
 
 
 def chance(pairs: int, ks: tuple[int, ...] = KS) -> Retrieval:
