@@ -28,7 +28,7 @@ from echoavatar.motion.kinematics.rigs import known_bones
 from echoavatar.nn.kernels import user_cache
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.whole_file import write_whole
-from echoavatar_lab.corpora.controls import Array, Controls, concatenated, moved, wander
+from echoavatar_lab.corpora.controls import Array, Controls, concatenated, facing, moved, spans_of, wander
 
 from .animated import SUFFIXES, read_animated
 from .catalogue import Entry, Kind, entry_of
@@ -191,7 +191,9 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
             piece = _without_stillness(piece)
         is_whole = len(good) == 1 and not bad
         if piece.frames >= SHORTEST_S * FRAME_RATE_HZ or (is_whole and piece.frames > FRAME_RATE_HZ / 2):
-            controls = _shifted(controls_from_motion(piece), shift)
+            controls = controls_from_motion(piece)
+            level = {name: (getattr(controls, name) + by).astype(np.float32) for name, by in shift.items()}
+            controls = replace(controls, **level)
             controls = stepping(controls) if entry.kind in ("standing", "speech", "gesture") else controls
             yield _with_finger_drift(_at_origin(controls))
 
@@ -228,13 +230,12 @@ def _rows(table: Path) -> list[dict[str, str]]:
 
 def _good_frames(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
     """Stretches of frames between the bad spans."""
-    is_good = np.ones(motion.frames + 1, np.bool_)
+    is_good = np.ones(motion.frames, np.bool_)
     for start, end in bad:
         first, last = (start - SPAN_MARGIN_S) * motion.fps, (end + SPAN_MARGIN_S) * motion.fps
         is_good[max(0, int(first)) : int(np.ceil(last)) + 1] = False
     is_good[motion.frames - round(entry.last_s * motion.fps) :] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_good]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > motion.fps / 4]
+    return [(a, b) for a, b in spans_of(is_good) if b - a > motion.fps / 4]
 
 
 def _smoothed(motion: Motion, entry: Entry, good: Sequence[tuple[int, int]]) -> Motion:
@@ -278,8 +279,7 @@ def _at_origin(controls: Controls) -> Controls:
     """Hips over the origin, facing +Z, on average over the first half second."""
     first = controls[: max(1, round(FACING_S * FRAME_RATE_HZ))]
     centred = moved(controls, -first.pelvis_position.mean(0)[[0, 2]])
-    yaw = first.pelvis_rotation[:, 0]
-    return moved(centred, np.zeros(2), turn=-float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean())))
+    return moved(centred, np.zeros(2), turn=-facing(first))
 
 
 def _level_shift(controls: Controls) -> dict[str, Float[np.ndarray, " 3"]]:
@@ -303,11 +303,6 @@ def _level_shift(controls: Controls) -> dict[str, Float[np.ndarray, " 3"]]:
         "spine": np.array([0.0, -turned, 0.0]),
         "head": np.array([0.0, raised, upright_head]),
     }
-
-
-def _shifted(controls: Controls, shift: dict[str, Float[np.ndarray, " 3"]]) -> Controls:
-    curves = {name: np.asarray(getattr(controls, name) + by, np.float32) for name, by in shift.items()}
-    return replace(controls, **curves)
 
 
 def _with_finger_drift(controls: Controls) -> Controls:

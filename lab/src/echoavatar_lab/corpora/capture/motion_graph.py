@@ -16,15 +16,20 @@ from scipy.spatial.distance import cdist
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import (
     ANKLE_HEIGHT,
+    FEET,
     Array,
     Controls,
     air,
+    at_most,
     concatenated,
     fading,
+    gap,
     minimum_jerk,
     mirrored,
     moved,
     smoothed,
+    turned,
+    unwound,
 )
 
 EVERY = 5  # frames between places where a join may happen
@@ -46,15 +51,6 @@ STEPPING = 0.5  # of the joins of a lively body are made by steps
 QUIET = 0.5  # below this liveliness nothing is chosen
 SIZES = {"sway": (0.7, 1.4), "lean": (0.7, 2.5), "turn": (0.7, 1.4)}  # by which a stretch is scaled
 TILT = 0.85  # of a stretch's own tilt to the sides at most, however far it sways
-FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
-
-
-@dataclass(frozen=True)
-class Place:
-    """A frame of a clip where a walk may join."""
-
-    clip: int
-    frame: int
 
 
 class MotionGraph:
@@ -98,16 +94,10 @@ class _Description:
     alive: Float[Array, "t 4"]
 
 
-def poses_of(controls: Controls) -> Float[Array, "t d"]:
-    """Pose and velocity of each frame, in metres, seen from the hips; the distance of two says how well they join."""
-    found = _described(controls)
-    return np.concatenate([found.poses, found.arms], 1)
-
-
 def _described(controls: Controls) -> _Description:
     """Pose and velocity in metres, seen from the hips over the floor; standing; liveliness of what follows."""
     yaw = controls.pelvis_rotation[:, :1]
-    feet = _turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
+    feet = turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
     toes = controls.foot_yaw - yaw
     parts = [
         feet.reshape(len(feet), -1),
@@ -288,10 +278,7 @@ def joined(before: Controls, after: Controls, spot: Float[np.ndarray, " 3"] | No
     for field in fields(Controls):
         if field.name not in FEET:
             old, new = getattr(before, field.name), getattr(after, field.name).copy()
-            speed = (old[-1] - old[-2]) - (new[1] - new[0])
-            place = old[-1] + (old[-1] - old[-2]) - new[0]
-            fade = fading(place, speed, round(FADE_S * FRAME_RATE_HZ))[: len(new)]
-            new[: len(fade)] += fade
+            new += fading(*gap(old, new), round(FADE_S * FRAME_RATE_HZ), len(new))
             curves[field.name] = new
     curves |= _feet(before, after)
     return concatenated([before, replace(after, **curves)])
@@ -302,9 +289,8 @@ def _brought(before: Controls, after: Controls, spot: Array | None) -> Controls:
     old, new = _floor_points(before[-1:]), _floor_points(after[:1])
     a, b = old - old.mean(0), new - new.mean(0)
     turn = float(np.arctan2((b[:, 1] * a[:, 0] - b[:, 0] * a[:, 1]).sum(), (a * b).sum()))
-    placed = moved(after, -new.mean(0))
-    placed = moved(placed, np.zeros(2), turn=turn)
-    placed = _unwound(moved(placed, old.mean(0)), before)
+    placed = moved(moved(after, -new.mean(0)), old.mean(0), turn=turn)
+    placed = unwound(placed, before, 0, -1)
     goal = np.zeros(3) if spot is None else spot
     off = placed.pelvis_position[:, [0, 2]].mean(0) - goal[:2]
     yaw = float(placed.pelvis_rotation[:, 0].mean() - goal[2])
@@ -312,8 +298,8 @@ def _brought(before: Controls, after: Controls, spot: Array | None) -> Controls:
     is_lost = spot is not None or far > NEAR_M or abs(yaw) > FRONT_RAD
     shift, angle = (0.35, 0.7) if is_lost else (0.03, 0.05)
     centre = placed.pelvis_position[0, [0, 2]]
-    placed = moved(moved(placed, -centre), np.zeros(2), turn=-float(np.clip(yaw, -angle, angle)))
-    return moved(placed, centre - off * min(1.0, shift / max(far, 1e-6)))
+    turn = -float(np.clip(yaw, -angle, angle))
+    return moved(moved(placed, -centre), centre - at_most(off, shift), turn=turn)
 
 
 def _home(body: Controls) -> Controls:
@@ -328,16 +314,6 @@ def _floor_points(controls: Controls) -> Float[Array, "5 2"]:
     yaw = controls.foot_yaw[0]
     toes = ankles + 0.13 * np.stack([np.sin(yaw), np.cos(yaw)], -1)
     return np.concatenate([ankles, toes, controls.pelvis_position[:, [0, 2]]])
-
-
-def _unwound(after: Controls, before: Controls) -> Controls:
-    """`after` with its headings shifted by whole turns to those of `before`."""
-    curves = {}
-    for name in ("pelvis_rotation", "foot_yaw"):
-        old, new = getattr(before, name)[-1], getattr(after, name)
-        whole = 2 * np.pi * np.round((old - new[0]) / (2 * np.pi))
-        curves[name] = np.asarray(new + whole, np.float32)
-    return replace(after, **curves)
 
 
 def _feet(before: Controls, after: Controls) -> dict[str, Array]:
@@ -390,9 +366,3 @@ def _landing(controls: Controls, side: int, begin: int) -> int:
 
 def _is_up(controls: Controls, side: int) -> Bool[Array, " t"]:
     return np.asarray(controls.foot_position[:, side, 1] > ANKLE_HEIGHT + 0.012)
-
-
-def _turned(vectors: Float[Array, "t k 3"], angle: Float[Array, "t 1"]) -> Float[Array, "t k 3"]:
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    return np.stack([cos * x + sin * z, y, cos * z - sin * x], -1)
