@@ -36,7 +36,7 @@ DRIFT_FRAMES = 8  # over which the speed of an arm fades at a join
 RELAXED_FINGERS = (0.25, 0.20, 0.24, 0.28, 0.30, 0.05, 0.25)
 FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 _PAIRED = (*FEET, "knee_swing", "shoulder", "wrist", "palm", "elbow_swing", "fingers")
-_ANGLES = ("pelvis_rotation", "spine", "head", "foot_yaw", "palm", "elbow_swing", "knee_swing")
+_WHOLE_TURNS = ("pelvis_rotation", "foot_yaw", "elbow_swing", "knee_swing")  # these angles may wind; others have limits
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0
 def unwound(controls: Controls, like: Controls, at: int, like_at: int) -> Controls:
     """The same performance with angles shifted by whole turns: at frame `at` they are next to `like`'s at `like_at`."""
     curves = {}
-    for name in _ANGLES:
+    for name in _WHOLE_TURNS:
         old, new = getattr(like, name)[like_at], getattr(controls, name)
         curves[name] = np.asarray(new + 2 * np.pi * np.round((old - new[at]) / (2 * np.pi)), np.float32)
     return replace(controls, **curves)
