@@ -114,7 +114,9 @@ def knee_direction(
     """Unit vector from the hip-ankle line to the knee: between foot and pelvis, then turned towards the left."""
     foot = torch.stack([foot_yaw.sin(), torch.zeros_like(foot_yaw), foot_yaw.cos()], -1)
     knee = 0.6 * foot + 0.4 * F.normalize(pelvis[..., 2] * _FLAT, dim=-1)
-    return _swung(knee, line, -swing)
+    knee = F.normalize(off_line(knee, line), dim=-1)
+    turned: Tensor = swing.cos()[:, None] * knee + swing.sin()[:, None] * torch.linalg.cross(knee, line)
+    return turned
 
 
 class ArmFrames(NamedTuple):
@@ -170,18 +172,13 @@ def elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> F
     The smallest rotation carries a relaxed pose to the new line; its only singular direction is up behind the neck.
     """
     easy = F.normalize(_EASY_REACH, dim=-1)
-    elbow = F.normalize(off_line(_EASY_ELBOW, easy), dim=-1)
+    elbow = F.normalize(_EASY_ELBOW - (_EASY_ELBOW @ easy) * easy, dim=-1)
     cosine = (line @ easy)[:, None].clamp_min(-0.98)
     axis = torch.linalg.cross(easy.expand_as(line), line)
     along = (axis @ elbow)[:, None]
     carried = cosine * elbow + torch.linalg.cross(axis, elbow.expand_as(axis)) + axis * along / (1 + cosine)
-    return _swung(carried, line, swing)
-
-
-def _swung(direction: Tensor, line: Tensor, swing: Tensor) -> Tensor:
-    """Unit vector at right angles to a line, nearest to a direction and then turned about the line."""
-    nearest = F.normalize(off_line(direction, line), dim=-1)
-    turned: Tensor = swing.cos()[:, None] * nearest + swing.sin()[:, None] * torch.linalg.cross(line, nearest)
+    carried = F.normalize(off_line(carried, line), dim=-1)
+    turned: Tensor = swing.cos()[:, None] * carried + swing.sin()[:, None] * torch.linalg.cross(line, carried)
     return turned
 
 
