@@ -3,7 +3,6 @@
 Each clip starts at the origin and faces +Z, stands on the floor at y = 0, and has our rig's size.
 """
 
-import csv
 import hashlib
 import io
 import json
@@ -18,7 +17,6 @@ from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import ARRAYS_BYTES, check_file
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.motion.kinematics import Motion
@@ -34,7 +32,7 @@ from .animated import SUFFIXES, read_animated
 from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
 from .footing import stepping
-from .units import GestureUnit, cut_out, gesture_unit, unit_rows
+from .units import GestureUnit, cut_out, gesture_unit, rows_of, table_above, unit_rows
 
 VERSION = 4  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
@@ -207,25 +205,14 @@ def _digest(folder: Path) -> str:
 
 def bad_spans(path: Path) -> list[tuple[float, float]]:
     """Seconds to cut out of a take, from `bad_spans.csv` beside it (file, start_s, end_s)."""
-    table = path.with_name("bad_spans.csv")
-    if not table.exists():
-        return []
-    return [(float(r["start_s"]), float(r["end_s"])) for r in _rows(table) if r["file"] == path.name]
+    rows = rows_of(path.with_name("bad_spans.csv"))
+    return [(float(r["start_s"]), float(r["end_s"])) for r in rows if r["file"] == path.name]
 
 
 def _licences(folder: Path) -> dict[str, tuple[str, str]]:
     """Licence and use by the last two parts of a file's path, from `manifest.csv` in or above the folder."""
-    tables = [place / "manifest.csv" for place in (folder, folder.resolve().parent, folder.resolve().parent.parent)]
-    table = next((t for t in tables if t.exists()), None)
-    if table is None:
-        return {}
-    return {"/".join(Path(r["file"]).parts[-2:]): (r["licence"], r["use"]) for r in _rows(table)}
-
-
-def _rows(table: Path) -> list[dict[str, str]]:
-    check_file(table, ARRAYS_BYTES, MotionError)
-    with table.open(encoding="utf-8", newline="") as text:
-        return list(csv.DictReader(text))
+    rows = rows_of(table_above(folder, "manifest.csv"))
+    return {"/".join(Path(r["file"]).parts[-2:]): (r["licence"], r["use"]) for r in rows}
 
 
 def _good_frames(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:

@@ -28,12 +28,14 @@ from echoavatar_lab.corpora.controls import (
     mirrored,
     moved,
     smoothed,
+    spans_of,
     turned,
     unwound,
 )
 
 EVERY = 5  # frames between places where a join may happen
 AHEAD_S = 5.0  # what a place leads to is judged over this time
+STRETCH_S = 4.0, 11.0  # of one clip
 SAMPLED = 500  # places compared for one join
 GOOD_JOINS = 6  # of which one of the best is drawn
 VELOCITY_S = 0.15  # weight of velocities against positions
@@ -142,20 +144,14 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t
     return np.where(is_out[:, None], np.inf, np.stack(found, 1))
 
 
-def walk(
-    graph: MotionGraph,
-    liveliness: Float[np.ndarray, " t"],
-    rng: np.random.Generator,
-    *,
-    stretch_s: tuple[float, float] = (4.0, 11.0),
-) -> Controls:
+def walk(graph: MotionGraph, liveliness: Float[np.ndarray, " t"], rng: np.random.Generator) -> Controls:
     """A walk of `len(liveliness)` frames near the origin that mostly faces +Z; follows the wanted liveliness."""
     frames, entries = len(liveliness), graph.entries(float(liveliness[0]), 2.0)
     body, at = None, 0
     fresh = np.ones(len(graph.clips))
     here = int(rng.choice(entries, p=_appeal(graph, entries, float(liveliness[0]), fresh)))
     while at < frames:
-        length = round(float(rng.uniform(*stretch_s)) * FRAME_RATE_HZ)
+        length = round(float(rng.uniform(*STRETCH_S)) * FRAME_RATE_HZ)
         change = np.flatnonzero(np.diff(liveliness[at : at + length]))
         length = int(change[0]) + 1 if len(change) else length
         own = graph.clip[here] // 2 * 2
@@ -211,9 +207,9 @@ def _sized(controls: Controls, wanted: float, rng: np.random.Generator) -> Contr
     if wanted < QUIET:
         size = float(rng.uniform(*SIZES["sway"]))
         return varied(controls, sway=size, lean=size, turn=size)
-    own = _spread(controls)
+    own = {name: float(curve.std()) / TALKING[name] for name, curve in _sway_lean_turn(controls).items()}
     goal = {name: wanted * float(rng.uniform(0.8, 1.25)) for name in SIZES}
-    sizes = {n: float(np.clip(goal[n] / (own[n] + 1e-3), *SIZES[n])) for n in SIZES}
+    sizes = {name: float(np.clip(goal[name] / (own[name] + 1e-3), *SIZES[name])) for name in SIZES}
     sizes["sway"] = min(sizes["sway"], max(0.7, 1 / max(float(overhang(controls).max()), 1e-3)))
     farthest = float(np.abs(_lean(controls) - _lean(controls).mean()).max())
     sizes["lean"] = min(sizes["lean"], max(0.7, 0.8 * LEAN / max(farthest, 1e-3)))
@@ -250,11 +246,6 @@ def overhang(controls: Controls) -> Float[Array, " t"]:
     half = np.linalg.norm(across, axis=1)
     off = ((controls.pelvis_position[:, [0, 2]] - feet.mean(1)) * across).sum(1) / np.maximum(half, 1e-3)
     return np.asarray(np.abs(smoothed(off, 0.1)) / (half + FOOT_M))
-
-
-def _spread(controls: Controls) -> dict[str, float]:
-    """Sway, lean and turn of a stretch, 1 like people who talk."""
-    return {name: float(curve.std()) / TALKING[name] for name, curve in _sway_lean_turn(controls).items()}
 
 
 def _sway_lean_turn(controls: Controls) -> dict[str, Float[Array, " t"]]:
@@ -325,17 +316,19 @@ def _feet(before: Controls, after: Controls) -> dict[str, Array]:
     frames, step = len(after), round(STEP_S * FRAME_RATE_HZ)
     lead = int(np.argmax([np.hypot(w[0], w[2]) for w in way]))
     for side in range(2):
-        begin = (2 if side == lead or not all(must) else step + 4) if must[side] else _first_lift(after, side)
-        length = step if must[side] else max(_landing(after, side, begin) - begin, round(0.25 * FRAME_RATE_HZ))
+        if must[side]:
+            begin, length = 2 if side == lead or not all(must) else step + 4, step
+        else:
+            begin, end = _first_step(after, side)
+            length = max(end - begin, round(0.25 * FRAME_RATE_HZ))
         phase = (np.arange(frames) - begin) / length
         stay = 1 - minimum_jerk((phase - 0.12) / 0.76)
         fade = 1 - minimum_jerk(np.arange(frames) / (0.3 * FRAME_RATE_HZ))
         flat = np.array([way[side][0], 0.0, way[side][2]], np.float32)
         held = np.arange(frames) < begin
-        for name in FEET:
-            if must[side]:  # the new stretch's own foot may move meanwhile; this one waits
+        if must[side]:  # the new stretch's own foot may move meanwhile; this one waits
+            for name in FEET:
                 curves[name][held, side] = curves[name][min(begin, frames - 1), side]
-        if must[side]:
             flat = before.foot_position[-1, side] - curves["foot_position"][0, side]
             turn[side] = float(before.foot_yaw[-1, side] - curves["foot_yaw"][0, side])
             flat = np.array([flat[0], 0.0, flat[2]], np.float32)
@@ -352,17 +345,7 @@ def _feet(before: Controls, after: Controls) -> dict[str, Array]:
     return curves
 
 
-def _first_lift(controls: Controls, side: int) -> int:
-    """First frame in which a foot leaves the floor; the length of the stretch if it never does."""
-    up = np.flatnonzero(_is_up(controls, side))
-    return int(up[0]) if len(up) else len(controls)
-
-
-def _landing(controls: Controls, side: int, begin: int) -> int:
-    """First frame after a lift in which the foot stands again."""
-    down = np.flatnonzero(~_is_up(controls, side)[begin:])
-    return begin + int(down[0]) if len(down) else len(controls)
-
-
-def _is_up(controls: Controls, side: int) -> Bool[Array, " t"]:
-    return np.asarray(controls.foot_position[:, side, 1] > ANKLE_HEIGHT + 0.012)
+def _first_step(controls: Controls, side: int) -> tuple[int, int]:
+    """First frame in which a foot leaves the floor, and first after it in which it stands; the length if it stays."""
+    steps = spans_of(controls.foot_position[:, side, 1] > ANKLE_HEIGHT + 0.012)
+    return steps[0] if steps else (len(controls), len(controls))
