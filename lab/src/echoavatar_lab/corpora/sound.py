@@ -1,4 +1,4 @@
-"""Sound with its labels, which the choreography reads, and musical scores.
+"""Sound tracks with their labels, which the choreography reads, and musical scores.
 
 All times are seconds on the 24 kHz sample clock. Audio is mono float32 and always a whole number of motion frames
 (800 samples) long. Not in the paper, which trains on recorded corpora.
@@ -49,12 +49,12 @@ class Span:
 
 @dataclass(frozen=True)
 class Source:
-    """Who or what is heard in a stretch: kind is "speech", "music" or "singing"; `name` and `style` describe it."""
+    """The source of the sound in a stretch of time: kind is "speech", "music" or "singing"."""
 
     start: float
     end: float
     kind: str
-    name: str
+    name: str  # of the voice, the players or the file
     style: str
 
 

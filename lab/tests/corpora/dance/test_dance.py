@@ -5,9 +5,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from echoavatar.motion.kinematics.motion import forward_kinematics
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar.motion.kinematics.skeleton import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.corpora.controls import neutral
 from echoavatar_lab.corpora.dance.dance import ANSWER_S, dance
 from echoavatar_lab.corpora.solver import solve
@@ -25,9 +23,7 @@ CASES = [
 
 
 def positions(quaternions: NDArray[np.float32], root: NDArray[np.float32]) -> NDArray[np.float64]:
-    rotations = matrix_from_quaternion(torch.from_numpy(quaternions).double())
-    pose = forward_kinematics(HUMANOID, rotations, torch.from_numpy(root).double())
-    return np.asarray(pose.positions.numpy())
+    return Motion(HUMANOID, quaternions, root, 30.0).pose(torch.float64).positions.numpy()
 
 
 def alignment(places: NDArray[np.float64], beats: NDArray[np.float64]) -> float:

@@ -1,4 +1,4 @@
-"""Captured dances cut into stretches of whole counts: which stretches fit a tempo, and which may follow which.
+"""Captured dances cut into stretches of whole counts, which are found by tempo and by the pose they begin with.
 
 A stretch may follow where pose and velocity are alike. Stretches are dropped whose counts would have to be played too
 slowly or too fast, that go down to the floor, or in which a joint would turn too fast.
@@ -62,7 +62,7 @@ class Dance:
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Stretches of one length in beats, as arrays over all of them: where they begin, what they do, how they match."""
+    """Stretches of one length in beats, as arrays over all of them: their places, their movement and their poses."""
 
     dance: Int[Array, " k"]
     first: Int[Array, " k"]  # count
@@ -138,7 +138,7 @@ def dance_graph(library: CapturedLibrary) -> DanceGraph:
 
 
 def _between(fastest: Float[Array, " t"], controls: Controls, counts: Float[Array, " n"]) -> Float[Array, " n-1"]:
-    """The fastest joint between counts; infinite on the floor, and with a foot that is steep or points backwards."""
+    """Speed of the fastest joint between counts; infinite on the floor and with a foot that is steep or turned back."""
     low = controls.pelvis_position[:, 1] < LOWEST_M
     bent = np.abs(controls.pelvis_rotation[:, 1]) > MOST_BENT
     steep = ((np.abs(controls.foot_pitch) > STEEPEST) | (np.abs(controls.foot_roll) > MOST_TILT)).any(1)

@@ -1,7 +1,8 @@
 """Captured people who dance to any music: phrases of their dances joined and warped so that counts meet beats.
 
-A phrase follows where pose and phase match (after Kovar et al., Motion Graphs, 2002). Between counts time runs by
-PCHIP. At each join the dancer is turned and shifted a little towards the front and the middle. Turns and travel stay.
+A phrase may follow another one where pose and phase match (after Kovar et al., Motion Graphs, 2002). Between counts,
+time runs by PCHIP. At each join the dancer is turned and shifted a little towards the front and the middle. Turns and
+travel stay.
 """
 
 from collections.abc import Callable
@@ -54,7 +55,7 @@ KEPT_M = 0.03  # feet that are both off by more than this step in turn
 
 @dataclass(frozen=True)
 class Piece:
-    """Music as a dancer needs it.
+    """What a dancer needs to know of a piece of music.
 
     Attributes:
         beat: time in seconds of a beat by its number, before the first and after the last as well; 0 is a downbeat.
@@ -91,7 +92,7 @@ def can_dance(graph: DanceGraph, groups: tuple[str, ...], piece: Piece) -> bool:
 def captured_dance(
     graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
 ) -> tuple[int, Controls]:
-    """First frame, and curves from the start of a piece to a little after its end.
+    """The number of the first frame, and curves from the start of a piece to a little after its end.
 
     Raises:
         ValueError: nothing fits the tempo; ask `can_dance` before.
@@ -110,7 +111,11 @@ def captured_dance(
 
 
 def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
-    """The phrases of a dance from before the start of a piece until after its end."""
+    """The phrases of a dance from before the start of a piece until after its end.
+
+    Raises:
+        ValueError: nothing fits the tempo.
+    """
     half, beat_s = _half(piece)
     long, number = 2 * half, 0
     while piece.beat(number) > piece.start:

@@ -84,7 +84,7 @@ class CapturedLibrary:
         return tuple(clip for clip in self.clips if clip.kind in kinds)
 
     def credits(self) -> dict[str, str]:
-        """Set to licence, for the card of what is trained on the library."""
+        """The licence of each set, for the card of a model that is trained on the library."""
         return {clip.source.split("/")[0]: clip.licence for clip in self.clips}
 
     def save(self, path: Path) -> None:
@@ -197,7 +197,7 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
 
 
 def _digest(folder: Path) -> str:
-    """Changes with every file of the folder and with this package's way of reading them."""
+    """A number that changes with every file of the folder and with this package's way of reading them."""
     files = [path for path in sorted(folder.rglob("*")) if path.suffix in (".bvh", ".csv", *SUFFIXES)]
     stats = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     return hashlib.sha256(repr((VERSION, stats)).encode()).hexdigest()[:16]

@@ -6,7 +6,7 @@ stretch lifts it; one that lands far from it takes a step of its own.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -58,19 +58,17 @@ TILT = 0.85  # of a stretch's own tilt to the sides at most, however far it sway
 class MotionGraph:
     """Clips and their mirror images, with the pose, the velocity and the liveliness of every place in them."""
 
-    def __init__(self, clips: Sequence[Controls], waiting: Sequence[bool] = ()) -> None:
-        """`waiting` tells of each clip whether bodies that wait may do what it shows; all may by default."""
+    def __init__(self, clips: Sequence[Controls], waiting: Sequence[bool]) -> None:
+        """`waiting` tells of each clip whether bodies that wait may do what it shows."""
         self.clips = [side for clip in clips for side in (clip, mirrored(clip))]
-        table = [_described(clip) for clip in self.clips]
-        waits = [wait for wait in (waiting or [True] * len(clips)) for _ in range(2)]
         frames = [np.arange(len(clip))[::EVERY] for clip in self.clips]
         self.clip = np.concatenate([np.full(len(f), i) for i, f in enumerate(frames)])
         self.frame = np.concatenate(frames)
-        self.poses = np.concatenate([t.poses[::EVERY] for t in table])
-        self.arms = np.concatenate([t.arms[::EVERY] for t in table])
-        self.waits = np.concatenate([np.full(len(f), w) for f, w in zip(frames, waits, strict=True)])
-        self.stands = np.concatenate([t.stands[::EVERY] for t in table])
-        self.alive = np.concatenate([t.alive[::EVERY] for t in table])
+        described = zip(*(_described(clip) for clip in self.clips), strict=True)
+        self.poses, self.arms, self.stands, self.alive = (
+            np.concatenate([curve[::EVERY] for curve in curves]) for curves in described
+        )
+        self.waits = np.repeat(waiting, 2)[self.clip]
         self.left = np.concatenate([len(c) - f for c, f in zip(self.clips, frames, strict=True)])
 
     def entries(self, wanted: float, seconds: float) -> Int[Array, " k"]:
@@ -88,16 +86,12 @@ class MotionGraph:
         return np.sqrt(apart.min(0)), here[apart.argmin(0)]
 
 
-@dataclass(frozen=True)
-class _Description:
-    poses: Float[Array, "t d"]
-    arms: Float[Array, "t a"]
-    stands: Bool[Array, " t"]
-    alive: Float[Array, "t 4"]
-
-
-def _described(controls: Controls) -> _Description:
-    """Pose and velocity in metres, seen from the hips over the floor; standing; liveliness of what follows."""
+def _described(
+    controls: Controls,
+) -> tuple[Float[Array, "t d"], Float[Array, "t a"], Bool[Array, " t"], Float[Array, "t 4"]]:
+    """Pose and velocity of the body and of the arms, in metres, seen from the hips over the floor; whether both feet
+    stand; and the liveliness of what follows.
+    """
     yaw = controls.pelvis_rotation[:, :1]
     feet = turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
     toes = controls.foot_yaw - yaw
@@ -113,7 +107,7 @@ def _described(controls: Controls) -> _Description:
     steps = np.linalg.norm(np.gradient(controls.foot_position, axis=0), axis=-1) * FRAME_RATE_HZ
     stands = ((controls.foot_position[..., 1] < ANKLE_HEIGHT + 0.012) & (steps < 0.06)).all(1)
     poses = _with_velocity(np.concatenate(parts, 1))
-    return _Description(poses, _with_velocity(arms), stands, _liveliness(controls, yaw, steps))
+    return poses, _with_velocity(arms), stands, _liveliness(controls, yaw, steps)
 
 
 def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
@@ -123,9 +117,7 @@ def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
 
 def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t 4"]:
     """Sway, lean, turn and steps of the next seconds, 1 like people who talk; infinite before wild or far moves."""
-    place = controls.pelvis_position
-    lean = _lean(controls)
-    curves = _sway_lean_turn(controls)
+    place, lean, curves = controls.pelvis_position, _lean(controls), _sway_lean_turn(controls)
     window = min(round(AHEAD_S * FRAME_RATE_HZ), len(yaw))
 
     def ahead(values: Array) -> Array:

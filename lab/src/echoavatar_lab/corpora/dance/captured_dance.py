@@ -1,4 +1,4 @@
-"""The dance to a track: by rule or by captured people, who go with some kinds of music; its bends go with all."""
+"""The dance to a sound track: by rule, or by captured people where the music suits them; bends are laid over both."""
 
 import numpy as np
 

@@ -13,7 +13,7 @@ from scipy.ndimage import maximum_filter1d
 from echoavatar.timing import FRAME_RATE_HZ
 
 from ..controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
-from ..keyframes import bump, glide, progress
+from ..keyframes import bump, gaps, glide, progress
 from ..sound import SoundTrack, Span
 from .dance_plan import BodyKey, DancePlan, compose_dance
 from .footwork import Footwork, walk
@@ -242,10 +242,7 @@ def _needed(values: Array) -> Array:
 
 def _arch(curve: Array, t: Array, times: Array, values: Array, travel: Array) -> None:
     """Bend long wrist paths outwards and forwards, so that arms swing around the shoulder instead of through it."""
-    gap = np.minimum(np.diff(times, prepend=times[0] - 1.0), travel)
-    index, phase = progress(t, times, gap)
-    after = np.minimum(index, len(times) - 1)
-    before = np.maximum(index - 1, 0)
+    before, after, phase = progress(t, times, gaps(times, travel))
     shape = bump(phase)[:, None]
     for side in (0, 1):
         cut = slice(side * ARM, side * ARM + 3)

@@ -1,4 +1,4 @@
-"""Travel laid over a dance: from side to side with the phrases, about the middle, by steps it has.
+"""Travel laid over a dance: from side to side with the phrases, about the middle, by the steps that the dance has.
 
 Each foot takes its share of the way while it is in the air, and the hips follow the feet; so planted feet stay where
 they are, and a dance without steps does not travel.
