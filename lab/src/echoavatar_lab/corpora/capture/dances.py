@@ -120,8 +120,7 @@ def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.ran
     long, number = 2 * half, 0
     while piece.beat(number) > piece.start:
         number -= 1
-    kinds = {beats: graph.stretches(groups, beats, beat_s) for beats in (long, half)}
-    kinds = {beats: kind for beats, kind in kinds.items() if len(kind)}
+    kinds = {beats: kind for beats in (long, half) if len(kind := graph.stretches(groups, beats, beat_s))}
     if not kinds:
         raise ValueError("no captured dance fits this tempo")
     used = {beats: np.zeros(len(kind)) for beats, kind in kinds.items()}

@@ -89,10 +89,7 @@ class CapturedLibrary:
 
     def save(self, path: Path) -> None:
         """Write the library as one npz."""
-        about = [
-            {"name": c.name, "kind": c.kind, "group": c.group, "source": c.source, "licence": c.licence}
-            for c in self.clips
-        ]
+        about = [{name: value for name, value in vars(clip).items() if name != "controls"} for clip in self.clips]
         packed = io.BytesIO()
         np.savez(
             packed,
@@ -118,11 +115,9 @@ def open_library(path: Path) -> CapturedLibrary:
     try:
         stored = arrays_of(path, MotionError)
         curves, frames, about = stored["curves"], stored["frames"], json.loads(str(stored["clips"]))
-        ends = np.cumsum(frames)
-        parts = [Controls.unpacked(curves[end - count : end]) for end, count in zip(ends, frames, strict=True)]
-        return CapturedLibrary(
-            tuple(CapturedClip(**text, controls=part) for text, part in zip(about, parts, strict=True))
-        )
+        parts = np.split(curves, np.cumsum(frames)[:-1])
+        clips = [CapturedClip(**text, controls=Controls.unpacked(p)) for text, p in zip(about, parts, strict=True)]
+        return CapturedLibrary(tuple(clips))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; make it with `echoavatar data capture FOLDER -o {path}`") from error
     except NPZ_ERRORS as error:

@@ -99,9 +99,8 @@ def cut_out(controls: Controls, row: Row) -> Controls:
     part = controls[round(row.start_s * FRAME_RATE_HZ) : round(row.end_s * FRAME_RATE_HZ) + 1]
     if len(part) < 2:
         raise MotionError(f"a unit from {row.start_s} to {row.end_s} s lies outside of its file")
-    table, count = part.packed(), max(2, round(len(part) / row.tempo))
-    at = np.linspace(0, len(part) - 1, count)
-    return Controls.unpacked(np.stack([np.interp(at, np.arange(len(part)), curve) for curve in table.T], 1))
+    at = np.linspace(0, len(part) - 1, max(2, round(len(part) / row.tempo)))
+    return Controls.unpacked(np.stack([np.interp(at, np.arange(len(part)), curve) for curve in part.packed().T], 1))
 
 
 def gesture_unit(controls: Controls, meaning: str) -> GestureUnit:
