@@ -25,9 +25,10 @@ def test_travel_never_exceeds_the_gap() -> None:
     np.testing.assert_allclose(gaps(np.array([0.0, 0.4, 2.4]), np.array([1.0, 1.0, 1.0])), [1.0, 0.4, 1.0])
 
 
-def test_progress_names_the_key_that_is_next() -> None:
-    index, phase = progress(np.array([-1.0, 0.5, 9.0]), np.array([0.0, 1.0]), np.array([0.5, 1.0]))
-    assert index.tolist() == [0, 1, 2]
+def test_progress_names_the_keys_before_and_after() -> None:
+    before, after, phase = progress(np.array([-1.0, 0.5, 9.0]), np.array([0.0, 1.0]), np.array([0.5, 1.0]))
+    assert before.tolist() == [0, 0, 1]
+    assert after.tolist() == [0, 1, 1]
     np.testing.assert_allclose(phase, [0.0, 0.5, 1.0])
 
 

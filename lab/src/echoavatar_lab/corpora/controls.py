@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
@@ -26,6 +26,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 Array = np.ndarray
 
 ANKLE_HEIGHT = 0.085
+BALL_M = 0.13  # from the ankle to the ball of the foot
 STANDING_PELVIS = (0.0, 0.944, 0.0)
 STANDING_FEET = ((0.105, ANKLE_HEIGHT, -0.015), (-0.105, ANKLE_HEIGHT, -0.015))
 STANDING_FOOT_YAW = (0.14, -0.14)
@@ -33,7 +34,9 @@ HANGING_WRIST = (0.110, -0.485, 0.050)
 FOLDED_M = 0.12  # from the shoulder to the wrist at least: a folded arm
 DRIFT_FRAMES = 8  # over which the speed of an arm fades at a join
 RELAXED_FINGERS = (0.25, 0.20, 0.24, 0.28, 0.30, 0.05, 0.25)
-_ANGLES = ("pelvis_rotation", "spine", "head", "foot_yaw", "palm", "elbow_swing", "knee_swing")
+FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
+_PAIRED = (*FEET, "knee_swing", "shoulder", "wrist", "palm", "elbow_swing", "fingers")
+_WHOLE_TURNS = ("pelvis_rotation", "foot_yaw", "elbow_swing", "knee_swing")  # these angles may wind; others have limits
 
 
 @dataclass(frozen=True)
@@ -122,23 +125,15 @@ def blended(start: Controls, end: Controls, weight: Float[Array, " t"]) -> Contr
 
 def mirrored(controls: Controls) -> Controls:
     """The same performance, left and right exchanged."""
-    across = np.array([-1.0, 1.0, 1.0], np.float32)
-    turned = np.array([-1.0, 1.0, -1.0], np.float32)
+    across, around = np.array([-1, 1, 1], np.float32), np.array([-1, 1, -1], np.float32)
+    sides = {name: getattr(controls, name)[:, ::-1].copy() for name in _PAIRED}
+    sides |= {"foot_position": sides["foot_position"] * across, "foot_yaw": -sides["foot_yaw"]}
     return Controls(
         pelvis_position=controls.pelvis_position * across,
-        pelvis_rotation=controls.pelvis_rotation * turned,
-        spine=controls.spine * turned,
-        head=controls.head * turned,
-        foot_position=controls.foot_position[:, ::-1] * across,
-        foot_yaw=-controls.foot_yaw[:, ::-1],
-        foot_pitch=controls.foot_pitch[:, ::-1].copy(),
-        shoulder=controls.shoulder[:, ::-1].copy(),
-        wrist=controls.wrist[:, ::-1].copy(),
-        palm=controls.palm[:, ::-1].copy(),
-        elbow_swing=controls.elbow_swing[:, ::-1].copy(),
-        fingers=controls.fingers[:, ::-1].copy(),
-        foot_roll=controls.foot_roll[:, ::-1].copy(),
-        knee_swing=controls.knee_swing[:, ::-1].copy(),
+        pelvis_rotation=controls.pelvis_rotation * around,
+        spine=controls.spine * around,
+        head=controls.head * around,
+        **sides,
     )
 
 
@@ -159,22 +154,59 @@ def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0
 def unwound(controls: Controls, like: Controls, at: int, like_at: int) -> Controls:
     """The same performance with angles shifted by whole turns: at frame `at` they are next to `like`'s at `like_at`."""
     curves = {}
-    for name in _ANGLES:
+    for name in _WHOLE_TURNS:
         old, new = getattr(like, name)[like_at], getattr(controls, name)
         curves[name] = np.asarray(new + 2 * np.pi * np.round((old - new[at]) / (2 * np.pi)), np.float32)
     return replace(controls, **curves)
 
 
+def facing(controls: Controls) -> float:
+    """The mean heading of the hips, radians."""
+    yaw = controls.pelvis_rotation[:, 0]
+    return float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean()))
+
+
+def turned(way: Float[np.ndarray, "*n d"], angle: Float[np.ndarray, "*#n"] | float) -> Float[Array, "*n d"]:
+    """Ways over the floor, (x, z) or (x, y, z), turned to the left by angles in radians."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, z = way[..., 0], way[..., -1]
+    height = [way[..., 1]] if way.shape[-1] == 3 else []
+    return np.stack([cos * x + sin * z, *height, cos * z - sin * x], -1)
+
+
+def at_most(way: Float[np.ndarray, " 2"], length: float) -> Float[Array, " 2"]:
+    """A way over the floor, cut to a length."""
+    return np.asarray(way * min(1.0, length / max(float(np.hypot(*way)), 1e-6)))
+
+
+def spans_of(mask: Bool[np.ndarray, " t"]) -> list[tuple[int, int]]:
+    """First frames and ends of the stretches in which a mask is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def gap(old: Float[np.ndarray, "t ..."], new: Float[np.ndarray, "n ..."]) -> tuple[Array, Array]:
+    """Difference of place, and of speed per frame, between a curve that ends and the one that follows it."""
+    speed = old[-1] - old[-2]
+    return old[-1] + speed - new[0], speed - (new[1] - new[0])
+
+
 def fading(
-    place: Float[np.ndarray, "..."], speed: Float[np.ndarray, "..."], frames: int, *, drift: int | None = None
+    place: Float[np.ndarray, "..."],
+    speed: Float[np.ndarray, "..."],
+    frames: int,
+    length: int,
+    *,
+    drift: int | None = None,
 ) -> Float[Array, "t ..."]:
     """A difference of poses, and of speeds per frame, that fades out along a quintic (inertialisation).
 
-    With `drift` the speeds fade within so many frames: the longer they take, the further they carry away.
+    It is gone after `frames` of the `length` frames. With `drift` the speeds fade within so many frames: the longer
+    they take, the further they carry away.
     """
 
-    def phase(length: int) -> Array:
-        ratio = np.minimum(np.arange(frames) / length, 1.0)
+    def phase(end: int) -> Array:
+        ratio = np.minimum(np.arange(length) / end, 1.0)
         return np.asarray(ratio.reshape(-1, *([1] * np.ndim(place))))
 
     drift = frames if drift is None else min(drift, frames)
@@ -189,9 +221,8 @@ def wrists_over(old: Float[Array, "2 2 3"], new: Float[Array, "n 2 3"], frames: 
     The difference fades as a turn about the shoulder and as a length: along a straight line the hand would pass
     through the shoulder, and the arm would flip.
     """
-    stay = fading(np.ones(1), np.zeros(1), frames)
-    drift = fading(np.zeros(1), np.ones(1), frames, drift=DRIFT_FRAMES)
-    stay, drift = (np.pad(f, ((0, max(len(new) - len(f), 0)), (0, 0)))[: len(new) - 1] for f in (stay, drift))
+    stay = fading(np.ones(1), np.zeros(1), frames, len(new) - 1)
+    drift = fading(np.zeros(1), np.ones(1), frames, len(new) - 1, drift=DRIFT_FRAMES)
     over = np.zeros((len(new) - 1, 2, 3), np.float32)
     for side in range(2):
         was, now = old[:, side], new[:, side]

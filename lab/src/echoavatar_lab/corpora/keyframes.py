@@ -7,20 +7,18 @@ where a pose arrives on a beat. Everything is vectorised over frames.
 import numpy as np
 from numpy.typing import NDArray
 
-from .controls import minimum_jerk
-
-FloatArray = np.ndarray
+from .controls import Array, minimum_jerk
 
 
-def bump(phase: FloatArray) -> FloatArray:
+def bump(phase: Array) -> Array:
     """0 at both ends, 1 in the middle, twice continuously differentiable; zero outside 0..1."""
     s = np.clip(phase, 0.0, 1.0)
-    height: FloatArray = (4.0 * s * (1.0 - s)) ** 3
+    height: Array = (4.0 * s * (1.0 - s)) ** 3
     return height
 
 
-def progress(t: FloatArray, arrive: FloatArray, travel: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-    """For each time, the index of the key it moves to (0: before the first) and the phase 0..1 of that move.
+def progress(t: Array, arrive: Array, travel: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """For each time, the key that the move begins at, the key that it leads to, and the phase 0..1 of the move.
 
     Args:
         t: times, (frames,)
@@ -28,29 +26,27 @@ def progress(t: FloatArray, arrive: FloatArray, travel: FloatArray) -> tuple[NDA
         travel: how long each move takes, at most the gap to the key before, (keys,)
     """
     index = np.searchsorted(arrive, t, side="left")
-    at = np.minimum(index, len(arrive) - 1)
-    phase = np.clip((t - arrive[at]) / travel[at] + 1.0, 0.0, 1.0)
-    return index, np.where(index >= len(arrive), 1.0, phase)
+    after = np.minimum(index, len(arrive) - 1)
+    phase = np.clip((t - arrive[after]) / travel[after] + 1.0, 0.0, 1.0)
+    return np.maximum(index - 1, 0), after, np.where(index >= len(arrive), 1.0, phase)
 
 
-def glide(t: FloatArray, arrive: FloatArray, values: FloatArray, travel: FloatArray | None = None) -> FloatArray:
+def glide(t: Array, arrive: Array, values: Array, travel: Array | None = None) -> Array:
     """Values at times `t`, (frames, channels): move by minimum jerk from key to key and rest at each.
 
     Args:
         t: times, (frames,)
         arrive: increasing times of arrival, (keys,)
-        values: what to arrive at, (keys, channels)
+        values: the value at each arrival, (keys, channels)
         travel: how long each move takes, (keys,), at most the gap to the key before; None means the whole gap
     """
-    index, phase = progress(t, arrive, gaps(arrive, travel))
-    after = np.minimum(index, len(arrive) - 1)
-    before = np.maximum(index - 1, 0)
+    before, after, phase = progress(t, arrive, gaps(arrive, travel))
     share = minimum_jerk(phase)[:, None]
-    result: FloatArray = values[before] * (1.0 - share) + values[after] * share
+    result: Array = values[before] * (1.0 - share) + values[after] * share
     return result
 
 
-def gaps(arrive: FloatArray, travel: FloatArray | None = None) -> FloatArray:
+def gaps(arrive: Array, travel: Array | None = None) -> Array:
     """Time from the previous key to each key, or `travel` where that is shorter."""
     gap = np.maximum(np.diff(arrive, prepend=arrive[0] - 1.0), 1e-3)
     return gap if travel is None else np.minimum(gap, np.maximum(travel, 1e-3))

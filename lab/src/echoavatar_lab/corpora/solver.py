@@ -23,7 +23,7 @@ BLOCK_FRAMES = 8192
 SPINE_SHARE = (0.30, 0.35, 0.35)
 NECK_SHARE = 0.45
 REACH = 0.992  # of a limb's length
-TOES_BEND = 1.0
+SOFT_M = 0.004  # over which the pelvis begins to sink
 PALM_LIMITS = ((-1.15, 1.15), (-0.55, 0.38), (-1.65, 1.55))
 CURL_RANGE = (1.45, 1.70, 1.15)  # proximal, intermediate, distal, radians at curl 1
 SPREAD_RANGE = (0.24, 0.05, -0.13, -0.27)  # index .. little, radians at spread 1
@@ -42,13 +42,12 @@ def solve(controls: Controls) -> tuple[Float[np.ndarray, "t 52 4"], Float[np.nda
 
 def _solve_block(controls: Controls) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     local = torch.eye(3, dtype=torch.float64).repeat(len(controls), HUMANOID.joints, 1, 1)
-    pelvis = _turn(_tensor(controls.pelvis_rotation))
-    local[:, 0] = pelvis
+    local[:, 0] = pelvis = matrix_from_euler(_tensor(controls.pelvis_rotation), "yxz")
     spine, head = _tensor(controls.spine), _tensor(controls.head)
     for name, share in zip(("spine", "chest", "upperChest"), SPINE_SHARE, strict=True):
-        local[:, HUMANOID.index(name)] = _turn(spine * share)
-    local[:, HUMANOID.index("neck")] = _turn(head * NECK_SHARE)
-    local[:, HUMANOID.index("head")] = _turn(head * (1 - NECK_SHARE))
+        local[:, HUMANOID.index(name)] = matrix_from_euler(spine * share, "yxz")
+    local[:, HUMANOID.index("neck")] = matrix_from_euler(head * NECK_SHARE, "yxz")
+    local[:, HUMANOID.index("head")] = matrix_from_euler(head * (1 - NECK_SHARE), "yxz")
     root = _legs(controls, pelvis, local)
     for side in range(2):
         _arm(controls, side, local)
@@ -59,15 +58,16 @@ def _solve_block(controls: Controls) -> tuple[NDArray[np.float32], NDArray[np.fl
 def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t 3"]:
     """Write the legs' rotations; return the root, lowered where the feet would be out of reach."""
     root = _tensor(controls.pelvis_position)
-    thigh, shin = HUMANOID.offsets[HUMANOID.index("leftLowerLeg")].double(), HUMANOID.offsets[_FOOT].double()
+    thigh, shin = offset_of("leftLowerLeg"), offset_of("leftFoot")
     longest = REACH * float(thigh.norm() + shin.norm())
     feet = [_ankle(controls, side) for side in range(2)]
-    hips = [(pelvis @ _offset(f"{side}UpperLeg")[:, None]).squeeze(-1) for side in SIDES]
+    hips = [(pelvis @ offset_of(f"{side}UpperLeg")[:, None]).squeeze(-1) for side in SIDES]
     ceilings = [root[:, 1]]
     for (ankle, _), hip in zip(feet, hips, strict=True):
         away = (root + hip - ankle)[:, [0, 2]].square().sum(-1)
         ceilings.append(ankle[:, 1] + (longest**2 - away).clamp_min(0.04).sqrt() - hip[:, 1])
-    root = torch.stack([root[:, 0], _soft_min(torch.stack(ceilings), 0.004), root[:, 2]], -1)
+    lowest = -SOFT_M * torch.logsumexp(-torch.stack(ceilings) / SOFT_M, dim=0)
+    root = torch.stack([root[:, 0], lowest, root[:, 2]], -1)
     for side, name in enumerate(SIDES):
         ankle, foot = feet[side]
         reach = ankle - root - hips[side]
@@ -79,23 +79,30 @@ def _legs(controls: Controls, pelvis: Tensor, local: Tensor) -> Float[Tensor, "t
         first, second = two_bones(line, knee, distance, float(thigh.norm()), float(shin.norm()))
         upper = _hinged(hinge, first) @ _hinged(_X, F.normalize(thigh, dim=-1)).mT
         lower = _hinged(hinge, second) @ _hinged(_X, F.normalize(shin, dim=-1)).mT
-        pitch = _tensor(controls.foot_pitch[:, side])
+        pitch = _tensor(controls.foot_pitch[:, side])  # of a lifted heel: the toes bend as far at first, 1 at most
         local[:, HUMANOID.index(f"{name}UpperLeg")] = pelvis.mT @ upper
         local[:, HUMANOID.index(f"{name}LowerLeg")] = upper.mT @ lower
         local[:, HUMANOID.index(f"{name}Foot")] = lower.mT @ foot
-        local[:, HUMANOID.index(f"{name}Toes")] = about("x", -_soft_bend(pitch))
+        local[:, HUMANOID.index(f"{name}Toes")] = about("x", -torch.tanh(pitch.clamp_min(0.0)))
     return root
 
 
 def _ankle(controls: Controls, side: int) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3 3"]]:
-    """World position and rotation of an ankle; the heel lifts about the ball, the toes lift about the heel."""
+    """World position and rotation of an ankle."""
     place, pitch = _tensor(controls.foot_position[:, side]), _tensor(controls.foot_pitch[:, side])
     heading, roll = about("y", _tensor(controls.foot_yaw[:, side])), _tensor(controls.foot_roll[:, side])
     foot = heading @ about("x", pitch) @ about("z", roll if side == 0 else -roll)
-    ball = _offset("leftToes")
+    return place + raised_ankle(heading, foot, pitch), foot
+
+
+def raised_ankle(
+    heading: Float[Tensor, "t 3 3"], foot: Float[Tensor, "t 3 3"], pitch: Float[Tensor, " t"]
+) -> Float[Tensor, "t 3"]:
+    """Way of the ankle from the flat foot's to the pitched foot's; the heel lifts about the ball, the toes about it."""
+    ball = offset_of("leftToes")
     heel = torch.tensor([0.0, float(ball[1]), -0.045], dtype=torch.float64)
     pivot = torch.where(pitch[:, None] > 0, ball, heel)
-    return place + ((heading - foot) @ pivot[..., None]).squeeze(-1), foot
+    return ((heading - foot) @ pivot[..., None]).squeeze(-1)
 
 
 def knee_direction(
@@ -107,7 +114,7 @@ def knee_direction(
     """Unit vector from the hip-ankle line to the knee: between foot and pelvis, then turned towards the left."""
     foot = torch.stack([foot_yaw.sin(), torch.zeros_like(foot_yaw), foot_yaw.cos()], -1)
     knee = 0.6 * foot + 0.4 * F.normalize(pelvis[..., 2] * _FLAT, dim=-1)
-    knee = F.normalize(knee - (knee * line).sum(-1, keepdim=True) * line, dim=-1)
+    knee = F.normalize(off_line(knee, line), dim=-1)
     turned: Tensor = swing.cos()[:, None] * knee + swing.sin()[:, None] * torch.linalg.cross(knee, line)
     return turned
 
@@ -129,7 +136,7 @@ def arm_frames(controls: Controls, side: int) -> ArmFrames:
     lift, forward = _tensor(controls.shoulder[:, side]).clamp(-0.5, 0.7).unbind(-1)
     clavicle = about("z", lift) @ about("y", -forward)
     reach = _tensor(controls.wrist[:, side])
-    upper_length, lower_length = (float(_offset(f"left{bone}").norm()) for bone in ("LowerArm", "Hand"))
+    upper_length, lower_length = (float(offset_of(f"left{bone}").norm()) for bone in ("LowerArm", "Hand"))
     distance = reach.norm(dim=-1, keepdim=True).clamp_min(1e-6)
     line = reach / distance
     distance = _soft_reach(distance, upper_length + lower_length)
@@ -170,10 +177,14 @@ def elbow_direction(line: Float[Tensor, "t 3"], swing: Float[Tensor, " t"]) -> F
     axis = torch.linalg.cross(easy.expand_as(line), line)
     along = (axis @ elbow)[:, None]
     carried = cosine * elbow + torch.linalg.cross(axis, elbow.expand_as(axis)) + axis * along / (1 + cosine)
-    carried = F.normalize(carried - (carried * line).sum(-1, keepdim=True) * line, dim=-1)
-    aside = torch.linalg.cross(line, carried)
-    turned: Tensor = swing.cos()[:, None] * carried + swing.sin()[:, None] * aside
+    carried = F.normalize(off_line(carried, line), dim=-1)
+    turned: Tensor = swing.cos()[:, None] * carried + swing.sin()[:, None] * torch.linalg.cross(line, carried)
     return turned
+
+
+def off_line(vector: Float[Tensor, "*t 3"], line: Float[Tensor, "*t 3"]) -> Float[Tensor, "*t 3"]:
+    """The part of a vector at right angles to a line, which is a unit vector."""
+    return vector - (vector * line).sum(-1, keepdim=True) * line
 
 
 def two_bones(
@@ -223,22 +234,9 @@ def _soft_clamp(angle: Tensor, low: float, high: float) -> Tensor:
     return middle + half * scaled.sign() * (scaled.abs() - over + 0.2 * torch.tanh(over / 0.2))
 
 
-def _soft_bend(pitch: Float[Tensor, " t"]) -> Float[Tensor, " t"]:
-    """Bend of the toes of a lifted heel: all of its pitch at first, never more than `TOES_BEND`."""
-    return TOES_BEND * torch.tanh(pitch.clamp_min(0.0) / TOES_BEND)
-
-
-def _soft_min(values: Float[Tensor, "k t"], width: float) -> Float[Tensor, " t"]:
-    return -width * torch.logsumexp(-values / width, dim=0)
-
-
 def _hinged(hinge: Tensor, bone: Tensor) -> Tensor:
-    """Axes of a leg bone: x along the hinge, y opposite to the bone."""
+    """Axes of a leg bone: X along the hinge, Y opposite to the bone."""
     return torch.stack([hinge, -bone, torch.linalg.cross(hinge, -bone)], -1)
-
-
-def _turn(angles: Float[Tensor, "t 3"]) -> Float[Tensor, "t 3 3"]:
-    return matrix_from_euler(angles, "yxz")
 
 
 def about(axis: str, angle: Float[Tensor, " t"]) -> Float[Tensor, "t 3 3"]:
@@ -252,7 +250,8 @@ def for_side(rotation: Tensor, side: int) -> Tensor:
     return rotation if side == 0 else rotation * _MIRROR
 
 
-def _offset(name: str) -> Float[Tensor, " 3"]:
+def offset_of(name: str) -> Float[Tensor, " 3"]:
+    """Where a joint of our rig is in its parent, metres, in double precision."""
     return HUMANOID.offsets[HUMANOID.index(name)].double()
 
 
@@ -263,8 +262,7 @@ def _tensor(array: NDArray[np.float32]) -> Tensor:
 _X, _Y, _Z = torch.eye(3, dtype=torch.float64)
 _FLAT = torch.tensor([1.0, 0.0, 1.0], dtype=torch.float64)
 _MIRROR = torch.tensor([[1.0, -1, -1], [-1, 1, 1], [-1, 1, 1]], dtype=torch.float64)
-_FOOT = HUMANOID.index("leftFoot")
-THUMB = F.normalize(_offset("leftThumbProximal"), dim=-1)
+THUMB = F.normalize(offset_of("leftThumbProximal"), dim=-1)
 _FOLD = torch.tensor([0.30, -0.45, -0.80], dtype=torch.float64)
 THUMB_HINGE = F.normalize(torch.linalg.cross(THUMB, _FOLD), dim=-1)
 THUMB_AWAY = F.normalize(torch.linalg.cross(THUMB, -_Y), dim=-1)

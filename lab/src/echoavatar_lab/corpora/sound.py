@@ -1,4 +1,4 @@
-"""Sound with its labels, which the choreography reads, and musical scores.
+"""Sound tracks with their labels, which the choreography reads, and musical scores.
 
 All times are seconds on the 24 kHz sample clock. Audio is mono float32 and always a whole number of motion frames
 (800 samples) long. Not in the paper, which trains on recorded corpora.
@@ -6,7 +6,7 @@ All times are seconds on the 24 kHz sample clock. Audio is mono float32 and alwa
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 FloatArray = np.ndarray
 TimeArray = np.ndarray
+_STRETCHES = ("spans", "sections", "sources")
 
 STRESSED = 0.45  # least prominence of a stressed syllable
 
@@ -55,7 +56,7 @@ class Source:
     start: float
     end: float
     kind: str
-    name: str
+    name: str  # of the voice, the players or the file
     style: str
 
 
@@ -123,17 +124,18 @@ def shift(track: SoundTrack, seconds: float, scale: float = 1.0) -> SoundTrack:
     def at(time: float) -> float:
         return time * scale + seconds
 
+    stretches: dict[str, Any] = {
+        name: tuple(replace(s, start=at(s.start), end=at(s.end)) for s in getattr(track, name)) for name in _STRETCHES
+    }
     return replace(
         track,
-        spans=tuple(replace(s, start=at(s.start), end=at(s.end)) for s in track.spans),
         syllables=tuple(replace(s, start=at(s.start), end=at(s.end), vowel=at(s.vowel)) for s in track.syllables),
         phrases=tuple((at(a), at(b)) for a, b in track.phrases),
         phones=tuple((at(a), at(b), name) for a, b, name in track.phones),
         beats=track.beats * scale + seconds,
         downbeats=track.downbeats * scale + seconds,
-        sections=tuple(replace(s, start=at(s.start), end=at(s.end)) for s in track.sections),
         bpm=track.bpm / scale,
-        sources=tuple(replace(s, start=at(s.start), end=at(s.end)) for s in track.sources),
+        **stretches,
     )
 
 
@@ -147,15 +149,14 @@ def concatenate(tracks: Sequence[SoundTrack]) -> SoundTrack:
     return SoundTrack(
         audio=np.concatenate([track.audio for track in tracks]).astype(np.float32),
         spans=merge_spans([span for track in moved for span in track.spans]),
-        syllables=tuple(s for track in moved for s in track.syllables),
-        phrases=tuple(p for track in moved for p in track.phrases),
-        phones=tuple(p for track in moved for p in track.phones),
         beats=np.concatenate([track.beats for track in moved]),
         downbeats=np.concatenate([track.downbeats for track in moved]),
-        sections=tuple(s for track in moved for s in track.sections),
         style=longest.style,
         bpm=longest.bpm,
-        sources=tuple(s for track in moved for s in track.sources),
+        **{
+            name: tuple(label for track in moved for label in getattr(track, name))
+            for name in ("syllables", "phrases", "phones", "sections", "sources")
+        },
     )
 
 
@@ -191,22 +192,21 @@ def cut(track: SoundTrack, seconds: float, start: float = 0.0) -> SoundTrack:
     end = len(audio) / SAMPLE_RATE_HZ
     if first:
         track = shift(track, -first / SAMPLE_RATE_HZ)
+    stretches: dict[str, Any] = {
+        name: tuple(
+            replace(s, start=max(s.start, 0.0), end=min(s.end, end))
+            for s in getattr(track, name)
+            if s.end > 0 and s.start < end
+        )
+        for name in _STRETCHES
+    }
     return replace(
         track,
         audio=audio,
-        spans=tuple(replace(s, start=max(s.start, 0.0), end=min(s.end, end)) for s in _inside(track.spans, end)),
         syllables=tuple(s for s in track.syllables if s.start >= 0 and s.end <= end),
         phrases=tuple((max(a, 0.0), min(b, end)) for a, b in track.phrases if b > 0 and a < end),
         phones=tuple((max(a, 0.0), min(b, end), name) for a, b, name in track.phones if b > 0 and a < end),
         beats=track.beats[(track.beats >= 0) & (track.beats < end)],
         downbeats=track.downbeats[(track.downbeats >= 0) & (track.downbeats < end)],
-        sections=tuple(replace(s, start=max(s.start, 0.0), end=min(s.end, end)) for s in _inside(track.sections, end)),
-        sources=tuple(replace(s, start=max(s.start, 0.0), end=min(s.end, end)) for s in _inside(track.sources, end)),
+        **stretches,
     )
-
-
-Stretch = TypeVar("Stretch", Span, Section, Source)
-
-
-def _inside(stretches: Sequence[Stretch], end: float) -> list[Stretch]:
-    return [one for one in stretches if one.end > 0 and one.start < end]

@@ -5,11 +5,9 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from echoavatar.motion.kinematics.motion import forward_kinematics
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
-from echoavatar.motion.kinematics.skeleton import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.corpora.controls import neutral
-from echoavatar_lab.corpora.dance.dance import ANSWER_S, dance, footholds, plan_dance
+from echoavatar_lab.corpora.dance.dance import ANSWER_S, dance
 from echoavatar_lab.corpora.solver import solve
 from echoavatar_lab.corpora.sound import SoundTrack, Span
 
@@ -25,9 +23,7 @@ CASES = [
 
 
 def positions(quaternions: NDArray[np.float32], root: NDArray[np.float32]) -> NDArray[np.float64]:
-    rotations = matrix_from_quaternion(torch.from_numpy(quaternions).double())
-    pose = forward_kinematics(HUMANOID, rotations, torch.from_numpy(root).double())
-    return np.asarray(pose.positions.numpy())
+    return Motion(HUMANOID, quaternions, root, 30.0).pose(torch.float64).positions.numpy()
 
 
 def alignment(places: NDArray[np.float64], beats: NDArray[np.float64]) -> float:
@@ -82,7 +78,7 @@ def test_outside_music_the_dancer_stands() -> None:
     track = music(120, seconds=12)
     controls = dance(track, 0)
     np.testing.assert_allclose(controls[-3:].packed(), neutral(3).packed(), atol=0.02)
-    assert footholds(plan_dance(track, 0))
+    assert np.ptp(controls.foot_position, axis=0).max() > 0.04
 
 
 def test_music_without_beats_is_swayed_to() -> None:

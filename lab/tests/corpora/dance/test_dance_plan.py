@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from echoavatar_lab.corpora.dance.dance_plan import NEUTRAL, DancePlan, compose_dance
+from echoavatar_lab.corpora.dance.dance_plan import DancePlan, compose_dance
+from echoavatar_lab.corpora.dance.footwork import PLACES
 from echoavatar_lab.corpora.dance.grooves import find_counts
 
 from .test_grooves import music
@@ -27,7 +28,7 @@ def test_one_foot_swings_at_a_time_and_feet_come_home(seed: int) -> None:
         assert after.lift_off >= before.landing
     last = {hold.side: hold for hold in plan.holds}
     for side, hold in last.items():
-        assert hold.place == NEUTRAL.places[side]
+        assert hold.place == PLACES[side]
         assert hold.pitch == 0.0
     assert max(hold.landing for hold in plan.holds) < plan.settle + 1.3
 

@@ -24,7 +24,7 @@ from echoavatar.motion.kinematics.rotations import (
     slerp,
 )
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import STANDING_PELVIS
+from echoavatar_lab.corpora.controls import STANDING_PELVIS, Array
 
 A_POSE = np.deg2rad(37.0)  # by which a MikuMikuDance character's arms hang when no bone is turned
 SUFFIXES = (".vmd", ".qianim")
@@ -36,7 +36,7 @@ _ARM = {"肩": "Shoulder", "腕": "UpperArm", "腕捩": "UpperArm", "ひじ": "L
 _FINGERS = {"人指": "Index", "中指": "Middle", "薬指": "Ring", "小指": "Little"}
 _DIGITS = {"１": "Proximal", "２": "Intermediate", "３": "Distal"}
 _THUMB = {"親指０": "ThumbMetacarpal", "親指１": "ThumbProximal", "親指２": "ThumbDistal"}
-_OPEN, _CLOSED = 0.0, 0.9  # radians of each finger joint
+_CLOSED = 0.9  # radians of each finger joint
 Keys = list[tuple[float, Float[np.ndarray, " 4"], tuple[float, float, float, float]]]
 
 
@@ -79,12 +79,15 @@ def _vmd(data: bytes) -> dict[str, Float[Tensor, "t 3 3"]]:
         if name in keys:
             turn = matrix_from_quaternion(_between(sorted(keys[name], key=lambda key: key[0]), frames))
             turns[bone] = turns[bone] @ turn if bone in turns else turn
+    if not turns:
+        return {}
     for side, down in (("left", -A_POSE), ("right", A_POSE)):
-        hang = matrix_from_euler(torch.tensor([down, 0.0, 0.0], dtype=torch.float64), "zyx")
-        upper = turns.get(f"{side}UpperArm", torch.eye(3, dtype=torch.float64).repeat(frames, 1, 1))
-        turns |= {bone: hang.mT @ turn @ hang for bone, turn in turns.items() if _is_beyond_elbow(bone, side)}
-        turns[f"{side}UpperArm"] = upper @ hang
-    return turns if keys.keys() & _vmd_bones().keys() else {}
+        hang, upper = _about("z", np.array(down)), turns.pop(f"{side}UpperArm", torch.eye(3, dtype=torch.float64))
+        for bone, turn in turns.items():
+            if bone.startswith(side) and not bone.endswith("Shoulder"):
+                turns[bone] = hang.mT @ turn @ hang
+        turns[f"{side}UpperArm"] = (upper @ hang).expand(frames, 3, 3)
+    return turns
 
 
 def _vmd_bones() -> dict[str, str]:
@@ -96,21 +99,32 @@ def _vmd_bones() -> dict[str, str]:
     return bones
 
 
-def _is_beyond_elbow(bone: str, side: str) -> bool:
-    return bone.startswith(side) and not bone.endswith(("Shoulder", "UpperArm"))
+def _about(axis: str, angle: Float[np.ndarray, "*t"]) -> Float[Tensor, "*t 3 3"]:
+    """Turn about one of our axes by an angle in radians."""
+    angles = torch.from_numpy(np.stack([angle, 0 * angle, 0 * angle], -1))
+    return matrix_from_euler(angles, axis + "xyz".replace(axis, ""))
 
 
 def _between(keys: Keys, frames: int) -> Float[Tensor, "t 4"]:
     """Rotations at the frame rate; a key's curve belongs to the way to it."""
     times, rotations = np.array([key[0] for key in keys]), torch.from_numpy(np.stack([key[1] for key in keys]))
-    clock = np.arange(frames) / FRAME_RATE_HZ
+    before, after, _, phase = _ways(times, np.arange(frames) / FRAME_RATE_HZ)
+    x1, x2, y1, y2 = np.array([key[2] for key in keys])[after].T
+    share = _bezier(_parameter(phase, x1, x2), y1, y2)
+    return slerp(rotations[before], rotations[after], torch.from_numpy(share))
+
+
+def _ways(times: Array, clock: Array) -> tuple[Array, Array, Array, Array]:
+    """For each time, the keys before and after it, the time between them, and the share of that time gone by."""
     after = np.clip(np.searchsorted(times, clock, side="right"), 0, len(times) - 1)
     before = np.maximum(after - 1, 0)
-    phase = np.clip((clock - times[before]) / np.maximum(times[after] - times[before], 1e-9), 0, 1)
-    x1, x2, y1, y2 = np.array([key[2] for key in keys])[after].T
-    t = _parameter(phase, x1, x2)
-    share = 3 * (1 - t) ** 2 * t * y1 + 3 * (1 - t) * t**2 * y2 + t**3
-    return slerp(rotations[before], rotations[after], torch.from_numpy(share))
+    way = np.maximum(times[after] - times[before], 1e-9)
+    return before, after, way, np.clip((clock - times[before]) / way, 0, 1)
+
+
+def _bezier(t: Array, first: Array, second: Array) -> Array:
+    """A cubic Bezier curve from 0 to 1 with these handles."""
+    return np.asarray(3 * (1 - t) ** 2 * t * first + 3 * (1 - t) * t**2 * second + t**3)
 
 
 def _frames(last_s: float) -> int:
@@ -121,14 +135,12 @@ def _frames(last_s: float) -> int:
     return frames
 
 
-def _parameter(
-    x: Float[np.ndarray, " n"], x1: Float[np.ndarray, " n"], x2: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+def _parameter(x: Array, x1: Array, x2: Array) -> Array:
     """Where a Bezier curve from x = 0 to 1 with these handles has the wanted x; found by halving."""
     low, high = np.zeros_like(x), np.ones_like(x)
     for _ in range(30):
         t = (low + high) / 2
-        is_short = 3 * (1 - t) ** 2 * t * x1 + 3 * (1 - t) * t**2 * x2 + t**3 < x
+        is_short = _bezier(t, x1, x2) < x
         low, high = np.where(is_short, t, low), np.where(is_short, high, t)
     return np.asarray((low + high) / 2)
 
@@ -149,23 +161,19 @@ def _qianim(data: bytes) -> dict[str, Float[Tensor, "t 3 3"]]:
         """Pepper's left, up and forward axes are our x, y and z."""
         made = torch.eye(3, dtype=torch.float64)
         for axis, joint in zip(axes, joints, strict=True):
-            angles = np.zeros((frames, 3))
-            angles[:, 0] = np.deg2rad(_curve(curves.get(joint), frames))
-            made = made @ matrix_from_euler(torch.from_numpy(angles), axis + "xyz".replace(axis, ""))
+            made = made @ _about(axis, np.deg2rad(_curve(curves.get(joint), frames)))
         return made
 
     turns = {"head": turn("yx", "HeadYaw", "HeadPitch")}
     for letter, side, ahead in (("L", "left", -np.pi / 2), ("R", "right", np.pi / 2)):
-        rest = matrix_from_euler(torch.tensor([ahead, 0.0, 0.0], dtype=torch.float64), "yxz")
+        rest = _about("y", np.array(ahead))
         turns[f"{side}UpperArm"] = turn("xy", f"{letter}ShoulderPitch", f"{letter}ShoulderRoll") @ rest
         turns[f"{side}LowerArm"] = rest.mT @ turn("zy", f"{letter}ElbowYaw", f"{letter}ElbowRoll") @ rest
         turns[f"{side}Hand"] = rest.mT @ turn("z", f"{letter}WristYaw") @ rest
         opened = _curve(curves.get(f"{letter}Hand"), frames)
-        bend = np.zeros((frames, 3))
-        bend[:, 0] = (_CLOSED + (_OPEN - _CLOSED) * np.clip(opened, 0, 1)) * (-1 if side == "left" else 1)
-        for finger in _FINGERS.values():
-            for part in _DIGITS.values():
-                turns[f"{side}{finger}{part}"] = matrix_from_euler(torch.from_numpy(bend), "zyx")
+        bend = _CLOSED * (1 - np.clip(opened, 0, 1)) * (-1 if side == "left" else 1)
+        bones = [f"{side}{finger}{part}" for finger in _FINGERS.values() for part in _DIGITS.values()]
+        turns |= dict.fromkeys(bones, _about("z", bend))
     return turns
 
 
@@ -176,11 +184,8 @@ def _curve(curve: ElementTree.Element | None, frames: int) -> Float[np.ndarray, 
     rate = float(curve.get("fps", 25))
     at, value = (np.array([float(key.get(name, 0)) for key in curve]) for name in ("frame", "value"))
     right, left = (np.array([_tangent(key, side) for key in curve]) for side in ("right", "left"))
-    clock = np.arange(frames) / FRAME_RATE_HZ * rate
-    after = np.clip(np.searchsorted(at, clock, side="right"), 0, len(at) - 1)
-    before = np.maximum(after - 1, 0)
-    way = np.maximum(at[after] - at[before], 1e-9)
-    t = _parameter(np.clip((clock - at[before]) / way, 0, 1), right[before, 0] / way, 1 + left[after, 0] / way)
+    before, after, way, phase = _ways(at, np.arange(frames) / FRAME_RATE_HZ * rate)
+    t = _parameter(phase, right[before, 0] / way, 1 + left[after, 0] / way)
     first, second = value[before] + right[before, 1], value[after] + left[after, 1]
     ends = (1 - t) ** 3 * value[before] + t**3 * value[after]
     return np.asarray(ends + 3 * (1 - t) ** 2 * t * first + 3 * (1 - t) * t**2 * second)

@@ -1,4 +1,4 @@
-"""What the files of known captured sets show, how much they shake, and what is cut off. Not in the paper.
+"""The known captured sets: what their files show, which movement is noise, and what is cut off. Not in the paper.
 
 A file of no known set counts if one of the folders on its way is named after a kind, such as `dance/mine.bvh`, or if
 its name tells that somebody talks or dances.

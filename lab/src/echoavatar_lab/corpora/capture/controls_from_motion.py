@@ -1,4 +1,4 @@
-"""Captured motion as choreography controls: the inverse of `rehearsal.solver.solve`. Not in the paper.
+"""Captured motion as choreography controls: the inverse of `solver.solve`. Not in the paper.
 
 Controls have fewer degrees of freedom than a body: the twist of the collarbone and the bend of the toes are lost, and
 the trunk's bend is shared out over its joints in fixed parts.
@@ -35,9 +35,10 @@ def controls_from_motion(motion: Motion) -> Controls:
     matrices, pose = motion.matrices().double(), motion.pose()
     world, places = pose.rotations.double(), pose.positions.double()
     chest = world[:, HUMANOID.index("upperChest")]
-    arms = [_arm(world, places, chest, side) for side in range(2)]
-    feet = [_leg(world, places, side) for side in range(2)]
-    fingers = [_fingers(matrices, side) for side in range(2)]
+    sides = [
+        _arm(world, places, chest, side) | _leg(world, places, side) | {"fingers": _fingers(matrices, side)}
+        for side in range(2)
+    ]
     pelvis = world[:, 0]
     head = chest.mT @ world[:, HUMANOID.index("head")]
     return Controls(
@@ -45,16 +46,7 @@ def controls_from_motion(motion: Motion) -> Controls:
         pelvis_rotation=_continuous(_array(_upright(pelvis))),
         spine=_continuous(_array(_shared(pelvis.mT @ chest, solver.SPINE_SHARE))),
         head=_continuous(_array(_shared(head, (solver.NECK_SHARE, 1 - solver.NECK_SHARE)))),
-        foot_position=np.stack([foot["position"] for foot in feet], 1),
-        foot_yaw=np.stack([foot["yaw"] for foot in feet], 1),
-        foot_pitch=np.stack([foot["pitch"] for foot in feet], 1),
-        foot_roll=np.stack([foot["roll"] for foot in feet], 1),
-        knee_swing=np.stack([foot["knee"] for foot in feet], 1),
-        shoulder=np.stack([arm["shoulder"] for arm in arms], 1),
-        wrist=np.stack([arm["wrist"] for arm in arms], 1),
-        palm=np.stack([arm["palm"] for arm in arms], 1),
-        elbow_swing=np.stack([arm["swing"] for arm in arms], 1),
-        fingers=np.stack(fingers, 1),
+        **{name: np.stack([side[name] for side in sides], 1) for name in sides[0]},
     )
 
 
@@ -70,7 +62,7 @@ def _shared(goal: Rotations, shares: tuple[float, ...]) -> Float[Tensor, "t 3"]:
 
 
 def _arm(world: Tensor, places: Tensor, chest: Rotations, side: int) -> dict[str, Array]:
-    """Collarbone, wrist, palm and elbow of one arm, in mirrored chest axes."""
+    """The curves of one arm, in mirrored chest axes."""
     name = solver.SIDES[side]
     across = torch.tensor([1.0 if side == 0 else -1.0, 1.0, 1.0], dtype=world.dtype)
     shoulder, upper, elbow, hand = (
@@ -81,22 +73,22 @@ def _arm(world: Tensor, places: Tensor, chest: Rotations, side: int) -> dict[str
         return (chest.mT @ vector[..., None]).squeeze(-1) * across
 
     collar = F.normalize(seen(places[:, upper] - places[:, shoulder]), dim=-1)
-    rest = F.normalize(HUMANOID.offsets[HUMANOID.index("leftUpperArm")].double(), dim=-1)
+    rest = F.normalize(solver.offset_of("leftUpperArm"), dim=-1)
     lift = torch.atan2(collar[:, 1], collar[:, 0]) - torch.atan2(rest[1], rest[0])
     forward = collar[:, 2].asin() - rest[2].asin()
     reach, bend = seen(places[:, hand] - places[:, upper]), seen(places[:, elbow] - places[:, upper])
     distance = reach.norm(dim=-1, keepdim=True).clamp_min(1e-6)
     line = reach / distance
-    aside = bend - (bend * line).sum(-1, keepdim=True) * line
+    aside = solver.off_line(bend, line)
     hinge = solver.for_side(chest.mT @ world[:, upper], side)[..., 1]
     twisted = torch.linalg.cross(hinge, line)
     swing = _swing(line, aside + CERTAIN_BEND * twisted)
-    lengths = [float(HUMANOID.offsets[HUMANOID.index(f"left{bone}")].norm()) for bone in ("LowerArm", "Hand")]
+    lengths = [float(solver.offset_of(f"left{bone}").norm()) for bone in ("LowerArm", "Hand")]
     wrist = line * _before_soft_reach(distance, sum(lengths))
     return {
         "shoulder": np.stack([_array(lift), _array(forward)], -1),
         "wrist": _array(wrist),
-        "swing": swing,
+        "elbow_swing": swing,
         "palm": _palm(line, swing, distance, lengths, solver.for_side(chest.mT @ world[:, hand], side)),
     }
 
@@ -121,26 +113,22 @@ def _palm(line: Tensor, swing: Array, distance: Tensor, lengths: list[float], ha
 
 
 def _leg(world: Tensor, places: Tensor, side: int) -> dict[str, Array]:
-    """Place of the flat foot's ankle, the foot's three angles, and the knee's swing."""
+    """The curves of one leg: place of the flat foot's ankle, the foot's three angles, and the knee's swing."""
     hip, knee, ankle = (HUMANOID.index(solver.SIDES[side] + bone) for bone in ("UpperLeg", "LowerLeg", "Foot"))
     outwards = 1 if side == 0 else -1
     angles = _continuous(_array(_upright(world[:, ankle])))
     yaw, pitch, _ = torch.from_numpy(angles).double().unbind(-1)
-    ball = HUMANOID.offsets[HUMANOID.index("leftToes")].double()
-    heel = torch.tensor([0.0, float(ball[1]), -0.045], dtype=torch.float64)
-    pivot = torch.where(pitch[:, None] > 0, ball, heel)
-    place = places[:, ankle] - ((solver.about("y", yaw) - world[:, ankle]) @ pivot[..., None]).squeeze(-1)
+    place = places[:, ankle] - solver.raised_ankle(solver.about("y", yaw), world[:, ankle], pitch)
     line = F.normalize(places[:, ankle] - places[:, hip], dim=-1)
     easy = solver.knee_direction(line, yaw, world[:, 0], torch.zeros_like(yaw))
-    aside = places[:, knee] - places[:, hip]
-    aside = aside - (aside * line).sum(-1, keepdim=True) * line + CERTAIN_KNEE * easy
+    aside = solver.off_line(places[:, knee] - places[:, hip], line) + CERTAIN_KNEE * easy
     swing = torch.atan2((aside * torch.linalg.cross(easy, line)).sum(-1), (aside * easy).sum(-1))
     return {
-        "position": _array(place),
-        "yaw": angles[:, 0],
-        "pitch": angles[:, 1],
-        "roll": angles[:, 2] * outwards,
-        "knee": _continuous(_array(swing)) * outwards,
+        "foot_position": _array(place),
+        "foot_yaw": angles[:, 0],
+        "foot_pitch": angles[:, 1],
+        "foot_roll": angles[:, 2] * outwards,
+        "knee_swing": _continuous(_array(swing)) * outwards,
     }
 
 

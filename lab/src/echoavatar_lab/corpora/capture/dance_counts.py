@@ -38,14 +38,15 @@ def _count_frames(hits: Float[Array, " t"]) -> float:
     """Frames from count to count: the highest peak of the autocorrelation near the usual count."""
     hits = hits - hits.mean()
     lags = np.arange(round(COUNT_S[0] * FRAME_RATE_HZ), min(round(COUNT_S[1] * FRAME_RATE_HZ), len(hits) // 2) + 1)
-    match = np.array([(hits[lag:] * hits[:-lag]).mean() + 0.5 * _at_double(hits, int(lag)) for lag in lags])
+    match = np.array([_alike(hits, lag) + 0.5 * _alike(hits, 2 * lag) for lag in lags.tolist()])
     usual = np.exp(-0.5 * (np.log(lags / (USUAL_S * FRAME_RATE_HZ)) / SPREAD) ** 2)
     best = int(np.argmax((match - min(match.min(), 0.0)) * usual))
     return float(lags[best])
 
 
-def _at_double(hits: Array, lag: int) -> float:
-    return float((hits[2 * lag :] * hits[: -2 * lag]).mean()) if 2 * lag < len(hits) else 0.0
+def _alike(hits: Float[Array, " t"], lag: int) -> float:
+    """Autocorrelation at a lag in frames; 0 beyond the end."""
+    return float((hits[lag:] * hits[:-lag]).mean()) if lag < len(hits) else 0.0
 
 
 def _tracked(hits: Float[Array, " t"], period: float) -> list[int]:

@@ -1,4 +1,4 @@
-"""Captured dances cut into stretches of whole counts: which stretches fit a tempo, and which may follow which.
+"""Captured dances cut into stretches of whole counts, which are found by tempo and by the pose they begin with.
 
 A stretch may follow where pose and velocity are alike. Stretches are dropped whose counts would have to be played too
 slowly or too fast, that go down to the floor, or in which a joint would turn too fast.
@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import Array, Controls, mirrored, smoothed
+from echoavatar_lab.corpora.controls import Array, Controls, mirrored, smoothed, turned
 from echoavatar_lab.corpora.solver import solve
 
 from .dance_counts import braking, find_counts
@@ -41,6 +41,7 @@ class Dance:
         fastest: speed of the fastest joint from each count to the next, degrees per second; infinite in floor work.
         sums: over the frames before: cosine and sine of the heading, place x and z, energy.
         strong: 0 if the even counts are hit harder, otherwise 1.
+        poses: pose and velocity of the whole body in metres, as `_poses` measures them.
     """
 
     group: str
@@ -49,6 +50,7 @@ class Dance:
     fastest: Float[Array, " n-1"]
     sums: Float[Array, "t+1 5"]
     strong: int
+    poses: Float[Array, "t d"]
 
     def at(self, frames: Float[np.ndarray, " k"]) -> Controls:
         """Curves at fractional frames."""
@@ -60,9 +62,8 @@ class Dance:
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Stretches of one length in beats, as arrays over all of them: where they begin, what they do, how they match."""
+    """Stretches of one length in beats, as arrays over all of them: their places, their movement and their poses."""
 
-    beats: int
     dance: Int[Array, " k"]
     first: Int[Array, " k"]  # count
     counts: Int[Array, " k"]
@@ -81,63 +82,47 @@ class DanceGraph:
     """All dances of a library with their mirror images."""
 
     dances: tuple[Dance, ...]
-    poses: tuple[Float[Array, "t d"], ...]
 
     @lru_cache(maxsize=8)  # noqa: B019 - there is one graph in a process
     def stretches(self, groups: tuple[str, ...], beats: int, beat_s: float) -> Stretches:
         """Stretches of so many beats of the given length by dancers of some groups."""
         found = [
-            _Rows(number, dance, self.poses[number], beats, beat_s)
-            for number, dance in enumerate(self.dances)
-            if dance.group in groups
+            _fitting(number, dance, beats, beat_s) for number, dance in enumerate(self.dances) if dance.group in groups
         ]
+        found = [columns for columns in found if columns is not None]
         if not found:
             whole, real = np.zeros(0, np.int64), np.zeros(0)
-            return Stretches(beats, whole, whole, whole, np.zeros((0, 1)), real, np.zeros((0, 2)), real, real)
-        columns = [np.concatenate(parts) for parts in zip(*(rows.columns() for rows in found), strict=True)]
-        return Stretches(beats, *columns)
+            return Stretches(whole, whole, whole, np.zeros((0, 1)), real, np.zeros((0, 2)), real, real)
+        return Stretches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-class _Rows:
-    """The stretches of one dance that fit a tempo."""
-
-    def __init__(self, number: int, dance: Dance, poses: Array, beats: int, beat_s: float) -> None:
-        gaps = np.diff(dance.counts) / FRAME_RATE_HZ
-        middle = float(np.median(gaps)) if len(gaps) else beat_s
-        unit = float(np.clip(2.0 ** np.round(np.log2(middle / beat_s / USUAL_RATE)), 0.25, 2.0))  # beats in a count
-        self.size = size = round(beats / unit)
-        self.number, self.dance, self.poses = number, dance, poses
-        fits = size * unit == beats and size <= len(gaps)
-        step = 2 if unit < 1 else 1
-        self.first = np.arange(dance.strong % step, len(gaps) - size + 1, step) if fits else np.zeros(0, np.int64)
-        self.rate = np.zeros(0)
-        if len(self.first):
-            windows = sliding_window_view(gaps / (unit * beat_s), size)[self.first]
-            self.rate = windows.mean(1)
-            fastest = sliding_window_view(dance.fastest, size)[self.first].max(1)
-            good = (windows.min(1) > RATES[0]) & (windows.max(1) < RATES[1]) & (fastest * self.rate < FASTEST_DEG_S)
-            self.first, self.rate = self.first[good], self.rate[good]
-
-    def columns(self) -> tuple[Array, ...]:
-        """The fields of `Stretches`, in order, but for the beats."""
-        starts = np.round(self.dance.counts).astype(int)
-        a = starts[self.first] if len(self.first) else np.zeros(0, np.int64)
-        b = starts[self.first + self.size] if len(self.first) else a
-        sums = self.dance.sums
-        cos, sin, x, z, energy = ((sums[b] - sums[a]) / np.maximum(b - a, 1)[:, None]).T
-        yaw = self.dance.controls.pelvis_rotation[a, 0]
-        place = self.dance.controls.pelvis_position[a]
-        x, z = x - place[:, 0], z - place[:, 2]
-        way = np.stack([np.cos(yaw) * x - np.sin(yaw) * z, np.sin(yaw) * x + np.cos(yaw) * z], 1)
-        heading = np.arctan2(sin, cos) - yaw
-        same = np.full(len(a), self.number), self.first, np.full(len(a), self.size)
-        return (*same, self.poses[a], heading, way, energy, self.rate)
+def _fitting(number: int, dance: Dance, beats: int, beat_s: float) -> tuple[Array, ...] | None:
+    """The stretches of one dance that fit a tempo: the fields of `Stretches`, in order; None if no stretch can fit."""
+    gaps = np.diff(dance.counts) / FRAME_RATE_HZ
+    middle = float(np.median(gaps)) if len(gaps) else beat_s
+    unit = float(np.clip(2.0 ** np.round(np.log2(middle / beat_s / USUAL_RATE)), 0.25, 2.0))  # beats in a count
+    size = round(beats / unit)
+    if size * unit != beats or size > len(gaps):
+        return None
+    step = 2 if unit < 1 else 1
+    first = np.arange(dance.strong % step, len(gaps) - size + 1, step)
+    windows = sliding_window_view(gaps / (unit * beat_s), size)[first]
+    rate, fastest = windows.mean(1), sliding_window_view(dance.fastest, size)[first].max(1)
+    good = (windows.min(1) > RATES[0]) & (windows.max(1) < RATES[1]) & (fastest * rate < FASTEST_DEG_S)
+    first, rate = first[good], rate[good]
+    starts = np.round(dance.counts).astype(int)
+    a, b = starts[first], starts[first + size]
+    cos, sin, x, z, energy = ((dance.sums[b] - dance.sums[a]) / np.maximum(b - a, 1)[:, None]).T
+    yaw = dance.controls.pelvis_rotation[a, 0]
+    way = turned(np.stack([x, z], 1) - dance.controls.pelvis_position[a][:, [0, 2]], -yaw)
+    heading = np.arctan2(sin, cos) - yaw
+    return np.full(len(a), number), first, np.full(len(a), size), dance.poses[a], heading, way, energy, rate
 
 
 @lru_cache(maxsize=2)
 def dance_graph(library: CapturedLibrary) -> DanceGraph:
     """The graph of a library's dances; takes some seconds, once in a process."""
-    found: list[tuple[Dance, Float[Array, "t d"]]] = []
+    found: list[Dance] = []
     for clip in library.of("dance"):
         rotations, root = solve(clip.controls)
         positions = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ)).pose().positions.numpy()
@@ -147,13 +132,13 @@ def dance_graph(library: CapturedLibrary) -> DanceGraph:
         fastest, energy = joint_speed(rotations), _energy(positions)
         for side in range(2):
             own = mirrored(clip.controls) if side else clip.controls
-            dance = Dance(clip.group, own, counts, _between(fastest, own, counts), _sums(own, energy), strong)
-            found.append((dance, _poses(own)))
-    return DanceGraph(tuple(dance for dance, _ in found), tuple(poses for _, poses in found))
+            between, sums = _between(fastest, own, counts), _sums(own, energy)
+            found.append(Dance(clip.group, own, counts, between, sums, strong, _poses(own)))
+    return DanceGraph(tuple(found))
 
 
 def _between(fastest: Float[Array, " t"], controls: Controls, counts: Float[Array, " n"]) -> Float[Array, " n-1"]:
-    """The fastest joint between counts; infinite on the floor, and with a foot that is steep or points backwards."""
+    """Speed of the fastest joint between counts; infinite on the floor and with a foot that is steep or turned back."""
     low = controls.pelvis_position[:, 1] < LOWEST_M
     bent = np.abs(controls.pelvis_rotation[:, 1]) > MOST_BENT
     steep = ((np.abs(controls.foot_pitch) > STEEPEST) | (np.abs(controls.foot_roll) > MOST_TILT)).any(1)
@@ -186,13 +171,7 @@ def _energy(positions: Float[np.ndarray, "t j 3"]) -> Float[Array, " t"]:
 def _poses(controls: Controls) -> Float[Array, "t d"]:
     """Pose and velocity of the whole body in metres, seen from the hips and the floor below them."""
     yaw = controls.pelvis_rotation[:, :1]
-    cos, sin = np.cos(yaw), np.sin(yaw)
-
-    def seen(way: Array) -> Array:
-        x, z = way[..., 0], way[..., 2]
-        return np.stack([cos * x - sin * z, way[..., 1], sin * x + cos * z], -1)
-
-    feet = seen(controls.foot_position - controls.pelvis_position[:, None])
+    feet = turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
     travel = np.gradient(controls.pelvis_position, axis=0)[:, None] * FRAME_RATE_HZ
     toes = controls.foot_yaw - yaw
     parts = [
@@ -208,5 +187,5 @@ def _poses(controls: Controls) -> Float[Array, "t d"]:
     pose = np.concatenate(parts, 1)
     speed = np.gradient(smoothed(pose, 0.03), axis=0) * FRAME_RATE_HZ
     turning = 0.15 * np.gradient(smoothed(yaw, 0.05), axis=0) * FRAME_RATE_HZ
-    moving = VELOCITY_S * np.concatenate([speed, seen(travel).reshape(len(feet), -1), turning], 1)
+    moving = VELOCITY_S * np.concatenate([speed, turned(travel, -yaw).reshape(len(feet), -1), turning], 1)
     return np.concatenate([pose, moving], 1).astype(np.float32)

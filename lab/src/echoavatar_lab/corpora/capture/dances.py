@@ -1,7 +1,8 @@
 """Captured people who dance to any music: phrases of their dances joined and warped so that counts meet beats.
 
-A phrase follows where pose and phase match (after Kovar et al., Motion Graphs, 2002). Between counts time runs by
-PCHIP. At each join the dancer is turned and shifted a little towards the front and the middle. Turns and travel stay.
+A phrase may follow another one where pose and phase match (after Kovar et al., Motion Graphs, 2002). Between counts,
+time runs by PCHIP. At each join the dancer is turned and shifted a little towards the front and the middle. Turns and
+travel stay.
 """
 
 from collections.abc import Callable
@@ -15,11 +16,17 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import (
     DRIFT_FRAMES,
+    FEET,
     Array,
     Controls,
+    at_most,
     concatenated,
+    facing,
     fading,
+    gap,
     moved,
+    smoothed,
+    turned,
     unwound,
     wrists_over,
 )
@@ -38,18 +45,17 @@ TURNED = 1.45  # the trunk against the hips as captured: the salsa turns less th
 FACING, AWAY = 1.2, 1.1  # cost of a stretch that faces backwards, and of each metre off the middle
 NEAR_M = 0.6  # from the middle: this near costs nothing
 SIZE, SPREAD, LARGEST = 1.15, 0.35, 2.0  # of a dance's movement: median, log-normal deviation, most
-MOST_TURN = 1.0  # radians
+MOST_TURN = 1.0  # radians, of the shoulders against the hips: as far as people can
 HOME_TURN, HOME_M = 0.5, 0.15  # most that a join turns and shifts the dancer
 FASTEST_DEG_S = 1000.0  # of any joint: faster stretches are smoothed
-ROUNDS, SOFT_FRAMES = 3, 3.0
+ROUNDS, SOFT_S = 3, 0.1
 FOLDED_M = 0.16  # from a shoulder to its wrist: a folded arm, which is not made smaller
 KEPT_M = 0.03  # feet that are both off by more than this step in turn
-FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Music as a dancer needs it.
+    """What a dancer needs to know of a piece of music.
 
     Attributes:
         beat: time in seconds of a beat by its number, before the first and after the last as well; 0 is a downbeat.
@@ -86,7 +92,7 @@ def can_dance(graph: DanceGraph, groups: tuple[str, ...], piece: Piece) -> bool:
 def captured_dance(
     graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator
 ) -> tuple[int, Controls]:
-    """First frame, and curves from the start of a piece to a little after its end.
+    """The number of the first frame, and curves from the start of a piece to a little after its end.
 
     Raises:
         ValueError: nothing fits the tempo; ask `can_dance` before.
@@ -99,17 +105,22 @@ def captured_dance(
         made = _played(phrase, piece, size, rng)
         body = _at_home(made) if body is None else concatenated([body, _joined(body, made)])
     assert body is not None
-    return first, _slowed(with_footfalls(_slowed(_within_reach(body))), without=FEET)
+    spine = body.spine.copy()
+    spine[:, 0] = MOST_TURN * np.tanh(spine[:, 0] / MOST_TURN)
+    return first, _slowed(with_footfalls(_slowed(replace(body, spine=spine))), without=FEET)
 
 
 def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
-    """The phrases of a dance from before the start of a piece until after its end."""
+    """The phrases of a dance from before the start of a piece until after its end.
+
+    Raises:
+        ValueError: nothing fits the tempo.
+    """
     half, beat_s = _half(piece)
     long, number = 2 * half, 0
     while piece.beat(number) > piece.start:
         number -= 1
-    kinds = {beats: graph.stretches(groups, beats, beat_s) for beats in (long, half)}
-    kinds = {beats: kind for beats, kind in kinds.items() if len(kind)}
+    kinds = {beats: kind for beats in (long, half) if len(kind := graph.stretches(groups, beats, beat_s))}
     if not kinds:
         raise ValueError("no captured dance fits this tempo")
     used = {beats: np.zeros(len(kind)) for beats, kind in kinds.items()}
@@ -132,7 +143,7 @@ def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.ran
         )
         phrase = Phrase(dance, int(kind.first[pick]), int(kind.counts[pick]), number, beats, energy)
         found.append(phrase)
-        here = graph.poses[kind.dance[pick]][round(dance.counts[phrase.first + phrase.counts])]
+        here = dance.poses[round(dance.counts[phrase.first + phrase.counts])]
         state = _after(dance, phrase, state + np.array([*shift[pick], turn[pick]]))
         number += beats
     return found
@@ -150,10 +161,9 @@ def _costs(
     """How badly each stretch follows, and the turn and shift towards home that its join makes."""
     apart = np.zeros(len(kind)) if here is None else np.sqrt(((kind.poses - here) ** 2).sum(1))
     heading = state[2] + kind.heading
-    turn = np.clip(-_wrapped(heading), -HOME_TURN, HOME_TURN)
-    cos, sin = np.cos(state[2] + turn), np.sin(state[2] + turn)
-    way = np.stack([cos * kind.way[:, 0] + sin * kind.way[:, 1], cos * kind.way[:, 1] - sin * kind.way[:, 0]], 1)
-    off = state[:2] + way
+    wrapped = (heading + np.pi) % (2 * np.pi) - np.pi
+    turn = np.clip(-wrapped, -HOME_TURN, HOME_TURN)
+    off = state[:2] + turned(kind.way, state[2] + turn)
     far = np.linalg.norm(off, axis=1)
     shift = -off * np.minimum(1.0, HOME_M / np.maximum(far, 1e-6))[:, None]
     left = np.linalg.norm(off + shift, axis=1)
@@ -166,10 +176,8 @@ def _after(dance: Dance, phrase: Phrase, state: Float[Array, " 3"]) -> Float[Arr
     """Place and heading after a phrase that is begun in a place and heading."""
     a, b = (round(dance.counts[phrase.first + n]) for n in (0, phrase.counts))
     place, yaw = dance.controls.pelvis_position, dance.controls.pelvis_rotation[:, 0]
-    way = (place[b] - place[a])[[0, 2]]
-    cos, sin = np.cos(state[2] - yaw[a]), np.sin(state[2] - yaw[a])
-    moved_by = np.array([cos * way[0] + sin * way[1], cos * way[1] - sin * way[0]])
-    return np.array([*(state[:2] + moved_by), state[2] + yaw[b] - yaw[a]])
+    way = turned((place[b] - place[a])[[0, 2]], state[2] - yaw[a])
+    return np.array([*(state[:2] + way), state[2] + yaw[b] - yaw[a]])
 
 
 def _played(phrase: Phrase, piece: Piece, size: float, rng: np.random.Generator) -> Controls:
@@ -206,10 +214,8 @@ def _sized(controls: Controls, size: float) -> Controls:
 
 def _at_home(controls: Controls) -> Controls:
     """The first phrase, over the origin and to the front on average."""
-    yaw = controls.pelvis_rotation[:, 0]
-    turn = float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean()))
-    turned = moved(controls, np.zeros(2), turn=-turn)
-    return moved(turned, -turned.pelvis_position[:, [0, 2]].mean(0))
+    ahead = moved(controls, np.zeros(2), turn=-facing(controls))
+    return moved(ahead, -ahead.pelvis_position[:, [0, 2]].mean(0))
 
 
 def _joined(before: Controls, after: Controls) -> Controls:
@@ -219,48 +225,34 @@ def _joined(before: Controls, after: Controls) -> Controls:
     """
     after = unwound(_placed(before, after), before, 0, -1)
     far = np.linalg.norm(before.foot_position[-1] - after.foot_position[0], axis=-1)
+    step = round(STEP_S * FRAME_RATE_HZ)
     curves: dict[str, Array] = {}
     for field in fields(Controls):
         old, new = getattr(before, field.name), getattr(after, field.name).copy()
-        place, speed = _gap(old, new)
+        place, speed = gap(old, new)
         if field.name == "wrist":
             ends = np.stack([old[-1], 2 * old[-1] - old[-2]])
             new = wrists_over(ends, np.concatenate([2 * new[:1] - new[1:2], new]), round(FADE_S * FRAME_RATE_HZ))
         elif field.name not in FEET:
-            new += _faded(place, speed, FADE_S, len(new))
+            new += fading(place, speed, round(FADE_S * FRAME_RATE_HZ), len(new), drift=DRIFT_FRAMES)
         else:
             for side in range(2):
-                waits = round(STEP_S * FRAME_RATE_HZ) if side == far.argmin() and far.min() > KEPT_M else 0
-                fade = _faded(place[side], speed[side] * (waits == 0), STEP_S, len(new) - waits)
+                waits = step if side == far.argmin() and far.min() > KEPT_M else 0
+                speed[side] *= waits == 0
                 new[:waits, side] += place[side]
-                new[waits:, side] += fade
+                new[waits:, side] += fading(place[side], speed[side], step, len(new) - waits, drift=DRIFT_FRAMES)
         curves[field.name] = new
     return replace(after, **curves)
 
 
-def _faded(place: Array, speed: Array, seconds: float, frames: int) -> Array:
-    """`fading`, and nothing after it."""
-    fade = fading(place, speed, round(seconds * FRAME_RATE_HZ), drift=DRIFT_FRAMES)[:frames]
-    return np.concatenate([fade, np.zeros((frames - len(fade), *fade.shape[1:]), np.float32)])
-
-
-def _gap(old: Array, new: Array) -> tuple[Array, Array]:
-    """Difference of place and of speed per frame between the end of one curve and the beginning of another."""
-    speed = (old[-1] - old[-2]) - (new[1] - new[0])
-    return old[-1] + (old[-1] - old[-2]) - new[0], speed
-
-
 def _placed(before: Controls, after: Controls) -> Controls:
     """`after` where `before` ends, turned and shifted towards home."""
-    yaw, place = after.pelvis_rotation[:, 0], before.pelvis_position[-1, [0, 2]]
+    turn = float(before.pelvis_rotation[-1, 0] - after.pelvis_rotation[0, 0])
     after = moved(after, -after.pelvis_position[0, [0, 2]])
-    after = moved(after, np.zeros(2), turn=float(before.pelvis_rotation[-1, 0] - yaw[0]))
-    yaw = after.pelvis_rotation[:, 0]
-    mean = float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean()))
-    after = moved(after, np.zeros(2), turn=float(np.clip(-mean, -HOME_TURN, HOME_TURN)))
-    after = moved(after, place)
-    off = after.pelvis_position[:, [0, 2]].mean(0)
-    return moved(after, -off * min(1.0, HOME_M / max(float(np.hypot(*off)), 1e-6)))
+    after = moved(after, np.zeros(2), turn=turn)
+    home = float(np.clip(-facing(after), -HOME_TURN, HOME_TURN))
+    after = moved(after, before.pelvis_position[-1, [0, 2]], turn=home)
+    return moved(after, -at_most(after.pelvis_position[:, [0, 2]].mean(0), HOME_M))
 
 
 def _slowed(controls: Controls, *, without: tuple[str, ...] = ()) -> Controls:
@@ -274,29 +266,14 @@ def _slowed(controls: Controls, *, without: tuple[str, ...] = ()) -> Controls:
         for field in fields(Controls):
             if field.name not in without:
                 old = getattr(controls, field.name)
-                soft = _soft_wrist(old) if field.name == "wrist" else _soft(old)
+                soft = _soft_wrist(old) if field.name == "wrist" else smoothed(old, SOFT_S)
                 curves[field.name] = old + share.reshape(-1, *([1] * (old.ndim - 1))).astype(np.float32) * (soft - old)
         controls = replace(controls, **curves)
     return controls
 
 
-def _within_reach(controls: Controls) -> Controls:
-    """The same dance with shoulders that turn against the hips as far as people can."""
-    spine = controls.spine.copy()
-    spine[:, 0] = MOST_TURN * np.tanh(spine[:, 0] / MOST_TURN)
-    return replace(controls, spine=spine)
-
-
-def _soft(curve: Array) -> Array:
-    return np.asarray(gaussian_filter1d(curve, SOFT_FRAMES, axis=0, mode="nearest"), np.float32)
-
-
 def _soft_wrist(wrist: Float[Array, "t 2 3"]) -> Float[Array, "t 2 3"]:
     """Direction and length apart, so that a hand near its shoulder is not drawn into it."""
     length = np.linalg.norm(wrist, axis=-1, keepdims=True)
-    aim = _soft(wrist / length)
-    return np.asarray(_soft(length) * aim / np.maximum(np.linalg.norm(aim, axis=-1, keepdims=True), 1e-6))
-
-
-def _wrapped(angle: Array) -> Array:
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+    aim = smoothed(wrist / length, SOFT_S)
+    return np.asarray(smoothed(length, SOFT_S) * aim / np.maximum(np.linalg.norm(aim, axis=-1, keepdims=True), 1e-6))

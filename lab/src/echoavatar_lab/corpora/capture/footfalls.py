@@ -11,9 +11,8 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing, binary_dilation, binary_opening, gaussian_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Array, Controls
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, BALL_M, Array, Controls, spans_of
 
-BALL_M = 0.13  # from the ankle to the ball of the foot
 STILL_M_S = 0.40  # a low foot whose ball is slower than this stands
 LOW_M = 0.045
 LIFT_M = 0.07  # at the middle of a step of 15 cm or more
@@ -41,10 +40,10 @@ def with_footfalls(controls: Controls) -> Controls:
 def _stepped(ball: Float[Array, "t 2"], stands: Bool[Array, " t"]) -> tuple[Float[Array, "t 2"], Float[Array, " t"]]:
     """The ball's path with each stand at its mean place, and how high the foot is lifted between two stands."""
     out, lift = ball.copy(), np.zeros(len(ball))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]]))).reshape(-1, 2)
-    for a, b in edges:
+    spans = spans_of(stands)
+    for a, b in spans:
         out[a:b] = ball[a:b].mean(0)
-    ends = [(0, 0), *edges, (len(ball), len(ball))]
+    ends = [(0, 0), *spans, (len(ball), len(ball))]
     for (_, a), (b, _) in zip(ends, ends[1:], strict=False):
         if b <= a:
             continue

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import binary_closing
 
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
+from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed, spans_of
 
 UP_M, FAST_M_S, FAST_RAD_S = 0.015, 0.08, 0.6  # a foot higher or faster than this is on its way
 SHORTEST_STANCE, SHORTEST_STEP = 4, 10  # frames
@@ -31,7 +31,7 @@ def _stepped(place: Float[Array, "t 3"], yaw: Float[Array, " t"]) -> tuple[Array
     path = np.concatenate([place, yaw[:, None]], 1).astype(np.float64)
     effort = _effort(place, yaw)
     moves = effort > 1
-    for begin, end in _spans(moves):
+    for begin, end in spans_of(moves):
         for middle in _rests(effort[begin:end]) if end - begin > LONGEST_STEP else ():
             moves[begin + middle - SHORTEST_STANCE // 2 : begin + middle + SHORTEST_STANCE // 2] = False
     spans = _stances(moves)
@@ -69,16 +69,10 @@ def _rests(effort: Float[Array, " t"]) -> list[int]:
     return found
 
 
-def _spans(mask: Bool[Array, " t"]) -> list[tuple[int, int]]:
-    """First frames and ends of the stretches in which a mask is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _stances(moves: Bool[Array, " t"]) -> list[tuple[int, int]]:
     """Frames in which the foot stands, with time for a step between any two stances."""
     padded = np.pad(moves, SHORTEST_STANCE, mode="edge")
-    spans = _spans(~binary_closing(padded, np.ones(SHORTEST_STANCE - 1))[SHORTEST_STANCE:-SHORTEST_STANCE])
+    spans = spans_of(~binary_closing(padded, np.ones(SHORTEST_STANCE - 1))[SHORTEST_STANCE:-SHORTEST_STANCE])
     for number in range(1, len(spans)):
         (a, b), (c, d) = spans[number - 1], spans[number]
         missing = max(0, SHORTEST_STEP - (c - b))

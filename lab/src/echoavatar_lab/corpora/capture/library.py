@@ -3,7 +3,6 @@
 Each clip starts at the origin and faces +Z, stands on the floor at y = 0, and has our rig's size.
 """
 
-import csv
 import hashlib
 import io
 import json
@@ -18,7 +17,6 @@ from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import ARRAYS_BYTES, check_file
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.motion.kinematics import Motion
@@ -28,13 +26,13 @@ from echoavatar.motion.kinematics.rigs import known_bones
 from echoavatar.nn.kernels import user_cache
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.whole_file import write_whole
-from echoavatar_lab.corpora.controls import Array, Controls, concatenated, moved, wander
+from echoavatar_lab.corpora.controls import Array, Controls, concatenated, facing, moved, spans_of, wander
 
 from .animated import SUFFIXES, read_animated
 from .catalogue import Entry, Kind, entry_of
 from .controls_from_motion import controls_from_motion
 from .footing import stepping
-from .units import GestureUnit, cut_out, gesture_unit, unit_rows
+from .units import GestureUnit, cut_out, gesture_unit, rows_of, table_above, unit_rows
 
 VERSION = 4  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
@@ -86,15 +84,12 @@ class CapturedLibrary:
         return tuple(clip for clip in self.clips if clip.kind in kinds)
 
     def credits(self) -> dict[str, str]:
-        """Set to licence, for the card of what is trained on the library."""
+        """The licence of each set, for the card of a model that is trained on the library."""
         return {clip.source.split("/")[0]: clip.licence for clip in self.clips}
 
     def save(self, path: Path) -> None:
         """Write the library as one npz."""
-        about = [
-            {"name": c.name, "kind": c.kind, "group": c.group, "source": c.source, "licence": c.licence}
-            for c in self.clips
-        ]
+        about = [{name: value for name, value in vars(clip).items() if name != "controls"} for clip in self.clips]
         packed = io.BytesIO()
         np.savez(
             packed,
@@ -120,11 +115,9 @@ def open_library(path: Path) -> CapturedLibrary:
     try:
         stored = arrays_of(path, MotionError)
         curves, frames, about = stored["curves"], stored["frames"], json.loads(str(stored["clips"]))
-        ends = np.cumsum(frames)
-        parts = [Controls.unpacked(curves[end - count : end]) for end, count in zip(ends, frames, strict=True)]
-        return CapturedLibrary(
-            tuple(CapturedClip(**text, controls=part) for text, part in zip(about, parts, strict=True))
-        )
+        parts = np.split(curves, np.cumsum(frames)[:-1])
+        clips = [CapturedClip(**text, controls=Controls.unpacked(p)) for text, p in zip(about, parts, strict=True)]
+        return CapturedLibrary(tuple(clips))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; make it with `echoavatar data capture FOLDER -o {path}`") from error
     except NPZ_ERRORS as error:
@@ -191,13 +184,15 @@ def clean(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]] = ())
             piece = _without_stillness(piece)
         is_whole = len(good) == 1 and not bad
         if piece.frames >= SHORTEST_S * FRAME_RATE_HZ or (is_whole and piece.frames > FRAME_RATE_HZ / 2):
-            controls = _shifted(controls_from_motion(piece), shift)
+            controls = controls_from_motion(piece)
+            level = {name: (getattr(controls, name) + by).astype(np.float32) for name, by in shift.items()}
+            controls = replace(controls, **level)
             controls = stepping(controls) if entry.kind in ("standing", "speech", "gesture") else controls
             yield _with_finger_drift(_at_origin(controls))
 
 
 def _digest(folder: Path) -> str:
-    """Changes with every file of the folder and with this package's way of reading them."""
+    """A number that changes with every file of the folder and with this package's way of reading them."""
     files = [path for path in sorted(folder.rglob("*")) if path.suffix in (".bvh", ".csv", *SUFFIXES)]
     stats = [(str(path.resolve()), path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     return hashlib.sha256(repr((VERSION, stats)).encode()).hexdigest()[:16]
@@ -205,36 +200,24 @@ def _digest(folder: Path) -> str:
 
 def bad_spans(path: Path) -> list[tuple[float, float]]:
     """Seconds to cut out of a take, from `bad_spans.csv` beside it (file, start_s, end_s)."""
-    table = path.with_name("bad_spans.csv")
-    if not table.exists():
-        return []
-    return [(float(r["start_s"]), float(r["end_s"])) for r in _rows(table) if r["file"] == path.name]
+    rows = rows_of(path.with_name("bad_spans.csv"))
+    return [(float(r["start_s"]), float(r["end_s"])) for r in rows if r["file"] == path.name]
 
 
 def _licences(folder: Path) -> dict[str, tuple[str, str]]:
     """Licence and use by the last two parts of a file's path, from `manifest.csv` in or above the folder."""
-    tables = [place / "manifest.csv" for place in (folder, folder.resolve().parent, folder.resolve().parent.parent)]
-    table = next((t for t in tables if t.exists()), None)
-    if table is None:
-        return {}
-    return {"/".join(Path(r["file"]).parts[-2:]): (r["licence"], r["use"]) for r in _rows(table)}
-
-
-def _rows(table: Path) -> list[dict[str, str]]:
-    check_file(table, ARRAYS_BYTES, MotionError)
-    with table.open(encoding="utf-8", newline="") as text:
-        return list(csv.DictReader(text))
+    rows = rows_of(table_above(folder, "manifest.csv"))
+    return {"/".join(Path(r["file"]).parts[-2:]): (r["licence"], r["use"]) for r in rows}
 
 
 def _good_frames(motion: Motion, entry: Entry, bad: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
     """Stretches of frames between the bad spans."""
-    is_good = np.ones(motion.frames + 1, np.bool_)
+    is_good = np.ones(motion.frames, np.bool_)
     for start, end in bad:
         first, last = (start - SPAN_MARGIN_S) * motion.fps, (end + SPAN_MARGIN_S) * motion.fps
         is_good[max(0, int(first)) : int(np.ceil(last)) + 1] = False
     is_good[motion.frames - round(entry.last_s * motion.fps) :] = False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_good]).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > motion.fps / 4]
+    return [(a, b) for a, b in spans_of(is_good) if b - a > motion.fps / 4]
 
 
 def _smoothed(motion: Motion, entry: Entry, good: Sequence[tuple[int, int]]) -> Motion:
@@ -278,8 +261,7 @@ def _at_origin(controls: Controls) -> Controls:
     """Hips over the origin, facing +Z, on average over the first half second."""
     first = controls[: max(1, round(FACING_S * FRAME_RATE_HZ))]
     centred = moved(controls, -first.pelvis_position.mean(0)[[0, 2]])
-    yaw = first.pelvis_rotation[:, 0]
-    return moved(centred, np.zeros(2), turn=-float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean())))
+    return moved(centred, np.zeros(2), turn=-facing(first))
 
 
 def _level_shift(controls: Controls) -> dict[str, Float[np.ndarray, " 3"]]:
@@ -303,11 +285,6 @@ def _level_shift(controls: Controls) -> dict[str, Float[np.ndarray, " 3"]]:
         "spine": np.array([0.0, -turned, 0.0]),
         "head": np.array([0.0, raised, upright_head]),
     }
-
-
-def _shifted(controls: Controls, shift: dict[str, Float[np.ndarray, " 3"]]) -> Controls:
-    curves = {name: np.asarray(getattr(controls, name) + by, np.float32) for name, by in shift.items()}
-    return replace(controls, **curves)
 
 
 def _with_finger_drift(controls: Controls) -> Controls:

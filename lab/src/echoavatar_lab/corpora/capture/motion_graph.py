@@ -6,7 +6,7 @@ stretch lifts it; one that lands far from it takes a step of its own.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,19 +16,26 @@ from scipy.spatial.distance import cdist
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import (
     ANKLE_HEIGHT,
+    FEET,
     Array,
     Controls,
     air,
+    at_most,
     concatenated,
     fading,
+    gap,
     minimum_jerk,
     mirrored,
     moved,
     smoothed,
+    spans_of,
+    turned,
+    unwound,
 )
 
 EVERY = 5  # frames between places where a join may happen
 AHEAD_S = 5.0  # what a place leads to is judged over this time
+STRETCH_S = 4.0, 11.0  # of one clip
 SAMPLED = 500  # places compared for one join
 GOOD_JOINS = 6  # of which one of the best is drawn
 VELOCITY_S = 0.15  # weight of velocities against positions
@@ -46,33 +53,22 @@ STEPPING = 0.5  # of the joins of a lively body are made by steps
 QUIET = 0.5  # below this liveliness nothing is chosen
 SIZES = {"sway": (0.7, 1.4), "lean": (0.7, 2.5), "turn": (0.7, 1.4)}  # by which a stretch is scaled
 TILT = 0.85  # of a stretch's own tilt to the sides at most, however far it sways
-FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
-
-
-@dataclass(frozen=True)
-class Place:
-    """A frame of a clip where a walk may join."""
-
-    clip: int
-    frame: int
 
 
 class MotionGraph:
     """Clips and their mirror images, with the pose, the velocity and the liveliness of every place in them."""
 
-    def __init__(self, clips: Sequence[Controls], waiting: Sequence[bool] = ()) -> None:
-        """`waiting` tells of each clip whether bodies that wait may do what it shows; all may by default."""
+    def __init__(self, clips: Sequence[Controls], waiting: Sequence[bool]) -> None:
+        """`waiting` tells of each clip whether bodies that wait may do what it shows."""
         self.clips = [side for clip in clips for side in (clip, mirrored(clip))]
-        table = [_described(clip) for clip in self.clips]
-        waits = [wait for wait in (waiting or [True] * len(clips)) for _ in range(2)]
         frames = [np.arange(len(clip))[::EVERY] for clip in self.clips]
         self.clip = np.concatenate([np.full(len(f), i) for i, f in enumerate(frames)])
         self.frame = np.concatenate(frames)
-        self.poses = np.concatenate([t.poses[::EVERY] for t in table])
-        self.arms = np.concatenate([t.arms[::EVERY] for t in table])
-        self.waits = np.concatenate([np.full(len(f), w) for f, w in zip(frames, waits, strict=True)])
-        self.stands = np.concatenate([t.stands[::EVERY] for t in table])
-        self.alive = np.concatenate([t.alive[::EVERY] for t in table])
+        described = zip(*(_described(clip) for clip in self.clips), strict=True)
+        self.poses, self.arms, self.stands, self.alive = (
+            np.concatenate([curve[::EVERY] for curve in curves]) for curves in described
+        )
+        self.waits = np.repeat(waiting, 2)[self.clip]
         self.left = np.concatenate([len(c) - f for c, f in zip(self.clips, frames, strict=True)])
 
     def entries(self, wanted: float, seconds: float) -> Int[Array, " k"]:
@@ -90,24 +86,14 @@ class MotionGraph:
         return np.sqrt(apart.min(0)), here[apart.argmin(0)]
 
 
-@dataclass(frozen=True)
-class _Description:
-    poses: Float[Array, "t d"]
-    arms: Float[Array, "t a"]
-    stands: Bool[Array, " t"]
-    alive: Float[Array, "t 4"]
-
-
-def poses_of(controls: Controls) -> Float[Array, "t d"]:
-    """Pose and velocity of each frame, in metres, seen from the hips; the distance of two says how well they join."""
-    found = _described(controls)
-    return np.concatenate([found.poses, found.arms], 1)
-
-
-def _described(controls: Controls) -> _Description:
-    """Pose and velocity in metres, seen from the hips over the floor; standing; liveliness of what follows."""
+def _described(
+    controls: Controls,
+) -> tuple[Float[Array, "t d"], Float[Array, "t a"], Bool[Array, " t"], Float[Array, "t 4"]]:
+    """Pose and velocity of the body and of the arms, in metres, seen from the hips over the floor; whether both feet
+    stand; and the liveliness of what follows.
+    """
     yaw = controls.pelvis_rotation[:, :1]
-    feet = _turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
+    feet = turned(controls.foot_position - controls.pelvis_position[:, None], -yaw)
     toes = controls.foot_yaw - yaw
     parts = [
         feet.reshape(len(feet), -1),
@@ -121,7 +107,7 @@ def _described(controls: Controls) -> _Description:
     steps = np.linalg.norm(np.gradient(controls.foot_position, axis=0), axis=-1) * FRAME_RATE_HZ
     stands = ((controls.foot_position[..., 1] < ANKLE_HEIGHT + 0.012) & (steps < 0.06)).all(1)
     poses = _with_velocity(np.concatenate(parts, 1))
-    return _Description(poses, _with_velocity(arms), stands, _liveliness(controls, yaw, steps))
+    return poses, _with_velocity(arms), stands, _liveliness(controls, yaw, steps)
 
 
 def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
@@ -131,9 +117,7 @@ def _with_velocity(pose: Float[Array, "t d"]) -> Float[Array, "t e"]:
 
 def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t 4"]:
     """Sway, lean, turn and steps of the next seconds, 1 like people who talk; infinite before wild or far moves."""
-    place = controls.pelvis_position
-    lean = _lean(controls)
-    curves = _sway_lean_turn(controls)
+    place, lean, curves = controls.pelvis_position, _lean(controls), _sway_lean_turn(controls)
     window = min(round(AHEAD_S * FRAME_RATE_HZ), len(yaw))
 
     def ahead(values: Array) -> Array:
@@ -152,20 +136,14 @@ def _liveliness(controls: Controls, yaw: Array, steps: Array) -> Float[Array, "t
     return np.where(is_out[:, None], np.inf, np.stack(found, 1))
 
 
-def walk(
-    graph: MotionGraph,
-    liveliness: Float[np.ndarray, " t"],
-    rng: np.random.Generator,
-    *,
-    stretch_s: tuple[float, float] = (4.0, 11.0),
-) -> Controls:
+def walk(graph: MotionGraph, liveliness: Float[np.ndarray, " t"], rng: np.random.Generator) -> Controls:
     """A walk of `len(liveliness)` frames near the origin that mostly faces +Z; follows the wanted liveliness."""
     frames, entries = len(liveliness), graph.entries(float(liveliness[0]), 2.0)
     body, at = None, 0
     fresh = np.ones(len(graph.clips))
     here = int(rng.choice(entries, p=_appeal(graph, entries, float(liveliness[0]), fresh)))
     while at < frames:
-        length = round(float(rng.uniform(*stretch_s)) * FRAME_RATE_HZ)
+        length = round(float(rng.uniform(*STRETCH_S)) * FRAME_RATE_HZ)
         change = np.flatnonzero(np.diff(liveliness[at : at + length]))
         length = int(change[0]) + 1 if len(change) else length
         own = graph.clip[here] // 2 * 2
@@ -221,9 +199,9 @@ def _sized(controls: Controls, wanted: float, rng: np.random.Generator) -> Contr
     if wanted < QUIET:
         size = float(rng.uniform(*SIZES["sway"]))
         return varied(controls, sway=size, lean=size, turn=size)
-    own = _spread(controls)
+    own = {name: float(curve.std()) / TALKING[name] for name, curve in _sway_lean_turn(controls).items()}
     goal = {name: wanted * float(rng.uniform(0.8, 1.25)) for name in SIZES}
-    sizes = {n: float(np.clip(goal[n] / (own[n] + 1e-3), *SIZES[n])) for n in SIZES}
+    sizes = {name: float(np.clip(goal[name] / (own[name] + 1e-3), *SIZES[name])) for name in SIZES}
     sizes["sway"] = min(sizes["sway"], max(0.7, 1 / max(float(overhang(controls).max()), 1e-3)))
     farthest = float(np.abs(_lean(controls) - _lean(controls).mean()).max())
     sizes["lean"] = min(sizes["lean"], max(0.7, 0.8 * LEAN / max(farthest, 1e-3)))
@@ -262,11 +240,6 @@ def overhang(controls: Controls) -> Float[Array, " t"]:
     return np.asarray(np.abs(smoothed(off, 0.1)) / (half + FOOT_M))
 
 
-def _spread(controls: Controls) -> dict[str, float]:
-    """Sway, lean and turn of a stretch, 1 like people who talk."""
-    return {name: float(curve.std()) / TALKING[name] for name, curve in _sway_lean_turn(controls).items()}
-
-
 def _sway_lean_turn(controls: Controls) -> dict[str, Float[Array, " t"]]:
     side = controls.pelvis_position[:, 0]
     sway = side - gaussian_filter1d(side, 4 * FRAME_RATE_HZ)
@@ -288,10 +261,7 @@ def joined(before: Controls, after: Controls, spot: Float[np.ndarray, " 3"] | No
     for field in fields(Controls):
         if field.name not in FEET:
             old, new = getattr(before, field.name), getattr(after, field.name).copy()
-            speed = (old[-1] - old[-2]) - (new[1] - new[0])
-            place = old[-1] + (old[-1] - old[-2]) - new[0]
-            fade = fading(place, speed, round(FADE_S * FRAME_RATE_HZ))[: len(new)]
-            new[: len(fade)] += fade
+            new += fading(*gap(old, new), round(FADE_S * FRAME_RATE_HZ), len(new))
             curves[field.name] = new
     curves |= _feet(before, after)
     return concatenated([before, replace(after, **curves)])
@@ -302,9 +272,8 @@ def _brought(before: Controls, after: Controls, spot: Array | None) -> Controls:
     old, new = _floor_points(before[-1:]), _floor_points(after[:1])
     a, b = old - old.mean(0), new - new.mean(0)
     turn = float(np.arctan2((b[:, 1] * a[:, 0] - b[:, 0] * a[:, 1]).sum(), (a * b).sum()))
-    placed = moved(after, -new.mean(0))
-    placed = moved(placed, np.zeros(2), turn=turn)
-    placed = _unwound(moved(placed, old.mean(0)), before)
+    placed = moved(moved(after, -new.mean(0)), old.mean(0), turn=turn)
+    placed = unwound(placed, before, 0, -1)
     goal = np.zeros(3) if spot is None else spot
     off = placed.pelvis_position[:, [0, 2]].mean(0) - goal[:2]
     yaw = float(placed.pelvis_rotation[:, 0].mean() - goal[2])
@@ -312,8 +281,8 @@ def _brought(before: Controls, after: Controls, spot: Array | None) -> Controls:
     is_lost = spot is not None or far > NEAR_M or abs(yaw) > FRONT_RAD
     shift, angle = (0.35, 0.7) if is_lost else (0.03, 0.05)
     centre = placed.pelvis_position[0, [0, 2]]
-    placed = moved(moved(placed, -centre), np.zeros(2), turn=-float(np.clip(yaw, -angle, angle)))
-    return moved(placed, centre - off * min(1.0, shift / max(far, 1e-6)))
+    turn = -float(np.clip(yaw, -angle, angle))
+    return moved(moved(placed, -centre), centre - at_most(off, shift), turn=turn)
 
 
 def _home(body: Controls) -> Controls:
@@ -330,16 +299,6 @@ def _floor_points(controls: Controls) -> Float[Array, "5 2"]:
     return np.concatenate([ankles, toes, controls.pelvis_position[:, [0, 2]]])
 
 
-def _unwound(after: Controls, before: Controls) -> Controls:
-    """`after` with its headings shifted by whole turns to those of `before`."""
-    curves = {}
-    for name in ("pelvis_rotation", "foot_yaw"):
-        old, new = getattr(before, name)[-1], getattr(after, name)
-        whole = 2 * np.pi * np.round((old - new[0]) / (2 * np.pi))
-        curves[name] = np.asarray(new + whole, np.float32)
-    return replace(after, **curves)
-
-
 def _feet(before: Controls, after: Controls) -> dict[str, Array]:
     """The feet of `after`, each kept in its place until it is lifted, or stepping to its new one at once."""
     curves = {name: getattr(after, name).copy() for name in FEET}
@@ -349,17 +308,19 @@ def _feet(before: Controls, after: Controls) -> dict[str, Array]:
     frames, step = len(after), round(STEP_S * FRAME_RATE_HZ)
     lead = int(np.argmax([np.hypot(w[0], w[2]) for w in way]))
     for side in range(2):
-        begin = (2 if side == lead or not all(must) else step + 4) if must[side] else _first_lift(after, side)
-        length = step if must[side] else max(_landing(after, side, begin) - begin, round(0.25 * FRAME_RATE_HZ))
+        if must[side]:
+            begin, length = 2 if side == lead or not all(must) else step + 4, step
+        else:
+            begin, end = _first_step(after, side)
+            length = max(end - begin, round(0.25 * FRAME_RATE_HZ))
         phase = (np.arange(frames) - begin) / length
         stay = 1 - minimum_jerk((phase - 0.12) / 0.76)
         fade = 1 - minimum_jerk(np.arange(frames) / (0.3 * FRAME_RATE_HZ))
         flat = np.array([way[side][0], 0.0, way[side][2]], np.float32)
         held = np.arange(frames) < begin
-        for name in FEET:
-            if must[side]:  # the new stretch's own foot may move meanwhile; this one waits
+        if must[side]:  # the new stretch's own foot may move meanwhile; this one waits
+            for name in FEET:
                 curves[name][held, side] = curves[name][min(begin, frames - 1), side]
-        if must[side]:
             flat = before.foot_position[-1, side] - curves["foot_position"][0, side]
             turn[side] = float(before.foot_yaw[-1, side] - curves["foot_yaw"][0, side])
             flat = np.array([flat[0], 0.0, flat[2]], np.float32)
@@ -376,23 +337,7 @@ def _feet(before: Controls, after: Controls) -> dict[str, Array]:
     return curves
 
 
-def _first_lift(controls: Controls, side: int) -> int:
-    """First frame in which a foot leaves the floor; the length of the stretch if it never does."""
-    up = np.flatnonzero(_is_up(controls, side))
-    return int(up[0]) if len(up) else len(controls)
-
-
-def _landing(controls: Controls, side: int, begin: int) -> int:
-    """First frame after a lift in which the foot stands again."""
-    down = np.flatnonzero(~_is_up(controls, side)[begin:])
-    return begin + int(down[0]) if len(down) else len(controls)
-
-
-def _is_up(controls: Controls, side: int) -> Bool[Array, " t"]:
-    return np.asarray(controls.foot_position[:, side, 1] > ANKLE_HEIGHT + 0.012)
-
-
-def _turned(vectors: Float[Array, "t k 3"], angle: Float[Array, "t 1"]) -> Float[Array, "t k 3"]:
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    return np.stack([cos * x + sin * z, y, cos * z - sin * x], -1)
+def _first_step(controls: Controls, side: int) -> tuple[int, int]:
+    """First frame in which a foot leaves the floor, and first after it in which it stands; the length if it stays."""
+    steps = spans_of(controls.foot_position[:, side, 1] > ANKLE_HEIGHT + 0.012)
+    return steps[0] if steps else (len(controls), len(controls))

@@ -1,6 +1,6 @@
-"""The body beneath gestures, in silence and while listening: captured people who stand, shift their weight and look.
+"""The body beneath gestures and in silence: captured people who stand, shift their weight and look about.
 
-Without a library a body made by rule stands in (`rehearsal.idle`).
+Without a library a body made by rule stands in (`gesture.idle`).
 """
 
 from functools import lru_cache

@@ -59,24 +59,39 @@ def unit_rows(folder: Path) -> dict[str, list[Row]]:
     Raises:
         MotionError: the table is too large or lacks a number.
     """
-    table = next((p / TABLE for p in (folder, *folder.resolve().parents[:2]) if (p / TABLE).exists()), None)
     found: dict[str, list[Row]] = {}
-    if table is None:
-        return found
+    table = table_above(folder, TABLE)
+    for number, row in enumerate(rows_of(table), 2):
+        try:
+            meaning = CONCEPTS[row["concept"]]
+            unit = Row(float(row["start_s"]), float(row["end_s"]), meaning, float(row["tempo"]))
+            if meaning != ACCENT or HEIGHTS[0] <= float(row["height"]) <= HEIGHTS[1]:
+                found.setdefault("/".join(Path(row["file"]).parts[-2:]), []).append(unit)
+        except KeyError as error:
+            if error.args[0] != row.get("concept"):
+                raise MotionError(f"{table} lacks the column {error.args[0]!r}") from error
+        except ValueError as error:
+            raise MotionError(f"{table}, line {number}: {error}") from error
+    return found
+
+
+def table_above(folder: Path, name: str) -> Path:
+    """The nearest table of a name in a folder or up to two folders above it; in the folder if there is none."""
+    tables = [place / name for place in (folder, *folder.resolve().parents[:2])]
+    return next((table for table in tables if table.exists()), tables[0])
+
+
+def rows_of(table: Path) -> list[dict[str, str]]:
+    """Rows of a table; [] if there is none.
+
+    Raises:
+        MotionError: the table is too large.
+    """
+    if not table.exists():
+        return []
     check_file(table, CONFIG_BYTES, MotionError)
     with table.open(encoding="utf-8", newline="") as text:
-        for number, row in enumerate(csv.DictReader(text), 2):
-            try:
-                meaning = CONCEPTS[row["concept"]]
-                unit = Row(float(row["start_s"]), float(row["end_s"]), meaning, float(row["tempo"]))
-                if meaning != ACCENT or HEIGHTS[0] <= float(row["height"]) <= HEIGHTS[1]:
-                    found.setdefault("/".join(Path(row["file"]).parts[-2:]), []).append(unit)
-            except KeyError as error:
-                if error.args[0] != row.get("concept"):
-                    raise MotionError(f"{table} lacks the column {error.args[0]!r}") from error
-            except ValueError as error:
-                raise MotionError(f"{table}, line {number}: {error}") from error
-    return found
+        return list(csv.DictReader(text))
 
 
 def cut_out(controls: Controls, row: Row) -> Controls:
@@ -84,9 +99,8 @@ def cut_out(controls: Controls, row: Row) -> Controls:
     part = controls[round(row.start_s * FRAME_RATE_HZ) : round(row.end_s * FRAME_RATE_HZ) + 1]
     if len(part) < 2:
         raise MotionError(f"a unit from {row.start_s} to {row.end_s} s lies outside of its file")
-    table, count = part.packed(), max(2, round(len(part) / row.tempo))
-    at = np.linspace(0, len(part) - 1, count)
-    return Controls.unpacked(np.stack([np.interp(at, np.arange(len(part)), curve) for curve in table.T], 1))
+    at = np.linspace(0, len(part) - 1, max(2, round(len(part) / row.tempo)))
+    return Controls.unpacked(np.stack([np.interp(at, np.arange(len(part)), curve) for curve in part.packed().T], 1))
 
 
 def gesture_unit(controls: Controls, meaning: str) -> GestureUnit:

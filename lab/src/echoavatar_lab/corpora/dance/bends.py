@@ -36,7 +36,7 @@ def with_bends(dance: Controls, counts: Counts, rng: np.random.Generator, size: 
 
     `size`, the median and deviation of how deep a dance bends, is `SIZE_BY_RULE` or `SIZE_CAPTURED`.
     """
-    first, last = (int(np.clip(round(t * FRAME_RATE_HZ), 0, len(dance))) for t in (counts.start, counts.end + OUT_S))
+    first, last = counts.frames(OUT_S, len(dance))
     if last - first < FRAME_RATE_HZ:
         return dance
     times, values = _keys(counts, rng, size)
@@ -52,8 +52,7 @@ def _keys(
     counts: Counts, rng: np.random.Generator, size: tuple[float, float]
 ) -> tuple[Float[Array, " k"], Float[Array, "k 2"]]:
     """Times, and a bow and a bend to the side in each: down and up in turns, the same in every second phrase."""
-    apart = counts.metre if counts.metre == 3 else 2
-    apart *= max(1, int(np.ceil(LONG_S / (apart * counts.length(0)))))
+    apart = counts.apart(LONG_S, 3 if counts.metre == 3 else 2)
     times, values, motif = [counts.start], [np.zeros(2)], np.zeros((4, 2))
     median, spread = size
     depth = min(median * float(np.exp(spread * rng.standard_normal())), LARGEST)
@@ -65,12 +64,8 @@ def _keys(
         time = counts.at(number * apart) + ANSWER_S
         if time > times[-1] + 0.5 * LONG_S:
             times.append(time)
-            values.append(motif[number % 4] * (QUIET + (1 - QUIET) * _energy(counts, number * apart)))
+            values.append(motif[number % 4] * (QUIET + (1 - QUIET) * counts.energy(number * apart)))
     return np.array(times), np.array(values)
-
-
-def _energy(counts: Counts, count: int) -> float:
-    return next((energy for first, end, energy in counts.sections if first <= count < end), 0.5)
 
 
 def _bent(dance: Controls, first: int, bow: Float[Array, " n"], aside: Float[Array, " n"]) -> Controls:

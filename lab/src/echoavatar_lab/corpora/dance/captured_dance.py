@@ -1,6 +1,4 @@
-"""The dance to a track: by rule or by captured people, who go with some kinds of music; its bends go with all."""
-
-from functools import partial
+"""The dance to a sound track: by rule, or by captured people where the music suits them; bends are laid over both."""
 
 import numpy as np
 
@@ -77,8 +75,4 @@ def _piece(counts: Counts) -> Piece:
     def energy(time: float) -> float:
         return energies[max(int(np.searchsorted(ends, time + 1e-6)) - 1, 0)]
 
-    return Piece(partial(_beat, counts), counts.start, counts.end, counts.metre, energy)
-
-
-def _beat(counts: Counts, number: float) -> float:
-    return counts.at(number / counts.unit)
+    return Piece(lambda number: counts.at(number / counts.unit), counts.start, counts.end, counts.metre, energy)

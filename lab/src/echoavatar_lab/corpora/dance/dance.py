@@ -8,19 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
 
 from ..controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
-from ..keyframes import bump, glide, progress
+from ..keyframes import bump, gaps, glide, progress
 from ..sound import SoundTrack, Span
 from .dance_plan import BodyKey, DancePlan, compose_dance
-from .footwork import Foothold, Footwork, Stance, walk
+from .footwork import Footwork, walk
 from .grooves import find_counts
 
-FloatArray = np.ndarray
 ARM = 16  # values of one arm in a body vector
 LEG, HIP_OUT, HIP_DOWN = 0.808, 0.092, 0.035  # metres: comfortable leg length, offset of the hip joints
 FASTEST_ARM = 8.0  # radians per second, at the peak of a glide
@@ -31,34 +29,22 @@ ANSWER_S = 0.06  # delay after the music's beat, so that moves decelerate on it,
 REST_SECONDS = 0.9  # time in which the arms sink when the music stops
 
 
-def dance(track: SoundTrack, seed: int) -> Controls:
-    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed."""
-    return plans_to_controls(plan_dance(track, seed), round(track.seconds * FRAME_RATE_HZ))
-
-
-def plan_dance(track: SoundTrack, seed: int) -> list[DancePlan]:
-    """One plan for each music span longer than half a second."""
-    return [
-        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, number]))
-        for number, span in enumerate(danced(track))
-    ]
-
-
 def danced(track: SoundTrack) -> list[Span]:
     """The spans of a track that are long enough to dance to."""
     return [span for span in track.spans if span.kind == "music" and span.end - span.start > 0.5]
 
 
-def footholds(plans: list[DancePlan]) -> list[Foothold]:
-    """All planned steps, in order."""
-    return [hold for plan in plans for hold in plan.holds]
-
-
-def plans_to_controls(plans: list[DancePlan], frames: int) -> Controls:
-    """Evaluate plans as curves at 30 fps."""
+def dance(track: SoundTrack, seed: int) -> Controls:
+    """Dance in the music spans of a track and stand at ease elsewhere; deterministic for a seed."""
+    plans = [
+        compose_dance(find_counts(track, span), np.random.default_rng([seed, 7, number]))
+        for number, span in enumerate(danced(track))
+    ]
+    frames = round(track.seconds * FRAME_RATE_HZ)
     t = np.arange(frames) / FRAME_RATE_HZ - ANSWER_S
     felt = _dancer_clock(t, plans)
-    feet = walk(felt, footholds(plans), Stance(), [shift for plan in plans for shift in plan.shifts])
+    holds, shifts = ([key for plan in plans for key in getattr(plan, name)] for name in ("holds", "shifts"))
+    feet = walk(felt, holds, shifts)
     body = _body(felt, plans)
     beat, level = _pulse(t, plans)
     base = neutral(frames)
@@ -67,25 +53,25 @@ def plans_to_controls(plans: list[DancePlan], frames: int) -> Controls:
     turn[:, 0] -= HIPS_WITH_WEIGHT * sway
     chest, head = _torso(plans, body, turn, beat, level)
     chest[:, 0] += SHOULDERS_WITH_WEIGHT * sway
-    wrist = body[:, : 2 * ARM].reshape(frames, 2, ARM)
-    return replace(
-        base,
-        pelvis_position=_f32(pelvis),
-        pelvis_rotation=_f32(turn + base.pelvis_rotation),
-        spine=_f32(chest + base.spine),
-        head=_f32(head + base.head),
-        foot_position=_f32(feet.position),
-        foot_yaw=_f32(feet.yaw),
-        foot_pitch=_f32(feet.pitch),
-        shoulder=_f32(wrist[..., 7:9] + 0.03 * (beat * level[:, 0])[:, None, None] * np.array([1.0, 0.0])),
-        wrist=_f32(wrist[..., 0:3]),
-        palm=_f32(_follow_through(wrist)),
-        elbow_swing=_f32(wrist[..., 6]),
-        fingers=_f32(smoothed(wrist[..., 9:16].astype(np.float32), 0.05)),
-    )
+    arms = body[:, : 2 * ARM].reshape(frames, 2, ARM)
+    curves = {
+        "pelvis_position": pelvis,
+        "pelvis_rotation": turn + base.pelvis_rotation,
+        "spine": chest + base.spine,
+        "head": head + base.head,
+        "foot_position": feet.position,
+        "foot_yaw": feet.yaw,
+        "foot_pitch": feet.pitch,
+        "shoulder": arms[..., 7:9] + 0.03 * (beat * level[:, 0])[:, None, None] * np.array([1.0, 0.0]),
+        "wrist": arms[..., 0:3],
+        "palm": _follow_through(arms),
+        "elbow_swing": arms[..., 6],
+        "fingers": _soft(arms[..., 9:16], 0.05),
+    }
+    return replace(base, **{name: curve.astype(np.float32) for name, curve in curves.items()})
 
 
-def _dancer_clock(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
+def _dancer_clock(t: Array, plans: list[DancePlan]) -> Array:
     """The dancer's clock: it slows down at every beat, also between counts, and agrees with real time on beats."""
     result = t.copy()
     for plan in plans:
@@ -100,25 +86,22 @@ def _dancer_clock(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
     return result
 
 
-def _pelvis(
-    t: FloatArray, plans: list[DancePlan], feet: Footwork, beat: FloatArray, level: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _pelvis(t: Array, plans: list[DancePlan], feet: Footwork, beat: Array, level: Array) -> tuple[Array, Array]:
     """Position over the supporting foot, and rotation (yaw, pitch, roll)."""
     share = 0.5 + 0.86 * (feet.share - 0.5)
     over = feet.position[:, 0] * share[:, None] + feet.position[:, 1] * (1 - share)[:, None]
-    over = np.asarray(smoothed(over.astype(np.float32), 0.06), np.float64)
+    over = _soft(over, 0.06)
     bounce, hips = level[:, 0], level[:, 1]
     crouch, lean, roll = (_groove(t, plans, name) for name in ("crouch", "lean", "hips"))
     dip = _keyed(t, plans, "dip")
     low = crouch + dip + bounce * beat
     low += level[:, 2] * _eased_down(feet, over, STANDING_PELVIS[1] - low)
     position = np.stack([over[:, 0], STANDING_PELVIS[1] - low, over[:, 2] + 0.015 - 0.35 * low], 1)
-    heading = np.asarray(smoothed(feet.yaw.mean(1).astype(np.float32), 0.10), np.float64)
-    yaw = heading + _keyed(t, plans, "twist")
+    yaw = _soft(feet.yaw.mean(1), 0.10) + _keyed(t, plans, "twist")
     return position, np.stack([yaw, lean + 0.9 * low, roll * hips * (2 * feet.share - 1)], 1)
 
 
-def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatArray:
+def _eased_down(feet: Footwork, over: Array, height: Array) -> Array:
     """How far the pelvis must sink for both legs to reach; smoothed over time, so that it sinks gently."""
     lack = np.zeros(len(over))
     for side in (0, 1):
@@ -129,33 +112,32 @@ def _eased_down(feet: Footwork, over: FloatArray, height: FloatArray) -> FloatAr
         ceiling = feet.position[:, side, 1] + 0.12 * heel + np.sqrt(LEG**2 - np.minimum(flat, 0.6) ** 2) + HIP_DOWN
         lack = np.maximum(lack, height - ceiling)
     lack = maximum_filter1d(np.maximum(lack, 0.0), 7, mode="nearest")
-    return _lagging(lack, 0.07)
+    return _soft(lack, 0.07)
 
 
-def _torso(
-    plans: list[DancePlan], body: FloatArray, turn: FloatArray, beat: FloatArray, level: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _torso(plans: list[DancePlan], body: Array, turn: Array, beat: Array, level: Array) -> tuple[Array, Array]:
     """Rotations of chest on pelvis and head on chest: the chest stays upright, the head faces the front."""
     t = np.arange(len(body)) / FRAME_RATE_HZ
     chest = body[:, 2 * ARM : 2 * ARM + 3].copy()
     push, nod = (_groove(t, plans, name) * level[:, 2] for name in ("chest", "nod"))
     heading = turn[:, 0]
-    chest[:, 0] -= 0.5 * np.tanh(heading - _lagging(heading, 0.35))
+    chest[:, 0] -= 0.5 * np.tanh(heading - _soft(heading, 0.35))
     chest[:, 1] += push * beat - 0.35 * turn[:, 1]
     chest[:, 2] -= 1.2 * turn[:, 2]
     head = body[:, 2 * ARM + 3 :].copy()
     facing = heading + chest[:, 0]
     head[:, 0] -= 0.75 * np.tanh(facing / 0.75)
-    head[:, 1] += nod * _lagging(beat, 0.03) - 0.7 * (chest[:, 1] + turn[:, 1])
+    head[:, 1] += nod * _soft(beat, 0.03) - 0.7 * (chest[:, 1] + turn[:, 1])
     head[:, 2] -= 0.5 * chest[:, 2] + 0.4 * turn[:, 2]
     return chest, head
 
 
-def _lagging(x: FloatArray, seconds: float) -> FloatArray:
-    return np.asarray(smoothed(x[:, None].astype(np.float32), seconds), np.float64)[:, 0]
+def _soft(curve: Array, seconds: float) -> Array:
+    """`smoothed`, in double precision."""
+    return smoothed(curve.astype(np.float32), seconds).astype(np.float64)
 
 
-def _pulse(t: FloatArray, plans: list[DancePlan]) -> tuple[FloatArray, FloatArray]:
+def _pulse(t: Array, plans: list[DancePlan]) -> tuple[Array, Array]:
     """How far down the body is in each count (0..1), and (t, 3): bounce in metres, hip scale, presence 0..1."""
     beat = np.zeros(len(t))
     level = np.zeros((len(t), 3))
@@ -181,16 +163,16 @@ def _pulse(t: FloatArray, plans: list[DancePlan]) -> tuple[FloatArray, FloatArra
     return beat, level
 
 
-def _count(t: FloatArray, times: FloatArray) -> FloatArray:
+def _count(t: Array, times: Array) -> Array:
     """Smoothed continuous count number at times `t`; the tempo continues beyond both ends."""
     gap0, gap1 = times[1] - times[0], times[-1] - times[-2]
-    number: FloatArray = np.interp(t, times, np.arange(len(times), dtype=np.float64))
+    number: Array = np.interp(t, times, np.arange(len(times), dtype=np.float64))
     number = np.where(t < times[0], (t - times[0]) / gap0, number)
     number = np.where(t > times[-1], len(times) - 1 + (t - times[-1]) / gap1, number)
-    return _lagging(number - number[0], 0.05) + number[0] if len(t) else number
+    return _soft(number - number[0], 0.05) + number[0] if len(t) else number
 
 
-def _groove(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
+def _groove(t: Array, plans: list[DancePlan], name: str) -> Array:
     """A constant of each span's groove, eased in and out."""
     result = np.zeros(len(t))
     for plan in plans:
@@ -200,7 +182,7 @@ def _groove(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
     return result
 
 
-def _keyed(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
+def _keyed(t: Array, plans: list[DancePlan], name: str) -> Array:
     """The pelvis curve through the keys called `name` of all plans."""
     keys = sorted((time, value) for plan in plans for time, value in getattr(plan, name))
     if not keys:
@@ -209,12 +191,14 @@ def _keyed(t: FloatArray, plans: list[DancePlan], name: str) -> FloatArray:
     table = np.array(sorted([*starts, *keys]))
     table = table[np.append(np.diff(table[:, 0]) > 1e-3, True)]
     curve = glide(t, table[:, 0], table[:, 1:], np.full(len(table), 1.2))
-    return _lagging(curve[:, 0], 0.04)
+    return _soft(curve[:, 0], 0.04)
 
 
-def _body(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
+def _body(t: Array, plans: list[DancePlan]) -> Array:
     """Arms, chest and head, (frames, 38): glides from key to key, smoothed more where a move flows."""
-    rest = _resting()
+    base = neutral(1)
+    arms = np.concatenate([base.wrist, base.palm, base.elbow_swing[..., None], base.shoulder, base.fingers], axis=-1)
+    rest = np.append(arms, np.zeros(6))
     rows = [BodyKey(-1.0, rest, 0.5, 0.0)]
     for plan in plans:
         rows.append(BodyKey(plan.begin + 0.05, rest, 0.5, 0.3))
@@ -225,11 +209,10 @@ def _body(t: FloatArray, plans: list[DancePlan]) -> FloatArray:
     travel = np.maximum(np.array([row.travel for row in rows]), _needed(values))
     curve = glide(t, times, values, travel)
     _arch(curve, t, times, values, travel)
-    sharp = np.asarray(smoothed(curve.astype(np.float32), 0.028), np.float64)
     gap = float(np.median([plan.counts.length(0) for plan in plans])) if plans else 0.5
-    soft = np.asarray(smoothed(curve.astype(np.float32), float(np.clip(0.22 * gap, 0.06, 0.22))), np.float64)
+    sharp, soft = _soft(curve, 0.028), _soft(curve, float(np.clip(0.22 * gap, 0.06, 0.22)))
     flow = glide(t, times, np.array([[row.flow] for row in rows]))
-    return np.asarray(sharp + (soft - sharp) * smoothed(flow.astype(np.float32), 0.15), np.float64)
+    return np.asarray(sharp + (soft - sharp) * _soft(flow, 0.15))
 
 
 def _unhurried(rows: list[BodyKey]) -> list[BodyKey]:
@@ -247,7 +230,7 @@ def _unhurried(rows: list[BodyKey]) -> list[BodyKey]:
     return kept
 
 
-def _needed(values: FloatArray) -> FloatArray:
+def _needed(values: Array) -> Array:
     """Seconds that each move needs to keep wrists and upper arms below their top speeds."""
     wrists = values[:, : 2 * ARM].reshape(len(values), 2, ARM)[..., :3]
     before = np.concatenate([wrists[:1], wrists[:-1]])
@@ -257,12 +240,9 @@ def _needed(values: FloatArray) -> FloatArray:
     return np.asarray(1.875 * np.maximum(far / FASTEST_WRIST, angle / FASTEST_ARM), np.float64)
 
 
-def _arch(curve: FloatArray, t: FloatArray, times: FloatArray, values: FloatArray, travel: FloatArray) -> None:
+def _arch(curve: Array, t: Array, times: Array, values: Array, travel: Array) -> None:
     """Bend long wrist paths outwards and forwards, so that arms swing around the shoulder instead of through it."""
-    gap = np.minimum(np.diff(times, prepend=times[0] - 1.0), travel)
-    index, phase = progress(t, times, gap)
-    after = np.minimum(index, len(times) - 1)
-    before = np.maximum(index - 1, 0)
+    before, after, phase = progress(t, times, gaps(times, travel))
     shape = bump(phase)[:, None]
     for side in (0, 1):
         cut = slice(side * ARM, side * ARM + 3)
@@ -275,22 +255,10 @@ def _arch(curve: FloatArray, t: FloatArray, times: FloatArray, values: FloatArra
         curve[:, cut] += away * short[:, None] * shape
 
 
-def _follow_through(arms: FloatArray) -> Float[FloatArray, "t 2 3"]:
+def _follow_through(arms: Array) -> Float[Array, "t 2 3"]:
     """Hand angles with drag: the hand trails behind the movement of the wrist."""
-    speed = (
-        np.gradient(np.asarray(smoothed(arms[..., :3].astype(np.float32), 0.05), np.float64), axis=0) * FRAME_RATE_HZ
-    )
-    palm = np.asarray(smoothed(arms[..., 3:6].astype(np.float32), 0.03), np.float64)
+    speed = np.gradient(_soft(arms[..., :3], 0.05), axis=0) * FRAME_RATE_HZ
+    palm = _soft(arms[..., 3:6], 0.03)
     palm[..., 0] += 0.35 * np.tanh(speed[..., 1] / 1.2)
     palm[..., 1] += 0.12 * np.tanh(-speed[..., 2] / 1.5)
     return palm
-
-
-def _resting() -> NDArray[np.float64]:
-    base = neutral(1)
-    curves = base.wrist, base.palm, base.elbow_swing[..., None], base.shoulder, base.fingers
-    return np.concatenate([np.concatenate(curves, axis=-1).ravel(), np.zeros(6)]).astype(np.float64)
-
-
-def _f32(array: FloatArray) -> Array:
-    return np.asarray(array, np.float32)

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from ..controls import STANDING_FOOT_YAW, turned
 from . import figures, moves, poses, steps
-from .footwork import Foothold, Stance
+from .footwork import PLACES, Foothold
 from .grooves import Counts
 from .poses import ARMS, Key, Move
 from .steps import Figure, Step
@@ -23,7 +24,6 @@ EASY_SWING = 0.46  # seconds that a full knee lift or kick needs
 QUICK_COUNT = 0.5  # seconds; with shorter counts steps are smaller
 TWIST = 1.6  # turn of the hips against the notation
 CHEST = np.array([2.2, 1.5, 1.3])  # yaw, pitch and roll of the chest against the notation
-NEUTRAL = Stance()
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,9 @@ class Material:
         legs = figures.fitting(counts.groove.name, counts.metre, energy)
         arms = moves.fitting(counts.groove.name, energy)
         typical = np.array([2.5 if figure.styles else 1.0 for figure in legs])
-        pick = rng.choice(len(legs), len(legs), replace=False, p=typical / typical.sum())
-        hand = rng.permutation(len(arms))
-        return cls(
-            (legs[pick[0]], legs[pick[1 % len(pick)]]),
-            (arms[hand[0]], arms[hand[1 % len(hand)]], arms[hand[2 % len(hand)]]),
-        )
+        pick = np.resize(rng.choice(len(legs), len(legs), replace=False, p=typical / typical.sum()), 2)
+        hand = np.resize(rng.permutation(len(arms)), 3)
+        return cls((legs[pick[0]], legs[pick[1]]), (arms[hand[0]], arms[hand[1]], arms[hand[2]]))
 
 
 def compose_dance(counts: Counts, rng: np.random.Generator) -> DancePlan:
@@ -175,23 +172,20 @@ def _place(plan: DancePlan, step: Step, offset: int, size: float, facing: float)
     if landing - lift_off < SHORTEST_SWING or lift_off < earliest or lift_off < plan.begin:
         return
     place = _world(step.side, step.x * size, step.z * size, facing)
-    before = own[-1].place if own else NEUTRAL.places[step.side]
+    before = own[-1].place if own else PLACES[step.side]
     ahead = np.cos(facing + step.yaw) * (place[1] - before[1]) + np.sin(facing + step.yaw) * (place[0] - before[0])
     far = float(np.hypot(place[0] - before[0], place[1] - before[1]))
     strike = -0.2 if ahead > 0.12 else (0.16 if far > 0.08 else 0.08)
-    toe_out = NEUTRAL.yaws[step.side]
+    yaw = facing + step.yaw + STANDING_FOOT_YAW[step.side]
     lift = float(np.clip(step.lift * (0.75 + 0.3 * size), 0.042, 0.15))
-    plan.holds.append(
-        Foothold(
-            step.side, lift_off, landing, place, facing + step.yaw + toe_out, step.weight, lift, step.pitch, strike, air
-        )
-    )
+    plan.holds.append(Foothold(step.side, lift_off, landing, place, yaw, step.weight, lift, step.pitch, strike, air))
 
 
 def _world(side: int, x: float, z: float, facing: float) -> tuple[float, float]:
-    home = NEUTRAL.places[side]
-    x, z = home[0] + x, home[1] + z
-    return float(x * np.cos(facing) + z * np.sin(facing)), float(z * np.cos(facing) - x * np.sin(facing))
+    """Place of a foot that stands off its place at ease, in the axes of a dancer who faces to the left by `facing`."""
+    home = PLACES[side]
+    place = turned(np.array([home[0] + x, home[1] + z]), facing)
+    return float(place[0]), float(place[1])
 
 
 def _arms(plan: DancePlan, move: Move, at: int, length: int, energy: float) -> None:
@@ -230,11 +224,11 @@ def _close(plan: DancePlan) -> None:
         if not own:
             continue
         at = max(at, plan.holds[-1].landing + 0.03)
-        home = NEUTRAL.places[side]
+        home = PLACES[side]
         far = np.hypot(own[-1].place[0] - home[0], own[-1].place[1] - home[1])
-        if far > 0 or own[-1].pitch != 0 or own[-1].yaw != NEUTRAL.yaws[side]:
+        if far > 0 or own[-1].pitch != 0 or own[-1].yaw != STANDING_FOOT_YAW[side]:
             lift = float(np.clip(0.035 + 0.08 * far, 0.042, 0.06))
-            plan.holds.append(Foothold(side, at, at + SECONDS_TO_CLOSE, home, NEUTRAL.yaws[side], 0.54, lift))
+            plan.holds.append(Foothold(side, at, at + SECONDS_TO_CLOSE, home, STANDING_FOOT_YAW[side], 0.54, lift))
     rest = max([plan.settle + 0.6, *(h.landing for h in plan.holds)])
     plan.shifts.append((rest + 0.25, 0.5))
     plan.twist.append((plan.settle + 0.7, 0.0))

@@ -1,20 +1,20 @@
 """The step figures of the dance, in the notation of `steps.parse_steps`."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from .steps import HALF_STANCE, LEFT, RIGHT, Figure, Step, parse_pairs, parse_steps
-
-L, R = LEFT, RIGHT
+from .steps import HALF_STANCE, LEFT, Figure, Step, parse_pairs, parse_steps
 
 
-def _turned(count: float, side: int, heading: float, weight: float = 1.0) -> Step:
-    """A step to the neutral position of a foot after the dancer has turned by `heading` on the spot."""
-    x = HALF_STANCE if side == LEFT else -HALF_STANCE
-    return Step(count, side, x * (np.cos(heading) - 1.0), -x * np.sin(heading), heading, weight, lift=0.055)
+def _turning(text: str) -> tuple[Step, ...]:
+    """Steps on the spot: each foot to its neutral place after the dancer has turned by the step's yaw."""
 
+    def placed(step: Step) -> Step:
+        x = HALF_STANCE if step.side == LEFT else -HALF_STANCE
+        return replace(step, x=x * (np.cos(step.yaw) - 1.0), z=-x * np.sin(step.yaw), lift=0.055)
 
-def _march(lift: float) -> tuple[Step, ...]:
-    return tuple(Step(float(count), count % 2, lift=lift) for count in range(8))
+    return tuple(placed(step) for step in parse_steps(text))
 
 
 FIGURES: tuple[Figure, ...] = (
@@ -59,7 +59,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "march",
         8,
-        _march(0.14),
+        parse_steps("0 L l.14; 1 R l.14; 2 L l.14; 3 R l.14; 4 L l.14; 5 R l.14; 6 L l.14; 7 R l.14"),
         energy=(0.45, 1.0),
         twist=parse_pairs("0 .1, 1 -.1, 2 .1, 3 -.1, 4 .1, 5 -.1, 6 .1, 7 -.1"),
     ),
@@ -120,19 +120,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "quarter_turn",
         8,
-        tuple(
-            _turned(*step)
-            for step in (
-                (0, L, 0.6, 1),
-                (1, R, 1.2, 1),
-                (2, L, 1.2, 1),
-                (3, R, 1.2, 0),
-                (4, R, 0.7, 1),
-                (5, L, 0, 1),
-                (6, R, 0, 1),
-                (7, L, 0, 0),
-            )
-        ),
+        _turning("0 L y.6; 1 R y1.2; 2 L y1.2; 3 R y1.2 w0; 4 R y.7; 5 L; 6 R; 7 L w0"),
         energy=(0.45, 1.0),
     ),
     Figure(
@@ -181,16 +169,7 @@ FIGURES: tuple[Figure, ...] = (
         energy=(0.0, 0.8),
         twist=parse_pairs("0 .12, 3 -.12"),
     ),
-    Figure(
-        "waltz_turn",
-        6,
-        tuple(
-            _turned(*step)
-            for step in ((0, L, 0.45, 1), (1, R, 0.7, 1), (2, L, 0.7, 1), (3, R, 0.25, 1), (4, L, 0, 1), (5, R, 0, 1))
-        ),
-        metre=3,
-        energy=(0.4, 1.0),
-    ),
+    Figure("waltz_turn", 6, _turning("0 L y.45; 1 R y.7; 2 L y.7; 3 R y.25; 4 L; 5 R"), metre=3, energy=(0.4, 1.0)),
     Figure(
         "tendu",
         8,
@@ -228,6 +207,4 @@ def fitting(style: str, metre: int, energy: float) -> list[Figure]:
     if style == "rest":
         kind = [FIGURE["sway"]]
     near = [f for f in kind if f.energy[0] <= energy <= f.energy[1]]
-    if near:
-        return near
-    return [min(kind, key=lambda f: abs(energy - (f.energy[0] + f.energy[1]) / 2))]
+    return near or [min(kind, key=lambda f: abs(energy - (f.energy[0] + f.energy[1]) / 2))]

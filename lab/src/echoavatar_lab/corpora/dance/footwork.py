@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, minimum_jerk, smoothed
+from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, minimum_jerk, smoothed
 from ..keyframes import bump, glide
 
-FloatArray = np.ndarray
+PLACES = tuple((x, z) for x, _, z in STANDING_FEET)  # of both feet at ease, left then right
 TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor
 SUPPORT = 0.95  # share of the weight on the standing foot while the other swings
 WEIGHT_SECONDS = 0.03  # from landing until the foot carries the weight, so that it does so on the count
@@ -37,39 +37,27 @@ class Foothold:
 
 
 @dataclass(frozen=True)
-class Stance:
-    """Where both feet stand: positions (x, z) and yaws, left then right."""
-
-    places: tuple[tuple[float, float], tuple[float, float]] = (
-        (STANDING_FEET[0][0], STANDING_FEET[0][2]),
-        (STANDING_FEET[1][0], STANDING_FEET[1][2]),
-    )
-    yaws: tuple[float, float] = STANDING_FOOT_YAW
-
-
-@dataclass(frozen=True)
 class Footwork:
     """Curves of both feet and of the weight on them, frames first."""
 
-    position: Float[FloatArray, "t 2 3"]
-    yaw: Float[FloatArray, "t 2"]
-    pitch: Float[FloatArray, "t 2"]
-    share: Float[FloatArray, " t"]  # of the weight on the left foot
+    position: Float[Array, "t 2 3"]
+    yaw: Float[Array, "t 2"]
+    pitch: Float[Array, "t 2"]
+    share: Float[Array, " t"]  # of the weight on the left foot
 
 
-def walk(
-    t: FloatArray, holds: Sequence[Foothold], stance: Stance, shifts: Sequence[tuple[float, float]] = ()
-) -> Footwork:
-    """Curves at times `t` from footholds in order; `shifts` are (seconds, share of the weight on the left foot)."""
+def walk(t: Array, holds: Sequence[Foothold], shifts: Sequence[tuple[float, float]] = ()) -> Footwork:
+    """Curves at times `t` from footholds in order, begun at ease.
+
+    `shifts` are (seconds, share of the weight on the left foot).
+    """
     sides = [[hold for hold in holds if hold.side == side] for side in (0, 1)]
-    place, yaw = zip(*(_path(t, sides[s], stance.places[s], stance.yaws[s]) for s in (0, 1)), strict=True)
+    place, yaw = zip(*(_path(t, sides[s], PLACES[s], STANDING_FOOT_YAW[s]) for s in (0, 1)), strict=True)
     pitch = [_pitch(t, sides[s]) for s in (0, 1)]
     return Footwork(np.stack(place, 1), np.stack(yaw, 1), np.stack(pitch, 1), _share(t, holds, shifts))
 
 
-def _path(
-    t: FloatArray, holds: Sequence[Foothold], start: tuple[float, float], yaw: float
-) -> tuple[FloatArray, FloatArray]:
+def _path(t: Array, holds: Sequence[Foothold], start: tuple[float, float], yaw: float) -> tuple[Array, Array]:
     position = np.zeros((len(t), 3))
     position[:] = (start[0], ANKLE_HEIGHT, start[1])
     heading = np.full(len(t), yaw)
@@ -91,20 +79,15 @@ def _path(
     return position, heading
 
 
-def _through_air(t: FloatArray, hold: Foothold, before: FloatArray) -> FloatArray:
+def _through_air(t: Array, hold: Foothold, before: Array) -> Array:
     assert hold.air is not None
     at, x, height, z = hold.air
-    keys = np.array(
-        [
-            (before[0], ANKLE_HEIGHT, before[1]),
-            (x, ANKLE_HEIGHT + height, z),
-            (hold.place[0], ANKLE_HEIGHT, hold.place[1]),
-        ]
-    )
+    way = np.array([before, (x, z), hold.place])
+    keys = np.insert(way, 1, ANKLE_HEIGHT + np.array([0.0, height, 0.0]), axis=1)
     return glide(t, np.array([hold.lift_off, at, hold.landing]), keys)
 
 
-def _pitch(t: FloatArray, holds: Sequence[Foothold]) -> FloatArray:
+def _pitch(t: Array, holds: Sequence[Foothold]) -> Array:
     """Foot pitch: the heel rises before lift-off, heel or ball touches first, then the foot settles."""
     keys: list[tuple[float, float, float]] = [(float(t[0]) - 1.0, 0.0, 0.1)] if len(t) else []
     standing = 0.0
@@ -126,7 +109,7 @@ def _pitch(t: FloatArray, holds: Sequence[Foothold]) -> FloatArray:
     return glide(t, table[:, 0], table[:, 1:2], table[:, 2])[:, 0]
 
 
-def _share(t: FloatArray, holds: Sequence[Foothold], shifts: Sequence[tuple[float, float]]) -> FloatArray:
+def _share(t: Array, holds: Sequence[Foothold], shifts: Sequence[tuple[float, float]]) -> Array:
     keys = [(-1e3, 0.5, 1.0)]  # time, share, longest travel
     for hold in sorted(holds, key=lambda h: h.lift_off):
         standing = 1 - SUPPORT if hold.side == 0 else SUPPORT

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from echoavatar.timing import FRAME_RATE_HZ
+
 from ..sound import Section, SoundTrack, Span
 
 HALF_TIME_BPM = 150.0  # above it, one count is two beats (not in 3/4)
@@ -68,6 +70,19 @@ class Counts:
         """Seconds from a count to the next one."""
         at = min(max(count, 0), len(self.times) - 2)
         return float(self.times[at + 1] - self.times[at])
+
+    def energy(self, count: int) -> float:
+        """Energy of the section that a count lies in."""
+        return next((energy for first, end, energy in self.sections if first <= count < end), 0.5)
+
+    def apart(self, seconds: float, counts: int) -> int:
+        """The least multiple of so many counts that lasts some seconds."""
+        return counts * max(1, int(np.ceil(seconds / (counts * self.length(0)))))
+
+    def frames(self, after_s: float, most: int) -> tuple[int, int]:
+        """First frame and end of the span and some seconds after it, in a dance of `most` frames."""
+        first, end = (int(np.clip(round(t * FRAME_RATE_HZ), 0, most)) for t in (self.start, self.end + after_s))
+        return first, end
 
 
 def find_counts(track: SoundTrack, span: Span) -> Counts:

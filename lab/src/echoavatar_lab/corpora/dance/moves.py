@@ -252,6 +252,4 @@ def fitting(style: str, energy: float) -> list[Move]:
     """The moves that fit a style and an energy; never empty."""
     kind = [move for move in MOVES if not move.styles or style in move.styles]
     near = [move for move in kind if move.energy[0] <= energy <= move.energy[1]]
-    if near:
-        return near
-    return [min(kind or list(MOVES), key=lambda m: abs(energy - (m.energy[0] + m.energy[1]) / 2))]
+    return near or [min(kind, key=lambda move: abs(energy - (move.energy[0] + move.energy[1]) / 2))]

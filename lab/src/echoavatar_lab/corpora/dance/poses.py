@@ -39,13 +39,11 @@ class ArmPose:
 
 
 ARMS: dict[str, ArmPose] = {
-    "hang": ArmPose((0.125, -0.45, 0.08), (0.08, 0.0, 0.35)),
     "loose": ArmPose((0.10, -0.31, 0.22), (0.05, 0.0, 0.35), hand="loose_fist"),
     "guard": ArmPose((0.02, -0.16, 0.27), (0.0, 0.0, 0.3), hand="loose_fist"),
     "fore": ArmPose((0.02, -0.23, 0.33), (0.0, 0.0, 0.1), hand="loose_fist", shoulder=(0.0, 0.12)),
     "back": ArmPose((0.14, -0.37, -0.13), (0.1, 0.0, 0.3), hand="loose_fist", shoulder=(0.02, -0.12)),
     "chest": ArmPose((-0.05, -0.12, 0.27), (0.0, 0.0, 0.6), 0.25),
-    "front": ArmPose((-0.02, -0.01, 0.45), (0.0, 0.0, 0.6), 0.1, (0.05, 0.15)),
     "punch": ArmPose((-0.09, -0.01, 0.46), (0.0, 0.0, 0.9), 0.2, (0.06, 0.25), "fist"),
     "chamber": ArmPose((0.09, -0.20, 0.13), (0.0, 0.0, 0.0), 0.1, (0.0, -0.1), "fist"),
     "side": ArmPose((0.45, -0.03, 0.10), (0.0, 0.0, 0.5), 0.0, (0.08, 0.0), "flat"),

@@ -1,17 +1,18 @@
-"""Travel laid over a dance: from side to side with the phrases, about the middle, by steps it has.
+"""Travel laid over a dance: from side to side with the phrases, about the middle, by the steps that the dance has.
 
 Each foot takes its share of the way while it is in the air, and the hips follow the feet; so planted feet stay where
 they are, and a dance without steps does not travel.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from ..controls import ANKLE_HEIGHT, Array, Controls, minimum_jerk, smoothed
+from ..controls import ANKLE_HEIGHT, BALL_M, Array, Controls, at_most, minimum_jerk, smoothed, spans_of, turned
 from ..keyframes import glide
 from .grooves import Counts
 
@@ -24,7 +25,6 @@ LEG_S = 2.2  # from side to side at least
 FASTEST_M_S = 1.1  # of the travel that is laid over, on average between two sides
 OWN_S = 0.4  # over which the dance's own travel is smoothed
 OUT_S = 0.8
-BALL_M = 0.13  # from the ankle to the ball of the foot
 STILL_M_S, LOW_M = 0.06, 0.03  # a low foot whose ball is slower than this stands
 SWING_M_S = 3.4  # that a step may be faster than before, on average
 APART_M = 0.38  # that one foot may be ahead of the other
@@ -42,10 +42,10 @@ def with_travel(
     What the dance travels itself is part of the way. `aside_m`, the least and most to the side, is `ASIDE_BY_RULE_M` or
     `ASIDE_CAPTURED_M`.
     """
-    first, last = (int(np.clip(round(t * FRAME_RATE_HZ), 0, len(dance))) for t in (counts.start, counts.end + OUT_S))
+    first, last = counts.frames(OUT_S, len(dance))
     if last - first < 2 * FRAME_RATE_HZ:
         return dance
-    own = dance[slice(first, last)]
+    own = dance[first:last]
     feet, lift = _stepped(own, _wanted(own, first, counts, home, rng, aside_m))
     hips = smoothed(feet.mean(1), HIPS_S)
     place, foot = dance.pelvis_position.copy(), dance.foot_position.copy()
@@ -63,22 +63,18 @@ def _wanted(
     """Shift in x and z, frame by frame, by which the dance would be at one side and the other in turns."""
     clock = (first + np.arange(len(own))) / FRAME_RATE_HZ
     path = smoothed(own.pelvis_position[:, ::2] - home.pelvis_position[first, ::2], OWN_S)
-    apart = 3 if counts.metre == 3 else 4
-    apart *= max(1, int(np.ceil(LEG_S / (apart * counts.length(0)))))
+    apart = counts.apart(LEG_S, 3 if counts.metre == 3 else 4)
     heading, sign, wide = float(home.pelvis_rotation[first, 0]), rng.choice((-1, 1)), rng.uniform(*aside_m)
     times, shifts = [float(clock[0])], [np.zeros(2)]
     for count in range(apart, len(counts.times), apart):
-        energy = next((energy for begin, end, energy in counts.sections if begin <= count < end), 0.5)
         sign = -sign
         side, front = sign * wide * rng.uniform(1 - VARIED, 1 + VARIED), rng.uniform(-1, 1) * FRONT_M
-        x, z = (QUIET + (1 - QUIET) * energy) * np.array([side, front])
-        goal = np.array([np.cos(heading) * x + np.sin(heading) * z, np.cos(heading) * z - np.sin(heading) * x])
+        goal = turned((QUIET + (1 - QUIET) * counts.energy(count)) * np.array([side, front]), heading)
         at = int(np.clip(np.searchsorted(clock, counts.at(count)), 0, len(own) - 1))
         if clock[at] - times[-1] < 0.5:
             continue
-        way = goal - path[at] - shifts[-1]
-        most = FASTEST_M_S * (clock[at] - times[-1])
-        shifts.append(shifts[-1] + way * min(1.0, most / max(float(np.hypot(*way)), 1e-6)))
+        most = FASTEST_M_S * float(clock[at] - times[-1])
+        shifts.append(shifts[-1] + at_most(goal - path[at] - shifts[-1], most))
         times.append(float(clock[at]))
     laid = glide(clock, np.array(times), np.stack(shifts))
     far = np.linalg.norm(path + laid, axis=1, keepdims=True)
@@ -93,8 +89,8 @@ def _stepped(own: Controls, wanted: Float[Array, "t 2"]) -> tuple[Float[Array, "
         phase = (np.arange(a, b) - a + 1) / (b - a + 1)
         before, other = shift[a, side].copy(), shift[b - 1, 1 - side]
         after = wanted[min(b, len(own) - 1) : until].mean(0) if b < until else wanted[-1]
-        after = other + _at_most(after - other, APART_M)
-        after = before + _at_most(after - before, SWING_M_S * (b - a) / FRAME_RATE_HZ)
+        after = other + at_most(after - other, APART_M)
+        after = before + at_most(after - before, SWING_M_S * (b - a) / FRAME_RATE_HZ)
         at = min(b, len(own) - 1)
         after = _within_stride(own, at, side, _uncrossed(own, at, side, after, other), other)
         shift[a:b, side] = before + (after - before) * minimum_jerk((phase - 0.15) / 0.7)[:, None]
@@ -115,8 +111,8 @@ def _stands(own: Controls, side: int) -> Bool[Array, " t"]:
 
 def _swings(stands: Bool[Array, " t"]) -> list[tuple[int, int, int]]:
     """First frame and end of each way between two stands, and the end of the stand after it."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(int))).reshape(-1, 2)
-    return [(int(a), int(b), int(c)) for (_, a), (b, c) in zip(edges, edges[1:], strict=False)]
+    spans = spans_of(stands)
+    return [(a, b, c) for (_, a), (b, c) in pairwise(spans)]
 
 
 def _uncrossed(own: Controls, at: int, side: int, shift: Array, other: Array) -> Float[Array, " 2"]:
@@ -132,8 +128,4 @@ def _within_stride(own: Controls, at: int, side: int, shift: Array, other: Array
     """A shift of one foot that sets it no further from the other one than legs can be apart with ease."""
     apart = own.foot_position[at, side, ::2] - own.foot_position[at, 1 - side, ::2]
     far = max(float(np.hypot(*apart)), WIDEST_M)
-    return np.asarray(other + _at_most(apart + shift - other, far) - apart)
-
-
-def _at_most(way: Float[Array, " 2"], length: float) -> Float[Array, " 2"]:
-    return np.asarray(way * min(1.0, length / max(float(np.hypot(*way)), 1e-6)))
+    return np.asarray(other + at_most(apart + shift - other, far) - apart)

@@ -79,13 +79,9 @@ def parse_steps(text: str) -> tuple[Step, ...]:
                 at, x, height, z = (float(number) for number in word[4:].split("/"))
                 step = replace(step, air=(at, x, height, z))
             else:
-                step = _with(step, names[word[0]], float(word[1:]))
+                step = Step(**{**vars(step), names[word[0]]: float(word[1:])})
         steps.append(step)
     return tuple(steps)
-
-
-def _with(step: Step, name: str, value: float) -> Step:
-    return Step(**{**vars(step), name: value})
 
 
 def parse_pairs(text: str) -> tuple[tuple[float, float], ...]:

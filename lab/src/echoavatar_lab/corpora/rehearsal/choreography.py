@@ -16,6 +16,7 @@ from echoavatar_lab.corpora.capture.library import CapturedLibrary
 from ..controls import (
     ANKLE_HEIGHT,
     DRIFT_FRAMES,
+    FEET,
     Array,
     Controls,
     air,
@@ -38,7 +39,6 @@ STEP_S = 0.40
 LANDING_FRAMES = 6
 SHORTEST_DANCE_S = 1.5
 NEAR_M, STRIDE_M = 0.12, 0.25  # a dancer who ends nearer to the place of the standing body walks nowhere
-_FEET = ("foot_position", "foot_yaw", "foot_pitch", "foot_roll")
 
 
 def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = None) -> Controls:
@@ -62,8 +62,8 @@ def choreograph(track: SoundTrack, seed: int, library: CapturedLibrary | None = 
 def _brought(controls: Controls, to: Controls, at: int) -> Controls:
     """`controls` moved on the floor so that at this frame it has the place and heading of `to`."""
     turn = float(to.pelvis_rotation[at, 0] - controls.pelvis_rotation[at, 0])
-    placed = moved(moved(controls, -controls.pelvis_position[at, [0, 2]]), np.zeros(2), turn=turn)
-    return moved(placed, to.pelvis_position[at, [0, 2]])
+    centred = moved(controls, -controls.pelvis_position[at, [0, 2]])
+    return moved(centred, to.pelvis_position[at, [0, 2]], turn=turn)
 
 
 def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> Controls:
@@ -75,7 +75,7 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     after = unwound(after, before, at, at)
     curves: dict[str, Array] = {}
     for field in fields(Controls):
-        if field.name not in (*_FEET, "wrist"):
+        if field.name not in (*FEET, "wrist"):
             old, new = getattr(before, field.name), getattr(after, field.name)
             drift = DRIFT_FRAMES if field.name in ("palm", "elbow_swing") else None
             if field.name.startswith("pelvis"):  # hips that lag behind their feet longer get out of the legs' reach
@@ -85,7 +85,7 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
     curves["wrist"] = np.concatenate([before.wrist[:at], over])
     moments = _step_moments(before, after, at)
     waiting = _landed(before, at)
-    for name in _FEET:
+    for name in FEET:
         old, new = getattr(waiting, name), getattr(after, name)
         turn = 2 * np.pi if name == "foot_yaw" else np.inf
         sides = [_carried_over(old[:, s], new[:, s], moments[s], STEP_S, turn, LANDING_FRAMES) for s in range(2)]
@@ -96,10 +96,11 @@ def switched(before: Controls, after: Controls, *, at: int, seconds: float) -> C
 def _landed(before: Controls, at: int) -> Controls:
     """`before` with feet that come down where they are at frame `at`, and wait there for their step."""
     curves, left = {}, 1 - minimum_jerk(np.arange(len(before) - at) / LANDING_FRAMES)
-    for name in _FEET:
+    for name in FEET:
         old = getattr(before, name)
         new = old.copy()
-        drift = fading(np.zeros_like(old[at]), old[at] - old[max(at - 1, 0)], len(before) - at, drift=LANDING_FRAMES)
+        speed, left_frames = old[at] - old[max(at - 1, 0)], len(before) - at
+        drift = fading(np.zeros_like(speed), speed, left_frames, left_frames, drift=LANDING_FRAMES)
         new[at:] = old[at] + drift
         if name == "foot_position":
             height = new[at:, :, 1]
@@ -122,7 +123,7 @@ def walking_home(standing: Controls, before: Controls, at: int) -> Controls:
     begin, steps = at + 2 * stride, max(2, int(np.ceil(far / STRIDE_M)) + 1)
     left = 1 - minimum_jerk((np.arange(len(standing)) - begin) / (steps * stride))
     middle = standing.pelvis_position[at, [0, 2]]
-    curves = {name: getattr(standing, name).copy() for name in _FEET}
+    curves = {name: getattr(standing, name).copy() for name in FEET}
     place = _carried(standing.pelvis_position, middle, off * left[:, None], turn * left)
     rotation = standing.pelvis_rotation.copy()
     rotation[:, 0] += (turn * left).astype(np.float32)
@@ -215,6 +216,5 @@ def _carried_over(
     previous = max(at - 1, 0)
     speed = (old[at] - old[previous]) - (new[at] - new[previous])
     length = max(round(seconds * FRAME_RATE_HZ), 2)
-    last = min(at + length, len(old))
-    out[at:last] += fading(place, speed, length, drift=drift)[: last - at]
+    out[at:] += fading(place, speed, length, len(out) - at, drift=drift)
     return out

@@ -11,6 +11,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 from echoavatar.errors import AudioError
 from echoavatar.timing import SAMPLE_RATE_HZ
 
+from ..controls import spans_of
 from ..music.beat_tracker import track_beats
 from ..sound import FloatArray, Section, SoundTrack, Span, Syllable, TimeArray, bridged, merge_spans, whole_frames
 from .augment import set_loudness
@@ -72,8 +73,7 @@ def _active(power: Array, *, floor_db: float, bridge_s: float, shortest_s: float
     level = 10 * np.log10(smooth)
     top, bottom = np.quantile(level, [0.95, 0.05])
     on = level > max(top + floor_db, min(bottom + 6, top - 20))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
-    stretches = bridged((edges.reshape(-1, 2) * _FRAME_S).tolist(), bridge_s)
+    stretches = bridged((np.array(spans_of(on)) * _FRAME_S).tolist(), bridge_s)
     return [(a, b) for a, b in stretches if b - a >= shortest_s]
 
 
