@@ -30,6 +30,7 @@ from echoavatar_lab.align.audio_encoders import (
     spectrogram,
 )
 from echoavatar_lab.align.audio_reward import AudioMotion
+from echoavatar_lab.models.audio.decoding import decode
 
 KALDI = {
     (0, 0): 14.94371509552002,
@@ -297,7 +298,7 @@ def test_resampling_keeps_a_tone(tiny_bundle):
     found = decoded_waveform(Plays(), torch.zeros(1, 75, 2, dtype=torch.int64))
     wanted = 0.5 * torch.sin(2 * math.pi * 440 * torch.arange(16_000, dtype=torch.float64) / 16_000)
     torch.testing.assert_close(found[0].double(), wanted, atol=1e-5, rtol=0)
-    assert load_bundle(tiny_bundle).codec.decode(torch.zeros(1, 75, 2, dtype=torch.int64)).shape == (1, 24_000)
+    assert decode(load_bundle(tiny_bundle).codec, torch.zeros(1, 75, 2, dtype=torch.int64)).shape == (1, 24_000)
 
 
 def test_configs_that_contradict_themselves_are_refused():

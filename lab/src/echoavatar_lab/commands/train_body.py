@@ -11,12 +11,12 @@ from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig
-from echoavatar.models.tokens import TokenLayout
+from echoavatar.models.tokenizer import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import Skeleton, part_sizes
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, read_groups
 from echoavatar_lab.models.audio.train import CodecTask, CodecTrainingConfig
+from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip, leveled_of, patience_of
 from echoavatar_lab.models.published import read_encodec
@@ -29,6 +29,7 @@ from echoavatar_lab.models.tokenizer.train import (
     bundle_training,
     continued,
 )
+from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 from echoavatar_lab.training import train
 
 from .config_options import add_minutes
@@ -89,7 +90,7 @@ def _train_tokenizer(given: Given) -> None:
     clips, tests = (
         [corpus.motion(name) for name in corpus.names(split, has_mirrored=False)] for split in ("train", "test")
     )
-    start = BodyTokenizer.load(args.start) if args.start else None
+    start = AnyBodyTokenizer.load(args.start) if args.start else None
     training = continued(training) if start else training
     train(
         TokenizerTask(config, training, clips, tests=tests, card=given.card),
@@ -141,7 +142,7 @@ def _train_decoder(given: Given) -> None:
     clips, tests = (
         [corpus.motion(name) for name in corpus.names(split, has_mirrored=False)] for split in ("train", "test")
     )
-    start = BodyTokenizer.load(args.tokenizer)
+    start = AnyBodyTokenizer.load(args.tokenizer)
     train(
         DecoderTask(start, training, clips, tests=tests, card=given.card, progress=given.how["progress"]),
         args.output,
@@ -162,7 +163,7 @@ def _make_tokens(given: Given) -> None:
     tokenize_corpus(
         corpus,
         AudioCodec.load(args.codec).eval(),
-        BodyTokenizer.load(args.tokenizer).eval(),
+        AnyBodyTokenizer.load(args.tokenizer).eval(),
         args.output,
         is_mirrored_too=corpus.can_mirror,
         patience=settings.patience,
@@ -201,7 +202,7 @@ def _add_parts(parser: argparse.ArgumentParser) -> None:
 def _train_generator(given: Given) -> None:
     """Train on the token files."""
     args, settings = given.args, given.settings
-    codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
+    codec, tokenizer = AudioCodec.load(args.codec), AnyBodyTokenizer.load(args.tokenizer)
     found = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
     clips = [clip for clip in found if clip.has_truth]
     if found and not clips:
@@ -210,7 +211,7 @@ def _train_generator(given: Given) -> None:
             " from true motion (`echoavatar train tokens`)"
         )
     complete(settings, tokenizer.config.layers)
-    layout = TokenLayout.compact(
+    layout = compact_layout(
         audio_codes=codec.config.codes,
         motion_layers=tokenizer.config.layers,
         motion_codes=tokenizer.config.codes,

@@ -237,7 +237,7 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
     def save(self, folder: Path, step: int) -> None:
         """The finger model, in half precision."""
         about = {"kind": "fingers", "step": step, "training": self.config.model_dump()}
-        self.model.save(folder, self._card | about)
+        self.model.save(folder, self._card | about, dtype=torch.float16)
 
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:
@@ -246,7 +246,9 @@ def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None
     bodies = [torch.cat([clip.body for clip in group]) for group in groups]
     hands, body = torch.cat(_equal_length(moving)), torch.cat(_equal_length(bodies))
     body = torch.cat([body, mirror_body(body)])
-    model.set_statistics(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
+    pairs = zip(model.basis, fit_basis(hands, model.config.poses), strict=True)
+    for own, value in (*pairs, (model.body_mean, body.mean(0)), (model.body_std, body.std(0))):
+        own.copy_(value)
 
 
 def _equal_length(groups: Sequence[Tensor]) -> list[Tensor]:

@@ -15,13 +15,14 @@ from torch import Tensor
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
-from echoavatar.models.face import FaceConfig, paper_face
+from echoavatar.models.face import FaceConfig
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
-from echoavatar.models.tokens import REFERENCE_LAYOUT
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig
 from echoavatar_lab.foreign.foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
+from echoavatar_lab.models.face.train import paper_face
 from echoavatar_lab.reference.expected_tensors import from_reference
+from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 from .expected_tensors import differences, face_shapes, generator_shapes, hubert_of, tokenizer_shapes
 from .release_rig import JOINTS, body_statistics, rig_config, skeleton_config

@@ -15,7 +15,6 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.pipeline import Pipeline, PipelineState
 from echoavatar.engine.pipeline.runtime import Runtime
@@ -27,6 +26,7 @@ from echoavatar.motion.kinematics import Motion, Skeleton, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.evaluation.motion_folder import motion_files, read_motion_file
 from echoavatar_lab.models.tokenize import audio_codes
 from echoavatar_lab.training import Progress

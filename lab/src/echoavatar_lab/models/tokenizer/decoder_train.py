@@ -28,6 +28,7 @@ from ..quantize import steady_codes
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
 from .train import MovingBody, clip_features
+from .variants import AnyBodyTokenizer
 
 log = logging.getLogger(__name__)
 
@@ -142,7 +143,7 @@ class DecoderTask(TrainingTask[Pairs]):
         card: dict[str, object] = {**self._card, "step": step, "training": self.config.model_dump()}
         self.tokenizer.save(folder, card)
         if step >= self.config.steps and self._tests:
-            scores = measure(BodyTokenizer.load(folder), self._tests, self.config.patience)
+            scores = measure(AnyBodyTokenizer.load(folder), self._tests, self.config.patience)
             self.tokenizer.save(folder, card | {"scores": scores._asdict()})
             log.info("steady codes: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
 
