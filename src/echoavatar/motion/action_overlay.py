@@ -70,12 +70,6 @@ class Overlay:
         if not self.hands.joints:
             object.__setattr__(self, "hands", no_hands(len(self.rotation_vectors)))
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Overlay) or self.joints != other.joints or self.hands.joints != other.hands.joints:
-            return False
-        pairs = ((self.rotation_vectors, other.rotation_vectors), (self.hands.rotations, other.hands.rotations))
-        return all(np.array_equal(a, b) for a, b in (*pairs, (self.hands.shares, other.hands.shares)))
-
     def chunk(self, place: int, size: ChunkSize = CHUNK) -> "Overlay":
         """One chunk of the overlay."""
         here, hands = slice(place * size.frames, (place + 1) * size.frames), self.hands
