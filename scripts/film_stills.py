@@ -18,9 +18,9 @@ from jaxtyping import UInt8
 from PIL import Image
 from tqdm import tqdm
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH
 from echoavatar_lab.evaluation.pictures import contact_sheet
 from echoavatar_lab.evaluation.takes import Sound, read_sounds

@@ -22,7 +22,6 @@ from jaxtyping import Float
 from scipy.stats import binomtest
 from torch import Tensor
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -31,6 +30,7 @@ from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.align.audio_reward import WINDOW_TOKENS, AudioMotion
 from echoavatar_lab.align.quality import QualityReward
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.evaluation.takes import Sound, read_sounds
 from echoavatar_lab.models.tokenize import audio_codes
 

@@ -19,10 +19,10 @@ from safetensors.torch import save_file
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
-from echoavatar.models.tokens import REFERENCE_LAYOUT
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.reference.expected_tensors import Shapes, face_shapes, generator_shapes, tokenizer_shapes
 from echoavatar_lab.reference.release_rig import AXES, bones_by_name
+from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 FEATURES = {"lower": 117, "upper": 162, "hands": 252}
 STEPS = {"lower": 65_000, "upper": 54_000, "hands": 60_000}

@@ -7,9 +7,10 @@ import torch
 from echoavatar import checkpoint
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
-from echoavatar.models.tokens import TokenLayout
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, to_features
+from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.tokenizer.train import body_config
 
 CARD: dict[str, object] = {"data": "none, random weights", "command": "tests/tiny_bundle.py", "licence": "Apache-2.0"}
 
@@ -28,7 +29,7 @@ def write_bundle(folder: Path) -> Path:
         if name.endswith("codebook"):
             book.normal_()
     tokenizer.save(folder / "tokenizer", CARD)
-    layout = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
+    layout = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8)
     config = GeneratorConfig(layout=layout, window_chunks=3, width=16, layers=1, heads=2, kv_heads=1, mlp=32)
     Generator(config).save(folder / "generator", CARD)
     return folder

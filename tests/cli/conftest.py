@@ -21,7 +21,8 @@ def bundle_with_face(tiny_bundle: Path, tmp_path_factory: pytest.TempPathFactory
             encoder=MelConfig(width=8, blocks=1), width=8, layers=1, heads=2, condition=8, head_width=8, context=8
         )
     )
-    model.measure(0.3 + 0.05 * torch.randn(50, 52))
+    model.mean.fill_(0.3)
+    model.std.fill_(0.05)
     model.save(folder / "face", {"data": "none"})
     return folder
 

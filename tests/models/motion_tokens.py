@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import torch
 
 from echoavatar.models.quantize import ResidualVectorQuantizer
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig, body_config
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar_lab.models.tokenizer.train import body_config
 
 
 def small_config(width: int = 16) -> BodyTokenizerConfig:

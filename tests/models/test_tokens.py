@@ -6,12 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from echoavatar.models.tokens import PARTS, REFERENCE_LAYOUT, Interleaved, TokenLayout
+from echoavatar.models.tokens import PARTS, Interleaved, TokenLayout
+from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 
 @given(st.integers(1, 4), st.integers(2, 30), st.integers(2, 30), st.integers(0, 1000))
 def test_motion_codes_come_back_from_their_ids_in_any_layout(depth, motion_codes, audio_codes, seed):
-    layout = TokenLayout.compact(audio_codes=audio_codes, motion_layers=depth, motion_codes=motion_codes)
+    layout = compact_layout(audio_codes=audio_codes, motion_layers=depth, motion_codes=motion_codes)
     random = torch.Generator().manual_seed(seed)
     motion = torch.randint(motion_codes, (2, 3, PARTS, depth), generator=random)
     starts = torch.tensor([layout.segment_start(segment) for segment in range(layout.segments)]).repeat(3)
@@ -21,7 +23,7 @@ def test_motion_codes_come_back_from_their_ids_in_any_layout(depth, motion_codes
 
 def test_every_code_has_a_row_of_its_own_and_the_table_is_full():
     """4 specials + 2 x 3 audio + 3 x 2 x 5 motion = 40 rows."""
-    layout = TokenLayout.compact(audio_codes=3, motion_layers=2, motion_codes=5)
+    layout = compact_layout(audio_codes=3, motion_layers=2, motion_codes=5)
     motion = torch.arange(5)[None, :, None, None].expand(1, 5, PARTS, 2)
     audio = torch.arange(3)[None, :, None].expand(1, 3, 2)
     ids = torch.cat([layout.motion_ids(motion)[0], layout.audio_ids(audio)[0]])
@@ -30,7 +32,7 @@ def test_every_code_has_a_row_of_its_own_and_the_table_is_full():
 
 
 def test_motion_is_ordered_by_time_then_part_then_layer():
-    layout = TokenLayout.compact(audio_codes=3, motion_layers=2, motion_codes=5)
+    layout = compact_layout(audio_codes=3, motion_layers=2, motion_codes=5)
     motion = torch.zeros(1, 2, PARTS, 2, dtype=torch.int64)
     motion[0, 1, 2, 0] = 4  # second time step, hands, first layer: segment 4 of 6
     ids = layout.motion_ids(motion)[0]
@@ -58,7 +60,7 @@ def test_overlapping_rows_are_refused():
 
 
 def test_a_body_of_one_part_has_a_third_of_the_segments():
-    layout = TokenLayout.compact(audio_codes=4, motion_layers=3, motion_codes=5, parts=1)
+    layout = compact_layout(audio_codes=4, motion_layers=3, motion_codes=5, parts=1)
     assert (layout.segments, layout.vocabulary) == (3, 4 + 2 * 4 + 3 * 5)
     assert layout.unflatten(torch.zeros(2, 12, dtype=torch.int64)).shape == (2, 4, 1, 3)
 

@@ -5,11 +5,11 @@ import torch
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokens import TokenLayout
+from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.published import init_from_qwen
 
 transformers = pytest.importorskip("transformers")
-LAYOUT = TokenLayout.compact(audio_codes=11, motion_layers=2, motion_codes=7)
+LAYOUT = compact_layout(audio_codes=11, motion_layers=2, motion_codes=7)
 
 
 def pair():

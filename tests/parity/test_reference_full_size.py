@@ -56,8 +56,8 @@ def test_a_tokenizer_of_the_published_size(part: str, features: int) -> None:
     assert moved.tolist() == facts["latents_changed_by_frame0"]
     active = torch.ones(1, dtype=torch.bool)
     encoder, decoder = model.init_encoder(1), model.init_decoder(1)
-    streamed = torch.cat([model.encode_step(piece, encoder, active) for piece in x.split(8, 1)], 1)
-    assert torch.equal(streamed, model.encode(x))
+    streamed = torch.cat([model.latents_step(piece, encoder, active) for piece in x.split(8, 1)], 1)
+    assert torch.equal(model.quantizer.encode(streamed), model.encode(x))
     frames = torch.cat([model.decode_step(piece, decoder, active) for piece in codes.split(2, 1)], 1)
     torch.testing.assert_close(frames, whole, atol=2e-5, rtol=0)
 

@@ -9,11 +9,12 @@ from tests.models.generator.tiny import generator
 
 from echoavatar.models.generator import GeneratorConfig, open_stream
 from echoavatar.models.generator.config import Opening
-from echoavatar.models.tokens import REFERENCE_LAYOUT, TokenLayout
+from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 START, END, LINE = 151_644, 151_645, 198
 USER, SYSTEM, ASSISTANT = 872, 8_948, 77_091
-TINY = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8).model_copy(
+TINY = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8).model_copy(
     update={"before_example": (0, 3), "after_example": (2,)}
 )
 

@@ -14,12 +14,12 @@ from tests.golden import golden
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.runtime import Runtime
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Skeleton, to_features
-from echoavatar.motion.kinematics.features import REFERENCE
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import CHUNK_SAMPLES
+from echoavatar_lab.models.tokenizer.train import body_config
 from echoavatar_lab.reference.release_rig import AXES, rig_config, skeleton_config
 
 CHUNKS = 3  # 24 frames
@@ -31,7 +31,7 @@ def run(tiny_bundle: Path, how: str) -> torch.Tensor:
     stored = {name: torch.from_numpy(array) for name, array in np.load(golden("reference_release/ik.npz")).items()}
     theirs = read_bvh(golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
     own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets.numpy(), origin="bvh"))
-    features = to_features(own, stored["R_in"], stored["trans_in"], convention=REFERENCE)[None]
+    features = to_features(own, stored["R_in"], stored["trans_in"], up=2)[None]
     plain = load_bundle(tiny_bundle)
     template = MotionTokenizerConfig(features=1, width=16, heads=2, layers=2, codes=8)
     tokenizer = BodyTokenizer(body_config(own, template)).eval()

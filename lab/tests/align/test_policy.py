@@ -6,9 +6,9 @@ from tests.models.generator.tiny import audio, generator
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.align.policy import GeneratorPolicy, Sampling, check_reference, mean_by_layer, soup
 from echoavatar_lab.align.prompts import PromptBatch
+from echoavatar_lab.models.generator.sequences import compact_layout
 
 WARM = Sampling(temperature=0.9, cooling=0.7, top_p=0.8)
 
@@ -120,7 +120,7 @@ def test_a_reference_of_another_vocabulary_is_refused():
     own = generator()
     other = type(own)(
         GeneratorConfig(
-            layout=TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=16),
+            layout=compact_layout(audio_codes=16, motion_layers=2, motion_codes=16),
             width=32, heads=4, kv_heads=2, mlp=48, layers=2, window_chunks=3,
         )
     )  # fmt: skip

@@ -7,6 +7,7 @@ from tests.models.generator.tiny import LAYOUT
 
 from echoavatar.errors import MotionError
 from echoavatar_lab.align.prompts import PromptSampler, batch_of, cue_times, read_token_clips
+from echoavatar_lab.models.generator.sequences import compact_layout
 
 
 def test_a_prompt_holds_the_clip_from_where_it_says():
@@ -57,7 +58,7 @@ def test_token_files_of_another_vocabulary_are_named(tmp_path):
         read_token_clips(tmp_path)
     clips()["clip0"].save(tmp_path / "one.npz")
     assert set(read_token_clips(tmp_path, LAYOUT)) == {"one"}
-    small = type(LAYOUT).compact(audio_codes=16, motion_layers=2, motion_codes=4)
+    small = compact_layout(audio_codes=16, motion_layers=2, motion_codes=4)
     with pytest.raises(MotionError, match=r"one\.npz has 2 motion layers, motion codes below 8"):
         read_token_clips(tmp_path, small)
 

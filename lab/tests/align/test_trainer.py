@@ -16,6 +16,7 @@ from echoavatar_lab.align.probe import Probe
 from echoavatar_lab.align.rollouts import GrpoTask, PpoTask
 from echoavatar_lab.align.start import tune
 from echoavatar_lab.align.trainer import NO_CONTEXT, AlignTraining, RunContext, recipe
+from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.training import Loop
 
 
@@ -172,7 +173,7 @@ def test_the_reference_and_exemplar_control_do_not_move():
 
 
 def test_resuming_with_other_settings_is_refused(tmp_path):
-    layout = type(policy().config.layout).compact(audio_codes=16, motion_layers=2, motion_codes=4)
+    layout = compact_layout(audio_codes=16, motion_layers=2, motion_codes=4)
     other, named = generator(layout=layout), RunContext(reference_name="old.gen")
     with pytest.raises(CheckpointError, match="reference old.gen has another vocabulary"):
         GrpoTask(policy(), other, training("grpo"), wants_threes, named, book=book())

@@ -3,11 +3,11 @@ import torch
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.bench.train import bench_generator, step_flop
+from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTraining
 
-LAYOUT = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
+LAYOUT = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8)
 
 
 def sizes(**changes) -> GeneratorConfig:

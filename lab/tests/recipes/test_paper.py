@@ -15,7 +15,6 @@ from echoavatar import timing
 from echoavatar.config import Config
 from echoavatar.models.face import FaceConfig
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokens import TokenLayout
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.align.audio_reward import AudioMotionConfig
 from echoavatar_lab.align.corruption import PAPER_CLEAN_FID, PAPER_FID, PAPER_SCORES, PAPER_TRUTH, RATES, paper_scores
@@ -23,6 +22,7 @@ from echoavatar_lab.align.trainer import recipe
 from echoavatar_lab.commands import align_rewards, train
 from echoavatar_lab.commands.train_body import body_sizes
 from echoavatar_lab.models.face.train import FaceTraining
+from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenize import TokenSettings
 from echoavatar_lab.models.tokenizer.train import TokenizerTraining
@@ -103,7 +103,7 @@ def test_every_row_says_where_and_names_are_unique() -> None:
 
 def test_a_window_has_the_papers_tokens() -> None:
     """Settings: 4 s, 600 audio tokens, 540 motion tokens of six layers in three parts."""
-    layout = TokenLayout.compact(audio_codes=1024, motion_layers=int(number("quantization depth Q")), motion_codes=512)
+    layout = compact_layout(audio_codes=1024, motion_layers=int(number("quantization depth Q")), motion_codes=512)
     for stage in (1, 2, 3):
         config, _ = settings_of(f"generator_stage{stage}")
         order = config.model_copy(update={"layout": layout}).order

@@ -11,11 +11,12 @@ from tests.golden import golden
 from tests.parity.test_reference_tokenizer import procedural
 
 from echoavatar.checkpoint import load_into
-from echoavatar.models.face import FaceModel, FaceStream, HubertConfig, paper_face
+from echoavatar.models.face import FaceModel, FaceStream, HubertConfig
 from echoavatar.models.face.encoder import normalize_window, pad_window
 from echoavatar.models.face.flow import euler_levels
 from echoavatar.models.face.gpt import rotate_pairs, sinusoids
 from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar_lab.models.face.train import paper_face
 from echoavatar_lab.reference.expected_tensors import (
     differences,
     face_shapes,

@@ -9,7 +9,7 @@ from scripts.synthetic_release import make
 
 from echoavatar.engine.pipeline import load_bundle
 from echoavatar.models.generator import open_stream
-from echoavatar.models.tokens import REFERENCE_LAYOUT
+from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 transformers = pytest.importorskip("transformers")
 

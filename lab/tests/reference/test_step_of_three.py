@@ -16,12 +16,13 @@ from echoavatar.bench.face import bench_face
 from echoavatar.bench.sessions import bench_sessions
 from echoavatar.bench.stream import bench_stream
 from echoavatar.cli import main
-from echoavatar.engine import Engine, animate, animate_many
+from echoavatar.engine import Engine, animate
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.wire.blobs import unpack_pose
 from echoavatar.wire.messages import Flush, Hello, Interrupt, Motion, Sound
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.unity import UnitySettings, serve_unity
 
 STEP = 9_600

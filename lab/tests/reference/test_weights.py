@@ -7,8 +7,7 @@ import torch
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import GeneratorConfig
-from echoavatar.models.tokens import REFERENCE_LAYOUT
-from echoavatar_lab.reference.weights import StoredGenerator, compacted, occurring
+from echoavatar_lab.reference.weights import REFERENCE_LAYOUT, StoredGenerator, compacted, occurring
 
 
 def test_of_166690_rows_11270_are_kept():

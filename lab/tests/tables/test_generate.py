@@ -11,7 +11,6 @@ from lab.tests.evaluation.clips import clip
 from lab.tests.foreign.test_smpl import write_edge
 from tests.motion.kinematics.samples import swaying
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
 from echoavatar.errors import MotionError
 from echoavatar.files.exports.smplx import skeleton
@@ -19,6 +18,7 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smplx
 from echoavatar_lab.tables.generate import LookaheadPipeline, decoded_motion, foreign_motion, live_motion
 

@@ -6,8 +6,8 @@ from lab.tests.models.generator.test_train import clips, config, settings
 from tests.models.face.tiny import CONFIG as FACE
 from tests.models.face.tiny import clip
 
-from echoavatar.models.face import MelConfig, paper_face
-from echoavatar_lab.models.face.train import FaceTask, FaceTraining
+from echoavatar.models.face import MelConfig
+from echoavatar_lab.models.face.train import FaceTask, FaceTraining, paper_face
 from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.training import TrainingTask
 from echoavatar_lab.training.task import row_count, take_rows

@@ -5,7 +5,7 @@ May import `pipeline` and below.
 
 from .action_scheduler import ActStatus
 from .engine import Engine, load
-from .offline import AnimatedSound, animate, animate_many, in_blocks
+from .offline import AnimatedSound, animate, in_blocks
 from .pacing import Pacer, Playhead
 from .playout import Delivery
 from .session import Session, SessionStatus
@@ -24,7 +24,6 @@ __all__ = [
     "SessionCore",
     "SessionStatus",
     "animate",
-    "animate_many",
     "in_blocks",
     "load",
 ]

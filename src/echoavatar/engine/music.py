@@ -65,13 +65,14 @@ class MusicPlayer:
         """Whether the next chunk will hold music."""
         return self.now.track is not None
 
-    def play(self, title: str, track: Samples) -> None:
-        """Play a track (24 kHz mono) from the next chunk on, instead of the one that plays."""
-        self._obey(title, track)
+    def play(self, title: str, track: Samples | None) -> None:
+        """Play a track (24 kHz mono) from the next chunk on, instead of the one that plays; None fades that one out."""
+        self._commands = [*self._commands[-63:], (self._chunk, title, track)]
+        self.now = replace(self.now, is_stopping=True) if track is None else Playing(title, track)
 
     def stop(self) -> None:
         """Fade out from the next chunk on."""
-        self._obey("", None)
+        self.play("", None)
 
     def next_chunk(self, speech: Samples) -> Samples | None:
         """Music for the next chunk, ducked under its speech; None if none plays."""
@@ -97,11 +98,7 @@ class MusicPlayer:
         self._commands = [command for command in self._commands if command[0] < chunk]
         self._chunk, self.now = chunk, now
         for _, title, track in again:
-            self._obey(title, track)
-
-    def _obey(self, title: str, track: Samples | None) -> None:
-        self._commands = [*self._commands[-63:], (self._chunk, title, track)]
-        self.now = replace(self.now, is_stopping=True) if track is None else Playing(title, track)
+            self.play(title, track)
 
 
 def _ducking(speech: Samples, now: Playing) -> tuple[Float[np.ndarray, " s"], int]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import AudioError
 from echoavatar.motion.interpolate import StreamInterpolator
-from echoavatar.motion.kinematics import Motion
+from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
@@ -64,42 +64,8 @@ def animate(
     if not len(audio):
         raise AudioError("there is no sound in it; give a file with at least one sample")
     whole = _at_rate(chunks, fps)
-    return _animation(pipeline, whole, audio, fps, time.perf_counter() - started)
-
-
-def animate_many(
-    pipeline: Pipeline,
-    sounds: Sequence[Float[np.ndarray, " s"]],
-    *,
-    seeds: Sequence[int],
-    progress: Callable[[int, int], None] | None = None,
-) -> list[AnimatedSound]:
-    """Motion and face for several sounds (24 kHz) in one batch: the same as one by one, in less time.
-
-    `progress` receives the chunks done and the chunks in all. The seconds of work are shared out by length of sound.
-
-    Raises:
-        AudioError: one of the sounds is empty, or a value is not finite.
-    """
-    if silent := [number for number, sound in enumerate(sounds) if not len(sound)]:
-        raise AudioError(f"there is no sound in number {silent[0]}; give at least one sample")
-    started = time.perf_counter()
-    engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0, workers=0)
-    sessions = [engine.open(seed=seed) for _, seed in zip(sounds, seeds, strict=True)]
-    for session, sound in zip(sessions, sounds, strict=True):
-        session.push(sound)
-        session.finish()
-    total = sum(-(-len(sound) // engine.chunk.samples) for sound in sounds)
-    done = 0
-    while moved := engine.tick():
-        done += moved
-        if progress:
-            progress(done, total)
-    per_sample = (time.perf_counter() - started) / max(1, sum(len(sound) for sound in sounds))
-    return [
-        _animation(pipeline, join(list(session)), sound, FRAME_RATE_HZ, len(sound) * per_sample)
-        for session, sound in zip(sessions, sounds, strict=True)
-    ]
+    seconds = time.perf_counter() - started
+    return cut_to_sound(whole, audio, skeleton=pipeline.skeleton, fps=fps, seconds=seconds)
 
 
 def _at_rate(chunks: Sequence[MotionChunk], fps: float) -> MotionChunk:
@@ -109,12 +75,12 @@ def _at_rate(chunks: Sequence[MotionChunk], fps: float) -> MotionChunk:
     return join([*(display.push(chunk) for chunk in chunks), display.finish()])
 
 
-def _animation(
-    pipeline: Pipeline, whole: MotionChunk, audio: Float[np.ndarray, " s"], fps: float, seconds: float
+def cut_to_sound(
+    whole: MotionChunk, audio: Float[np.ndarray, " s"], *, skeleton: Skeleton, fps: float, seconds: float
 ) -> AnimatedSound:
     """Cut the motion to the sound's length, and pad the sound to whole frames."""
     frames = math.ceil(len(audio) * fps / SAMPLE_RATE_HZ)
-    motion = Motion(pipeline.skeleton, whole.rotations[:frames], whole.root[:frames], float(fps))
+    motion = Motion(skeleton, whole.rotations[:frames], whole.root[:frames], float(fps))
     padded = np.pad(audio, (0, max(0, math.ceil(frames * SAMPLE_RATE_HZ / fps) - len(audio))))
     face = None if whole.face is None else whole.face[:frames]
     return AnimatedSound(motion, padded.astype(np.float32), seconds, face)

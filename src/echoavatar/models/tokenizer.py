@@ -3,15 +3,15 @@
 Anatomically partitioned tokenisation: lower body, upper body and hands have codebooks of their own. `BodyTokenizer` is
 the whole body, with statistics and skeleton in one checkpoint; `MotionTokenizer` is one part. A part has three levels
 of attention at 30, 15 and 7.5 Hz, dual-path resampling between them, RVQ at the lowest. The state dict has the names of
-the released checkpoints (`input_liner` is their spelling), which therefore load. `blocks` and `resampling` choose the
-variants of the paper's ablation.
+the released checkpoints (`input_liner` is their spelling), which therefore load. The lab has the variants of the
+paper's ablation.
 """
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -22,7 +22,7 @@ from echoavatar import checkpoint
 from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
-from echoavatar.nn import CausalBlock, CausalConvBlock, Mlp, StreamingModule, StreamState
+from echoavatar.nn import CausalBlock, Mlp, StreamingModule, StreamState
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from .quantize import ResidualVectorQuantizer
@@ -78,11 +78,11 @@ class MotionTokenizer(nn.Module):
         width = config.width
         down = range(LEVELS)
         self.input_liner = nn.Linear(config.features, width)
-        self.encoder = nn.ModuleList(self._block(level) for level in down)
-        self.down_sample = nn.ModuleList(self._resampler(2 * width, width) for _ in down[1:])
+        self.encoder = nn.ModuleList(self.block(level) for level in down)
+        self.down_sample = nn.ModuleList(self.resampler(2 * width, width) for _ in down[1:])
         self.quantizer = ResidualVectorQuantizer(codes=config.codes, width=width, layers=config.layers)
-        self.decoder = nn.ModuleList(self._block(level) for level in reversed(down))
-        self.up_sample = nn.ModuleList(self._resampler(width, 2 * width) for _ in down[1:])
+        self.decoder = nn.ModuleList(self.block(level) for level in reversed(down))
+        self.up_sample = nn.ModuleList(self.resampler(width, 2 * width) for _ in down[1:])
         self.output_liner = nn.Linear(width, config.features)
 
     def encode(self, features: Float[Tensor, "b t c"]) -> Int[Tensor, "b n q"]:
@@ -105,8 +105,7 @@ class MotionTokenizer(nn.Module):
             h = block(h)
             if level + 1 < LEVELS:
                 joined: Tensor = self.down_sample[level](h.reshape(h.shape[0], h.shape[1] // 2, -1))
-                is_dual = self.config.resampling == "dual"  # whose short path is the mean of neighbouring frames
-                h = (h[:, 0::2] + h[:, 1::2]) / 2 + joined if is_dual else joined
+                h = self.both_paths(joined, (h[:, 0::2] + h[:, 1::2]) / 2)
         return h
 
     def from_latents(
@@ -119,7 +118,7 @@ class MotionTokenizer(nn.Module):
             z = block(z)
             if level + 1 < LEVELS:
                 spread: Tensor = self.up_sample[level](z).reshape(z.shape[0], -1, z.shape[2])
-                z = z.repeat_interleave(2, 1) + spread if self.config.resampling == "dual" else spread
+                z = self.both_paths(spread, z.repeat_interleave(2, 1))
         result: Tensor = self.output_liner(z)
         return result
 
@@ -130,12 +129,6 @@ class MotionTokenizer(nn.Module):
     def init_decoder(self, rows: int) -> BlocksState:
         """Decoder streams that have seen nothing."""
         return BlocksState([block.init_state(rows) for block in _blocks(self.decoder)])
-
-    def encode_step(
-        self, features: Float[Tensor, "b t c"], state: BlocksState, active: Bool[Tensor, " b"]
-    ) -> Int[Tensor, "b n q"]:
-        """Codes of the next 4k frames of running clips."""
-        return self.quantizer.encode(self.latents_step(features, state, active))
 
     def latents_step(
         self, features: Float[Tensor, "b t c"], state: BlocksState, active: Bool[Tensor, " b"]
@@ -149,17 +142,22 @@ class MotionTokenizer(nn.Module):
         """The next 4k frames of running clips from k tokens."""
         return self.from_latents(self.quantizer.decode(codes), _steps(self.decoder, state, active))
 
-    def _resampler(self, inputs: int, outputs: int) -> nn.Module:
-        """Of neighbouring frames side by side; a linear layer there is a convolution of stride 2 and kernel 2."""
-        if self.config.resampling == "strided":
-            return nn.Linear(inputs, outputs)
+    def block(self, level: int) -> StreamingModule[Any]:
+        """The layer of a level that looks back."""
+        config = self.config
+        if config.blocks != "attention":
+            raise ValueError(f"{config.blocks} blocks run in the lab alone")
+        return CausalBlock(width=config.width, heads=config.heads, lookback=config.lookback_at(level))
+
+    def resampler(self, inputs: int, outputs: int) -> nn.Module:
+        """The learned path between two levels; its inputs are neighbouring frames side by side."""
+        if self.config.resampling != "dual":
+            raise ValueError(f"{self.config.resampling} resampling runs in the lab alone")
         return Mlp(inputs=inputs, hidden=4 * self.config.width, outputs=outputs)
 
-    def _block(self, level: int) -> StreamingModule[Any]:
-        config = self.config
-        if config.blocks == "convolution":
-            return CausalConvBlock(width=config.width)
-        return CausalBlock(width=config.width, heads=config.heads, lookback=config.lookback_at(level))
+    def both_paths(self, learned: Float[Tensor, "b n c"], short: Float[Tensor, "b n c"]) -> Float[Tensor, "b n c"]:
+        """Both paths between two levels together; `short` is the mean of neighbouring frames, or their copies."""
+        return short + learned
 
 
 def _blocks(modules: nn.ModuleList) -> list[StreamingModule[Any]]:
@@ -201,17 +199,9 @@ class BodyTokenizerConfig(Config):
         return next(iter(self.parts.values())).codes
 
 
-def body_config(skeleton: Skeleton, template: MotionTokenizerConfig) -> BodyTokenizerConfig:
-    """The same sizes for every part; `template.features` is replaced."""
-    return BodyTokenizerConfig(
-        skeleton=skeleton.config,
-        parts={name: template.model_copy(update={"features": size}) for name, size in part_sizes(skeleton).items()},
-    )
-
-
 @dataclass
 class BodyState(StreamState):
-    """Encoder or decoder streams of all parts."""
+    """Decoder streams of all parts."""
 
     parts: list[BlocksState]
 
@@ -220,6 +210,7 @@ class BodyTokenizer(Checkpointed):
     """Motion features (315 channels for our rig) <-> codes of every part and layer, four frames a token."""
 
     config_type = BodyTokenizerConfig
+    part_type: ClassVar[type[MotionTokenizer]] = MotionTokenizer
     config: BodyTokenizerConfig
     mean: Tensor
     std: Tensor
@@ -230,7 +221,7 @@ class BodyTokenizer(Checkpointed):
         self.config = config
         self.skeleton = Skeleton(config.skeleton)
         size = sum(part.features for part in config.parts.values())
-        self.parts = nn.ModuleDict({name: MotionTokenizer(part) for name, part in config.parts.items()})
+        self.parts = nn.ModuleDict({name: self.part_type(part) for name, part in config.parts.items()})
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("std", torch.ones(size))
         self.register_buffer("varies", torch.ones(size, dtype=torch.bool))
@@ -239,12 +230,6 @@ class BodyTokenizer(Checkpointed):
     def statistics(self) -> FeatureStatistics:
         """Normalisation of the features."""
         return FeatureStatistics(self.mean, self.std, self.varies)
-
-    @torch.no_grad()
-    def set_statistics(self, statistics: FeatureStatistics) -> None:
-        """Copy the corpus's statistics in."""
-        for own, value in zip(self.statistics, statistics, strict=True):
-            own.copy_(value)
 
     def tokenizers(self) -> dict[str, MotionTokenizer]:
         """The parts' tokenizers, in the order of the codes' part axis."""
@@ -279,26 +264,9 @@ class BodyTokenizer(Checkpointed):
         pieces = torch.split(codes, PIECE_TOKENS, 1)
         return torch.cat([self.decode_step(piece, state, active) for piece in pieces], 1)
 
-    def init_encoder(self, rows: int) -> BodyState:
-        """Encoder streams that have seen nothing."""
-        return BodyState([part.init_encoder(rows) for part in self.tokenizers().values()])
-
     def init_decoder(self, rows: int) -> BodyState:
         """Decoder streams that have seen nothing."""
         return BodyState([part.init_decoder(rows) for part in self.tokenizers().values()])
-
-    def encode_step(
-        self, features: Float[Tensor, "b t c"], state: BodyState, active: Bool[Tensor, " b"]
-    ) -> Int[Tensor, "b n p q"]:
-        """Codes of the next 4k frames of running clips."""
-        parts = split_parts(self.skeleton, self.statistics.normalize(features))
-        return torch.stack(
-            [
-                tokenizer.encode_step(parts[name], part, active)
-                for (name, tokenizer), part in zip(self.tokenizers().items(), state.parts, strict=True)
-            ],
-            2,
-        )
 
     def decode_step(
         self, codes: Int[Tensor, "b n p q"], state: BodyState, active: Bool[Tensor, " b"]

@@ -60,33 +60,6 @@ class TokenLayout(Config):
             raise ValueError(f"special ids {specials} must lie below audio_base ({self.audio_base})")
         return self
 
-    @classmethod
-    def compact(
-        cls,
-        *,
-        audio_codes: int,
-        motion_layers: int,
-        motion_codes: int,
-        audio_layers: int = 2,
-        parts: int = PARTS,
-        has_example: bool = False,
-    ) -> Self:
-        """The smallest vocabulary for these codebooks: four specials, audio rows, motion rows.
-
-        With `has_example` a prefix prompt may show control tokens behind the fourth special; no row is added for it.
-        """
-        motion_base = 4 + audio_layers * audio_codes
-        return cls(
-            audio_layers=audio_layers,
-            audio_codes=audio_codes,
-            motion_layers=motion_layers,
-            motion_codes=motion_codes,
-            parts=parts,
-            before_example=(3,) if has_example else (),
-            motion_base=motion_base,
-            vocabulary=motion_base + parts * motion_layers * motion_codes,
-        )
-
     @property
     def segments(self) -> int:
         """Period 3 Q of the motion grammar (Q where the body is one part)."""
@@ -109,23 +82,6 @@ class TokenLayout(Config):
     def segment_start(self, segment: int) -> int:
         """The id of code 0 in a segment of the motion grammar."""
         return self.motion_base + segment * self.motion_codes
-
-
-REFERENCE_LAYOUT = TokenLayout(
-    audio_layers=2,
-    audio_codes=1024,
-    motion_layers=6,
-    motion_codes=512,
-    start_id=151_644,  # <|im_start|>
-    before_audio=(151_644, 872, 198),  # <|im_start|>user\n
-    before_motion=(151_645, 198, 151_644, 77_091, 198),  # <|im_end|>\n<|im_start|>assistant\n
-    before_example=(151_644, 8_948, 198),  # <|im_start|>system\n
-    after_example=(151_645, 198),  # <|im_end|>\n
-    audio_base=151_690,
-    motion_base=156_690,
-    vocabulary=166_690,
-)
-"""The vocabulary of the authors' release: Qwen2.5's text rows, 5,000 audio rows (2,048 used), 10,000 motion rows."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 First-layer codes keep the arms of a reference clip roughly, lose its nods, head shakes and bows, and know nothing of
 fingers. An overlay holds what the clip rotates torso and head beyond what its codes decode to; a nod that is added on
 top leaves the hands free for the speech. Where hands must meet, touch or point, it also holds the clip's own arms and
-fingers, which then take the place of the generated ones. Not in the paper.
+fingers, which then replace the generated ones. Not in the paper.
 """
 
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,7 @@ UNIT = 1e-3  # radians; files hold whole multiples of it
 
 @dataclass(frozen=True, eq=False)
 class Hands:
-    """Rotations that take the place of the joints' own as far as `shares` says; whole chunks."""
+    """Rotations that replace those of the joints, as far as `shares` says; they last whole chunks."""
 
     joints: tuple[str, ...]
     rotations: Float[np.ndarray, "t h 4"]  # relative to the parent, wxyz
@@ -54,13 +54,13 @@ class Hands:
 
 
 def no_hands(frames: int) -> Hands:
-    """Nothing to replace."""
+    """Hands that replace nothing, for this many frames."""
     return Hands((), np.zeros((frames, 0, 4), np.float32), np.zeros((frames, 0), np.float32))
 
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Rotation vectors by joint name, applied after the joint's own rotation, and hands; whole chunks."""
+    """Hands, and rotation vectors by joint name, applied after the joint's own rotation; both last whole chunks."""
 
     joints: tuple[str, ...]
     rotation_vectors: Float[np.ndarray, "t j 3"]  # radians
@@ -69,12 +69,6 @@ class Overlay:
     def __post_init__(self) -> None:
         if not self.hands.joints:
             object.__setattr__(self, "hands", no_hands(len(self.rotation_vectors)))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Overlay) or self.joints != other.joints or self.hands.joints != other.hands.joints:
-            return False
-        pairs = ((self.rotation_vectors, other.rotation_vectors), (self.hands.rotations, other.hands.rotations))
-        return all(np.array_equal(a, b) for a, b in (*pairs, (self.hands.shares, other.hands.shares)))
 
     def chunk(self, place: int, size: ChunkSize = CHUNK) -> "Overlay":
         """One chunk of the overlay."""
@@ -136,7 +130,7 @@ def _bridged_hands(before: Overlay | None, now: Overlay | None, rise: Float[np.n
 
 
 def apply_overlay(motion: MotionChunk, overlay: Overlay, skeleton: Skeleton) -> MotionChunk:
-    """Finished motion with the overlay added, and its hands in the place of the motion's own."""
+    """Finished motion with the overlay's rotations added; the overlay's hands replace those of the motion."""
     rotations, frames = motion.rotations.copy(), len(motion.rotations)
     if overlay.joints:
         joints = skeleton.indices(overlay.joints)

@@ -59,10 +59,9 @@ def reorder(
     return out
 
 
-def to_live_link(curves: Curves, head: Float[np.ndarray, "t 3"] | None = None) -> Float[np.ndarray, "t 61"]:
-    """The 61 columns of Live Link Face. Eyes follow the look curves; `head` is yaw, pitch, roll (rad)."""
-    head = np.zeros((len(curves), 3), np.float32) if head is None else head
-    parts = [curves, head]
+def to_live_link(curves: Curves) -> Float[np.ndarray, "t 61"]:
+    """The 61 columns of Live Link Face: the curves, a head that looks ahead, and eyes that follow the look curves."""
+    parts = [curves, np.zeros((len(curves), 3), np.float32)]
     for side in ("Left", "Right"):
         get = {name: curves[:, _INDEX[f"eyeLook{name}{side}"]] for name in ("Up", "Down", "In", "Out")}
         yaw = (get["Out"] - get["In"]) * (-1 if side == "Left" else 1) * _EYE_RADIANS

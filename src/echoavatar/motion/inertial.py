@@ -43,8 +43,7 @@ _STEEPEST = 1.875  # greatest slope of the decay, with time in units of its dura
 class InertialBlend:
     """One session's offset. Chunks pass unchanged before `begin` and after the offset has ended."""
 
-    def __init__(self, fps: float = FRAME_RATE_HZ) -> None:
-        self._fps = fps
+    def __init__(self) -> None:
         self._shown: MotionChunk | None = None
         self._offset: _Offset | None = None
 
@@ -69,7 +68,7 @@ class InertialBlend:
         if self._shown is not None:
             if len(chunk.root) < 2:
                 raise MotionError("the first chunk after a cut needs two frames, to know its speed")
-            self._offset, self._shown = _Offset(self._shown, chunk, self._fps), None
+            self._offset, self._shown = _Offset(self._shown, chunk), None
         if self._offset is None:
             return chunk
         blended = self._offset.apply(chunk)
@@ -81,20 +80,20 @@ class InertialBlend:
 class _Offset:
     """The difference between old and new motion one frame before the first new frame."""
 
-    def __init__(self, old: MotionChunk, new: MotionChunk, fps: float) -> None:
-        self._fps, self._frame = fps, 0
+    def __init__(self, old: MotionChunk, new: MotionChunk) -> None:
+        self._frame = 0
         (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
         old_step, new_step = _rotation_between(before, last), _rotation_between(first, second)
         back = quaternion_multiply(quaternion_from_axis_angle(-new_step), first)  # one frame before the new motion
         self._rotation = _rotation_between(back, last).numpy()
-        self._spin = _at_most((old_step - new_step).numpy() * fps, GREATEST_START)
+        self._spin = _at_most((old_step - new_step).numpy() * FRAME_RATE_HZ, GREATEST_START)
         size = np.linalg.norm(self._rotation, axis=-1)
         self._seconds = np.maximum(
             np.clip(size / math.pi * 2 * LONGEST_S, SHORTEST_S, LONGEST_S), _STEEPEST * size / FASTEST
         )
         old_root, new_root = old.root.astype(np.float64), new.root[:2].astype(np.float64)
         self._shift = old_root[1] - (2 * new_root[0] - new_root[1])
-        speed = ((old_root[1] - old_root[0]) - (new_root[1] - new_root[0])) * fps
+        speed = ((old_root[1] - old_root[0]) - (new_root[1] - new_root[0])) * FRAME_RATE_HZ
         self._drift = _at_most(speed, ROOT_FASTEST)
         far = float(np.linalg.norm(self._shift))
         self._root_seconds = max(LONGEST_S, _STEEPEST * far / ROOT_FASTEST)
@@ -104,12 +103,12 @@ class _Offset:
 
     @property
     def is_over(self) -> bool:
-        return self._frame / self._fps >= self._longest
+        return self._frame / FRAME_RATE_HZ >= self._longest
 
     def apply(self, chunk: MotionChunk) -> MotionChunk:
         """The chunk plus the offset of its frames."""
         frames = len(chunk.root)
-        time = (np.arange(self._frame, self._frame + frames) + 1) / self._fps
+        time = (np.arange(self._frame, self._frame + frames) + 1) / FRAME_RATE_HZ
         self._frame += frames
         value, slope = _decay(time[:, None] / self._seconds)
         offset = self._rotation * value[..., None] + self._spin * (slope * self._seconds)[..., None]

@@ -23,11 +23,11 @@ from .motion_chunk import MotionChunk, join
 class StreamInterpolator:
     """One session's frames at another rate."""
 
-    def __init__(self, fps: float, source_fps: float = FRAME_RATE_HZ) -> None:
+    def __init__(self, fps: float) -> None:
         """Raises MotionError for a rate outside 0 to 1000."""
-        if not (0 < fps <= 1000 and 0 < source_fps <= 1000):
-            raise MotionError(f"cannot go from {source_fps} to {fps} frames per second; choose 1 to 1000")
-        self._step = frame_ratio(source_fps, fps)  # source frames per new frame
+        if not 0 < fps <= 1000:
+            raise MotionError(f"cannot go to {fps} frames per second; choose 1 to 1000")
+        self._step = frame_ratio(FRAME_RATE_HZ, fps)  # source frames per new frame
         self.reset()
 
     def reset(self) -> None:

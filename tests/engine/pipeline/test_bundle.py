@@ -10,18 +10,18 @@ import pytest
 import torch
 
 from echoavatar.cli.options import WITHOUT_HELP
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.action_making import action_from_motion
 from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES, with_random_generator
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.generator import Generator
-from echoavatar.models.tokenizer import BodyTokenizer, body_config
-from echoavatar.models.tokens import TokenLayout
+from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import to_features
 from echoavatar.motion.stages.post import SWITCHES
 from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
-from echoavatar_lab.models.tokenizer.train import as_one_part
+from echoavatar_lab.evaluation.batch import animate_many
+from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
 
 
 def test_a_bundle_loads_with_its_parts_fitting(tiny_bundle: Path) -> None:
@@ -60,7 +60,7 @@ def test_a_body_of_one_part_animates(tiny_bundle: Path, voice: np.ndarray) -> No
     for name, book in whole.named_buffers():
         if name.endswith("codebook"):
             book.normal_()
-    layout = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8, parts=1)
+    layout = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8, parts=1)
     config = shipped.generator.config.model_copy(update={"layout": layout})
     bundle = replace(shipped, tokenizer=whole, generator=Generator(config).eval(), actions=own_actions(whole))
     (done,) = animate_many(Pipeline(bundle), [voice], seeds=[1])
@@ -89,7 +89,7 @@ def test_parts_that_do_not_speak_the_same_codes_are_refused(tiny_bundle: Path, t
     config = json.loads((folder / "generator" / "config.json").read_text())
     from echoavatar.models.generator import GeneratorConfig
 
-    layout = TokenLayout.compact(audio_codes=32, motion_layers=2, motion_codes=8)
+    layout = compact_layout(audio_codes=32, motion_layers=2, motion_codes=8)
     Generator(GeneratorConfig(**(config | {"layout": layout}))).save(folder / "generator", {})
     with pytest.raises(CheckpointError, match="32 audio codes, the other part 16"):
         load_bundle(folder)

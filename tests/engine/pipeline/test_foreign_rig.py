@@ -16,7 +16,7 @@ from echoavatar.motion.kinematics import (
     part_sizes,
     to_features,
 )
-from echoavatar.motion.kinematics.features import REFERENCE, travel_slice
+from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS
@@ -43,7 +43,7 @@ def clip(own: Skeleton, rows: int, frames: int, seed: int = 0) -> tuple[torch.Te
     helpers = [joint for joint, name in enumerate(own.names) if "Part1" in name and joint not in mapped]
     turns[:, :, helpers] = torch.eye(3)
     root = torch.tensor([0.0, -2.0, 95.0]) + torch.randn(rows, frames, 3, generator=random).cumsum(1)
-    features = to_features(own, turns, root, previous_ground=root[:, 0, :2], convention=REFERENCE)
+    features = to_features(own, turns, root, previous_ground=root[:, 0, :2], up=2)
     return turns, root, features
 
 
@@ -111,7 +111,7 @@ def test_hands_are_kept_off_as_published_in_our_axes_and_metres() -> None:
     stored = {name: torch.from_numpy(array) for name, array in np.load(golden("reference_release/ik.npz")).items()}
     theirs = read_bvh(golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
     own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets.numpy(), origin="bvh"))
-    features = to_features(own, stored["R_in"], stored["trans_in"], convention=REFERENCE)
+    features = to_features(own, stored["R_in"], stored["trans_in"], up=2)
     rotations, _ = RigAdapter(config(own), own, "native").canonical(features[None])
     torch.testing.assert_close(C.T @ rotations[0] @ C, stored["R_out"], atol=2e-5, rtol=0)
     moved = ((C.T @ rotations[0] @ C - stored["R_in"]).abs() > 1e-4).flatten(2).any(-1)

@@ -13,15 +13,13 @@ def pair(request, tmp_path_factory):
     return ours(model, tmp_path_factory.mktemp("encodec")).double(), model.double()
 
 
-def test_codes_and_sound_equal_those_of_transformers(pair):
-    """The outside witness: EncodecModel.encode and decode, in float64, on 60 frames."""
+def test_codes_equal_those_of_transformers(pair):
+    """The outside witness: EncodecModel.encode, in float64, on 60 frames."""
     codec, model = pair
     audio = torch.randn(2, 320 * 60, dtype=torch.double) * 0.1
     with torch.no_grad():
         wanted = model.encode(audio[:, None], bandwidth=0.9).audio_codes[0]
-        sound = model.decode(wanted[None], [None]).audio_values[:, 0]
     assert torch.equal(codec.encode(audio), wanted.transpose(1, 2))
-    torch.testing.assert_close(codec.decode(wanted.transpose(1, 2)), sound, atol=1e-6, rtol=0)
 
 
 def test_long_clips_are_encoded_in_blocks_without_a_seam(pair, monkeypatch):
@@ -39,7 +37,6 @@ def test_a_ragged_end_is_filled_with_silence_and_nothing_gives_nothing(pair):
     assert torch.equal(codec.encode(audio), codec.encode(filled))
     assert codec.encode(audio).shape == (1, 10, 2)
     assert codec.encode(audio[:, :0]).shape == (1, 0, 2)
-    assert codec.decode(codec.encode(audio[:, :0])).shape == (1, 0)
 
 
 def test_ten_milliseconds_of_sound_can_be_encoded(pair):

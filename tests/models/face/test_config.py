@@ -1,7 +1,8 @@
 import pytest
 from pydantic import ValidationError
 
-from echoavatar.models.face import FaceConfig, HubertConfig, paper_face
+from echoavatar.models.face import FaceConfig, HubertConfig
+from echoavatar_lab.models.face.train import paper_face
 
 
 def test_the_paper_has_its_sizes():

@@ -52,7 +52,7 @@ def test_the_output_depends_on_known_hands_and_noise_level() -> None:
 
 def test_a_model_comes_back_from_its_folder_up_to_half_precision(tmp_path: Path) -> None:
     model = FingerModel(TINY).eval()
-    model.save(tmp_path, {"data": "none"})
+    model.save(tmp_path, {"data": "none"}, dtype=torch.float16)
     again = FingerModel.load(tmp_path)
     torch.testing.assert_close(again(*inputs()), model(*inputs()), atol=5e-3, rtol=5e-3)
     (tmp_path / "config.json").unlink()

@@ -4,7 +4,9 @@ import pytest
 from pydantic import ValidationError
 
 from echoavatar.models.generator import GeneratorConfig, qwen_half_billion
-from echoavatar.models.tokens import REFERENCE_LAYOUT, Interleaved, Prefix, TokenLayout
+from echoavatar.models.tokens import Interleaved, Prefix
+from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.reference.weights import REFERENCE_LAYOUT
 
 
 def test_heads_must_divide():
@@ -37,5 +39,5 @@ def test_sound_may_be_heard_ahead_while_the_window_still_holds_what_is_due():
 
 
 def test_a_config_survives_json():
-    config = GeneratorConfig(layout=TokenLayout.compact(audio_codes=7, motion_layers=1, motion_codes=3))
+    config = GeneratorConfig(layout=compact_layout(audio_codes=7, motion_layers=1, motion_codes=3))
     assert GeneratorConfig.model_validate_json(config.model_dump_json()) == config

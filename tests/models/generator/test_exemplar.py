@@ -10,9 +10,8 @@ from tests.models.generator.tiny import audio, config, generator
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.generator.exemplar import control_ids
-from echoavatar.models.tokens import TokenLayout
 from echoavatar_lab.models.generator.losses import code_nll
-from echoavatar_lab.models.generator.sequences import Exemplar, build_sequences, code_logits, read
+from echoavatar_lab.models.generator.sequences import Exemplar, build_sequences, code_logits, compact_layout, read
 from echoavatar_lab.models.generator.train import GeneratorTask
 from echoavatar_lab.models.generator.windows import TokenClip, draw_exemplar
 from echoavatar_lab.training import train
@@ -135,7 +134,7 @@ PROMPTED = {
     "sequence": "prefix",
     "exemplar": True,
     "control": "prompt",
-    "layout": TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8, has_example=True),
+    "layout": compact_layout(audio_codes=16, motion_layers=2, motion_codes=8, has_example=True),
 }
 
 

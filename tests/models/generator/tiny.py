@@ -3,9 +3,9 @@
 import torch
 
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokens import TokenLayout
+from echoavatar_lab.models.generator.sequences import compact_layout
 
-LAYOUT = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
+LAYOUT = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8)
 
 
 def config(**changes) -> GeneratorConfig:

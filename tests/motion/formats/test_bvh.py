@@ -14,7 +14,7 @@ from tests.motion.kinematics.samples import recorded, swaying
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.rotations import matrix_from_euler
+from echoavatar_lab.corpora.solver import matrix_from_euler
 
 SMALL = """HIERARCHY
 ROOT base

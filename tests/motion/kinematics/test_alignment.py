@@ -5,7 +5,8 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics
 from echoavatar.motion.kinematics.alignment import align, project_rotation
-from echoavatar.motion.kinematics.rotations import matrix_from_euler, matrix_from_quaternion
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
+from echoavatar_lab.corpora.solver import matrix_from_euler
 
 
 def test_the_nearest_rotation_of_a_rotation_is_itself():

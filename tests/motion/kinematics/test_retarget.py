@@ -15,12 +15,8 @@ from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonCon
 from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.retarget import LiveRetarget, leg_length, retarget
 from echoavatar.motion.kinematics.rigs import bone_map
-from echoavatar.motion.kinematics.rotations import (
-    angle_between,
-    matrix_from_axis_angle,
-    matrix_from_euler,
-    quaternion_from_matrix,
-)
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar_lab.corpora.solver import matrix_from_euler
 from echoavatar_lab.data.faults import skate
 
 LIMBS = [

@@ -10,6 +10,7 @@ from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quate
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar_lab.data.faults import skate
+from echoavatar_lab.evaluation.codes import replayed
 
 BALLS = list(HUMANOID.config.feet)[1::2]
 STANDING = HUMANOID.rest_positions[BALLS, 1].numpy()
@@ -38,7 +39,7 @@ def walking(seconds: float = 8.0, pace: float = 0.35) -> Motion:
     root[:, 0] = pace * time
     quaternions = quaternion_from_matrix(matrices).numpy()
     free = Motion(HUMANOID, quaternions, root, 30.0)
-    return Post(HUMANOID, stages=("ground", "feet")).replay(free)
+    return replayed(Post(HUMANOID, stages=("ground", "feet")), free)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def walk() -> Motion:
 
 
 def with_options(motion: Motion, options: MotionOptions) -> Motion:
-    return Post(HUMANOID, stages=("leash", "feet")).replay(motion, options)
+    return replayed(Post(HUMANOID, stages=("leash", "feet")), motion, options)
 
 
 def balls(motion: Motion) -> np.ndarray:

@@ -32,6 +32,7 @@ from echoavatar.errors import CheckpointError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.nn import FullBlock
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, SAMPLES_PER_MOTION_TOKEN, exact_div
+from echoavatar_lab.models.audio.decoding import decode
 
 RATE_HZ = 16_000
 BANDS = 128
@@ -429,7 +430,7 @@ def sinusoids(length: int, width: int) -> Float[Tensor, "t c"]:
 @torch.no_grad()
 def decoded_waveform(codec: AudioCodec, codes: Int[Tensor, "b f l"]) -> Float[Tensor, "b s"]:
     """Decode codec tokens to 16 kHz audio; frequencies above 8 kHz are cut off in the spectrum."""
-    sound = codec.decode(codes)
+    sound = decode(codec, codes)
     samples = sound.shape[1] * RATE_HZ // SAMPLE_RATE_HZ
     spectrum = torch.fft.rfft(sound.float())[:, : samples // 2 + 1]
     wave: Tensor = torch.fft.irfft(spectrum, n=samples) * (RATE_HZ / SAMPLE_RATE_HZ)

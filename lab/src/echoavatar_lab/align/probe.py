@@ -22,6 +22,7 @@ from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, moments, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, motion_features
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
+from echoavatar_lab.models.audio.decoding import decode
 from echoavatar_lab.models.tokenize import motion_of_codes
 
 from .decoded_motion import DecodedMotion, decode_continuations, decode_truth
@@ -192,7 +193,7 @@ class SampleVideos:
         batch = batch_of(self._prompts, str(device))
         seeds = torch.arange(FILM_SEED, FILM_SEED + len(self._prompts), device=device)
         codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1)
-        sounds = self._codec.decode(batch.audio.cpu())
+        sounds = decode(self._codec, batch.audio.cpu())
         path.parent.mkdir(parents=True, exist_ok=True)
         for at, (row, sound) in enumerate(zip(codes, sounds, strict=True)):
             target = path.with_name(f"{path.name}_{at}.mp4")

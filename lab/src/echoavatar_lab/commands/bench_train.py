@@ -28,10 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Time, and print."""
     from echoavatar.models.generator import GeneratorConfig
-    from echoavatar.models.tokenizer import body_config
-    from echoavatar.models.tokens import TokenLayout
     from echoavatar.motion.kinematics import HUMANOID
     from echoavatar_lab.bench.train import bench_generator, bench_tokenizer
+    from echoavatar_lab.models.generator.sequences import compact_layout
+    from echoavatar_lab.models.tokenizer.train import body_config
     from echoavatar_lab.tables.scale import SCALES
 
     scale = SCALES[args.scale]
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
         report = bench_tokenizer(body_config(HUMANOID, scale.tokenizer), schedule, **how)
     else:
         layers, codes = scale.tokenizer.layers, scale.tokenizer.codes
-        layout = TokenLayout.compact(audio_codes=1024, motion_layers=layers, motion_codes=codes)
+        layout = compact_layout(audio_codes=1024, motion_layers=layers, motion_codes=codes)
         config = GeneratorConfig(layout=layout, **scale.generator.model_dump())
         filled = {"chunks": config.window_chunks + 6, "depth_weights": (1.0,) * layers}
         report = bench_generator(config, scale.generator_training.model_copy(update=filled | chosen), **how)

@@ -185,12 +185,12 @@ def _print_failures(failures: "tuple[tuple[str, str], ...]", word: str = "failed
 
 def _write_tokens(args: argparse.Namespace) -> None:
     from echoavatar.models.audio import AudioCodec
-    from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar_lab.data import Corpus
     from echoavatar_lab.models.tokenize import tokenize_corpus
+    from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 
     codec = AudioCodec.load(args.codec).eval()
-    tokenizer = BodyTokenizer.load(args.tokenizer).eval()
+    tokenizer = AnyBodyTokenizer.load(args.tokenizer).eval()
     corpus, folder = Corpus(args.output), args.output / "tokens"
     with progress_bar() as say:
         told, can_mirror = partial(say, "tokens"), corpus.can_mirror

@@ -165,10 +165,10 @@ def _whole(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
 
 
 def _codes(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
-    from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar_lab.evaluation.codes import true_codes
+    from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 
-    tokenizer = BodyTokenizer.load(args.tokenizer) if args.tokenizer else None
+    tokenizer = AnyBodyTokenizer.load(args.tokenizer) if args.tokenizer else None
     with progress_bar() as say:
         found = true_codes(
             bundle, _clips(args), tokenizer=tokenizer, seed=args.seed, progress=partial(say, "true codes")

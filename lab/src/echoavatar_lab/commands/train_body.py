@@ -11,12 +11,12 @@ from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig
-from echoavatar.models.tokens import TokenLayout
+from echoavatar.models.tokenizer import BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import Skeleton, part_sizes
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.models.audio.recordings import AudioGroup, AudioPool, read_groups
 from echoavatar_lab.models.audio.train import CodecTask, CodecTrainingConfig
+from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip, shared_encoding
 from echoavatar_lab.models.published import read_encodec
@@ -29,6 +29,7 @@ from echoavatar_lab.models.tokenizer.train import (
     bundle_training,
     continued,
 )
+from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 from echoavatar_lab.training import train
 
 from .config_options import add_minutes
@@ -86,7 +87,7 @@ def _train_tokenizer(given: Given) -> None:
         settings.training["quantize_from"] = min(int(settings.training["steps"]) // 10, 100)
     training = settings.checked(TokenizerTraining, "training")
     training = training.model_copy(update={"is_mirrored": training.is_mirrored and corpus.can_mirror})
-    start = BodyTokenizer.load(args.start) if args.start else None
+    start = AnyBodyTokenizer.load(args.start) if args.start else None
     training = continued(training) if start else training
     train(
         TokenizerTask(config, training, corpus.motions("train"), tests=corpus.motions("test"), card=given.card),
@@ -137,7 +138,7 @@ def _train_decoder(given: Given) -> None:
     training = training.model_copy(update={"is_mirrored": training.is_mirrored and corpus.can_mirror})
     train(
         DecoderTask(
-            BodyTokenizer.load(args.tokenizer),
+            AnyBodyTokenizer.load(args.tokenizer),
             training,
             corpus.motions("train"),
             tests=corpus.motions("test"),
@@ -162,7 +163,7 @@ def _make_tokens(given: Given) -> None:
     tokenize_corpus(
         corpus,
         AudioCodec.load(args.codec).eval(),
-        BodyTokenizer.load(args.tokenizer).eval(),
+        AnyBodyTokenizer.load(args.tokenizer).eval(),
         args.output,
         is_mirrored_too=corpus.can_mirror,
         patience=settings.patience,
@@ -201,7 +202,7 @@ def _add_parts(parser: argparse.ArgumentParser) -> None:
 def _train_generator(given: Given) -> None:
     """Train on the token files."""
     args, settings = given.args, given.settings
-    codec, tokenizer = AudioCodec.load(args.codec), BodyTokenizer.load(args.tokenizer)
+    codec, tokenizer = AudioCodec.load(args.codec), AnyBodyTokenizer.load(args.tokenizer)
     found = [TokenClip.load(path) for path in sorted(args.source.glob("*.npz"))]
     clips = [clip for clip in found if clip.has_truth]
     if found and not clips:
@@ -210,7 +211,7 @@ def _train_generator(given: Given) -> None:
             " from true motion (`echoavatar train tokens`)"
         )
     complete(settings, tokenizer.config.layers)
-    layout = TokenLayout.compact(
+    layout = compact_layout(
         audio_codes=codec.config.codes,
         motion_layers=tokenizer.config.layers,
         motion_codes=tokenizer.config.codes,

@@ -14,13 +14,14 @@ import numpy as np
 import torch
 
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, measure_features, to_features
+from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Corpus, Manifest, save_manifest
 from echoavatar_lab.data.clip import open_clip
 from echoavatar_lab.data.corpus import MIRROR, ClipEntry, can_mirror, write_shard
+from echoavatar_lab.data.statistics import measure_features
 
 from .prepare_recording import Receipt, part_path
 from .source import SetOptions, Terms

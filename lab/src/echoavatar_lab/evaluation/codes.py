@@ -26,10 +26,12 @@ from echoavatar.engine.pipeline import Bundle
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import HUMANOID, from_features
+from echoavatar.motion.kinematics import HUMANOID, Motion, from_features, to_features
 from echoavatar.motion.kinematics.features import travel_slice
+from echoavatar.motion.motion_chunk import join_batches
+from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import Post
-from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
+from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data import MUSIC, Clip
 from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.generator.windows import TokenClip
@@ -160,7 +162,7 @@ def true_codes(
     tracks: dict[str, list[Track]] = {name: [] for name in (TRUTH, DECODED, SHOWN, *([] if others else [DRAWN]))}
     for done, clip in enumerate(clips, 1):
         decoded = motion_of_codes(tokenizer, tokenizer.encode(whole_features(tokenizer.skeleton, clip)[None])[0])
-        motions = {TRUTH: clip.motion(tokenizer.skeleton), DECODED: decoded, SHOWN: post.replay(decoded)}
+        motions = {TRUTH: clip.motion(tokenizer.skeleton), DECODED: decoded, SHOWN: replayed(post, decoded)}
         if not others:
             [tokens] = token_clips(bundle, [clip])
             motions[DRAWN] = motion_of_codes(tokenizer, drawn_after_truth(bundle.generator, tokens, seed=seed + done))
@@ -178,6 +180,20 @@ def true_codes(
             "dance_turn_deg": dance_turn_deg(made),
         }
     return found
+
+
+def replayed(post: Post, motion: Motion, options: MotionOptions = FREE) -> Motion:
+    """Run a finished motion through the stages, chunk by chunk, as a new session."""
+    features = to_features(post.skeleton, motion.matrices(), torch.from_numpy(motion.root))
+    state = post.init_state(1)
+    everyone = torch.ones(1, dtype=torch.bool)
+    state.modes.choose(everyone, options)
+    padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
+    pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
+    shown = join_batches([post.step(piece, state, everyone) for piece in pieces])
+    rotations, root = shown.rotations[0], shown.root[0]
+    root[:, [0, 2]] += motion.root[0, [0, 2]]
+    return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])
 
 
 def dance_turn_deg(tracks: Sequence[Track]) -> float:

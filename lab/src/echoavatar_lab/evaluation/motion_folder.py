@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Integer
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
@@ -30,6 +29,7 @@ from echoavatar.motion.kinematics.motion import resample
 from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Bundle, Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.fingers.clips import on_our_rig
@@ -22,6 +21,7 @@ from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
 from echoavatar_lab.data import MUSIC, SILENCE, SPEECH, Clip
+from echoavatar_lab.evaluation.batch import animate_many
 
 from .beat_rows import ClipAudio, alignment_row, dance_rows, event_rows, gesture_rows
 from .codes import error_rows, reconstruction_rows, reliance, reliance_rows, token_clips

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import read_audio
@@ -19,6 +18,7 @@ from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES, split_of
 
 from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH

@@ -6,6 +6,7 @@ follows from seed and step number.
 """
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import torch
@@ -232,6 +233,10 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
         """See `TrainingTask.loss`."""
         return Loss(denoising_loss(self.model, batch.windows, self.config, batch.noise), {})
 
+    def save(self, folder: Path, step: int) -> None:
+        """The finger model, in half precision."""
+        self.model.save(folder, self.card(step), dtype=torch.float16)
+
 
 def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None:
     """Set the model's statistics; every group counts equally, whatever its length."""
@@ -239,7 +244,9 @@ def _measure(model: FingerModel, groups: Sequence[Sequence[FingerClip]]) -> None
     bodies = [torch.cat([clip.body for clip in group]) for group in groups]
     hands, body = torch.cat(_equal_length(moving)), torch.cat(_equal_length(bodies))
     body = torch.cat([body, mirror_body(body)])
-    model.set_statistics(fit_basis(hands, model.config.poses), body.mean(0), body.std(0))
+    pairs = zip(model.basis, fit_basis(hands, model.config.poses), strict=True)
+    for own, value in (*pairs, (model.body_mean, body.mean(0)), (model.body_std, body.std(0))):
+        own.copy_(value)
 
 
 def _equal_length(groups: Sequence[Tensor]) -> list[Tensor]:

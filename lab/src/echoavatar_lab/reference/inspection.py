@@ -15,16 +15,16 @@ from torch import Tensor
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import CheckpointError
-from echoavatar.models.face import FaceConfig, paper_face
+from echoavatar.models.face import FaceConfig
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
-from echoavatar.models.tokens import REFERENCE_LAYOUT
 from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig
 from echoavatar_lab.foreign.foreign_files import read_array, read_arrays, read_matrices, read_table, read_tensors
+from echoavatar_lab.models.face.train import paper_face
 
 from .expected_tensors import differences, face_shapes, from_reference, generator_shapes, hubert_of, tokenizer_shapes
 from .release_rig import JOINTS, body_statistics, rig_config, skeleton_config
-from .weights import StoredGenerator, compacted
+from .weights import REFERENCE_LAYOUT, StoredGenerator, compacted
 
 PARTS = ("lower", "upper", "hands")
 GENERATORS = ("body_g_d", "body_g")  # gesture and dance, gesture alone

@@ -18,7 +18,23 @@ from echoavatar.errors import CheckpointError
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.config import Opening
-from echoavatar.models.tokens import REFERENCE_LAYOUT, TokenLayout
+from echoavatar.models.tokens import TokenLayout
+
+REFERENCE_LAYOUT = TokenLayout(
+    audio_layers=2,
+    audio_codes=1024,
+    motion_layers=6,
+    motion_codes=512,
+    start_id=151_644,  # <|im_start|>
+    before_audio=(151_644, 872, 198),  # <|im_start|>user\n
+    before_motion=(151_645, 198, 151_644, 77_091, 198),  # <|im_end|>\n<|im_start|>assistant\n
+    before_example=(151_644, 8_948, 198),  # <|im_start|>system\n
+    after_example=(151_645, 198),  # <|im_end|>\n
+    audio_base=151_690,
+    motion_base=156_690,
+    vocabulary=166_690,
+)
+"""The vocabulary of the authors' release: Qwen2.5's text rows, 5,000 audio rows (2,048 used), 10,000 motion rows."""
 
 
 def occurring() -> Int[Tensor, " v"]:

@@ -16,17 +16,18 @@ import numpy as np
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig, body_config
-from echoavatar.models.tokens import TokenLayout
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
+from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenizer.train import as_one_part
+from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
+from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 from echoavatar_lab.training import Progress, train
 
 from .baselines import BASELINES, Baselines
@@ -199,7 +200,7 @@ class Experiment:
             )
 
         self._make_once(folder, settings, make)
-        return BodyTokenizer.load(folder)
+        return AnyBodyTokenizer.load(folder)
 
     def codes(self, choice: TokenizerChoice) -> list[TokenClip]:
         """The corpus as codes of a tokenizer."""
@@ -238,7 +239,7 @@ class Experiment:
         if not any(clip.split == "train" for clip in clips):
             raise EchoAvatarError(f"no training clip is mostly {choice.only}; give a corpus with some (--corpus)")
         layers = tokenizer.config.layers
-        layout = TokenLayout.compact(
+        layout = compact_layout(
             audio_codes=self.codec.config.codes,
             motion_layers=layers,
             motion_codes=tokenizer.config.codes,

@@ -15,7 +15,6 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.pipeline import Pipeline, PipelineState
 from echoavatar.engine.pipeline.runtime import Runtime
@@ -26,6 +25,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_SAMPLES, SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
+from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.evaluation.motion_folder import motion_files, read_motion_file
 from echoavatar_lab.models.tokenize import audio_codes, motion_of_codes
 from echoavatar_lab.training import Progress

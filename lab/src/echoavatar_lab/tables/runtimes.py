@@ -18,11 +18,11 @@ from pathlib import Path
 import torch
 
 from echoavatar.bench.stream import StreamReport, bench_stream
-from echoavatar.engine import animate_many
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.bundle import with_random_generator
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.motion.kinematics import Motion
+from echoavatar_lab.evaluation.batch import animate_many
 
 from .experiment import BATCH, Experiment
 from .scale import OURS, GeneratorChoice, Part, generator_waves

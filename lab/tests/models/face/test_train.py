@@ -18,6 +18,7 @@ from echoavatar_lab.models.face.train import (
     draw_noise,
     flow_loss,
     lip_error,
+    normalized,
     resample_curves,
     stretch,
 )
@@ -143,7 +144,7 @@ def test_a_reader_that_tells_face_and_touch_pays_nothing_and_any_other_does():
     curves = torch.zeros(1, 4, 52)
     curves[0, 2:, JAW] = 0.4
     touching = torch.tensor([20.0, 20.0, -20.0, -20.0])
-    features = torch.cat([model.normalize(curves), touching[None, :, None]], -1)
+    features = torch.cat([normalized(model, curves), touching[None, :, None]], -1)
     reader = FaceReader(53, 52)
     torch.nn.init.eye_(reader.read.weight)
     torch.nn.init.zeros_(reader.read.bias)

@@ -2,10 +2,10 @@
 
 import torch
 
-from echoavatar.models.tokens import Depth, Interleaved, Prefix, TokenLayout
-from echoavatar_lab.models.generator.sequences import build_sequences, heard_at
+from echoavatar.models.tokens import Depth, Interleaved, Prefix
+from echoavatar_lab.models.generator.sequences import build_sequences, compact_layout, heard_at
 
-LAYOUT = TokenLayout.compact(audio_codes=7, motion_layers=2, motion_codes=5)  # 6 segments, 12 motion ids a chunk
+LAYOUT = compact_layout(audio_codes=7, motion_layers=2, motion_codes=5)  # 6 segments, 12 motion ids a chunk
 NONE = torch.zeros(1, dtype=torch.int64)
 
 
@@ -70,7 +70,7 @@ def test_the_place_where_a_frame_has_been_heard_holds_its_last_code():
 
 
 def test_the_depth_order_puts_each_frames_sound_before_its_motion_and_counts_hidden_states():
-    layout = TokenLayout.compact(audio_codes=16, motion_layers=2, motion_codes=8)
+    layout = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8)
     order = Depth(layout, 3)
     audio = torch.arange(80).view(1, 40, 2) % 16
     motion = torch.arange(24).view(1, 4, 3, 2) % 8

@@ -22,6 +22,7 @@ from echoavatar_lab.models.tokenizer.train import (
     reach_statistics,
     start_from_principal_axes,
 )
+from echoavatar_lab.models.tokenizer.variants import AnyTokenizer
 from echoavatar_lab.training import Loop, train
 
 
@@ -131,7 +132,7 @@ def test_every_branch_still_learns():
 
 
 def test_axes_need_a_short_path():
-    tokenizer = MotionTokenizer(MotionTokenizerConfig(features=10, width=16, heads=2, resampling="learned"))
+    tokenizer = AnyTokenizer(MotionTokenizerConfig(features=10, width=16, heads=2, resampling="learned"))
     with pytest.raises(ValueError, match="principal start"):
         start_from_principal_axes(tokenizer, torch.zeros(8, 10))
 

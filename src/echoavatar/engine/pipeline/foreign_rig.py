@@ -16,7 +16,7 @@ from torch import Tensor
 from echoavatar.config import Config
 from echoavatar.motion.ik import SwingConfig, swing_clear
 from echoavatar.motion.kinematics import Motion, Skeleton, to_features
-from echoavatar.motion.kinematics.features import FeatureConvention, from_features
+from echoavatar.motion.kinematics.features import from_features, ground_axes
 from echoavatar.motion.kinematics.retarget import LiveRetarget
 from echoavatar.nn import StreamState, write_rows
 
@@ -54,7 +54,6 @@ class RigAdapter:
     def __init__(self, config: RigConfig, source: Skeleton, output: Output = "humanoid") -> None:
         """`output` chooses the bones: `humanoid` retargets to the VRM set, `native` keeps the rig's own."""
         self.config, self.source = config, source
-        self._convention = FeatureConvention(up=config.up)
         self._axes = torch.tensor(config.axes)
         self._retarget = LiveRetarget(source) if output == "humanoid" else None
         self.skeleton = source if self._retarget is None else self._retarget.target
@@ -87,8 +86,8 @@ class RigAdapter:
     def canonical(self, features: Float[Tensor, "b t c"]) -> tuple[Float[Tensor, "b t j 3 3"], Float[Tensor, "b t 3"]]:
         """Rotations in our axes with the arms off the trunk; and travel: metres left, height, metres ahead."""
         config = self.config
-        frames = from_features(self.source, features, convention=self._convention)
-        ground = list(self._convention.ground)
+        frames = from_features(self.source, features, up=config.up)
+        ground = ground_axes(config.up)
         speed = frames.root.diff(dim=1, prepend=torch.zeros_like(frames.root[:, :1]))
         travel = frames.root.clone()
         travel[..., ground] = speed[..., ground]
@@ -107,7 +106,7 @@ class RigAdapter:
         root = torch.from_numpy(motion.root)
         placed = (rest + root - root[:1]) @ axes / self.config.metres_per_unit
         rotations = axes.T @ motion.matrices() @ axes
-        return to_features(self.source, rotations, placed, convention=self._convention)
+        return to_features(self.source, rotations, placed, up=self.config.up)
 
     def _features(
         self, rotations: Float[Tensor, "b t j 3 3"], travel: Float[Tensor, "b t 3"]

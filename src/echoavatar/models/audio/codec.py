@@ -1,6 +1,7 @@
-"""The causal audio codec: 24 kHz sound to 75 x 2 codes per second and back (paper, Settings: EnCodec, two layers).
+"""The causal audio codec: 24 kHz sound to 75 x 2 codes per second (paper, Settings: EnCodec, two layers).
 
-The network is EnCodec's, under its published names, so that the lab can convert `facebook/encodec_24khz`.
+The network is EnCodec's, under its published names, so that the lab can convert `facebook/encodec_24khz`. The lab also
+runs the decoder, back to sound.
 """
 
 import torch
@@ -74,11 +75,6 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
         """`encode`."""
         return self.encode(x)
 
-    @torch.no_grad()
-    def decode(self, codes: Int[Tensor, "b n q"]) -> Float[Tensor, "b s"]:
-        """Sound of the codes, 320 samples each; one layer of codes is enough for a coarse version."""
-        return self.synthesize(self.dequantize(codes))
-
     def latents(
         self, audio: Float[Tensor, "b s"], state: NetworkState, active: Bool[Tensor, " b"]
     ) -> Float[Tensor, "b n c"]:
@@ -87,18 +83,6 @@ class AudioCodec(Checkpointed, StreamingModule[NetworkState]):
         if not audio.shape[1]:
             return audio.new_zeros(len(audio), 0, self.config.width)
         return advance(self.encoder, audio.unsqueeze(2), state, active, padding=self.config.padding)
-
-    def dequantize(self, codes: Int[Tensor, "b n q"]) -> Float[Tensor, "b n c"]:
-        """Sum of the codebook vectors."""
-        return torch.stack([self.codebooks[q][codes[..., q]] for q in range(codes.shape[-1])]).sum(0)
-
-    def synthesize(self, latents: Float[Tensor, "b n c"]) -> Float[Tensor, "b s"]:
-        """Decoder of latents, quantised or not."""
-        if not latents.shape[1]:
-            return latents.new_zeros(len(latents), 0)
-        state = init_network_state(self.decoder, len(latents))
-        active = state.seen == 0
-        return advance(self.decoder, latents, state, active, padding=self.config.padding).squeeze(2)
 
     def _codes(self, latents: Float[Tensor, "b n c"]) -> Int[Tensor, "b n 2"]:
         residual, chosen = latents.double(), []

@@ -168,7 +168,8 @@ def convolve(conv: nn.Conv1d, x: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d
     products = F.linear(blocks, weight.permute(2, 0, 3, 1).reshape(taps * channels, -1))
     parts = products.view(rows, -1, taps, channels).unbind(2)
     shifted = [part[:, tap * dilation : tap * dilation + frames] for tap, part in enumerate(parts)]
-    return _total(shifted) if conv.bias is None else _total(shifted) + conv.bias
+    total = sum(shifted[1:], shifted[0])
+    return total if conv.bias is None else total + conv.bias
 
 
 def convolve_transposed(conv: nn.ConvTranspose1d, x: Float[Tensor, "b n c"]) -> Float[Tensor, "b t d"]:
@@ -184,13 +185,6 @@ def convolve_transposed(conv: nn.ConvTranspose1d, x: Float[Tensor, "b n c"]) -> 
 
 def _joined(parts: list[Tensor]) -> Tensor:
     return parts[0] if len(parts) == 1 else torch.cat(parts, dim=2)
-
-
-def _total(parts: list[Tensor]) -> Tensor:
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
 
 
 @dataclass

@@ -3,8 +3,8 @@
 May import `generator` (the hash of its noise), `audio`, `nn`, `checkpoint` and below.
 """
 
-from .config import FaceConfig, HubertConfig, MelConfig, paper_face
+from .config import FaceConfig, HubertConfig, MelConfig
 from .model import FaceModel
 from .stream import FaceState, FaceStream
 
-__all__ = ["FaceConfig", "FaceModel", "FaceState", "FaceStream", "HubertConfig", "MelConfig", "paper_face"]
+__all__ = ["FaceConfig", "FaceModel", "FaceState", "FaceStream", "HubertConfig", "MelConfig"]

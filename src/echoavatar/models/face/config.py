@@ -1,7 +1,4 @@
-"""Sizes of the face model.
-
-Paper, appendix Face Animation Generator; the smaller defaults are ours (`paper_face`).
-"""
+"""Sizes of the face model (paper, appendix Face Animation Generator); the defaults are ours, and smaller."""
 
 from typing import Literal, Self
 
@@ -105,16 +102,3 @@ class FaceConfig(Config):
         if self.width % 2 or self.head_width % 2:
             raise ValueError(f"width ({self.width}) and head_width ({self.head_width}) must be even")
         return self
-
-
-def paper_face(*, width: int = 256, encoder: MelConfig | HubertConfig | None = None) -> FaceConfig:
-    """The sizes of the paper (256), or with `width` 64 of the release, reading its history anew for every chunk."""
-    return FaceConfig(
-        encoder=encoder or HubertConfig(),
-        width=width,
-        condition=52,
-        head_width=width,
-        head_split=True,
-        memory="window",
-        noise_hold=1,
-    )

@@ -10,7 +10,6 @@ is ours: one attention with a learned bias by distance, keys and values kept bet
 keys and values while its frames are generated one by one.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -162,10 +161,6 @@ class WindowBlock(nn.Module):
         x = x + self.attn2(self.norm3(x))
         return x + cast(Tensor, self.mlp(self.norm4(x)))
 
-    def attentions(self) -> list[Attention]:
-        """The attentions that keep a cache."""
-        return [self.attn1, self.attn2]
-
     def extend(self, x: Tensor, sound: Tensor, run: Run, block: int) -> Float[Tensor, "r t c"]:
         """The next positions."""
         x = x + self.attn1.extend(self.norm1(x), run.caches[block][0], run.at)
@@ -188,10 +183,6 @@ class RingBlock(nn.Module):
         x = x + sound
         x = x + self.attn(self.norm1(x))
         return x + cast(Tensor, self.mlp(self.norm2(x)))
-
-    def attentions(self) -> list[Attention]:
-        """The attentions that keep a cache."""
-        return [self.attn]
 
 
 class FaceGpt(nn.Module):
@@ -235,14 +226,14 @@ class FaceGpt(nn.Module):
         """Window form: caches of the past. `sound` (through `sound_proj`) is that of all inputs: n = past + step."""
         past, width = self.config.context - 1, self.config.width
         shape = (BRANCHES * len(sound), past + self.config.step, 2 * width)
-        run = Run([[sound.new_empty(shape) for _ in block.attentions()] for block in self._blocks()], 0)
+        run = Run([[sound.new_empty(shape) for _ in range(2)] for _ in self.blocks], 0)  # a block has two attentions
         self._advance(run, state.motion[:, :-1], sound[:, :past])
         return run
 
     def next(self, run: Run, last: Float[Tensor, "b c"], sound: Float[Tensor, "b w"]) -> Float[Tensor, "b 2 d"]:
         """The condition of the frame after `last`, without and with sound."""
         x: Tensor = self._advance(run, last[:, None], sound[:, None])
-        return by_branch(self._condition(x[:, 0]))
+        return self._condition(x[:, 0]).view(-1, BRANCHES, self.config.condition)
 
     def commit(self, state: GptState, frames: Tensor, features: Tensor, active: Bool[Tensor, " b"]) -> None:
         """Move the state on by the frames (b 8 c) generated; `features` (b n a) are those of all inputs.
@@ -260,21 +251,12 @@ class FaceGpt(nn.Module):
         """Motion goes to both branches, sound to the second (window form; `FrameDecoder` runs the ring)."""
         sound = torch.stack([torch.zeros_like(sound), sound], 1).flatten(0, 1)
         x: Tensor = self.embed(motion).repeat_interleave(BRANCHES, 0)
-        for index, block in enumerate(self._blocks()):
+        for index, block in enumerate(self.blocks):
             assert isinstance(block, WindowBlock)
             x = block.extend(x, sound, run, index)
         run.at += motion.shape[1]
         return x
 
-    def _blocks(self) -> Sequence[WindowBlock | RingBlock]:
-        return cast(Sequence[WindowBlock | RingBlock], list(self.blocks))
-
     def _condition(self, x: Tensor) -> Tensor:
         y: Tensor = self.output_proj(self.output_norm(x))
         return y
-
-
-def by_branch(x: Float[Tensor, "r ..."]) -> Float[Tensor, "b 2 ..."]:
-    """Rows apart into sessions and guidance branches."""
-    rows: Tensor = x.view(-1, BRANCHES, *x.shape[1:])
-    return rows

@@ -44,22 +44,14 @@ class FaceModel(Checkpointed):
         self.register_buffer("mean", torch.zeros(config.channels))
         self.register_buffer("std", torch.ones(config.channels))
 
-    def measure(self, curves: Float[Tensor, "t c"]) -> None:
-        """Take the statistics of normalisation from curves."""
-        self.mean.copy_(curves.mean(0))
-        self.std.copy_(curves.std(0))
-
-    def normalize(self, curves: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
-        """Zero mean, unit variance; still channels become 0."""
-        return (curves - self.mean) / self._scale() * self.moving()
-
     def denormalize(self, normal: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
-        """Back to curves; not clamped."""
-        return normal * self._scale() * self.moving() + self.mean
+        """Curves from normalised ones; not clamped."""
+        return normal * self.scale() * self.moving() + self.mean
 
     def moving(self) -> Tensor:
         """1 for the channels that this model moves, 0 for the others (c)."""
         return (self.std > STILL).to(self.std)
 
-    def _scale(self) -> Tensor:
+    def scale(self) -> Tensor:
+        """The deviation by which each channel is normalised (c)."""
         return self.std.clamp_min(max(self.config.least_std, _TINY))

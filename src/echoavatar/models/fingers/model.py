@@ -8,9 +8,8 @@ their outputs are averaged before the next step, so no seams appear.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib.resources import as_file, files
-from pathlib import Path
 from typing import Self
 
 import torch
@@ -75,20 +74,10 @@ class FingerModel(Checkpointed):
         self.register_buffer("body_mean", torch.zeros(BODY_SIZE))
         self.register_buffer("body_std", torch.ones(BODY_SIZE))
 
-    def save(self, folder: Path, card: Mapping[str, object], *, dtype: torch.dtype | None = torch.float16) -> None:
-        """Write a checkpoint folder, in half precision."""
-        super().save(folder, card, dtype=dtype)
-
     @property
     def basis(self) -> HandBasis:
         """The basis of hand coordinates."""
         return HandBasis(self.hand_mean, self.hand_axes, self.hand_scale)
-
-    def set_statistics(self, basis: HandBasis, body_mean: Float[Tensor, " c"], body_std: Float[Tensor, " c"]) -> None:
-        """Set the statistics of the training clips."""
-        pairs = zip((self.hand_mean, self.hand_axes, self.hand_scale), basis, strict=True)
-        for own, given in [*pairs, (self.body_mean, body_mean), (self.body_std, body_std)]:
-            own.copy_(given)
 
     def normalize_body(self, body: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
         """Normalise to zero mean and unit deviation, and clamp."""

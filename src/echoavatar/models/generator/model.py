@@ -194,11 +194,6 @@ class DepthReader(nn.Module):
         self.sound = nn.Linear(AUDIO_FRAMES_PER_TOKEN * config.width, config.width, bias=False)
         self.condition = nn.Linear(config.width, config.depth_width, bias=False)
 
-    @torch.no_grad()
-    def balance(self) -> None:
-        """Make the backbone's hidden state, which is normed, as small as the embedded codes that it is added to."""
-        self.condition.weight.mul_(self.config.width**-0.5)
-
     def forward(
         self,
         backbone: Body,
@@ -269,20 +264,6 @@ class Generator(Checkpointed):
         self.depth = DepthReader(config, Body(config.depth)) if config.sequence == "depth" else None
         self.lm_head = nn.Linear(config.read_width, config.layout.vocabulary, bias=False)
         self.exemplar = _control(config)
-        self._initialise()
-
-    def _initialise(self) -> None:
-        """Normal with 0.02; what writes into the residual path shrinks with depth."""
-        for name, parameter in self.named_parameters():
-            if name.endswith("bias"):
-                nn.init.zeros_(parameter)
-            elif parameter.dim() > 1:
-                into_residual = name.endswith(("o_proj.weight", "down_proj.weight"))
-                nn.init.normal_(parameter, std=0.02 / ((2 * self.config.layers) ** 0.5 if into_residual else 1))
-        if self.depth is not None:
-            self.depth.balance()
-        if self.exemplar is not None:
-            self.exemplar.clear()
 
     def forward(
         self,

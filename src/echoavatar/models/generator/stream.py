@@ -40,10 +40,6 @@ class GeneratorStream(StreamingModule[StateT]):
     def _frozen(self, generator: Generator, precision: Precision) -> Decoder:
         return Decoder(generator.model, generator.segment_head(), generator.exemplar, precision)
 
-    @abstractmethod
-    def init_state(self, rows: int) -> StateT:
-        """A fresh state."""
-
     @torch.no_grad()
     def step(
         self,

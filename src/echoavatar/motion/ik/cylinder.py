@@ -44,7 +44,7 @@ class SwingConfig(Config):
 def remapped_distance(
     distance: Float[Tensor, "*n"], radius: Float[Tensor, "*n"], reach: float = 1.5
 ) -> Float[Tensor, "*n"]:
-    """Distance from the axis after the rule: [0, reach radius] onto [radius, reach radius], beyond unchanged."""
+    """Distance from the axis after the rule: distances up to `reach` radii become one to `reach` radii, others stay."""
     share = (distance / (reach * radius)).clamp(0, 1)
     return distance + radius * (1 - share.square() * (3 - 2 * share))
 

@@ -13,15 +13,7 @@ Each kind of array has one arithmetic:
 | retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, measured on two rest poses |
 """
 
-from .features import (
-    FeatureStatistics,
-    MotionFrames,
-    from_features,
-    measure_features,
-    part_sizes,
-    split_parts,
-    to_features,
-)
+from .features import FeatureStatistics, MotionFrames, from_features, part_sizes, split_parts, to_features
 from .motion import Motion, Pose, forward_kinematics
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig
 
@@ -35,7 +27,6 @@ __all__ = [
     "SkeletonConfig",
     "forward_kinematics",
     "from_features",
-    "measure_features",
     "part_sizes",
     "split_parts",
     "to_features",

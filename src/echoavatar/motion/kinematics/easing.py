@@ -1,4 +1,4 @@
-"""Smooth steps for fades: for NumPy arrays and tensors alike, and for one number of a compiled loop."""
+"""Smooth steps for fades: of NumPy arrays and tensors alike, and of a single number in a compiled loop."""
 
 from typing import TypeVar
 

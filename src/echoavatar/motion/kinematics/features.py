@@ -4,12 +4,10 @@ A frame lists the parts in the skeleton's order (lower body, upper body, hands).
 joints in ascending order. The first part ends with three travel values: the root's horizontal velocity (metres per
 frame along the world's axes, frame t minus t-1, zero on the first frame) and its height.
 
-Our height is absolute. The paper's released data have Z up, centimetres, and heights relative to the clip's first
-frame: `FeatureConvention(up=2, is_height_from_start=True)` with all lengths in centimetres.
+Our height is absolute. In the paper's released data Z is up, lengths are in centimetres, and the height starts from the
+rest pose's in the first frame of each clip.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -23,22 +21,9 @@ TRAVEL_SIZE = 3
 CONSTANT_STD = 1e-4  # a feature with a smaller deviation is held at its mean
 
 
-@dataclass(frozen=True)
-class FeatureConvention:
-    """How root travel is expressed. Lengths are in the skeleton's unit."""
-
-    up: int = 1  # 0, 1, 2 for x, y, z
-    is_height_from_start: bool = False  # height of frame 0 becomes the rest height, later ones relative to it
-
-    @property
-    def ground(self) -> tuple[int, int]:
-        """The two horizontal axes, ascending."""
-        first, second = (axis for axis in range(3) if axis != self.up)
-        return first, second
-
-
-OURS = FeatureConvention()
-REFERENCE = FeatureConvention(up=2, is_height_from_start=True)
+def ground_axes(up: int) -> list[int]:
+    """The two horizontal axes, ascending; `up` is the vertical one: 0, 1, 2 for x, y, z."""
+    return [axis for axis in range(3) if axis != up]
 
 
 class MotionFrames(NamedTuple):
@@ -69,7 +54,7 @@ def to_features(
     root: Float[Tensor, "*n t 3"],
     *,
     previous_ground: Float[Tensor, "*n 2"] | None = None,
-    convention: FeatureConvention = OURS,
+    up: int = 1,
 ) -> Float[Tensor, "*n t c"]:
     """Features of a clip.
 
@@ -79,30 +64,21 @@ def to_features(
         root: world position of the root, in the unit of the skeleton.
         previous_ground: horizontal position of the frame before the first, for a clip that continues another (so
             pieces have the features of the whole); None for a clip that starts here.
-        convention: how travel is expressed.
+        up: the vertical axis: 0, 1, 2 for x, y, z.
     """
-    ground = root[..., list(convention.ground)]
+    ground = root[..., ground_axes(up)]
     before = ground[..., :1, :] if previous_ground is None else previous_ground[..., None, :]
     velocity = ground - torch.cat([before, ground[..., :-1, :]], -2)
-    height = root[..., convention.up, None]
-    if convention.is_height_from_start:
-        height = skeleton.offsets[0, convention.up].item() + height - height[..., :1, :]
+    height = root[..., up, None]
     six = matrix_to_6d(rotations[..., list(skeleton.feature_joints), :, :]).flatten(-2)
     start = travel_slice(skeleton).start
     return torch.cat([six[..., :start], velocity, height, six[..., start:]], -1)
 
 
-def from_features(
-    skeleton: Skeleton,
-    features: Float[Tensor, "*n t c"],
-    start_ground: Float[Tensor, "*n 2"] | None = None,
-    *,
-    convention: FeatureConvention = OURS,
-) -> MotionFrames:
+def from_features(skeleton: Skeleton, features: Float[Tensor, "*n t c"], *, up: int = 1) -> MotionFrames:
     """Rotations and root from features; joints outside all parts stay at rest.
 
-    `start_ground` is the horizontal position of the frame before the first; None is zero. Pass the last frame's
-    position to the next piece, so that pieces give the motion of the whole.
+    The root starts over the origin; `up` is the vertical axis: 0, 1, 2 for x, y, z.
     """
     travel = travel_slice(skeleton)
     joints = list(skeleton.feature_joints)
@@ -114,11 +90,8 @@ def from_features(
         eye = torch.eye(3, dtype=features.dtype, device=features.device)
         rotations = eye.expand(*features.shape[:-1], skeleton.joints, 3, 3).clone()
         rotations[..., joints, :, :] = matrices
-    ground = features[..., travel.start : travel.start + 2].cumsum(-2)
-    if start_ground is not None:
-        ground = ground + start_ground[..., None, :]
-    columns = list(ground.unbind(-1))
-    columns.insert(convention.up, features[..., travel.start + 2])
+    columns = list(features[..., travel.start : travel.start + 2].cumsum(-2).unbind(-1))
+    columns.insert(up, features[..., travel.start + 2])
     return MotionFrames(rotations, torch.stack(columns, -1))
 
 
@@ -142,21 +115,3 @@ class FeatureStatistics(NamedTuple):
     def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
         """Inverse of `normalize`; features that do not vary come back as their mean."""
         return torch.where(self.varies, normal * self.std, 0.0) + self.mean
-
-
-def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics:
-    """Mean and deviation over all frames of all clips, in double precision, with one clip in memory at a time."""
-    count, mean, square = 0, torch.zeros(()), torch.zeros(())
-    for clip in clips:
-        frames = clip.double()
-        new, new_mean = frames.shape[0], frames.mean(0)
-        new_square = (frames - new_mean).square().sum(0)
-        total = count + new
-        shift = new_mean - mean
-        square = square + new_square + shift.square() * (count * new / total)
-        mean = mean + shift * (new / total)
-        count = total
-    if not count:
-        raise ValueError("there are no clips to measure")
-    std = (square / count).sqrt()
-    return FeatureStatistics(mean.float(), std.float(), std >= CONSTANT_STD)

@@ -9,7 +9,6 @@ which must stand upright; the stages behind the decoder correct its feet.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,26 +26,19 @@ from .rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from .skeleton import HUMANOID, Skeleton
 
 
-def retarget(
-    motion: Motion,
-    target: Skeleton = HUMANOID,
-    *,
-    source_map: Mapping[str, int] | None = None,
-    has_footing: bool = True,
-) -> Motion:
+def retarget(motion: Motion, target: Skeleton = HUMANOID, *, has_footing: bool = True) -> Motion:
     """The motion on the target rig, in metres, with the floor at y = 0.
 
     Args:
         motion: on any rig with known bones.
         target: the rig to retarget to; its rest pose must stand upright.
-        source_map: VRM bone name to joint of the source; None finds it by the joints' names.
         has_footing: whether planted feet are kept still by leg IK; False retargets rotations and root alone.
 
     Raises:
         MotionError: the joint names of the source are not known.
     """
-    motion = motion if source_map else with_wrists(motion)
-    source, theirs, ours = motion.skeleton, dict(source_map or bone_map(motion.skeleton)), bone_map(target)
+    motion = with_wrists(motion)
+    source, theirs, ours = motion.skeleton, bone_map(motion.skeleton), bone_map(target)
     pose = motion.pose(torch.float64)
     world = {
         ours[bone]: pose.rotations[:, theirs[bone]] @ rotation
@@ -59,8 +51,7 @@ def retarget(
     if not has_footing:
         return moved
     size = min(1.0, leg_length(target, ours) / leg_length(HUMANOID, bone_map(HUMANOID)))
-    mapped = replace(motion, skeleton=Skeleton(source.config.model_copy(update={"vrm": theirs})))
-    contacts = foot_contacts(mapped) | foot_contacts(moved, stands_on_rest=True, size=size)
+    contacts = foot_contacts(motion) | foot_contacts(moved, stands_on_rest=True, size=size)
     return settle_feet(moved, contacts)
 
 

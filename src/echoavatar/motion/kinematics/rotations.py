@@ -104,15 +104,15 @@ def axis_angle_from_quaternion(quaternion: Float[Tensor, "*n 4"]) -> Float[Tenso
     return q[..., 1:] * (2 * torch.atan2(sine, q[..., :1]) / sine)
 
 
-def matrix_from_euler(angles: Float[Tensor, "*n 3"], order: str) -> Float[Tensor, "*n 3 3"]:
-    """Intrinsic Euler angles, in the order of the letters: "zyx" gives Rz(a0) Ry(a1) Rx(a2)."""
-    first, second, third = (_about(axis, angles[..., i]) for i, axis in enumerate(_check_order(order)))
-    return first @ second @ third
-
-
 def euler_from_matrix(matrix: Float[Tensor, "*n 3 3"], order: str) -> Float[Tensor, "*n 3"]:
-    """Inverse of `matrix_from_euler` for the six orders of different axes; at gimbal lock the last is 0."""
-    i, j, k = (_AXES[axis] for axis in _check_order(order))
+    """Intrinsic Euler angles in the order of the letters: Rz(a0) Ry(a1) Rx(a2) for "zyx"; at gimbal lock a2 is 0.
+
+    Raises:
+        ValueError: the order does not name x, y and z once each.
+    """
+    if sorted(order) != ["x", "y", "z"]:
+        raise ValueError(f"Euler order must name x, y and z once each, got {order!r}")
+    i, j, k = (_AXES[axis] for axis in order)
     sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
     middle = torch.atan2(sign * matrix[..., i, k], torch.hypot(matrix[..., i, i], matrix[..., i, j]))
     is_locked = torch.hypot(matrix[..., i, i], matrix[..., i, j]) < 1e-6
@@ -162,19 +162,3 @@ def angle_between(a: Float[Tensor, "*n 3 3"], b: Float[Tensor, "*n 3 3"]) -> Flo
         -1,
     )
     return torch.atan2(skew.norm(dim=-1), relative.diagonal(dim1=-2, dim2=-1).sum(-1) - 1)
-
-
-def _about(axis: str, angle: Tensor) -> Tensor:
-    cos, sin, zero, one = angle.cos(), angle.sin(), torch.zeros_like(angle), torch.ones_like(angle)
-    rows = {
-        "x": [one, zero, zero, zero, cos, -sin, zero, sin, cos],
-        "y": [cos, zero, sin, zero, one, zero, -sin, zero, cos],
-        "z": [cos, -sin, zero, sin, cos, zero, zero, zero, one],
-    }[axis]
-    return torch.stack(rows, -1).reshape(*angle.shape, 3, 3)
-
-
-def _check_order(order: str) -> str:
-    if sorted(order) != ["x", "y", "z"]:
-        raise ValueError(f"Euler order must name x, y and z once each, got {order!r}")
-    return order

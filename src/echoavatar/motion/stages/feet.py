@@ -59,7 +59,7 @@ class FeetState(StreamState):
 
 
 class Feet:
-    """Foot lock for a rig with two legs of two bones; other rigs pass unchanged."""
+    """Foot lock for a rig with two legs of two bones; the motion of other rigs passes unchanged."""
 
     def __init__(self, skeleton: Skeleton, chains: Chains) -> None:
         self._legs = legs_of(skeleton, chains)

@@ -41,7 +41,7 @@ class Leash:
     """A soft bound on the root's distance from the origin, where a session starts."""
 
     def init_state(self, rows: int) -> LeashState:
-        """At the start."""
+        """The root stands where its session starts."""
         decoded, place, pull = (torch.zeros(rows, 2) for _ in range(3))
         return LeashState(torch.zeros(rows, dtype=torch.bool), decoded, place, pull, torch.zeros(rows))
 

@@ -55,7 +55,7 @@ class IdleLegs:
         self._height = float(skeleton.rest_positions[0, 1]) - STAND_LOWER
 
     def init_state(self, rows: int) -> ModesState:
-        """Rows without restrictions."""
+        """No row has restrictions."""
         return ModesState(torch.zeros(rows, 3), torch.zeros(rows))
 
     def stand(self, pose: Pose, rows: Bool[Array, " b"]) -> None:

@@ -7,24 +7,23 @@ kinematics in the root's frame. Every stage but the first can be left out by nam
 
 import logging
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.nn import StreamState
-from echoavatar.timing import CHUNK_FRAMES, FRAME_RATE_HZ
+from echoavatar.timing import FRAME_RATE_HZ
 
 from ..ik import BodyProfile, HandCollisions
-from ..kinematics import Motion, Skeleton, to_features
-from ..motion_chunk import MotionBatch, join_batches
+from ..kinematics import Skeleton
+from ..motion_chunk import MotionBatch
 from .feet import LARGEST, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
-from .modes import FREE, IdleLegs, ModesState, MotionOptions
+from .modes import IdleLegs, ModesState
 from .pose import Pose, Unpacking, repair
 from .smoother import Smoother, SmootherState, SpeedLimit, SpeedLimitState
 
@@ -71,7 +70,7 @@ class Post:
         self._limit = SpeedLimit(skeleton.joints)
 
     def init_state(self, rows: int) -> PostState:
-        """Nothing shown yet, no restrictions."""
+        """No row has shown a frame, and none has restrictions."""
         return PostState(
             self._idle_legs.init_state(rows),
             self._smoother.init_state(rows),
@@ -118,19 +117,6 @@ class Post:
         np.negative(pose.rotations, out=pose.rotations, where=pose.rotations[..., :1] < 0)
         report("hands")
         return MotionBatch(pose.rotations, pose.root)
-
-    def replay(self, motion: Motion, options: MotionOptions = FREE) -> Motion:
-        """Run a finished motion through the stages, chunk by chunk, as a new session."""
-        features = to_features(self.skeleton, motion.matrices(), torch.from_numpy(motion.root))
-        state = self.init_state(1)
-        everyone = torch.ones(1, dtype=torch.bool)
-        state.modes.choose(everyone, options)
-        padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
-        pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
-        shown = join_batches([self.step(piece, state, everyone) for piece in pieces])
-        rotations, root = shown.rotations[0], shown.root[0]
-        root[:, [0, 2]] += motion.root[0, [0, 2]]
-        return replace(motion, rotations=rotations[: motion.frames], root=root[: motion.frames])
 
     def pose_of(self, features: Float[Tensor, "b t c"], state: PostState) -> Pose:
         """Rotations, and travel as decoded; invalid rotations are repaired and counted in `repaired`."""

@@ -17,14 +17,10 @@ from torch import Tensor
 from echoavatar.errors import MotionError
 from echoavatar.limits import CONFIG_BYTES, ROTATIONS, check_file
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.rotations import (
-    matrix_from_euler,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    slerp,
-)
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import STANDING_PELVIS, Array
+from echoavatar_lab.corpora.solver import matrix_from_euler
 
 A_POSE = np.deg2rad(37.0)  # by which a MikuMikuDance character's arms hang when no bone is turned
 SUFFIXES = (".vmd", ".qianim")

@@ -11,14 +11,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.rotations import (
-    axis_angle_from_quaternion,
-    euler_from_matrix,
-    matrix_from_euler,
-    quaternion_from_matrix,
-)
+from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, euler_from_matrix, quaternion_from_matrix
 from echoavatar_lab.corpora import solver
 from echoavatar_lab.corpora.controls import RELAXED_FINGERS, Array, Controls
+from echoavatar_lab.corpora.solver import matrix_from_euler
 
 ROUNDS = 4
 CERTAIN_BEND = 0.012  # metres: with less bend the elbow's direction is read from the twist of the upper arm

@@ -28,6 +28,7 @@ from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, 
 
 from ..quantize import LearningQuantizer, Share
 from ..tokenizer.measure import code_usage
+from .decoding import synthesize
 from .mel import log_mel, mel_spectrum
 from .recordings import AudioPool
 
@@ -269,7 +270,7 @@ class CodecTask(TrainingTask[Sounds]):
         terms["probe"] = (self.probe(latents) - self.probe.target(batch.target)).abs().mean()
         decoded = int((batch.row < config.decoded).sum())
         if decoded:
-            made = sound_loss(self.codec.synthesize(latents[:decoded]), batch.target[:decoded])
+            made = sound_loss(synthesize(self.codec, latents[:decoded]), batch.target[:decoded])
             weight = decoded / min(config.decoded, config.batch) * config.batch / rows  # 1 for a whole batch
             sounds = {"log_mel": made.log_mel, "mel": 20 * made.mel, "waveform": 3 * made.waveform}
             terms |= {name: weight * value for name, value in sounds.items()}

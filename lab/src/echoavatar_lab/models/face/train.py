@@ -28,7 +28,7 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import LevelControl
-from echoavatar.models.face.config import FaceConfig
+from echoavatar.models.face.config import FaceConfig, HubertConfig, MelConfig
 from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.face.flow import FULL_NOISE
 from echoavatar.models.face.model import FaceModel
@@ -37,6 +37,19 @@ from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
 
 from .clip import FaceClip
+
+
+def paper_face(*, width: int = 256, encoder: MelConfig | HubertConfig | None = None) -> FaceConfig:
+    """The sizes of the paper (256), or with `width` 64 of the release, reading its history anew for every chunk."""
+    return FaceConfig(
+        encoder=encoder or HubertConfig(),
+        width=width,
+        condition=52,
+        head_width=width,
+        head_split=True,
+        memory="window",
+        noise_hold=1,
+    )
 
 
 class FaceTraining(TrainingConfig):
@@ -191,6 +204,11 @@ def levelled(clip: FaceClip) -> FaceClip:
 TOUCHING = 0.05  # gap of closed lips, as a share of the jaw's range
 
 
+def normalized(model: FaceModel, curves: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
+    """Curves at zero mean and unit variance; still channels become 0."""
+    return (curves - model.mean) / model.scale() * model.moving()
+
+
 class FaceReader(nn.Module):
     """A linear readout of the encoder's features: the face (normalised), and whether the lips touch (logit)."""
 
@@ -203,7 +221,7 @@ class FaceReader(nn.Module):
     ) -> Float[Tensor, ""]:
         """Squared error over the channels that move, and cross-entropy of touching."""
         read, moving = self.read(features), model.moving()
-        error = (read[..., :-1] - model.normalize(curves)).square() * moving
+        error = (read[..., :-1] - normalized(model, curves)).square() * moving
         touching = (_apart(curves) <= TOUCHING).to(read)
         far: Tensor = error.sum() / (read[..., 0].numel() * moving.sum().clamp_min(1))
         return far + F.binary_cross_entropy_with_logits(read[..., -1], touching)
@@ -250,8 +268,8 @@ def flow_loss(
 
     `features` are the encoder's, of the batch's sound.
     """
-    clean = model.normalize(batch.curves)
-    history = torch.cat([model.normalize(batch.before)[:, None], clean[:, :-1]], 1)
+    clean = normalized(model, batch.curves)
+    history = torch.cat([normalized(model, batch.before)[:, None], clean[:, :-1]], 1)
     noisy = history + training.history_noise * random.strength * random.history
     history = noisy * random.keeps_history * model.moving()
     sound = model.gpt.sound_proj(features) * random.keeps_sound
@@ -318,7 +336,9 @@ class FaceTask(TrainingTask[FaceLesson]):
             speeds=SPEEDS if training.tempo else (1.0,),
             late=config.late,
         )
-        self.model.measure(torch.from_numpy(np.concatenate([clip.curves for clip in chosen])))
+        curves = torch.from_numpy(np.concatenate([clip.curves for clip in chosen]))
+        self.model.mean.copy_(curves.mean(0))
+        self.model.std.copy_(curves.std(0))
 
     def rate(self, step: int, done: float) -> float:
         """Warm-up and decay; the steps in which the encoder trains alone have a schedule of their own."""

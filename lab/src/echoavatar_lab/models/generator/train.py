@@ -161,6 +161,26 @@ class Lesson(NamedTuple):
     asked: Int[Tensor, "b n"] | None  # the frames whose codes are asked for, the same in all rows; None is all
 
 
+@torch.no_grad()
+def initialise(generator: Generator) -> None:
+    """Draw weights: normal with 0.02; what writes into the residual path shrinks with depth.
+
+    A backbone's hidden state is normed, so its map into the depth transformer makes it as small as the embedded codes
+    that it is added to.
+    """
+    config = generator.config
+    for name, parameter in generator.named_parameters():
+        if name.endswith("bias"):
+            nn.init.zeros_(parameter)
+        elif parameter.dim() > 1:
+            into_residual = name.endswith(("o_proj.weight", "down_proj.weight"))
+            nn.init.normal_(parameter, std=0.02 / ((2 * config.layers) ** 0.5 if into_residual else 1))
+    if generator.depth is not None:
+        generator.depth.condition.weight.mul_(config.width**-0.5)
+    if generator.exemplar is not None:
+        generator.exemplar.clear()
+
+
 class GeneratorTask(TrainingTask[Lesson]):
     """A generator, the clips of split "train" that it learns from, and those of split "test" that measure it."""
 
@@ -192,6 +212,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
             self.generator = Generator(config)
+            initialise(self.generator)
             self.cues = CueReader(self.generator)
         align_embeddings(self.generator, audio_codebooks=audio_codebooks, motion_codebooks=motion_codebooks)
         is_reading = training.cue_weight > 0 and training.objective == "motion"

@@ -25,18 +25,20 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, MotionTokenizerConfig
-from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, measure_features, split_parts, to_features
+from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, part_sizes, split_parts, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
+from echoavatar_lab.data.statistics import measure_features
 from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
 from echoavatar_lab.training.task import BatchT
 
 from ..quantize import LearningQuantizer, Share
 from .losses import LossWeights, MotionLoss, total
 from .measure import measure
+from .variants import AnyBodyTokenizer
 
 log = logging.getLogger(__name__)
 
@@ -45,6 +47,14 @@ def as_one_part(skeleton: Skeleton) -> Skeleton:
     """The same rig as one part, with which the paper compares its body parts. Features change their order."""
     joints = {"body": tuple(sorted(skeleton.feature_joints))}
     return Skeleton(skeleton.config.model_copy(update={"parts": joints}))
+
+
+def body_config(skeleton: Skeleton, template: MotionTokenizerConfig) -> BodyTokenizerConfig:
+    """The same sizes for every part; `template.features` is replaced."""
+    return BodyTokenizerConfig(
+        skeleton=skeleton.config,
+        parts={name: template.model_copy(update={"features": size}) for name, size in part_sizes(skeleton).items()},
+    )
 
 
 class TokenizerTraining(TrainingConfig):
@@ -241,7 +251,7 @@ class BodyTask(TrainingTask[BatchT]):
         card = self.card(step)
         self.tokenizer.save(folder, card)
         if step >= self.config.steps and self._tests:
-            scores = measure(BodyTokenizer.load(folder), self._tests, self.patience)
+            scores = measure(AnyBodyTokenizer.load(folder), self._tests, self.patience)
             self.tokenizer.save(folder, card | {"scores": scores._asdict()})
             log.info("test clips: body %.1f mm, hands %.1f mm", scores.mpjpe_body_mm, scores.mpjpe_hands_mm)
 
@@ -317,7 +327,7 @@ class TokenizerTask(BodyTask[Windows]):
         """Raises MotionError when no clip is as long as a window."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(training.seed)
-            tokenizer = BodyTokenizer(config)
+            tokenizer = AnyBodyTokenizer(config)
         self._quantizers = {name: learning_quantizer(part.config) for name, part in tokenizer.tokenizers().items()}
         for name, part in tokenizer.tokenizers().items():
             part.quantizer = self._quantizers[name]
@@ -326,7 +336,9 @@ class TokenizerTask(BodyTask[Windows]):
         features = [clip_features(skeleton, clip) for clip in clips]
         self.sampler = WindowSampler(skeleton, features, frames=training.frames, is_mirrored=training.is_mirrored)
         statistics = reach_statistics if training.is_scaled_by_reach else floored_statistics
-        tokenizer.set_statistics(statistics(skeleton, features, is_mirrored=training.is_mirrored))
+        found = statistics(skeleton, features, is_mirrored=training.is_mirrored)
+        for own, value in zip(tokenizer.statistics, found, strict=True):
+            own.copy_(value)
         if training.is_principal_start:
             self._start_from_principal_axes()
 
