@@ -74,6 +74,7 @@ lowest-check:
 	.venv-lowest/bin/pip install $(PIP_FLAGS) uv
 	.venv-lowest/bin/uv pip install $(LOWEST) -e '.[serve]' 'pytest>=8.3'
 	.venv-lowest/bin/echoavatar doctor
+	mkdir -p build
 	.venv-lowest/bin/echoavatar animate src/echoavatar/assets/speech.ogg --seed 3 -o build/lowest.bvh
 	.venv-lowest/bin/uv pip install $(LOWEST) -e '.[serve,dev]' -e ./lab
 	.venv-lowest/bin/echoavatar doctor

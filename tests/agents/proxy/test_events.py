@@ -53,13 +53,14 @@ def test_only_our_own_events_are_ours() -> None:
 
 
 def test_tools_are_added_to_updates_that_set_some_and_to_nothing_else() -> None:
-    update = '{"type":"session.update","session":{"tools":[{"name":"a"}],"x":"\\ud800"}}'
+    update = '{"type":"session.update","session":{"tools":[{"name":"a"}],"x":"\\u00e9"}}'
     changed = json.loads(with_tools(update, lambda own: [*own, {"name": "b"}]))
-    assert changed["session"] == {"tools": [{"name": "a"}, {"name": "b"}], "x": "\ud800"}
+    assert changed["session"] == {"tools": [{"name": "a"}, {"name": "b"}], "x": "\u00e9"}
     for text in (
         '{"type":"session.update","session":{"instructions":"tools"}}',
         '{"type":"other","of":"session.update","session":{"tools":[]}}',
         '{"type":"session.update",',
+        '{"type":"session.update","session":{"tools":[],"x":"\\ud800"}}',  # no text; the upstream may refuse it
         b'{"type":"session.update","session":{"tools":[]}}',
     ):
         assert with_tools(text, lambda own: ["changed"]) is text
