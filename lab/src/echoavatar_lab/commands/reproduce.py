@@ -42,7 +42,6 @@ TABLES = (
     "beat2",
     "dataset-composition",
     "layouts",
-    "runtimes",
     "latency",
     "alignment",
     "retrieval",
@@ -79,9 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " .bvh or .pkl (SMPL as EDGE writes it), named after the clips; may be repeated",
     )
     parser.add_argument("--resample", action="store_true", help="take motion of --with that is not at 30 fps")
-    parser.add_argument(
-        "--model", help="bundle for latency (default: the default bundle) and runtimes (default: ours is trained)"
-    )
+    parser.add_argument("--model", help="bundle for latency (default: the default bundle)")
     parser.add_argument("--device", default="cpu", help="where to train and generate (default: %(default)s)")
     parser.add_argument(
         "--seeds", type=_count, default=1, metavar="N", help="train and sample N times (default: %(default)s)"
@@ -203,7 +200,7 @@ def _command(args: argparse.Namespace, table: str) -> str:
         words += [f"--{name} {given.name}"] if given else []
     words += [f"--with {name}={folder.name}" for name, folder in args.others] if table in WITH else []
     words += ["--resample"] if args.resample and table in WITH else []
-    words += [f"--model {Path(args.model).name}"] if args.model and table in ("latency", "runtimes") else []
+    words += [f"--model {Path(args.model).name}"] if args.model and table == "latency" else []
     words += [f"--device {args.device}"] if args.device != "cpu" else []
     words += [f"--runtime {args.runtime}"] if args.runtime != "paper" else []
     words += [f"--seed {args.seed}"] if args.seed else []

@@ -20,9 +20,9 @@ import torch
 
 from echoavatar.errors import EchoAvatarError
 
-from . import alignment, beat2, main, runtimes, sound_probes, tokenizer_ablation, user_study
+from . import alignment, beat2, latency, main, sound_probes, tokenizer_ablation, user_study
 from .experiment import Experiment
-from .runtimes import hardware
+from .latency import hardware
 from .scale import Part
 from .table import Table, orderings, over_seeds
 
@@ -40,8 +40,7 @@ TABLES = {
     beat2.NAME: TableMaker(beat2.make, beat2.waves),
     user_study.NAME: TableMaker(user_study.make, user_study.waves),
     main.LAYOUTS: TableMaker(main.make_orders, main.order_waves),
-    runtimes.NAME: TableMaker(runtimes.make, runtimes.waves),
-    runtimes.LATENCY: TableMaker(runtimes.make_latency),
+    latency.NAME: TableMaker(latency.make),
     alignment.NAME: TableMaker(alignment.make, alignment.waves),
     alignment.RETRIEVAL: TableMaker(alignment.make_retrieval, alignment.retrieval_waves),
     sound_probes.CODEC: TableMaker(sound_probes.make_codec),
@@ -78,15 +77,12 @@ def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1
         elif any(math.isfinite(cell.low) for line in table.lines for cell in line.ours.values()):
             notes.append(INTERVALS)
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
-        is_finished = name == runtimes.NAME and bool(experiment.sources.model)  # a bundle, which no scale trained
-        if not is_finished:
-            notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
+        notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
     used = ("seeds " if len(experiments) > 1 else "seed ") + ", ".join(str(one.seed) for one in experiments)
     notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; {used}.")
     if name not in (sound_probes.CODEC, sound_probes.LABELS):
-        told = {beat2.NAME: "none: codes decoded alone", runtimes.NAME: "as the line says"}
-        how = told.get(name, experiment.runtime)
+        how = "none: codes decoded alone" if name == beat2.NAME else experiment.runtime
         notes.append(f"Runtime: {how}.")
     return dataclasses.replace(table, notes=notes)
 
