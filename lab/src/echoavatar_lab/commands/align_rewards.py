@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import write_whole
 
-from .config_options import add_fields, given_fields
+from .config_options import add_fields, command_line, given_fields
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -261,16 +261,14 @@ KINDS = {
 
 def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads_features: bool) -> "AudioMotion":
     """The untrained reward; published weights are read by a reader that constructs tensors only."""
-    import torch
-
     from echoavatar_lab.align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP, Beats, Wav2Clip
     from echoavatar_lab.align.audio_reward import AudioMotion
     from echoavatar_lab.foreign.foreign_files import read_tensors
+    from echoavatar_lab.training import seeded
 
     if args.encoder_weights and encoder == "codes":
         raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(args.seed)
+    with seeded(args.seed):
         motion_book = bundle.tokenizer.codebooks().detach()
         sizes = chosen(args, *ALIGNMENT_SIZES)
         read = bundle.tokenizer.statistics if reads_features else None
@@ -289,16 +287,6 @@ def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads
         return AudioMotion.from_network(
             network, bundle.codec, motion_book, is_frozen=is_frozen, statistics=read, **sizes
         )
-
-
-def command_line(args: argparse.Namespace) -> str:
-    """The command as the model's card states it."""
-    words = [f"echoavatar align {args.kind} {args.source}"]
-    for key, value in vars(args).items():
-        if key not in ("command", "kind", "source") and value not in (None, False, []):
-            values = value if isinstance(value, list) else [value]
-            words += [f"--{key.replace('_', '-')}" + ("" if one is True else f" {one}") for one in values]
-    return " ".join(words)
 
 
 def _card(args: argparse.Namespace) -> dict[str, object]:

@@ -20,8 +20,6 @@ from operator import methodcaller
 from pathlib import Path
 from typing import NamedTuple
 
-import torch
-
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
 from echoavatar.motion.kinematics import Motion
@@ -40,7 +38,7 @@ from echoavatar_lab.align.start import AlignmentSetup, make_pairs, training_task
 from echoavatar_lab.align.trainer import AlignTraining, Method, fingerprint, recipe
 from echoavatar_lab.evaluation.metrics.retrieval import PAPER_GALLERY, Retrieval, chance, gallery, retrieval, similarity
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.training import train
+from echoavatar_lab.training import seeded, train
 from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
 from .experiment import Experiment, make_once
@@ -214,8 +212,7 @@ def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> Aud
     settings = _reward_settings(experiment, training, budget)
 
     def work() -> None:
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(experiment.seed)
+        with seeded(experiment.seed):
             model = AudioMotion.from_codebooks(*books, width=budget.width)
         train(AudioRewardTask(model, pairs, training), folder)
 

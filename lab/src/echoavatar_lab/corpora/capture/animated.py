@@ -78,7 +78,8 @@ def _vmd(data: bytes) -> dict[str, Float[Tensor, "t 3 3"]]:
     if not turns:
         return {}
     for side, down in (("left", -A_POSE), ("right", A_POSE)):
-        hang, upper = about("z", torch.tensor(down).double()), turns.pop(f"{side}UpperArm", torch.eye(3, dtype=torch.float64))
+        hang = about("z", torch.tensor(down).double())
+        upper = turns.pop(f"{side}UpperArm", torch.eye(3, dtype=torch.float64))
         for bone, turn in turns.items():
             if bone.startswith(side) and not bone.endswith("Shoulder"):
                 turns[bone] = hang.mT @ turn @ hang
