@@ -22,6 +22,7 @@ from echoavatar_lab.unity.frames import (
     merge_channels,
     rotations_at_60_fps,
     smoothed,
+    write_face47,
 )
 
 EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -90,6 +91,17 @@ def test_our_order_of_channels_goes_to_the_same_places() -> None:
     assert np.array_equal(sent, merge_channels(plain)[0])
     assert sent.sum() == 0.5
     assert sent.shape == (47,)
+
+
+def test_a_table_of_the_47_channels(tmp_path) -> None:
+    curves = np.zeros((3, 52), np.float32)
+    curves[2, ARKIT_NAMES.index("mouthUpperUpRight")] = 0.25
+    write_face47(tmp_path / "a.face47.csv", curves, 30.0)
+    head, *rows = (tmp_path / "a.face47.csv").read_text().splitlines()
+    names = head.split(",")
+    assert len(names) == len(set(names)) == 48
+    assert float(rows[2].split(",")[names.index("mouthUpperUp")]) == 0.25
+    assert float(rows[2].split(",")[0]) == pytest.approx(2 / 30, abs=1e-6)
 
 
 def test_a_bundle_without_transforms_is_refused() -> None:

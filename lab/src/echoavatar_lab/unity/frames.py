@@ -9,6 +9,7 @@ big-endian length and JSON, one for each block of motion.
 import json
 import struct
 from collections.abc import Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,12 +18,13 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.motion.arkit import APPLE_NAMES, reorder
 from echoavatar.motion.arkit import ARKIT_NAMES as OURS
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import SAMPLES_PER_FRAME
+from echoavatar.whole_file import whole_file
 
 BLOCK_FRAMES = 12  # 0.4 s at 30 fps, the content of one message
 BLEND_FRAMES = 3  # first frames of a block, blended with the last face of the previous block
@@ -39,6 +41,12 @@ _MERGED: tuple[tuple[int, ...], ...] = (
     *((channel,) for channel in (46, 47, 48, 18)),
 )
 FACE_CHANNELS = len(_MERGED)  # 47
+
+
+FACE47_NAMES = tuple(
+    APPLE_NAMES[channels[0]] if len(channels) == 1 else APPLE_NAMES[channels[0]].removesuffix("Left")
+    for channels in _MERGED
+)
 
 
 class Block(NamedTuple):
@@ -81,6 +89,18 @@ def merge_channels(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47
 def face47(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
     """The 47 channels of curves in our canonical order."""
     return merge_channels(reorder(curves, OURS, APPLE_NAMES))
+
+
+def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> None:
+    """Write the 47 channels as CSV, one row per frame, with the time in seconds first.
+
+    Raises:
+        MotionError: the file cannot be written.
+    """
+    times = np.arange(len(curves))[:, None] / fps
+    table = np.concatenate([times, face47(curves)], 1)
+    with whole_file(path, error=MotionError) as partial:
+        np.savetxt(partial, table, "%.6f", ",", header=",".join(("time", *FACE47_NAMES)), comments="")
 
 
 def smoothed(block: Float[np.ndarray, "t c"], last: Float[np.ndarray, " c"] | None) -> Float[np.ndarray, "t c"]:
