@@ -69,7 +69,6 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     quality.add_argument("--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)")
     add_fields(quality, QualityTraining, ("steps",))
     add_fields(quality, QualityConfig, QUALITY_SIZES)
-    alignment.add_argument("--held-out", type=Path, help="token files to retrieve from instead of the split test")
     alignment.add_argument(
         "--encoder",
         choices=ENCODERS,
@@ -113,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
     taught, asked = train_and_test(clips, args.source)
-    if not asked and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
+    if not asked and args.kind in ("reward-quality", "reward-alignment"):
         raise EchoAvatarError(f"{args.source} holds no clip of split test, on which {args.kind} is measured")
     with progress_bar() as say:
         found = KINDS[args.kind](args, bundle, taught, asked, partial(say, args.kind))
@@ -192,11 +191,8 @@ def _alignment(
         decoded_waveforms,
         retrieval_tables,
     )
-    from echoavatar_lab.align.prompts import read_token_clips
     from echoavatar_lab.training import train
 
-    layout = bundle.generator.config.layout
-    asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else asked
     encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
     reads_features = chosen(args, "motion").get("motion") == "features"
     model = _listener(args, bundle, encoder, reads_features=reads_features)

@@ -141,13 +141,11 @@ def mirrored(controls: Controls) -> Controls:
 def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0.0) -> Controls:
     """The same performance turned to the left about the vertical through the origin, then shifted in x and z."""
     along = np.array([shift[0], 0.0, shift[1]], np.float32)
-    cos, sin = np.cos(turn), np.sin(turn)
-    about_y = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]], np.float32)
     return replace(
         controls,
-        pelvis_position=controls.pelvis_position @ about_y.T + along,
+        pelvis_position=np.asarray(turned(controls.pelvis_position, turn) + along, np.float32),
         pelvis_rotation=controls.pelvis_rotation + np.array([turn, 0.0, 0.0], np.float32),
-        foot_position=controls.foot_position @ about_y.T + along,
+        foot_position=np.asarray(turned(controls.foot_position, turn) + along, np.float32),
         foot_yaw=controls.foot_yaw + np.float32(turn),
     )
 
