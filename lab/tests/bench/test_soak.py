@@ -4,10 +4,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.codec import decode_server
 from echoavatar.wire.messages import Error, Flush, Motion, ServerMessage, Sound
-from echoavatar_lab.bench.soak import Watcher, bench_soak, read_report
+from echoavatar_lab.bench.soak import Watcher, bench_soak, draw
 
 
 def motion(at: int, epoch: int = 0) -> Motion:
@@ -57,8 +56,7 @@ def test_a_short_soak_of_a_tiny_bundle(tiny_bundle: Path) -> None:
     assert msgspec.json.encode(report)
 
 
-@pytest.mark.parametrize("text", ["", "killed", "{}", "[1]", "7"])
-def test_what_is_no_report_is_said(tmp_path: Path, text: str) -> None:
-    (tmp_path / "a.txt").write_text(text)
-    with pytest.raises(EchoAvatarError, match="does not end with a report"):
-        read_report(tmp_path / "a.txt")
+def test_the_memory_of_a_soak_is_drawn(tmp_path: Path) -> None:
+    report = {"memory_mb": [(0, 700.0), (60, 800.0), (120, 801.0)], "slope_mb_an_hour": 60.0, "turns": 7}
+    draw(report, tmp_path / "soak.png")
+    assert (tmp_path / "soak.png").read_bytes()[:4] == b"\x89PNG"

@@ -12,7 +12,6 @@ from echoavatar_lab.corpora.controls import (
     mirrored,
     neutral,
     smoothed,
-    through_keys,
     wander,
     wrists_over,
 )
@@ -57,13 +56,6 @@ def test_minimum_jerk_starts_and_ends_at_rest():
     speed = np.gradient(progress.astype(float), phase)
     assert speed.max() == pytest.approx(1.875, abs=0.01)
     assert abs(speed[100]) < 2e-3
-
-
-def test_keys_are_reached_on_time_and_held_outside():
-    curve = through_keys(np.array([1.0, 2.0]), np.array([[0.0], [3.0]]), frames=120)
-    assert curve[0, 0] == curve[29, 0] == 0.0
-    assert curve[45, 0] == pytest.approx(1.5)
-    assert curve[60, 0] == curve[-1, 0] == pytest.approx(3.0)
 
 
 def test_damping_is_causal_and_smoothing_keeps_the_ends():

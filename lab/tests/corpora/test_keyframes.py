@@ -1,6 +1,7 @@
 import numpy as np
 
-from echoavatar_lab.corpora.keyframes import bump, gaps, glide, progress
+from echoavatar_lab.corpora.controls import air
+from echoavatar_lab.corpora.keyframes import gaps, glide, progress
 
 
 def test_a_glide_is_at_each_key_on_time_and_still_there() -> None:
@@ -32,9 +33,9 @@ def test_progress_names_the_keys_before_and_after() -> None:
     np.testing.assert_allclose(phase, [0.0, 0.5, 1.0])
 
 
-def test_a_bump_has_no_corner() -> None:
+def test_a_step_through_the_air_has_no_corner() -> None:
     s = np.linspace(-0.5, 1.5, 2001)
-    curve = bump(s)
+    curve = air(s)
     assert curve.max() == 1.0
     assert curve[s <= 0].max() == 0.0
     assert np.abs(np.diff(curve, 2)).max() < 60 * (s[1] - s[0]) ** 2

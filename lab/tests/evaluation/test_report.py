@@ -9,19 +9,13 @@ from echoavatar.engine.pipeline import load_bundle
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar_lab.corpora.rehearsal.corpus import Plan, make_clip
-from echoavatar_lab.data import MUSIC, SPEECH
+from echoavatar_lab.data import MUSIC
 from echoavatar_lab.evaluation.measures import UNITS, clip_statistics
 from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.evaluation.motion_folder import Pair, ReadOptions, read_pairs
-from echoavatar_lab.evaluation.report import (
-    Recording,
-    evaluate,
-    liveliness_rows,
-    read_embeddings,
-    retrieval_rows,
-    score,
-)
+from echoavatar_lab.evaluation.report import evaluate, liveliness_rows, read_embeddings, retrieval_rows, score
+from echoavatar_lab.evaluation.takes import Sound
 
 PROMISED = {
     "codes_mpjpe_body",
@@ -51,7 +45,7 @@ PROMISED = {
 def test_every_promised_score_is_there_and_the_truth_scores_as_truth(tiny_bundle: Path, voice: np.ndarray) -> None:
     """Three made clips and two recordings through a bundle of random weights."""
     clips = [make_clip(Plan(1.0, 47, Path("unused"), clip_seconds=20.0), index) for index in (0, 1, 2)]
-    recordings = [Recording("a", SPEECH, np.resize(voice, 72_000)), Recording("b", MUSIC, np.resize(voice, 72_000))]
+    recordings = [Sound(name, kind, "", np.resize(voice, 72_000)) for name, kind in (("a", "speech"), ("b", "music"))]
     told: dict[str, int] = {}
     rows = evaluate(
         load_bundle(tiny_bundle),

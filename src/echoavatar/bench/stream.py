@@ -1,6 +1,7 @@
 """`echoavatar bench stream`: the cost of one session by stage (paper, Table Real-time Performance Evaluation).
 
-Times are wall times of one process. The audio is noise bursts and tones, because cost does not depend on content.
+Times are wall times of one process; on a GPU a stage ends when its work is done there. The audio is noise bursts and
+tones, because cost does not depend on content.
 """
 
 import os
@@ -29,6 +30,7 @@ class StageTimer:
 
     stages: dict[str, list[float]] = field(default_factory=lambda: {stage: [] for stage in STAGES})
     last: float = 0.0
+    is_cuda: bool = False
 
     def start(self) -> None:
         """Start timing a chunk."""
@@ -36,6 +38,8 @@ class StageTimer:
 
     def __call__(self, stage: str) -> None:
         """Record the end of a stage."""
+        if self.is_cuda:
+            torch.cuda.synchronize()
         now = time.perf_counter()
         self.stages[stage].append((now - self.last) * 1000)
         self.last = now
@@ -57,7 +61,7 @@ def bench_stream(
     first_ms = _first_motion_ms(pipeline)
     engine = Engine(pipeline, seats=sessions, workers=0)
     seats = [engine.open_core(seed=seat) for seat in range(sessions)]
-    chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(), [], []
+    chunk, timer, chunk_ms, memory = pipeline.chunk, StageTimer(is_cuda=pipeline.device.type == "cuda"), [], []
     pipeline.on_stage = timer
     warm_up = FULL_WARM_UP_CHUNKS if pipeline.generator.config.opening else WARM_UP_CHUNKS
     chunks = max(2, round(seconds / chunk.seconds)) + warm_up

@@ -57,7 +57,6 @@ SEPARATE = {
     "actions build": "lab",
     "align": "lab",
     "baseline": "lab",
-    "bench graphs": "lab",
     "bench post": "lab",
     "bench soak": "lab",
     "bench train": "lab",

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 DEVELOPERS = {
     "post": "smoothing, root, feet and hands",
     "soak": "does a server stay whole and flat under load and faults",
-    "graphs": "a bundle's live step on a GPU, its generator a captured CUDA graph",
     "train": "training steps against the machine's matrix rate",
 }  # with echoavatar-lab
 

@@ -9,7 +9,6 @@ from jaxtyping import Float, Int
 from pydantic import Field
 from torch import Tensor
 
-from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -171,10 +170,6 @@ class AudioRewardTask(TrainingTask[Windows]):
     ) -> None:
         super().__init__(training, {"model": model}, card)
         self.model, self._pairs = model, pairs
-
-    def identity(self) -> Mapping[str, Config]:
-        """Sizes and schedule."""
-        return {"reward": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> Windows:
         """See `TrainingTask.draw`."""

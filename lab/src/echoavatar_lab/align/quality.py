@@ -32,7 +32,7 @@ from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler, corrupt_hierarchically, corrupt_uniformly
-from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 from .corruption import CLEAN, STRENGTHS, Corruption, Degradation, degraded, level_name, paper_scores
 from .decoded_motion import DecodedMotion
@@ -213,17 +213,12 @@ class QualityTask(TrainingTask[ScoredWindows]):
         card: Mapping[str, object] | None = None,
     ) -> None:
         """`scores` of levels are the paper's where none are given."""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(training.seed)
+        with seeded(training.seed):
             self.model = QualityReward(config)
         self.model.set_statistics(levels.tokenizer.statistics)
         super().__init__(training, {"model": self.model}, card)
         self._levels, self._scores = levels, dict(scores or paper_scores())
         self._pool: dict[int, ScoredWindows] = {}
-
-    def identity(self) -> Mapping[str, Config]:
-        """Sizes and schedule."""
-        return {"reward": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> ScoredWindows:
         """See `TrainingTask.draw`; each batch is decoded once."""
@@ -250,9 +245,9 @@ class QualityTask(TrainingTask[ScoredWindows]):
         error = (made - batch.scores).abs().mean()
         return Loss(F.smooth_l1_loss(made, batch.scores, beta=0.1), {"error": error})
 
-    def save(self, folder: Path, step: int) -> None:
-        """Write the reward."""
-        self.model.save(folder, self.card(step) | {"scores": self._scores})
+    def card(self, step: int) -> dict[str, object]:
+        """The card, with the scores of the levels."""
+        return super().card(step) | {"scores": self._scores}
 
 
 @torch.no_grad()

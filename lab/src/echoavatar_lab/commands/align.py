@@ -12,7 +12,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import write_whole
 
 from . import align_rewards
-from .config_options import add_fields, add_minutes, add_track, given_fields
+from .config_options import add_fields, add_minutes, add_track, command_line, given_fields
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ def _train(args: argparse.Namespace, progress: Callable[[int, int], None]) -> st
     training = _training(args, base, _settings())
     names = ("pairs", "margin") if args.kind == "dpo" else ("rollouts",)
     given = {name: getattr(args, name) for name in names}
-    task = training_task(args.kind, training, ready, command=align_rewards.command_line(args), **given)
+    task = training_task(args.kind, training, ready, command=command_line(args), **given)
     how = {"device": args.device, "minutes": args.minutes, "trackers": args.track, "progress": progress}
     stopped = tune(task, args.output, **how)
     draw_run(args.output / "metrics.jsonl", args.output / "metrics.png")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import write_whole
 
-from .config_options import add_fields, given_fields
+from .config_options import add_fields, command_line, given_fields
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -69,7 +69,6 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     quality.add_argument("--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)")
     add_fields(quality, QualityTraining, ("steps",))
     add_fields(quality, QualityConfig, QUALITY_SIZES)
-    alignment.add_argument("--held-out", type=Path, help="token files to retrieve from instead of the split test")
     alignment.add_argument(
         "--encoder",
         choices=ENCODERS,
@@ -113,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
     taught, asked = train_and_test(clips, args.source)
-    if not asked and args.kind in ("reward-quality", "reward-alignment") and not getattr(args, "held_out", None):
+    if not asked and args.kind in ("reward-quality", "reward-alignment"):
         raise EchoAvatarError(f"{args.source} holds no clip of split test, on which {args.kind} is measured")
     with progress_bar() as say:
         found = KINDS[args.kind](args, bundle, taught, asked, partial(say, args.kind))
@@ -192,11 +191,8 @@ def _alignment(
         decoded_waveforms,
         retrieval_tables,
     )
-    from echoavatar_lab.align.prompts import read_token_clips
     from echoavatar_lab.training import train
 
-    layout = bundle.generator.config.layout
-    asked = read_token_clips(args.held_out, layout, needs_truth=True) if args.held_out else asked
     encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
     reads_features = chosen(args, "motion").get("motion") == "features"
     model = _listener(args, bundle, encoder, reads_features=reads_features)
@@ -261,16 +257,14 @@ KINDS = {
 
 def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads_features: bool) -> "AudioMotion":
     """The untrained reward; published weights are read by a reader that constructs tensors only."""
-    import torch
-
     from echoavatar_lab.align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP, Beats, Wav2Clip
     from echoavatar_lab.align.audio_reward import AudioMotion
     from echoavatar_lab.foreign.foreign_files import read_tensors
+    from echoavatar_lab.training import seeded
 
     if args.encoder_weights and encoder == "codes":
         raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(args.seed)
+    with seeded(args.seed):
         motion_book = bundle.tokenizer.codebooks().detach()
         sizes = chosen(args, *ALIGNMENT_SIZES)
         read = bundle.tokenizer.statistics if reads_features else None
@@ -289,16 +283,6 @@ def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads
         return AudioMotion.from_network(
             network, bundle.codec, motion_book, is_frozen=is_frozen, statistics=read, **sizes
         )
-
-
-def command_line(args: argparse.Namespace) -> str:
-    """The command as the model's card states it."""
-    words = [f"echoavatar align {args.kind} {args.source}"]
-    for key, value in vars(args).items():
-        if key not in ("command", "kind", "source") and value not in (None, False, []):
-            values = value if isinstance(value, list) else [value]
-            words += [f"--{key.replace('_', '-')}" + ("" if one is True else f" {one}") for one in values]
-    return " ".join(words)
 
 
 def _card(args: argparse.Namespace) -> dict[str, object]:

@@ -24,18 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--faults", action="store_true", help="clients drop, stall, flood and vanish; the engine breaks once a minute"
     )
     parser.add_argument("--picture", type=Path, metavar="PNG", help="draw memory over time")
-    parser.add_argument(
-        "--of", type=Path, nargs="+", default=[], metavar="FILE", help="draw the reports of earlier runs; run nothing"
-    )
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
-    from echoavatar_lab.bench.soak import bench_soak, draw, read_report
+    from echoavatar_lab.bench.soak import bench_soak, draw
 
-    if args.of:
-        draw({path.stem: read_report(path) for path in args.of}, args.picture or Path("soak.png"))
-        return 0
     with tqdm(total=args.minutes, unit="min", leave=False) as bar:
         report = bench_soak(
             args.model,
@@ -46,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
             progress=lambda minutes: bar.update(minutes - bar.n) and None,
         )
     if args.picture:
-        draw({f"{args.sessions} sessions": report}, args.picture)
+        draw(report, args.picture)
     is_whole = not any(report[name] for name in ("stale", "doubled", "missing"))
     is_whole = is_whole and report["lost"] <= report["failed_by_us"]
     for name, value in report.items():

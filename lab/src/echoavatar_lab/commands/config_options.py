@@ -61,3 +61,16 @@ def add_track(parser: argparse._ActionsContainer) -> None:
         choices=("tensorboard", "wandb"),
         help="log metrics of training there as well as in metrics.jsonl; may be given twice",
     )
+
+
+NOT_TOLD = {"command", "kind", "source", "output", "stage", "options", "device", "track"}
+
+
+def command_line(args: argparse.Namespace) -> str:
+    """A command that trains, as the model's card states it: without the device and the trackers."""
+    words = [f"echoavatar {args.command} {args.kind} {args.source} -o {args.output}"]
+    for key, value in vars(args).items():
+        if key not in NOT_TOLD and value not in (None, False, []):
+            flag, values = f"--{key.replace('_', '-')}", value if isinstance(value, list) else [value]
+            words += [flag if one is True else f"{flag} {one}" for one in values]
+    return " ".join(words)

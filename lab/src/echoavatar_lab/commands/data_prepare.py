@@ -79,9 +79,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     after.add_argument("--codec", type=Path, help="trained codec; with --tokenizer, also write DIR/tokens")
     after.add_argument("--tokenizer", type=Path, help="trained motion tokenizer for this set's rig")
     after.add_argument("--no-pictures", action="store_true", help="do not draw DIR/overview")
-    after.add_argument(
-        "--sheets", type=int, default=3, help="number of contact sheets in the overview (default: %(default)s)"
-    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -201,5 +198,5 @@ def _write_tokens(args: argparse.Namespace) -> None:
 def _draw_pictures(outcome: "Outcome", args: argparse.Namespace) -> None:
     from echoavatar_lab.datasets.overview import draw_overview
 
-    written = draw_overview(outcome.corpus, args.output / "overview", sheets=args.sheets)
+    written = draw_overview(outcome.corpus, args.output / "overview")
     print(f"{len(written)} pictures in {args.output / 'overview'}")

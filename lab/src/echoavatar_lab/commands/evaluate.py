@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Bundle
     from echoavatar_lab.data import Clip
     from echoavatar_lab.evaluation.actions import ActionScore
-    from echoavatar_lab.evaluation.report import Recording
     from echoavatar_lab.evaluation.table import Row
+    from echoavatar_lab.evaluation.takes import Sound
 
 EXAMPLES = """examples:
   echoavatar evaluate default                                        every score of a bundle, on clips made for it
@@ -179,8 +179,8 @@ def _codes(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
 
 
 def _face(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
-    from echoavatar_lab.data import SPEECH
     from echoavatar_lab.evaluation.faces import evaluate_face, held_out_tracks
+    from echoavatar_lab.evaluation.metrics.liveliness import SPEECH
 
     speech = [recording.audio for recording in _recordings(args) if recording.kind == SPEECH]
     tracks = held_out_tracks(args.clips)
@@ -315,16 +315,16 @@ def _clips(args: argparse.Namespace) -> "list[Clip]":
     return [make_clip(plan, TEST_EVERY * index + TEST_EVERY - 1) for index in range(args.clips)]
 
 
-def _recordings(args: argparse.Namespace) -> "list[Recording]":
+def _recordings(args: argparse.Namespace) -> "list[Sound]":
     import numpy as np
 
-    from echoavatar_lab.data import MUSIC, SPEECH
-    from echoavatar_lab.evaluation.report import Recording
+    from echoavatar_lab.evaluation.metrics.liveliness import MUSIC, SPEECH
+    from echoavatar_lab.evaluation.takes import Sound
     from echoavatar_lab.models.audio.recordings import decoded, recorded_files
 
     found = []
     for file in recorded_files(args.recordings, "dev") if args.recordings else ():
         audio = decoded(file.path)[-int(args.seconds * 24_000) :]  # the end: training may have used the beginning
-        kind = MUSIC if file.kind == "music" else SPEECH
-        found.append(Recording(file.path.name, kind, audio.astype(np.float32) / 32_768))
+        kind = MUSIC if file.kind == MUSIC else SPEECH
+        found.append(Sound(file.path.name, kind, "", audio.astype(np.float32) / 32_768))
     return found

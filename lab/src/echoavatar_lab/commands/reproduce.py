@@ -18,13 +18,13 @@ EXAMPLES = """examples:
   echoavatar reproduce all --scale tiny -o runs/tables                      every table; the numbers mean nothing
   echoavatar reproduce main --scale rehearsal -o runs/tables                on the synthetic corpus, hours on a CPU
   echoavatar reproduce main --scale paper -o runs/tables --corpus sets/all --codec runs/codec --qwen qwen --device cuda
-  echoavatar reproduce main -o runs/tables --seeds 3 --processes 2          means with deviations over three seeds
+  echoavatar reproduce main -o runs/tables --seeds 3                        means with deviations over three seeds
   echoavatar reproduce main -o runs/tables --corpus sets/all --with MECo=made/meco --with EDGE=made/edge
   echoavatar reproduce beat2 --scale paper -o runs/tables --corpus beat_english_v2.0.0 --extractor emage --device cuda
   echoavatar reproduce latency -o runs/tables --model bundles/main --device cuda
 
 Corpus, tokenizers, codes, generators and motion are made once in the output folder and shared by all tables there; the
-same call resumes after an interruption. The table is printed and written as .md, .csv, .tex and .png. Generators take
+same call resumes after an interruption. The table is printed and written as .md, .csv and .tex. Generators take
 the paper's curriculum: stage 1, stage 2, and stage 3 for the line with exemplars.
 
 Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines, exemplars, an offline reference),
@@ -42,7 +42,6 @@ TABLES = (
     "beat2",
     "dataset-composition",
     "layouts",
-    "runtimes",
     "latency",
     "alignment",
     "retrieval",
@@ -79,19 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " .bvh or .pkl (SMPL as EDGE writes it), named after the clips; may be repeated",
     )
     parser.add_argument("--resample", action="store_true", help="take motion of --with that is not at 30 fps")
-    parser.add_argument(
-        "--model", help="bundle for latency (default: the default bundle) and runtimes (default: ours is trained)"
-    )
+    parser.add_argument("--model", help="bundle for latency (default: the default bundle)")
     parser.add_argument("--device", default="cpu", help="where to train and generate (default: %(default)s)")
     parser.add_argument(
         "--seeds", type=_count, default=1, metavar="N", help="train and sample N times (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--processes",
-        type=_count,
-        default=1,
-        metavar="N",
-        help="parts made at a time; with --device cuda on all GPUs by turns (default: %(default)s)",
     )
     add_track(parser)
     parser.add_argument(
@@ -150,7 +140,7 @@ def _tables(args: argparse.Namespace, experiment: "Experiment") -> int:
         experiment.say(f"table: {name}")
         command = _command(args, name)
         try:
-            table = reproduce(name, experiment, command=command, seeds=args.seeds, processes=args.processes)
+            table = reproduce(name, experiment, command=command, seeds=args.seeds)
         except EchoAvatarError as error:
             if not is_all:
                 raise
@@ -203,7 +193,7 @@ def _command(args: argparse.Namespace, table: str) -> str:
         words += [f"--{name} {given.name}"] if given else []
     words += [f"--with {name}={folder.name}" for name, folder in args.others] if table in WITH else []
     words += ["--resample"] if args.resample and table in WITH else []
-    words += [f"--model {Path(args.model).name}"] if args.model and table in ("latency", "runtimes") else []
+    words += [f"--model {Path(args.model).name}"] if args.model and table == "latency" else []
     words += [f"--device {args.device}"] if args.device != "cpu" else []
     words += [f"--runtime {args.runtime}"] if args.runtime != "paper" else []
     words += [f"--seed {args.seed}"] if args.seed else []

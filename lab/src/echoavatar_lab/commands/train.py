@@ -11,7 +11,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from . import train_body, train_others
-from .config_options import add_track
+from .config_options import add_track, command_line
 from .recipe import Given, Options
 
 ORDER = """all commands from nothing to a bundle:
@@ -78,17 +78,7 @@ def _how(args: argparse.Namespace, progress: Callable[[int, int], None]) -> dict
 
 def _card(args: argparse.Namespace) -> dict[str, object]:
     """The card's data, command and licence."""
-    given = [f"-o {args.output}"]
-    left_out = ("command", "kind", "stage", "source", "options", "output", "device", "track")
-    for key, value in vars(args).items():
-        if key not in left_out and value not in (None, False):
-            flag = "--" + key.replace("_", "-")
-            given.append(flag if value is True else f"{flag} {value}")
-    return {
-        "data": str(args.source),
-        "command": f"echoavatar train {args.kind} {args.source} {' '.join(given)}",
-        "licence": _licence(args.source),
-    }
+    return {"data": str(args.source), "command": command_line(args), "licence": _licence(args.source)}
 
 
 def _licence(source: Path) -> str:

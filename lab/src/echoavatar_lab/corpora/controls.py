@@ -21,6 +21,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from echoavatar.motion.kinematics.easing import smootherstep
 from echoavatar.timing import FRAME_RATE_HZ
 
 Array = np.ndarray
@@ -140,13 +141,11 @@ def mirrored(controls: Controls) -> Controls:
 def moved(controls: Controls, shift: Float[np.ndarray, " 2"], *, turn: float = 0.0) -> Controls:
     """The same performance turned to the left about the vertical through the origin, then shifted in x and z."""
     along = np.array([shift[0], 0.0, shift[1]], np.float32)
-    cos, sin = np.cos(turn), np.sin(turn)
-    about_y = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]], np.float32)
     return replace(
         controls,
-        pelvis_position=controls.pelvis_position @ about_y.T + along,
+        pelvis_position=np.asarray(turned(controls.pelvis_position, turn) + along, np.float32),
         pelvis_rotation=controls.pelvis_rotation + np.array([turn, 0.0, 0.0], np.float32),
-        foot_position=controls.foot_position @ about_y.T + along,
+        foot_position=np.asarray(turned(controls.foot_position, turn) + along, np.float32),
         foot_yaw=controls.foot_yaw + np.float32(turn),
     )
 
@@ -211,7 +210,7 @@ def fading(
 
     drift = frames if drift is None else min(drift, frames)
     p, q = phase(frames), phase(drift)
-    stay = 1 - p**3 * (10 - 15 * p + 6 * p**2)
+    stay = 1 - minimum_jerk(p)
     return np.asarray(stay * place + (q - q**3 * (6 - 8 * q + 3 * q**2)) * drift * speed, np.float32)
 
 
@@ -249,23 +248,7 @@ def air(phase: Float[np.ndarray, " t"]) -> Float[Array, " t"]:
 
 def minimum_jerk(phase: Float[np.ndarray, "*n"]) -> Float[Array, "*n"]:
     """Minimum-jerk progress: 0 before phase 0, 1 after phase 1, no velocity or acceleration at the ends."""
-    p = np.clip(phase, 0.0, 1.0)
-    return np.asarray(p**3 * (10 - 15 * p + 6 * p * p), np.float32)
-
-
-def through_keys(
-    times: Float[np.ndarray, " k"], values: Float[np.ndarray, "k ..."], frames: int
-) -> Float[Array, "t ..."]:
-    """Move by minimum jerk from key to key (seconds, ascending) and rest at each; constant outside."""
-    clock = np.arange(frames) / FRAME_RATE_HZ
-    keys = np.asarray(values, np.float32)
-    after = np.clip(np.searchsorted(times, clock, side="right"), 1, max(len(times) - 1, 1))
-    if len(times) == 1:
-        return np.broadcast_to(keys[0], (frames, *keys.shape[1:])).copy()
-    begin, end = np.asarray(times)[after - 1], np.asarray(times)[after]
-    progress = minimum_jerk((clock - begin) / np.maximum(end - begin, 1e-6))
-    progress = progress.reshape(-1, *([1] * (keys.ndim - 1)))
-    return np.asarray(keys[after - 1] + (keys[after] - keys[after - 1]) * progress, np.float32)
+    return np.asarray(smootherstep(np.clip(phase, 0.0, 1.0)), np.float32)
 
 
 def critically_damped(signal: Float[Array, "t ..."], seconds: float) -> Float[Array, "t ..."]:

@@ -10,13 +10,6 @@ from numpy.typing import NDArray
 from .controls import Array, minimum_jerk
 
 
-def bump(phase: Array) -> Array:
-    """0 at both ends, 1 in the middle, twice continuously differentiable; zero outside 0..1."""
-    s = np.clip(phase, 0.0, 1.0)
-    height: Array = (4.0 * s * (1.0 - s)) ** 3
-    return height
-
-
 def progress(t: Array, arrive: Array, travel: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     """For each time, the key that the move begins at, the key that it leads to, and the phase 0..1 of the move.
 
@@ -32,16 +25,16 @@ def progress(t: Array, arrive: Array, travel: Array) -> tuple[NDArray[np.intp], 
 
 
 def glide(t: Array, arrive: Array, values: Array, travel: Array | None = None) -> Array:
-    """Values at times `t`, (frames, channels): move by minimum jerk from key to key and rest at each.
+    """Values at times `t`, (frames, ...): move by minimum jerk from key to key and rest at each; constant outside.
 
     Args:
         t: times, (frames,)
         arrive: increasing times of arrival, (keys,)
-        values: the value at each arrival, (keys, channels)
+        values: the value at each arrival, (keys, ...)
         travel: how long each move takes, (keys,), at most the gap to the key before; None means the whole gap
     """
     before, after, phase = progress(t, arrive, gaps(arrive, travel))
-    share = minimum_jerk(phase)[:, None]
+    share = minimum_jerk(phase).reshape(-1, *([1] * (values.ndim - 1)))
     result: Array = values[before] * (1.0 - share) + values[after] * share
     return result
 

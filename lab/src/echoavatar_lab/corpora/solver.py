@@ -239,30 +239,16 @@ def _hinged(hinge: Tensor, bone: Tensor) -> Tensor:
     return torch.stack([hinge, -bone, torch.linalg.cross(hinge, -bone)], -1)
 
 
-def _turn(angles: Float[Tensor, "t 3"]) -> Float[Tensor, "t 3 3"]:
-    return matrix_from_euler(angles, "yxz")
-
-
 def matrix_from_euler(angles: Float[Tensor, "*n 3"], order: str) -> Float[Tensor, "*n 3 3"]:
     """Intrinsic Euler angles, in the order of the letters: "zyx" gives Rz(a0) Ry(a1) Rx(a2)."""
-    first, second, third = (_about(axis, angles[..., i]) for i, axis in enumerate(order))
+    first, second, third = (about(axis, angles[..., i]) for i, axis in enumerate(order))
     return first @ second @ third
 
 
-def _about(axis: str, angle: Tensor) -> Tensor:
-    cos, sin, zero, one = angle.cos(), angle.sin(), torch.zeros_like(angle), torch.ones_like(angle)
-    rows = {
-        "x": [one, zero, zero, zero, cos, -sin, zero, sin, cos],
-        "y": [cos, zero, sin, zero, one, zero, -sin, zero, cos],
-        "z": [cos, -sin, zero, sin, cos, zero, zero, zero, one],
-    }[axis]
-    return torch.stack(rows, -1).reshape(*angle.shape, 3, 3)
-
-
-def about(axis: str, angle: Float[Tensor, " t"]) -> Float[Tensor, "t 3 3"]:
+def about(axis: str, angle: Float[Tensor, "*n"]) -> Float[Tensor, "*n 3 3"]:
     """Rotation about one axis, "x", "y" or "z", by an angle in radians."""
     unit = {"x": _X, "y": _Y, "z": _Z}[axis]
-    return matrix_from_axis_angle(angle[:, None] * unit)
+    return matrix_from_axis_angle(angle[..., None] * unit.to(angle))
 
 
 def for_side(rotation: Tensor, side: int) -> Tensor:

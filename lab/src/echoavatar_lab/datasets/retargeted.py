@@ -13,17 +13,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import Motion, Pose, Skeleton
+from echoavatar.motion.ik.hand_contact import find_arm, move_hand
+from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.kinematics.easing import falloff
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
 from echoavatar.motion.kinematics.retarget import with_wrists
 from echoavatar.motion.kinematics.rigs import bone_map, feet_of
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.motion.kinematics.two_bone import Limb, bend_limb
 from echoavatar_lab.data.faults import skate
 from echoavatar_lab.data.statistics import arm_length
 
@@ -95,7 +96,6 @@ def _swapped(name: str, one: str, other: str) -> str:
     return name.replace(one, other, 1)
 
 
-ARM = ("UpperArm", "LowerArm", "Hand")
 NEAR_ARMS, FAR_ARMS = 0.35, 0.8
 """Arm lengths between the wrists: below the first full correction, above the second none."""
 
@@ -107,32 +107,16 @@ def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
         motion: on our rig, retargeted from `source`.
         source: the same frames on the recording's own rig.
     """
-    bones, length = bone_map(motion.skeleton), arm_length(motion.skeleton)
+    length = arm_length(motion.skeleton)
     wanted = _between(source) / arm_length(source.skeleton) * length
     weight = falloff(wanted.norm(dim=-1) / length, NEAR_ARMS, FAR_ARMS)
     if float(weight.max()) == 0:
         return motion
     step = (wanted - _between(motion)) * weight[:, None] / 2
-    pose = Pose(*(part.double() for part in motion.pose()))
-    local = motion.matrices().double()
+    rotations, pose = motion.matrices().double(), motion.pose(torch.float64)
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        shoulder, elbow, hand = (bones[side + bone] for bone in ARM)
-        local = bend_limb(
-            Limb.of(motion.skeleton, (shoulder, elbow, hand)),
-            local,
-            pose,
-            hinge=-sign * pose.rotations[:, elbow, :, 1],
-            target=pose.positions[:, hand] + sign * step,
-            end=pose.rotations[:, hand],
-        )
-    is_moved = weight > 0
-    rotations = motion.rotations.copy()
-    for side in ("left", "right"):
-        for bone in ARM:
-            joint = bones[side + bone]
-            made = quaternion_from_matrix(local[:, joint]).float()
-            rotations[is_moved.numpy(), joint] = made[is_moved].numpy()
-    return replace(motion, rotations=rotations)
+        rotations = move_hand(find_arm(motion.skeleton, side), rotations, pose, sign * step)
+    return replace(motion, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
 
 
 def _between(motion: Motion) -> Float[Tensor, "t 3"]:

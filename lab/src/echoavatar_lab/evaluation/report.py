@@ -6,7 +6,6 @@ whether the behaviour carries over.
 
 import zipfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
-from echoavatar_lab.data import MUSIC, SILENCE, SPEECH, Clip
+from echoavatar_lab.data import DOMAINS, MUSIC, SILENCE, SPEECH, Clip
 from echoavatar_lab.evaluation.batch import animate_many
 
 from .beat_rows import ClipAudio, alignment_row, dance_rows, event_rows, gesture_rows
@@ -46,21 +45,13 @@ from .metrics.positions import Reconstruction, reconstruction
 from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
 from .motion_folder import Pair
 from .table import Interval, Row, interval, mean_rows, row_of_means
+from .takes import Sound, perform
 
 FID_SAMPLES = 300
 MIN_FRAMES = 8
 SEED_STRIDE = 100  # difference between the seeds of two performances
 SHOWN_KS = (1, 5, 10)
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Recording:
-    """A real recording: its domain, and its audio at 24 kHz."""
-
-    name: str
-    kind: int  # SPEECH or MUSIC
-    audio: Float[np.ndarray, " s"]
 
 
 # ---- motion beside true motion
@@ -145,7 +136,7 @@ def _errors(pair: Pair) -> Reconstruction:
 def evaluate(
     bundle: Bundle,
     clips: Sequence[Clip],
-    recordings: Sequence[Recording] = (),
+    recordings: Sequence[Sound] = (),
     *,
     extractor: Extractor | None = None,
     seed: int = 0,
@@ -208,7 +199,7 @@ def _behaviour(clips: Sequence[Track], chunk: ChunkSize) -> dict[tuple[str, str]
 
 def recording_rows(
     pipeline: Pipeline,
-    recordings: Sequence[Recording],
+    recordings: Sequence[Sound],
     *,
     seed: int = 0,
     say: Callable[[str, int, int], None] = lambda what, done, total: None,
@@ -216,19 +207,16 @@ def recording_rows(
     """Real speech and music: does the body dance to music only, and on the beats that librosa finds?"""
     if not recordings:
         return []
-    shown = animate_many(
-        pipeline,
-        [recording.audio for recording in recordings],
-        seeds=range(seed, seed + len(recordings)),
-        progress=partial(say, "recordings"),
-    )
-    motions = [on_our_rig(one.motion) for one in shown]
-    tracks = [track(m, np.full(m.frames, one.kind, np.uint8)) for m, one in zip(motions, recordings, strict=True)]
+    takes = perform(pipeline, recordings, seed=seed, progress=partial(say, "recordings"))
+    motions = [on_our_rig(take.motion) for take in takes]
+    domains = [DOMAINS.index(recording.kind) for recording in recordings]
+    tracks = [track(m, np.full(m.frames, one, np.uint8)) for m, one in zip(motions, domains, strict=True)]
     rows = clip_rows([measure_clip(motion) for motion in motions], seed=seed)
     rows += behaviour_rows(tracks, None, pipeline.chunk)
     arms = HUMANOID.indices(ARM_JOINTS)
     for kind, name in ((SPEECH, "ba_onset"), (MUSIC, "ba_beat")):
-        picked = [(one.audio, own.positions) for one, own in zip(recordings, tracks, strict=True) if one.kind == kind]
+        chosen = zip(recordings, tracks, strict=True)
+        picked = [(one.audio, own.positions) for one, own in chosen if one.kind == DOMAINS[kind]]
         detect = speech_onsets if kind == SPEECH else music_beats
         events = [detect(audio, SAMPLE_RATE_HZ) for audio, _ in picked]
         found = [gesture_beats(p[:, arms]) if kind == SPEECH else [dance_beats(p)] for _, p in picked]

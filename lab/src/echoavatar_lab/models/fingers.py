@@ -17,7 +17,7 @@ from torch import Tensor
 from echoavatar.errors import MotionError
 from echoavatar.models.fingers.clips import HAND_FEATURES, MIRROR_6D, FingerClip, HandBasis
 from echoavatar.models.fingers.model import FingerConfig, FingerModel
-from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 
 def mirror_body(features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
@@ -207,8 +207,7 @@ class FingerTask(TrainingTask[NoisyFingerBatch]):
         card: Mapping[str, object] | None = None,
     ) -> None:
         """Raises MotionError if no clip has moving fingers."""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(training.seed)
+        with seeded(training.seed):
             self.model = FingerModel(config)
         super().__init__(training, {"model": self.model}, card)
         groups = [[clip for clip in group if clip.is_moving.any()] for group in (clips, recorded)]

@@ -89,10 +89,6 @@ class Sources:
     model: str | None = None
 
 
-def quiet(line: str) -> None:
-    """Say nothing."""
-
-
 class Experiment:
     """All parts of one scale and one seed, in one folder."""
 
@@ -107,7 +103,7 @@ class Experiment:
         runtime: str = "paper",
         workers: int = 1,
         trackers: Sequence[str] = (),
-        say: Callable[[str], None] = quiet,
+        say: Callable[[str], None] = lambda line: None,
         progress: Progress | None = None,
     ) -> None:
         """`runtime`: how generators run (`Runtime.chosen`). `workers`: processes that make a corpus.
@@ -118,16 +114,10 @@ class Experiment:
         self.runtime, self.trackers = runtime, tuple(trackers)
         self.seed, self.workers, self.say, self.progress = seed, workers, say, progress
 
-    def again(
-        self, *, seed: int | None = None, device: str | None = None, runtime: str | None = None, is_quiet: bool = False
-    ) -> Self:
-        """The same experiment, perhaps elsewhere, without output, run otherwise; or with another seed, same corpus."""
-        is_other = seed is not None and seed != self.seed
-        folder = self.folder / "seeds" / str(seed) if is_other else self.folder
-        how = self._how() | ({"say": quiet, "progress": None} if is_quiet else {})
-        how |= {"device": device or self.device, "runtime": runtime or self.runtime}
-        how |= {"seed": self.seed if seed is None else seed}
-        return type(self)(folder, self.scale, self._shared_sources() if is_other else self.sources, **how)
+    def again(self, seed: int) -> Self:
+        """The same experiment with another seed, on the same corpus."""
+        folder = self.folder / "seeds" / str(seed)
+        return type(self)(folder, self.scale, self._shared_sources(), **self._how() | {"seed": seed})
 
     def _how(self) -> dict[str, Any]:
         names = ("device", "seed", "runtime", "workers", "trackers", "say", "progress")

@@ -34,7 +34,7 @@ from echoavatar.errors import MotionError
 from echoavatar.files.exports.smplx import skeleton
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import cut_windows
-from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 Edge = tuple[int, int]
 
@@ -272,16 +272,11 @@ class SkeletonConvolutionTask(TrainingTask[Tensor]):
         self.clips = [clip for clip in clips if len(clip) >= training.frames]
         if not self.clips:
             raise MotionError(f"no clip has {training.frames} frames; give a set of longer clips")
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(training.seed)
+        with seeded(training.seed):
             self.model = SkeletonConvolution(config)
         for head in (self.model.fc_mu, self.model.fc_logvar):
             head.requires_grad_(False)  # FID does not use them
         super().__init__(training, {"model": self.model}, card)
-
-    def identity(self) -> dict[str, SkeletonConvolutionConfig | SkeletonConvolutionTraining]:
-        """Sizes and schedule."""
-        return {"extractor": self.model.config, "training": self.config}
 
     def draw(self, step: int) -> Float[Tensor, "b t c"]:
         """See `TrainingTask.draw`."""

@@ -29,7 +29,7 @@ from .loop import Loop
 from .muon import Muon
 from .run import Interrupted, Progress, train
 from .state import has_state
-from .task import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
+from .task import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw, seeded
 
 __all__ = [
     "Gather",
@@ -43,5 +43,6 @@ __all__ = [
     "TrainingConfig",
     "adamw",
     "has_state",
+    "seeded",
     "train",
 ]

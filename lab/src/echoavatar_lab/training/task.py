@@ -9,6 +9,7 @@ its own.
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
@@ -184,6 +185,14 @@ class TrainingTask(ABC, Generic[BatchT]):
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:  # noqa: B027
         """Restore what `state` returned."""
+
+
+@contextmanager
+def seeded(seed: int) -> Iterator[None]:
+    """Draw random weights from a seed, on the CPU; torch's own random numbers go on afterwards as before."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        yield
 
 
 def adamw(

@@ -20,7 +20,7 @@ from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import STANDING_PELVIS, Array
-from echoavatar_lab.corpora.solver import matrix_from_euler
+from echoavatar_lab.corpora.solver import about
 
 A_POSE = np.deg2rad(37.0)  # by which a MikuMikuDance character's arms hang when no bone is turned
 SUFFIXES = (".vmd", ".qianim")
@@ -78,7 +78,8 @@ def _vmd(data: bytes) -> dict[str, Float[Tensor, "t 3 3"]]:
     if not turns:
         return {}
     for side, down in (("left", -A_POSE), ("right", A_POSE)):
-        hang, upper = _about("z", np.array(down)), turns.pop(f"{side}UpperArm", torch.eye(3, dtype=torch.float64))
+        hang = about("z", torch.tensor(down).double())
+        upper = turns.pop(f"{side}UpperArm", torch.eye(3, dtype=torch.float64))
         for bone, turn in turns.items():
             if bone.startswith(side) and not bone.endswith("Shoulder"):
                 turns[bone] = hang.mT @ turn @ hang
@@ -93,12 +94,6 @@ def _vmd_bones() -> dict[str, str]:
         bones |= {name + bone: side + ours for bone, ours in (_ARM | _THUMB).items()}
         bones |= {name + f + d: side + finger + part for f, finger in _FINGERS.items() for d, part in _DIGITS.items()}
     return bones
-
-
-def _about(axis: str, angle: Float[np.ndarray, "*t"]) -> Float[Tensor, "*t 3 3"]:
-    """Turn about one of our axes by an angle in radians."""
-    angles = torch.from_numpy(np.stack([angle, 0 * angle, 0 * angle], -1))
-    return matrix_from_euler(angles, axis + "xyz".replace(axis, ""))
 
 
 def _between(keys: Keys, frames: int) -> Float[Tensor, "t 4"]:
@@ -157,19 +152,19 @@ def _qianim(data: bytes) -> dict[str, Float[Tensor, "t 3 3"]]:
         """Pepper's left, up and forward axes are our x, y and z."""
         made = torch.eye(3, dtype=torch.float64)
         for axis, joint in zip(axes, joints, strict=True):
-            made = made @ _about(axis, np.deg2rad(_curve(curves.get(joint), frames)))
+            made = made @ about(axis, torch.from_numpy(np.deg2rad(_curve(curves.get(joint), frames))))
         return made
 
     turns = {"head": turn("yx", "HeadYaw", "HeadPitch")}
     for letter, side, ahead in (("L", "left", -np.pi / 2), ("R", "right", np.pi / 2)):
-        rest = _about("y", np.array(ahead))
+        rest = about("y", torch.tensor(ahead).double())
         turns[f"{side}UpperArm"] = turn("xy", f"{letter}ShoulderPitch", f"{letter}ShoulderRoll") @ rest
         turns[f"{side}LowerArm"] = rest.mT @ turn("zy", f"{letter}ElbowYaw", f"{letter}ElbowRoll") @ rest
         turns[f"{side}Hand"] = rest.mT @ turn("z", f"{letter}WristYaw") @ rest
         opened = _curve(curves.get(f"{letter}Hand"), frames)
         bend = _CLOSED * (1 - np.clip(opened, 0, 1)) * (-1 if side == "left" else 1)
         bones = [f"{side}{finger}{part}" for finger in _FINGERS.values() for part in _DIGITS.values()]
-        turns |= dict.fromkeys(bones, _about("z", bend))
+        turns |= dict.fromkeys(bones, about("z", torch.from_numpy(bend)))
     return turns
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_lab.corpora.music.beat_tracker import steadiest_path
 
 COUNT_S = (0.28, 0.80)  # shortest and longest count
 USUAL_S, SPREAD = 0.45, 0.7  # the count that people prefer, and how much, in powers of e
@@ -22,7 +23,8 @@ def find_counts(positions: Float[np.ndarray, "t j 3"]) -> Float[Array, " n"]:
     if len(positions) < 2 * FRAME_RATE_HZ:
         return np.zeros(0)
     hits = braking(positions)
-    frames = _tracked(hits, _count_frames(hits))
+    period = _count_frames(hits)
+    frames = steadiest_path(hits, period, np.arange(max(4, round(0.65 * period)), round(1.5 * period) + 1), TIGHTNESS)
     return np.array([_between_frames(hits, frame) for frame in frames])
 
 
@@ -47,26 +49,6 @@ def _count_frames(hits: Float[Array, " t"]) -> float:
 def _alike(hits: Float[Array, " t"], lag: int) -> float:
     """Autocorrelation at a lag in frames; 0 beyond the end."""
     return float((hits[lag:] * hits[:-lag]).mean()) if lag < len(hits) else 0.0
-
-
-def _tracked(hits: Float[Array, " t"], period: float) -> list[int]:
-    """Frames that lie on hits and a period apart, by dynamic programming."""
-    near, far = max(4, round(0.65 * period)), round(1.5 * period)
-    gaps = np.arange(near, far + 1)
-    cost = -TIGHTNESS * np.log(gaps / period) ** 2
-    score, before = hits.astype(np.float64).copy(), np.full(len(hits), -1)
-    for frame in range(near, len(hits)):
-        froms = frame - gaps[gaps <= frame]
-        paths = score[froms] + cost[: len(froms)]
-        best = int(np.argmax(paths))
-        if paths[best] > 0:
-            score[frame] += paths[best]
-            before[frame] = froms[best]
-    at, found = int(np.argmax(score[-far:])) + max(len(hits) - far, 0), []
-    while at >= 0:
-        found.append(at)
-        at = int(before[at])
-    return found[::-1]
 
 
 def _between_frames(hits: Float[Array, " t"], frame: int) -> float:

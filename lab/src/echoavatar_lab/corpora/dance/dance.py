@@ -12,8 +12,8 @@ from scipy.ndimage import maximum_filter1d
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from ..controls import STANDING_PELVIS, Array, Controls, minimum_jerk, neutral, smoothed
-from ..keyframes import bump, gaps, glide, progress
+from ..controls import STANDING_PELVIS, Array, Controls, air, minimum_jerk, neutral, smoothed
+from ..keyframes import gaps, glide, progress
 from ..sound import SoundTrack, Span
 from .dance_plan import BodyKey, DancePlan, compose_dance
 from .footwork import Footwork, walk
@@ -243,7 +243,7 @@ def _needed(values: Array) -> Array:
 def _arch(curve: Array, t: Array, times: Array, values: Array, travel: Array) -> None:
     """Bend long wrist paths outwards and forwards, so that arms swing around the shoulder instead of through it."""
     before, after, phase = progress(t, times, gaps(times, travel))
-    shape = bump(phase)[:, None]
+    shape = air(phase)[:, None]
     for side in (0, 1):
         cut = slice(side * ARM, side * ARM + 3)
         start, end = values[:, cut][before], values[:, cut][after]

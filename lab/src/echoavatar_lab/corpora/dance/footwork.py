@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, minimum_jerk, smoothed
-from ..keyframes import bump, glide
+from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, air, minimum_jerk, smoothed
+from ..keyframes import glide
 
 PLACES = tuple((x, z) for x, _, z in STANDING_FEET)  # of both feet at ease, left then right
 TOE_OFF = 0.32  # radians of heel lift as the foot leaves the floor
@@ -69,7 +69,7 @@ def _path(t: Array, holds: Sequence[Foothold], start: tuple[float, float], yaw: 
         if hold.air is None:
             share = minimum_jerk(phase)[:, None]
             position[first:last, ::2] = before + (place - before) * share
-            position[first:last, 1] += hold.lift * bump(phase)
+            position[first:last, 1] += hold.lift * air(phase)
         else:
             position[first:last] = _through_air(t[first:last], hold, before)
         heading[first:last] = before_yaw + (hold.yaw - before_yaw) * minimum_jerk(phase)

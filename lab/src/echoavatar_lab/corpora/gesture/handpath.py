@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from ..controls import minimum_jerk
+from ..controls import air, minimum_jerk
 
 Array = np.ndarray
 
@@ -90,8 +90,7 @@ class HandPath:
                     progress = minimum_jerk(phase)[:, None]
                     out[first:last, channels] += progress * change[channels]
                     if channels == WRIST and bulge.any():
-                        p = np.clip(phase, 0, 1)[:, None]
-                        out[first:last, channels] += 64 * (p * (1 - p)) ** 3 * bulge
+                        out[first:last, channels] += air(phase)[:, None] * bulge
         for begin, shape in self._followed:
             first, last = _window(begin, begin + len(shape) / FRAME_RATE_HZ, frames)
             out[first:last] += shape[: last - first]

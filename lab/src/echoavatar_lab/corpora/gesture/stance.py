@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from echoavatar.timing import FRAME_RATE_HZ
 
-from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, air, minimum_jerk, through_keys
+from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, air, minimum_jerk
+from ..keyframes import glide
 from .speakers import Manner
 
 LONGEST_STEP_M = 0.24  # to each side; longer ones stretch the leg behind
@@ -77,7 +78,7 @@ def weight_curve(frames: int, shifts: Sequence[Shift], start: float) -> Float[Ar
         times += [shift.begin, shift.end]
         values += [last, shift.weight]
         last = shift.weight
-    return through_keys(np.array(times), np.array(values, np.float32), frames)
+    return glide(np.arange(frames) / FRAME_RATE_HZ, np.array(times), np.array(values, np.float32))
 
 
 def stances(

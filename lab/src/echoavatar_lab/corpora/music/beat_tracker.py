@@ -115,29 +115,34 @@ def _best_path(strength: Array, period: float) -> npt.NDArray[np.int64]:
     width = max(1, round(period / 16))
     smooth = np.exp(-0.5 * (np.arange(-3 * width, 3 * width + 1) / width) ** 2)
     local = np.convolve(strength, smooth, mode="same")
-    reach = np.arange(round(period * 2), max(1, round(period / 2)) - 1, -1)
-    cost = -_TIGHTNESS * np.log(reach / period) ** 2
-    total = local.copy()
-    back = np.full(len(local), -1)
-    for t in range(len(local)):
-        before = t - reach
-        first = int(np.searchsorted(before, 0))
-        if first == len(before):
-            continue
-        scores = total[before[first:]] + cost[first:]
-        best = int(np.argmax(scores))
-        if scores[best] > 0:
-            total[t] += scores[best]
-            back[t] = before[first + best]
-    t = int(np.argmax(total[-round(period * 1.2) :])) + max(0, len(total) - round(period * 1.2))
-    path = []
-    while t >= 0:
-        path.append(t)
-        t = int(back[t])
-    found = np.array(path[::-1], dtype=np.int64)
+    gaps = np.arange(max(1, round(period / 2)), round(period * 2) + 1)
+    found = steadiest_path(local, period, gaps, _TIGHTNESS, last=round(period * 1.2))
     loud = local[found] > 0.1 * np.sqrt(np.mean(local[found] ** 2))
     inside = np.flatnonzero(loud)
     return found[inside[0] : inside[-1] + 1] if len(inside) else found[:0]
+
+
+def steadiest_path(
+    strength: Array, period: float, gaps: npt.NDArray[np.int64], tightness: float, last: int | None = None
+) -> npt.NDArray[np.int64]:
+    """Frames, ascending, of the path with the largest sum of strengths, less what each gap is off the period.
+
+    `gaps` are the steps that a path may take, ascending; it ends among the `last` frames (default: the longest gap).
+    """
+    cost = -tightness * np.log(gaps / period) ** 2
+    total, back = strength.astype(np.float64), np.full(len(strength), -1)
+    for frame in range(int(gaps[0]), len(strength)):
+        before = frame - gaps[gaps <= frame]
+        paths = total[before] + cost[: len(before)]
+        best = int(np.argmax(paths))
+        if paths[best] > 0:
+            total[frame] += paths[best]
+            back[frame] = before[best]
+    end = max(0, len(total) - (int(gaps[-1]) if last is None else last))
+    path = [end + int(np.argmax(total[end:]))]
+    while back[path[-1]] >= 0:
+        path.append(int(back[path[-1]]))
+    return np.array(path[::-1], dtype=np.int64)
 
 
 def _downbeats(beats: TimeArray, frames: npt.NDArray[np.int64], low: Array) -> TimeArray:

@@ -12,8 +12,9 @@ import numpy as np
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.timing import FRAME_RATE_HZ
 
-from ..controls import Controls, mirrored, neutral, through_keys
+from ..controls import Controls, mirrored, neutral
 from ..dance.poses import ARMS, HANDS, ArmPose
+from ..keyframes import glide
 from ..solver import solve
 
 Array = np.ndarray
@@ -42,12 +43,12 @@ class Script:
 
 def clip(script: Script) -> Motion:
     """The script's motion at 30 fps on our rig."""
-    frames = round(script.seconds * FRAME_RATE_HZ) + 1
+    clock = (np.arange(round(script.seconds * FRAME_RATE_HZ) + 1) / FRAME_RATE_HZ).astype(np.float32)
     times = np.array([time for time, _ in script.keys], np.float32)
     poses = np.concatenate([pose.packed() for _, pose in script.keys])
-    controls = Controls.unpacked(through_keys(times, poses, frames))
+    controls = Controls.unpacked(glide(clock, times, poses))
     for shake in script.shakes:
-        controls = shake((np.arange(frames) / FRAME_RATE_HZ).astype(np.float32), controls)
+        controls = shake(clock, controls)
     rotations, root = solve(controls)
     return Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ))
 

@@ -23,6 +23,7 @@ from ..controls import (
     fading,
     minimum_jerk,
     moved,
+    turned,
     unwound,
     wrists_over,
 )
@@ -148,11 +149,8 @@ def _carried(
     place: Float[Array, "t 3"], middle: Float[Array, " 2"], shift: Float[Array, "t 2"], turn: Float[Array, " t"]
 ) -> Array:
     """Places turned about a middle and shifted, frame by frame."""
-    cos, sin = np.cos(turn), np.sin(turn)
-    x, z = place[:, 0] - middle[0], place[:, 2] - middle[1]
     out = place.copy()
-    out[:, 0] = middle[0] + cos * x + sin * z + shift[:, 0]
-    out[:, 2] = middle[1] + cos * z - sin * x + shift[:, 1]
+    out[:, [0, 2]] = middle + turned(place[:, [0, 2]] - middle, turn) + shift
     return out
 
 

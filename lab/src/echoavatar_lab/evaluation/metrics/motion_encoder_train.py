@@ -16,7 +16,7 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, adamw, seeded
 
 from .motion_encoder import TRAVEL, MotionEncoder, MotionEncoderConfig
 
@@ -66,8 +66,7 @@ class MotionEncoderTask(TrainingTask[NoisyWindows]):
         self.clips = [clip for clip in clips if len(clip) >= training.frames]
         if not self.clips:
             raise MotionError(f"no clip has {training.frames} frames; give a corpus of longer clips")
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(training.seed)
+        with seeded(training.seed):
             self.model = MotionEncoder(config)
         super().__init__(training, {"model": self.model}, card)
         every = torch.cat([clip[::4] for clip in self.clips])

@@ -24,7 +24,7 @@ from echoavatar import checkpoint
 from echoavatar.models.audio.codec import AudioCodec
 from echoavatar.models.audio.network import CODE_LAYERS, CodecConfig, Convolution, Run, init_network_state
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_AUDIO_TOKEN, exact_div
-from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training import Gather, Loss, TrainingConfig, TrainingTask, adamw, seeded
 
 from ..quantize import LearningQuantizer, Share
 from ..tokenizer.measure import code_usage
@@ -205,8 +205,7 @@ class CodecTask(TrainingTask[Sounds]):
     def __init__(
         self, config: CodecTrainingConfig, pool: AudioPool, *, card: Mapping[str, object] | None = None
     ) -> None:
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(config.seed)
+        with seeded(config.seed):
             self.codec = AudioCodec(config.codec)
             self.probe = SpectrumProbe(width=config.codec.width)
         balance(self.codec, seed=config.seed)

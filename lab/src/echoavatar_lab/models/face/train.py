@@ -34,7 +34,7 @@ from echoavatar.models.face.flow import FULL_NOISE
 from echoavatar.models.face.model import FaceModel
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
-from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask
+from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 from .clip import FaceClip
 
@@ -318,8 +318,7 @@ class FaceTask(TrainingTask[FaceLesson]):
         card: Mapping[str, object] | None = None,
     ) -> None:
         """A pretrained `encoder`, of the config's sizes, is kept as it is; the rest learns."""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(training.seed)
+        with seeded(training.seed):
             self.model = FaceModel(config)
             self.reader = FaceReader(config.encoder.outputs, config.channels)
         if encoder is not None:

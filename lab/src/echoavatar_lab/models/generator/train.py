@@ -24,7 +24,7 @@ from echoavatar.models.generator.config import GeneratorConfig
 from echoavatar.models.generator.exemplar import control_ids, segment_of
 from echoavatar.models.generator.model import Body, Generator
 from echoavatar.models.tokens import Prefix
-from echoavatar_lab.training import Loss, Muon, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training import Loss, Muon, TrainingConfig, TrainingTask, adamw, seeded
 
 from ..published import init_from_qwen
 from .losses import CueReader, code_nll, freeze_body, hierarchical_loss, nll_by_domain, stream_loss, stream_nll, summary
@@ -209,8 +209,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             raise CheckpointError(
                 "control prompt needs a layout with before_example, behind which control tokens stand"
             )
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(training.seed)
+        with seeded(training.seed):
             self.generator = Generator(config)
             initialise(self.generator)
             self.cues = CueReader(self.generator)

@@ -32,7 +32,7 @@ from echoavatar.nn import CausalBlock, Mlp
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.data.statistics import measure_features
-from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw
+from echoavatar_lab.training import Gather, Loss, Schedule, TrainingConfig, TrainingTask, adamw, seeded
 from echoavatar_lab.training.task import BatchT
 
 from ..quantize import LearningQuantizer, Share
@@ -325,8 +325,7 @@ class TokenizerTask(BodyTask[Windows]):
         card: Mapping[str, object] | None = None,
     ) -> None:
         """Raises MotionError when no clip is as long as a window."""
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(training.seed)
+        with seeded(training.seed):
             tokenizer = AnyBodyTokenizer(config)
         self._quantizers = {name: learning_quantizer(part.config) for name, part in tokenizer.tokenizers().items()}
         for name, part in tokenizer.tokenizers().items():
