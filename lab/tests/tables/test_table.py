@@ -12,6 +12,7 @@ from echoavatar_lab.tables.table import (
     Wanted,
     as_csv,
     cells,
+    draw,
     latex,
     markdown,
     orderings,
@@ -86,10 +87,13 @@ def test_latex_escapes_what_it_must() -> None:
     assert text.startswith("% A title\n% a note\n\\begin{tabular}{lccc}")
 
 
-def test_a_table_is_written_three_ways(tmp_path: Path) -> None:
+def test_a_table_is_written_four_ways_and_the_picture_has_a_panel_for_each_column_of_ours(tmp_path: Path) -> None:
     paths = write(TABLE, tmp_path / "new")
-    assert [path.suffix for path in paths] == [".md", ".csv", ".tex"]
+    assert [path.suffix for path in paths] == [".md", ".csv", ".tex", ".png"]
     assert all(path.stat().st_size > 50 for path in paths)
+    draw(TABLE, tmp_path / "t.svg")
+    text = (tmp_path / "t.svg").read_text()
+    assert all(said in text for said in ("FID", "Time (ms)", "paper", "a_b"))
 
 
 def test_a_deviation_over_seeds_stands_beside_its_mean() -> None:

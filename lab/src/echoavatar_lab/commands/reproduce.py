@@ -24,7 +24,7 @@ EXAMPLES = """examples:
   echoavatar reproduce latency -o runs/tables --model bundles/main --device cuda
 
 Corpus, tokenizers, codes, generators and motion are made once in the output folder and shared by all tables there; the
-same call resumes after an interruption. The table is printed and written as .md, .csv and .tex. Generators take
+same call resumes after an interruption. The table is printed and written as .md, .csv, .tex and .png. Generators take
 the paper's curriculum: stage 1, stage 2, and stage 3 for the line with exemplars.
 
 Tables: tokenizer-ablation (variants of the tokenizer), main (corruption, baselines, exemplars, an offline reference),

@@ -1,4 +1,4 @@
-"""The content of a table, the paper's numbers beside ours, and its formats: Markdown, CSV and LaTeX."""
+"""The content of a table, the paper's numbers beside ours, and its formats: Markdown, CSV, LaTeX, a picture."""
 
 import csv
 import io
@@ -7,10 +7,13 @@ import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+from matplotlib.figure import Figure
 
 from echoavatar.whole_file import write_whole
 from echoavatar_lab.evaluation.table import UNKNOWN, Row
+from echoavatar_lab.training.curves import save_figure
 
 NAN = float("nan")
 
@@ -138,17 +141,21 @@ def orderings(table: Table) -> list[str]:
     return told
 
 
+_OURS, _PAPER = "#1f5fa8", "#b5432a"
+
+
 class _Field(NamedTuple):
     heading: str
     values: list[str]
 
 
 def write(table: Table, folder: Path) -> list[Path]:
-    """Write `NAME.md`, `.csv` and `.tex`; return their paths."""
+    """Write `NAME.md`, `.csv`, `.tex` and `.png`; return their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{table.name}{suffix}" for suffix in (".md", ".csv", ".tex")]
-    for path, text in zip(paths, (markdown(table), as_csv(table), latex(table)), strict=True):
+    paths = [folder / f"{table.name}{suffix}" for suffix in (".md", ".csv", ".tex", ".png")]
+    for path, text in zip(paths, (markdown(table), as_csv(table), latex(table)), strict=False):
         write_whole(path, text)
+    draw(table, paths[-1])
     return paths
 
 
@@ -201,6 +208,23 @@ def latex(table: Table) -> str:
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
 
+def draw(table: Table, path: Path) -> None:
+    """Write a PNG, or by the suffix of the path a PDF or SVG.
+
+    Each column has a panel with bars for our numbers and diamonds for the paper's. The paper's numbers have an axis of
+    their own at the top: data and extractors differ, so only the order is comparable.
+    """
+    columns = [column for column in table.columns if table.has_ours(column)]
+    figure = Figure(figsize=(2.0 + 2.8 * len(columns), 1.6 + 0.36 * len(table.lines)), layout="constrained")
+    figure.suptitle(table.title, fontsize=11)
+    axes = figure.subplots(1, len(columns), squeeze=False, sharey=True)[0]
+    for axis, column in zip(axes, columns, strict=True):
+        _panel(axis, table, column)
+    axes[0].set_yticks(range(len(table.lines)), [line.name for line in table.lines], fontsize=9)
+    axes[0].invert_yaxis()
+    save_figure(figure, path, dpi=130)
+
+
 def _fields(table: Table) -> list[_Field]:
     found = []
     for column in table.columns:
@@ -240,3 +264,27 @@ def _escaped(text: str) -> str:
     ):
         text = text.replace(plain, mark)
     return text
+
+
+def _panel(axis: Any, table: Table, column: Column) -> None:
+    for place, line in enumerate(table.lines):
+        if column.key not in line.ours:
+            continue
+        value, low, high, spread = line.ours[column.key]
+        if math.isfinite(spread):
+            low, high = value - spread, value + spread
+        axis.barh(place, value, color=_OURS, alpha=0.75, height=0.6)
+        if math.isfinite(low):
+            axis.hlines(place, low, high, color="#2e2e2e", lw=1.5)
+    axis.set_xlabel(f"{column.heading}, ours", fontsize=9, color=_OURS)
+    axis.tick_params(axis="x", labelsize=8)
+    axis.spines[["right"]].set_visible(False)
+    if not table.has_paper(column):
+        axis.spines[["top"]].set_visible(False)
+        return
+    above = axis.twiny()
+    known = [(line.paper[column.key], n) for n, line in enumerate(table.lines) if column.key in line.paper]
+    above.plot(*zip(*known, strict=True), "D", color=_PAPER, mfc="none", ms=6)
+    above.set_xlim(left=min(0, *(value for value, _ in known)) if len(known) > 1 else None)
+    above.set_xlabel("paper (not comparable)", fontsize=9, color=_PAPER)
+    above.tick_params(axis="x", labelsize=8)
