@@ -18,7 +18,7 @@ EXAMPLES = """examples:
   echoavatar reproduce all --scale tiny -o runs/tables                      every table; the numbers mean nothing
   echoavatar reproduce main --scale rehearsal -o runs/tables                on the synthetic corpus, hours on a CPU
   echoavatar reproduce main --scale paper -o runs/tables --corpus sets/all --codec runs/codec --qwen qwen --device cuda
-  echoavatar reproduce main -o runs/tables --seeds 3                        means with deviations over three seeds
+  echoavatar reproduce main -o runs/tables --seeds 3 --processes 2          means with deviations over three seeds
   echoavatar reproduce main -o runs/tables --corpus sets/all --with MECo=made/meco --with EDGE=made/edge
   echoavatar reproduce beat2 --scale paper -o runs/tables --corpus beat_english_v2.0.0 --extractor emage --device cuda
   echoavatar reproduce latency -o runs/tables --model bundles/main --device cuda
@@ -83,6 +83,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=_count, default=1, metavar="N", help="train and sample N times (default: %(default)s)"
     )
+    parser.add_argument(
+        "--processes",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="parts made at a time; with --device cuda on all GPUs by turns (default: %(default)s)",
+    )
     add_track(parser)
     parser.add_argument(
         "--runtime",
@@ -140,7 +147,7 @@ def _tables(args: argparse.Namespace, experiment: "Experiment") -> int:
         experiment.say(f"table: {name}")
         command = _command(args, name)
         try:
-            table = reproduce(name, experiment, command=command, seeds=args.seeds)
+            table = reproduce(name, experiment, command=command, seeds=args.seeds, processes=args.processes)
         except EchoAvatarError as error:
             if not is_all:
                 raise

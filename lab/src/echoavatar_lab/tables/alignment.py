@@ -13,7 +13,10 @@ one gallery of 300: all their entries are multiples of 1/300.
 """
 
 import copy
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from operator import methodcaller
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,7 +42,7 @@ from echoavatar_lab.training import seeded, train
 from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
 from .experiment import Experiment, make_once
-from .scale import OURS, GeneratorChoice, ScaleName
+from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
 from .scores import GENERATION_COLUMNS, generation_cells, papers
 from .table import Cell, Column, Line, Table
 
@@ -85,6 +88,11 @@ class TunedOutcome(NamedTuple):
 
     motions: list[Motion]
     rewards: dict[str, Cell]
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`: the generator, both rewards, the three methods."""
+    return [*generator_waves([GeneratorChoice(OURS.name)]), [_setting], [partial(tuned, method=one) for one in LINES]]
 
 
 def make(experiment: Experiment) -> Table:
@@ -259,6 +267,15 @@ QUOTED = (
     Quoted("300, Wav2CLIP", (9.00, 13.67, 17.67, 28.67, 23.5, 15.69), (6.33, 11.67, 16.00, 24.67, 37.5, 12.14)),
     Quoted("300, random", (0.33, 1.00, 1.67, 3.33, 150.0, 2.09), (0.33, 1.00, 1.67, 3.33, 150.0, 2.09)),
 )
+
+
+def retrieval_waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    return [[methodcaller("codes", OURS)], [_train_reward]]
+
+
+def _train_reward(experiment: Experiment) -> None:
+    alignment_reward(experiment, token_clips(experiment)[0])
 
 
 def make_retrieval(experiment: Experiment) -> Table:

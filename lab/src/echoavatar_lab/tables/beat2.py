@@ -42,7 +42,7 @@ from echoavatar_lab.training import train
 from .experiment import Experiment, Sources, want_test_clips
 from .generate import Sounds, decoded_motion
 from .main import foreign_notes
-from .scale import OURS, GeneratorChoice, ScaleName
+from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
 from .skeleton_convolution import (
     SkeletonConvolution,
     SkeletonConvolutionConfig,
@@ -215,6 +215,12 @@ QUOTED = {
     "PersonaGesture": (3.930, 7.100, 13.25),
 }
 PAPER = (2.874, 7.342, 13.53)
+
+
+def waves(experiment: Beat2Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    _ = experiment.extractor
+    return generator_waves([GeneratorChoice(OURS.name)])
 
 
 def make(experiment: Beat2Experiment) -> Table:

@@ -114,10 +114,13 @@ class Experiment:
         self.runtime, self.trackers = runtime, tuple(trackers)
         self.seed, self.workers, self.say, self.progress = seed, workers, say, progress
 
-    def again(self, seed: int) -> Self:
-        """The same experiment with another seed, on the same corpus."""
-        folder = self.folder / "seeds" / str(seed)
-        return type(self)(folder, self.scale, self._shared_sources(), **self._how() | {"seed": seed})
+    def again(self, *, seed: int | None = None, device: str | None = None, is_quiet: bool = False) -> Self:
+        """The same experiment, perhaps elsewhere, without output; or with another seed, same corpus."""
+        is_other = seed is not None and seed != self.seed
+        folder = self.folder / "seeds" / str(seed) if is_other else self.folder
+        how = self._how() | ({"say": quiet, "progress": None} if is_quiet else {})
+        how |= {"device": device or self.device, "seed": self.seed if seed is None else seed}
+        return type(self)(folder, self.scale, self._shared_sources() if is_other else self.sources, **how)
 
     def _how(self) -> dict[str, Any]:
         names = ("device", "seed", "runtime", "workers", "trackers", "say", "progress")

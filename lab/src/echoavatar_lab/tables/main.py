@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from echoavatar.motion.kinematics import Motion
 
 from .experiment import EXTRA_CHUNKS, Experiment
-from .scale import OURS, GeneratorChoice, Scale, Variant
+from .scale import OURS, GeneratorChoice, Part, Scale, Variant, generator_waves
 from .scores import GENERATION_COLUMNS, generated_line, generation_cells, papers
 from .table import Line, Table
 
@@ -55,6 +55,13 @@ def directed(scale: Scale) -> GeneratorChoice:
     """
     form = {"control": "prompt", "example_bias": 0.0} if scale.generator.sequence == "prefix" else {}
     return GeneratorChoice("exemplars", sizes={"exemplar": True} | form, after=GeneratorChoice(OURS.name))
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    return generator_waves(
+        [*(one.generator for one in VARIANTS), directed(experiment.scale), offline(experiment.scale)]
+    )
 
 
 def make(experiment: Experiment) -> Table:
@@ -103,6 +110,11 @@ SEQUENCE_ORDERS = {
     "prefix (paper)": GeneratorChoice("order-prefix", sizes={"sequence": "prefix"}),
     "interleaved (ours)": GeneratorChoice("order-interleaved", sizes={"sequence": "interleaved"}),
 }
+
+
+def order_waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    return generator_waves(list(SEQUENCE_ORDERS.values()))
 
 
 def make_orders(experiment: Experiment) -> Table:

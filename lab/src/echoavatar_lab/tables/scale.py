@@ -7,9 +7,10 @@ alike: no row has a head start (`is_principal_start`), since not every tokenizer
 has our own loss terms. A row varies a tokenizer or a generator, given as its differences from the scale's.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from operator import methodcaller
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -224,3 +225,20 @@ class Variant(NamedTuple):
     name: str
     paper: Mapping[str, float]
     generator: GeneratorChoice
+
+
+Part = Callable[[Any], object]
+"""Makes one part of an experiment; a module's function, a partial of one, or a `methodcaller`, which can be pickled."""
+
+
+def generator_waves(choices: Iterable[GeneratorChoice]) -> list[Sequence[Part]]:
+    """Four waves: tokenizers and codes; stage 1; motion of the generators of stage 2; of those that go on from them."""
+    chosen = list({choice.name: choice for choice in choices}.values())
+    tokenizers = {choice.tokenizer.name: choice.tokenizer for choice in chosen}
+    firsts = {one.name: one for choice in chosen if (one := choice.before) is not None and one.is_first}
+    return [
+        [methodcaller("codes", tokenizer) for tokenizer in tokenizers.values()],
+        [methodcaller("generator", first) for first in firsts.values()],
+        [methodcaller("generated_motions", choice) for choice in chosen if choice.after is None],
+        [methodcaller("generated_motions", choice) for choice in chosen if choice.after is not None],
+    ]

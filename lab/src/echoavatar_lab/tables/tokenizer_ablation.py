@@ -10,10 +10,12 @@ of the codes; "w/ bodypart" is the full model. We read the names as follows:
   same.
 """
 
+from collections.abc import Sequence
+
 from echoavatar_lab.models.tokenizer.losses import LossWeights
 
 from .experiment import Experiment
-from .scale import OURS, GeneratorChoice, TokenizerChoice
+from .scale import OURS, GeneratorChoice, Part, TokenizerChoice, generator_waves
 from .scores import GENERATION, generation_cells, reconstruction_scores
 from .table import Cell, Column, Line, Table, Wanted
 
@@ -51,6 +53,11 @@ VARIANTS: tuple[tuple[str, tuple[float, ...], TokenizerChoice], ...] = (
     ),
     ("Attn (w/ bodypart)", (1.306, 184.1, 9.637, 9.465), OURS),
 )
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    return generator_waves([GeneratorChoice(choice.name, tokenizer=choice) for _, _, choice in VARIANTS])
 
 
 def make(experiment: Experiment) -> Table:

@@ -23,7 +23,7 @@ from echoavatar_lab.data import MUSIC, SPEECH, Clip
 
 from .alignment import LINES, tuned
 from .experiment import Experiment, with_motion
-from .scale import OURS, GeneratorChoice, Variant
+from .scale import OURS, GeneratorChoice, Part, Variant, generator_waves
 from .scores import GENERATION, generation_cells
 from .table import Cell, Column, Line, Table
 
@@ -46,6 +46,11 @@ VARIANTS = (
     Variant("Dance Only", {"dance_preference": -0.323}, GeneratorChoice("music-only", only="music")),
     Variant("Merged", {"gesture_preference": 0.555, "dance_preference": 0.323}, GeneratorChoice(OURS.name)),
 )
+
+
+def waves(experiment: Experiment) -> list[Sequence[Part]]:
+    """The parts of the table, see `scale.generator_waves`."""
+    return generator_waves([one.generator for one in VARIANTS])
 
 
 def make(experiment: Experiment) -> Table:
