@@ -210,3 +210,26 @@ def cut(track: SoundTrack, seconds: float, start: float = 0.0) -> SoundTrack:
         downbeats=track.downbeats[(track.downbeats >= 0) & (track.downbeats < end)],
         **stretches,
     )
+
+
+def steadiest_path(
+    strength: FloatArray, period: float, gaps: np.ndarray, tightness: float, last: int | None = None
+) -> np.ndarray:
+    """Frames, ascending, of the path with the largest sum of strengths, less what each gap is off the period.
+
+    `gaps` are the steps that a path may take, ascending; it ends among the `last` frames (default: the longest gap).
+    """
+    cost = -tightness * np.log(gaps / period) ** 2
+    total, back = strength.astype(np.float64), np.full(len(strength), -1)
+    for frame in range(int(gaps[0]), len(strength)):
+        before = frame - gaps[gaps <= frame]
+        paths = total[before] + cost[: len(before)]
+        best = int(np.argmax(paths))
+        if paths[best] > 0:
+            total[frame] += paths[best]
+            back[frame] = before[best]
+    end = max(0, len(total) - (int(gaps[-1]) if last is None else last))
+    path = [end + int(np.argmax(total[end:]))]
+    while back[path[-1]] >= 0:
+        path.append(int(back[path[-1]]))
+    return np.array(path[::-1], dtype=np.int64)

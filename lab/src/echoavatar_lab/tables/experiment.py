@@ -89,6 +89,10 @@ class Sources:
     model: str | None = None
 
 
+def quiet(line: str) -> None:
+    """Say nothing."""
+
+
 class Experiment:
     """All parts of one scale and one seed, in one folder."""
 
@@ -103,7 +107,7 @@ class Experiment:
         runtime: str = "paper",
         workers: int = 1,
         trackers: Sequence[str] = (),
-        say: Callable[[str], None] = lambda line: None,
+        say: Callable[[str], None] = quiet,
         progress: Progress | None = None,
     ) -> None:
         """`runtime`: how generators run (`Runtime.chosen`). `workers`: processes that make a corpus.

@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter1d
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
-from ..sound import FloatArray, TimeArray
+from ..sound import FloatArray, TimeArray, steadiest_path
 
 _HOP, _FFT = 240, 1024
 _FRAME_S = _HOP / SAMPLE_RATE_HZ
@@ -120,29 +120,6 @@ def _best_path(strength: Array, period: float) -> npt.NDArray[np.int64]:
     loud = local[found] > 0.1 * np.sqrt(np.mean(local[found] ** 2))
     inside = np.flatnonzero(loud)
     return found[inside[0] : inside[-1] + 1] if len(inside) else found[:0]
-
-
-def steadiest_path(
-    strength: Array, period: float, gaps: npt.NDArray[np.int64], tightness: float, last: int | None = None
-) -> npt.NDArray[np.int64]:
-    """Frames, ascending, of the path with the largest sum of strengths, less what each gap is off the period.
-
-    `gaps` are the steps that a path may take, ascending; it ends among the `last` frames (default: the longest gap).
-    """
-    cost = -tightness * np.log(gaps / period) ** 2
-    total, back = strength.astype(np.float64), np.full(len(strength), -1)
-    for frame in range(int(gaps[0]), len(strength)):
-        before = frame - gaps[gaps <= frame]
-        paths = total[before] + cost[: len(before)]
-        best = int(np.argmax(paths))
-        if paths[best] > 0:
-            total[frame] += paths[best]
-            back[frame] = before[best]
-    end = max(0, len(total) - (int(gaps[-1]) if last is None else last))
-    path = [end + int(np.argmax(total[end:]))]
-    while back[path[-1]] >= 0:
-        path.append(int(back[path[-1]]))
-    return np.array(path[::-1], dtype=np.int64)
 
 
 def _downbeats(beats: TimeArray, frames: npt.NDArray[np.int64], low: Array) -> TimeArray:
