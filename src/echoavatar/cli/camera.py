@@ -8,6 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.outgoing import redacted
 
 from .options import VIEWS, add_picture, add_server, size
 
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     if args.to:
         container_of(args.to)
     output: Output = Broadcast(args.to, args.size, RATE_HZ) if args.to else VirtualCamera(args.size, RATE_HZ)
-    print(f"showing the avatar of {args.server} at {args.to or output.name}; Ctrl-C stops", flush=True)
+    print(f"showing the avatar of {redacted(args.server)} at {output.name}; Ctrl-C stops", flush=True)
     try:
         with suppress(KeyboardInterrupt):
             asyncio.run(_Show(args, output).run())
@@ -88,6 +89,7 @@ class _Show:
             for task in done:
                 task.result()
         finally:
+            self._output.stop()  # or a call that hangs in its thread holds the end up
             for task in work:
                 task.cancel()
             await asyncio.gather(*work, return_exceptions=True)

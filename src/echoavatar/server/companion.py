@@ -1,7 +1,7 @@
 """A conversation partner for the live page: chooses the avatar's words and actions.
 
 `ChatModel` asks a language model at any OpenAI-compatible endpoint (Chat Completions with tools, and transcription),
-set by environment variables. It uses plain HTTP from a thread and needs no package. The key is sent in one header and
+set by environment variables. It asks over HTTP, from a thread. The key is sent in one header to that endpoint and
 appears nowhere else. Without a model, `Scripted` matches words to lines that show speech, gestures, music and
 interruption. If asked, it says that it is a script. Its choice among several lines depends on the length of the
 conversation only, so the same conversation always goes the same way. Neither keeps the conversation; the caller passes
@@ -13,12 +13,11 @@ import json
 import os
 import re
 import secrets
-import urllib.error
-import urllib.request
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
+from echoavatar import outgoing
 from echoavatar.errors import EchoAvatarError
 
 Do = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
@@ -190,16 +189,12 @@ class ChatModel:
         headers = {"content-type": kind}
         if self._key:
             headers["authorization"] = f"Bearer {self._key}"
-        request = urllib.request.Request(self._url + path, body, headers)
         try:
-            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-                result = json.loads(answer.read(MAX_ANSWER_BYTES))
-        except urllib.error.HTTPError as error:
-            raise EchoAvatarError(f"{self.name} refused: HTTP {error.code}") from error
-        except (OSError, ValueError) as error:
-            raise EchoAvatarError(
-                f"no model answers at {self._url} ({type(error).__name__}); see ECHOAVATAR_CHAT_URL"
-            ) from error
+            result = outgoing.ask(self._url + path, body, headers=headers, seconds=TIMEOUT_S, most=MAX_ANSWER_BYTES)
+        except outgoing.OutgoingError as error:
+            if error.status:
+                raise EchoAvatarError(f"{self.name} refused: {error}") from error
+            raise EchoAvatarError(f"no model answers: {error}; see ECHOAVATAR_CHAT_URL") from error
         if not isinstance(result, dict):
             raise EchoAvatarError(f"{self.name} did not answer with a JSON object")
         return result
