@@ -19,11 +19,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from email.message import Message
 from typing import Any
-from urllib.parse import SplitResult, parse_qsl, quote, urlsplit
+from urllib.parse import SplitResult, quote, unquote, urlsplit
 
 from .errors import EchoAvatarError
 from .json_reader import read_json
 
+SILENCE_S = 120.0  # before a connection counts as dead, whatever an exchange may take
 SECONDS = 30.0  # of an exchange, from the first byte of the request to the last of the answer
 MOST_BYTES = 4 << 20  # of an answer
 SHOWN_LETTERS = 200  # of what a server says to a refused request
@@ -173,7 +174,8 @@ class _Clock:
 
     def dial(self, address: tuple[str, int], _: object = None, source: Any = None) -> socket.socket:
         """Connect, in place of `socket.create_connection`."""
-        line = socket.create_connection(address, max(self._end - time.monotonic(), 0.001), source)
+        seconds = min(SILENCE_S, max(self._end - time.monotonic(), 0.001))
+        line = socket.create_connection(address, seconds, source)
         self._lines.append(line.dup())  # TLS takes the socket itself over
         if self.is_over:
             self._cut()
@@ -198,8 +200,10 @@ class _Call:
     def __init__(self, url: str, parts: SplitResult, headers: Mapping[str, str], seconds: float) -> None:
         self.shown, self.clock = redacted(url), _Clock(seconds)
         self._url = url
-        told = [*headers.items(), *parse_qsl(parts.query)]
-        self._secrets = [value.rpartition(" ")[2] for name, value in told if _SECRET_NAME.search(name)]
+        self._secrets = [value.rpartition(" ")[2] for name, value in headers.items() if _SECRET_NAME.search(name)]
+        for name, _, value in (pair.partition("=") for pair in parts.query.split("&")):
+            if _SECRET_NAME.search(name):
+                self._secrets += [value, unquote(value)]
 
     def send(self, body: Any, headers: Mapping[str, str], method: str | None) -> http.client.HTTPResponse:
         """Send it, and return the answer once its headers are there."""
@@ -209,7 +213,7 @@ class _Call:
         )
         opener.addheaders = [("user-agent", "echoavatar")]
         request = urllib.request.Request(self._url, body, dict(headers), method=method)
-        answer: http.client.HTTPResponse = opener.open(request, timeout=self.clock.seconds)
+        answer: http.client.HTTPResponse = opener.open(request)
         return answer
 
     def attempt(self, step: Callable[[], Any]) -> Any:
@@ -226,13 +230,14 @@ class _Call:
         raise failure  # not in the handler, whose error would be chained to it
 
     def _refusal(self, error: urllib.error.HTTPError) -> OutgoingError:
-        with error:
-            try:
-                said = error.read(_READ_LETTERS).decode(errors="replace")
-            except (OSError, http.client.HTTPException, ValueError):
-                said = ""
+        try:
+            said = error.read(_READ_LETTERS).decode(errors="replace")
+        except (OSError, http.client.HTTPException, ValueError):
+            said = ""
+        error.close()
         if 300 <= error.code < 400:
-            host = urlsplit(str(error.headers.get("location", ""))).hostname or "another address"
+            place = re.match(r"\w+://(?:[^/?#]*@)?([^/?#]+)", str(error.headers.get("location", "")))
+            host = place[1] if place else "another address"
             said = f"it redirects to {host}, where no request of ours is sent; give the address of the service itself"
         said = redacted(said, self._secrets)[:SHOWN_LETTERS]
         message = f"{self.shown} answers HTTP {error.code}" + (f": {said}" if said else "")
