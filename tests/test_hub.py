@@ -94,6 +94,17 @@ def test_a_damaged_file_heals_at_the_next_pull(mirror: Mirror, tmp_path: Path, i
     assert damaged not in everything(tmp_path).values(), "the bytes themselves are gone, not only the link to them"
 
 
+def test_a_damaged_file_that_several_repositories_share_is_removed_itself(mirror: Mirror, tmp_path: Path) -> None:
+    mirror.add("model.bin", WEIGHTS)
+    blob = (pull("owner/name").folder / "model.bin").resolve()
+    shared = tmp_path / "cache/shared"
+    shared.write_bytes(b"damaged")
+    blob.unlink()
+    blob.symlink_to(shared)
+    assert (pull("owner/name").folder / "model.bin").read_bytes() == WEIGHTS
+    assert not shared.exists()
+
+
 OUTSIDE = [
     "../escaped.txt", "a/../../escaped.txt", "/tmp/escaped-by-name.txt", "C:/escaped.txt", "C:escaped.txt",
     "..\\escaped.txt", "a\\..\\..\\escaped.txt", "\\\\host\\share\\x", "nul\0x", "a//b", "./a", "a/.", "", "line\nx",
@@ -252,7 +263,7 @@ ODD = [
 @pytest.mark.parametrize("told", ODD, ids=lambda told: str(told)[:60])
 def test_an_odd_description_is_one_line(mirror: Mirror, tmp_path: Path, told: Any) -> None:
     mirror.told = told
-    with pytest.raises(CheckpointError) as caught:
+    with pytest.raises(CheckpointError, match="is refused|the hub's description") as caught:
         pull("owner/name", tmp_path / "out")
     assert len(str(caught.value)) < 300
     assert everything(tmp_path) == {}

@@ -153,7 +153,7 @@ def is_private(host: str) -> bool:
         found = {str(entry[4][0]).partition("%")[0] for entry in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
         return False  # nobody here knows it; a proxy may
-    return any(not _plain(ipaddress.ip_address(address)).is_global for address in found)
+    return any(not ipaddress.ip_address(address.removeprefix("::ffff:")).is_global for address in found)
 
 
 def is_proxied(url: str) -> bool:
@@ -208,9 +208,7 @@ class _Call:
     def send(self, body: Any, headers: Mapping[str, str], method: str | None) -> http.client.HTTPResponse:
         """Send it, and return the answer once its headers are there."""
         proxies: dict[str, str] | None = None if is_proxied(self._url) else {}
-        opener = urllib.request.build_opener(
-            urllib.request.ProxyHandler(proxies), _Http(self.clock), _Https(self.clock), _SameOrigin()
-        )
+        opener = urllib.request.build_opener(urllib.request.ProxyHandler(proxies), _Timed(self.clock), _SameOrigin())
         opener.addheaders = [("user-agent", "echoavatar")]
         request = urllib.request.Request(self._url, body, dict(headers), method=method)
         answer: http.client.HTTPResponse = opener.open(request)
@@ -251,19 +249,15 @@ class _Call:
         return OutgoingError(f"{self.shown} does not answer ({redacted(why, self._secrets)})")
 
 
-class _Http(urllib.request.HTTPHandler):
+class _Timed(urllib.request.HTTPHandler, urllib.request.HTTPSHandler):
+    """Opens connections that a clock watches."""
+
     def __init__(self, clock: _Clock) -> None:
         super().__init__()
         self._clock = clock
 
     def http_open(self, req: urllib.request.Request) -> http.client.HTTPResponse:
         return self.do_open(_timed(http.client.HTTPConnection, self._clock), req)
-
-
-class _Https(urllib.request.HTTPSHandler):
-    def __init__(self, clock: _Clock) -> None:
-        super().__init__()
-        self._clock = clock
 
     def https_open(self, req: urllib.request.Request) -> http.client.HTTPResponse:
         return self.do_open(_timed(http.client.HTTPSConnection, self._clock), req)
@@ -310,11 +304,6 @@ def _timed(kind: type[http.client.HTTPConnection], clock: _Clock) -> Any:
         return connection
 
     return build
-
-
-def _plain(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """The IPv4 address inside an IPv6 one, if it is one."""
-    return getattr(address, "ipv4_mapped", None) or address
 
 
 def _without(text: str, secret: str) -> str:
