@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.server.fakes import serving as running_server
 from websockets.exceptions import InvalidHandshake
 
 from echoavatar import outgoing
@@ -370,6 +371,22 @@ def test_a_websocket_follows_no_redirect() -> None:
 
             asyncio.run(go())
         assert other.asked == []
+
+
+def test_no_log_of_a_websocket_shows_a_token(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(0)
+    with running_server() as server:
+
+        async def go() -> None:
+            async with connect(f"ws://me:password@{server.address}/v1/stream", token=KEY):
+                pass
+
+        asyncio.run(go())
+    sent = "\n".join(
+        record.getMessage() for record in caplog.records if ".client" in record.name or "agents" in record.name
+    )
+    for form in (KEY, KEY.encode().hex(" "), base64.b64encode(b"me:password").decode()):
+        assert form[:20] not in sent
 
 
 def test_an_address_with_a_password_is_not_shown_where_no_server_answers() -> None:

@@ -119,7 +119,7 @@ class ChatModel:
         """
         if not url.startswith(("http://", "https://")):
             raise EchoAvatarError(
-                f"ECHOAVATAR_CHAT_URL {url!r} is not an address; give one such as http://127.0.0.1:11434/v1"
+                f"ECHOAVATAR_CHAT_URL {outgoing.redacted(url)!r} is not an address; give one such as http://127.0.0.1:11434/v1"
             )
         if not model:
             raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")

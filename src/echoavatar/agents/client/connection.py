@@ -4,6 +4,7 @@ Utterances are kept until they have been played, so that they can be sent again 
 """
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
@@ -150,8 +151,18 @@ class ConnectionLostError(EchoAvatarError):
     """No server answers, or the connection to it was lost for good."""
 
 
+def quiet_logger() -> logging.Logger:
+    """A logger that never shows a request; the library would log headers and messages, with their keys, at DEBUG."""
+    logger = logging.getLogger("echoavatar.agents.websocket")
+    logger.setLevel(logging.ERROR)
+    return logger
+
+
 class OneOrigin(connect_websocket):
     """Connects a WebSocket; follows no redirects, because the library would send keys and tokens to the other host."""
+
+    def __init__(self, url: str, **options: Any) -> None:
+        super().__init__(url, logger=quiet_logger(), **options)
 
     def process_redirect(self, exc: Exception) -> Exception:
         """Raise the redirect."""

@@ -75,8 +75,6 @@ def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = B
 
 class _Service:
     def __init__(self, base_url: str, api_key: str) -> None:
-        if not base_url.startswith(("http://", "https://")):
-            raise EchoAvatarError(f"{base_url!r} is not an address; give one that begins with https://")
         self._base, self._key = base_url.rstrip("/"), api_key
 
     def call(self, method: str, path: str, body: Payload | None = None) -> Payload:

@@ -1,10 +1,6 @@
-"""The settings of a proxy, and its connection to the voice agent: address, the client's own credentials and query.
-
-Headers are forwarded and never logged: the websockets library, which could log them, gets a logger that is silent.
-"""
+"""The settings of a proxy, and its connection to the voice agent: address, the client's own credentials and query."""
 
 import asyncio
-import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
@@ -52,15 +48,9 @@ class ProxySettings:
         scheme, _, rest = self.upstream.partition("://")
         if scheme not in ("ws", "wss") or not rest.strip("/"):
             raise EchoAvatarError(
-                f"--upstream {outgoing.redacted(self.upstream)!r} is not a WebSocket URL; give one such as wss://api.openai.com/v1/realtime"
+                f"--upstream {outgoing.redacted(self.upstream)!r} is not a WebSocket URL; "
+                "give one such as wss://api.openai.com/v1/realtime"
             )
-
-
-def quiet_logger() -> logging.Logger:
-    """A logger that never shows a request; the library would log headers at DEBUG."""
-    logger = logging.getLogger("echoavatar.agents.proxy.websocket")
-    logger.setLevel(logging.ERROR)
-    return logger
 
 
 def upstream_url(upstream: str, path: str) -> str:
@@ -105,7 +95,6 @@ async def dial(url: str, headers: Iterable[tuple[str, str]], subprotocols: Itera
         open_timeout=TIMEOUT_S,
         ping_interval=PING_S,
         ping_timeout=PONG_S,
-        logger=quiet_logger(),
         proxy=True if await asyncio.to_thread(outgoing.is_proxied, url) else None,
     )
     try:
