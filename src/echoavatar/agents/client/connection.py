@@ -315,7 +315,7 @@ class Avatar:
     async def _dial_websocket(self) -> MessageSocket:
         return await OneOrigin(
             self._url,
-            subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
+            subprotocols=[subprotocol("msgpack")],
             compression=None,
             max_size=MAX_MESSAGE_BYTES,
             open_timeout=TIMEOUT_S,

@@ -89,7 +89,7 @@ async def dial(url: str, headers: Iterable[tuple[str, str]], subprotocols: Itera
         url,
         additional_headers=forwarded_headers(headers),
         user_agent_header=None,
-        subprotocols=offered or None,  # type: ignore[arg-type]
+        subprotocols=offered or None,
         compression=None,  # it would add delay to every event
         max_size=MAX_BYTES,
         open_timeout=TIMEOUT_S,
