@@ -373,6 +373,12 @@ def test_a_websocket_follows_no_redirect() -> None:
         assert other.asked == []
 
 
+def test_what_our_server_says_at_length_is_told_whole() -> None:
+    said = "no such action; there are: " + ", ".join(f"action_{k}" for k in range(100))
+    with serving(answering(400, json.dumps({"error": said}).encode())) as server:
+        assert RemoteTools(server.url).call("send_action", {})["reason"].endswith(f"refused: {said}")
+
+
 def test_no_log_of_a_websocket_shows_a_token(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(0)
     with running_server() as server:

@@ -81,8 +81,9 @@ def pull(
             else (folder / file.name, folder / file.name)
             for file in files
         }
-        for path in {_partial(blob) for _, blob in places.values()}.union(*places.values()):
-            _check_inside(root, path)
+        for path, blob in places.values():
+            for place in (path, blob, _partial(blob)):
+                _check_inside(root, place)
         missing = [file for file, (path, blob) in places.items() if not _is_there(file, path, blob)]
         root.mkdir(parents=True, exist_ok=True)
         if (room := shutil.disk_usage(root).free) < (needed := sum(file.size for file in missing)):

@@ -27,8 +27,8 @@ from .json_reader import read_json
 SILENCE_S = 120.0  # before a connection counts as dead, whatever an exchange may take
 SECONDS = 30.0  # of an exchange, from the first byte of the request to the last of the answer
 MOST_BYTES = 4 << 20  # of an answer
-SHOWN_LETTERS = 200  # of what a server says to a refused request
-_READ_LETTERS = 2_000  # of it that are looked at
+SHOWN_LETTERS = 200  # in a message, of what a server says to a refused request
+_READ_BYTES = 4_096  # of it that are read
 _PIECE = 8  # letters of a key in a row that are hidden
 _BLOCK = 1 << 16
 _SECRET_NAME = re.compile("auth|key|password|secret|sig|token", re.IGNORECASE)  # of headers and of a query's values
@@ -229,7 +229,7 @@ class _Call:
 
     def _refusal(self, error: urllib.error.HTTPError) -> OutgoingError:
         try:
-            said = error.read(_READ_LETTERS).decode(errors="replace")
+            said = error.read(_READ_BYTES).decode(errors="replace")
         except (OSError, http.client.HTTPException, ValueError):
             said = ""
         error.close()
@@ -237,8 +237,8 @@ class _Call:
             place = re.match(r"\w+://(?:[^/?#]*@)?([^/?#]+)", str(error.headers.get("location", "")))
             host = place[1] if place else "another address"
             said = f"it redirects to {host}, where no request of ours is sent; give the address of the service itself"
-        said = redacted(said, self._secrets)[:SHOWN_LETTERS]
-        message = f"{self.shown} answers HTTP {error.code}" + (f": {said}" if said else "")
+        said = redacted(said, self._secrets)
+        message = f"{self.shown} answers HTTP {error.code}" + (f": {said[:SHOWN_LETTERS]}" if said else "")
         return OutgoingError(message, status=error.code, said=said, headers=error.headers)
 
     def _no_answer(self, error: Exception) -> OutgoingError:

@@ -156,7 +156,7 @@ class HttpTextToSpeech(ABC):
                     request.address, request.content, headers=request.headers, seconds=_SECONDS, most=_LONGEST_ANSWER
                 )
             except outgoing.OutgoingError as error:
-                said = f"{error.status}: {error.said}" if error.said else str(error.status)
+                said = f"{error.status}: {error.said[: outgoing.SHOWN_LETTERS]}" if error.said else str(error.status)
                 if error.status in (400, 413, 422):
                     raise AudioError(f"{self.title} refuses the text ({said})") from error
                 if error.status != 429 and 0 < error.status < 500:
