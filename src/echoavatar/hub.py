@@ -36,6 +36,7 @@ MOST_REDIRECTS = 5
 TRIES = 4  # of a download, each without a new byte
 PAUSE_S = 1.0
 _BLOCK = 1 << 20
+_SHA256 = 64  # letters of such a hash
 _COMMIT = re.compile(r"[0-9A-Za-z]{1,64}")
 _DIGEST = re.compile(r"[0-9a-f]{40}|[0-9a-f]{64}")
 
@@ -45,7 +46,7 @@ class Pulled(NamedTuple):
 
     folder: Path
     files: int
-    checked: int
+    checked: int  # files with a SHA-256, which the large ones have; small ones have Git's hash
     commit: str
 
 
@@ -103,7 +104,7 @@ def pull(
         raise CheckpointError(
             f"cannot write {error.filename or name} ({error.strerror}); free space or choose another folder"
         ) from error
-    return Pulled(folder, len(files), sum(bool(file.digest) for file in files), commit)
+    return Pulled(folder, len(files), sum(len(file.digest) == _SHA256 for file in files), commit)
 
 
 def fetch(name: str) -> Path:
@@ -218,7 +219,7 @@ def _is_whole(file: _File, path: Path) -> bool:
         return False
     if not file.digest:
         return True
-    digest = hashlib.sha256() if len(file.digest) == 64 else hashlib.sha1(b"blob %d\0" % file.size)
+    digest = hashlib.sha256() if len(file.digest) == _SHA256 else hashlib.sha1(b"blob %d\0" % file.size)
     with path.open("rb") as opened_file:
         while block := opened_file.read(_BLOCK):
             digest.update(block)

@@ -25,5 +25,5 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.hub import pull
 
     done = pull(args.name, args.output, revision=args.revision, only=args.only)
-    print(f"{done.folder}: {done.files} files, {done.checked} checked against the hub's hashes, commit {done.commit}")
+    print(f"{done.folder}: {done.files} files, {done.checked} checked against the hub's sha256, commit {done.commit}")
     return 0
