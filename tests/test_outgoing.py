@@ -45,6 +45,8 @@ class _Server(ThreadingHTTPServer):
 @contextmanager
 def serving(act: Act) -> Iterator[_Server]:
     class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"  # WebSockets know no other
+
         def do_GET(self) -> None:
             server.asked.append((self.command, self.path, {k.lower(): v for k, v in self.headers.items()}))
             self.rfile.read(int(self.headers.get("content-length", 0)))
