@@ -1,6 +1,11 @@
 """`echoavatar camera` at a real server, into a file."""
 
+import os
+import signal
+import socket
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import av
@@ -44,3 +49,42 @@ def test_errors_are_one_line(
         assert main(["camera", *words]) == 1
         told = capsys.readouterr().err.strip().splitlines()
         assert reason in told[-1]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no SIGINT for a single process")
+def test_ctrl_c_ends_a_stream_to_a_silent_server_at_once() -> None:
+    """And the key of the stream is never printed, neither at the start nor in the error."""
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        silent.settimeout(60)
+        address = f"rtmp://127.0.0.1:{silent.getsockname()[1]}/live2/very-secret-key"
+        words = [sys.executable, "-c", "import sys; from echoavatar.cli import main; sys.exit(main(sys.argv[1:]))"]
+        words += ["camera", "-vv", "--size", "96x64", "--to", address]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as camera:
+            line, _ = silent.accept()
+            with line:
+                time.sleep(0.3)
+                began = time.monotonic()
+                camera.send_signal(signal.SIGINT)
+                assert camera.stdout is not None
+                first = camera.stdout.readline()
+                seconds = time.monotonic() - began
+                rest, _ = camera.communicate(timeout=30)
+    assert first == "echoavatar: interrupted\n"
+    assert seconds < 3, "it would wait 10 s for the server, and FFmpeg for ever"
+    assert camera.returncode == 130
+    assert "very-secret" not in rest
+
+
+def test_the_line_at_the_start_does_not_show_the_key(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("echoavatar.server.video.broadcast._Distant", lambda *_: None)
+    monkeypatch.setattr("echoavatar.server.video.broadcast.Broadcast.close", lambda _: None)
+    words = ["--server", "http://me:pass@127.0.0.1:9", "--to", "rtmp://a.example/live2/very-secret-key"]
+    assert main(["camera", *words]) == 1
+    out, err = capsys.readouterr()
+    assert "at rtmp://a.example/...; Ctrl-C stops" in out
+    assert "very-secret" not in out + err
+    assert "me:pass" not in out + err

@@ -8,13 +8,14 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.outgoing import redacted
 
 from .options import VIEWS, add_picture, add_server, size
 
 if TYPE_CHECKING:
     from echoavatar.engine import Playhead
     from echoavatar.server.video import LiveStream, VideoSource
-    from echoavatar.server.video.broadcast import Output
+    from echoavatar.server.video.broadcast import Broadcast, VirtualCamera
     from echoavatar.wire.messages import Ready
 
 RATE_HZ = 25
@@ -54,8 +55,10 @@ def run(args: argparse.Namespace) -> int:
     RENDERERS[args.renderer](8, 8, background=args.background)  # finds what is missing at once
     if args.to:
         container_of(args.to)
-    output: Output = Broadcast(args.to, args.size, RATE_HZ) if args.to else VirtualCamera(args.size, RATE_HZ)
-    print(f"showing the avatar of {args.server} at {args.to or output.name}; Ctrl-C stops", flush=True)
+    output: Broadcast | VirtualCamera = (
+        Broadcast(args.to, args.size, RATE_HZ) if args.to else VirtualCamera(args.size, RATE_HZ)
+    )
+    print(f"showing the avatar of {redacted(args.server)} at {output.name}; Ctrl-C stops", flush=True)
     try:
         with suppress(KeyboardInterrupt):
             asyncio.run(_Show(args, output).run())
@@ -67,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 class _Show:
     """One output, and the sessions that it shows one after another."""
 
-    def __init__(self, args: argparse.Namespace, output: "Output") -> None:
+    def __init__(self, args: argparse.Namespace, output: "Broadcast | VirtualCamera") -> None:
         self._args, self._output = args, output
         self._lock = asyncio.Lock()  # an output is not made for two threads
         self._source: VideoSource | None = None
@@ -88,6 +91,7 @@ class _Show:
             for task in done:
                 task.result()
         finally:
+            self._output.stop()  # or a call that hangs in its thread holds the end up
             for task in work:
                 task.cancel()
             await asyncio.gather(*work, return_exceptions=True)

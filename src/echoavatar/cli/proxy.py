@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.outgoing import redacted
 
 from .options import TOKEN
 
@@ -77,7 +78,7 @@ async def _proxy(settings: "ProxySettings", host: str, port: int) -> None:
     taken = await relay.start(host, port)
     name = f"[{host}]" if ":" in host else host
     where = f"ws://{name}:{taken}/v1/realtime"
-    print(f"echoavatar proxy is at {where}  (avatar at {settings.avatar}; Ctrl-C stops)", flush=True)
+    print(f"echoavatar proxy is at {where}  (avatar at {redacted(settings.avatar)}; Ctrl-C stops)", flush=True)
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,7 +1,7 @@
 """The companion behind the live page's chat box, which chooses the avatar's words and actions, and the box's routes.
 
 `ChatModel` asks a language model at any OpenAI-compatible endpoint (Chat Completions with tools, and transcription),
-set by environment variables. It uses plain HTTP from a thread and needs no package. The key is sent in one header and
+set by environment variables. It asks over HTTP, from a thread. The key is sent in one header to that endpoint and
 appears nowhere else. Without a model, `Scripted` matches words to lines that show speech, gestures, music and
 interruption. If asked, it says that it is a script. Its choice among several lines depends on the length of the
 conversation only, so the same conversation always goes the same way. Neither keeps the conversation; the caller passes
@@ -13,8 +13,6 @@ import json
 import os
 import re
 import secrets
-import urllib.error
-import urllib.request
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +21,7 @@ from typing import Any, NamedTuple
 from starlette.requests import Request
 from starlette.routing import BaseRoute, Route
 
+from echoavatar import outgoing
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
 from echoavatar.wire.guard import check_origin
@@ -108,7 +107,7 @@ class ChatModel:
         """
         if not url.startswith(("http://", "https://")):
             raise EchoAvatarError(
-                f"ECHOAVATAR_CHAT_URL {url!r} is not an address; give one such as http://127.0.0.1:11434/v1"
+                f"ECHOAVATAR_CHAT_URL {outgoing.redacted(url)!r} is not an address; give one such as http://127.0.0.1:11434/v1"
             )
         if not model:
             raise EchoAvatarError("ECHOAVATAR_CHAT_MODEL is not set; name a model of ECHOAVATAR_CHAT_URL")
@@ -186,16 +185,12 @@ class ChatModel:
         headers = {"content-type": kind}
         if self._key:
             headers["authorization"] = f"Bearer {self._key}"
-        request = urllib.request.Request(self._url + path, body, headers)
         try:
-            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-                result = json.loads(answer.read(MAX_ANSWER_BYTES))
-        except urllib.error.HTTPError as error:
-            raise EchoAvatarError(f"{self.name} refused: HTTP {error.code}") from error
-        except (OSError, ValueError) as error:
-            raise EchoAvatarError(
-                f"no model answers at {self._url} ({type(error).__name__}); see ECHOAVATAR_CHAT_URL"
-            ) from error
+            result = outgoing.ask(self._url + path, body, headers=headers, seconds=TIMEOUT_S, most=MAX_ANSWER_BYTES)
+        except outgoing.OutgoingError as error:
+            if error.status:
+                raise EchoAvatarError(f"{self.name} refused: {error}") from error
+            raise EchoAvatarError(f"no model answers: {error}; see ECHOAVATAR_CHAT_URL") from error
         if not isinstance(result, dict):
             raise EchoAvatarError(f"{self.name} did not answer with a JSON object")
         return result

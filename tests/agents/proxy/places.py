@@ -14,8 +14,8 @@ from tests.agents.proxy.scripted import Script, ScriptedSession, ScriptedUpstrea
 from tests.server.fakes import Body, RunningServer, serving
 from websockets.asyncio.client import ClientConnection, connect
 
+from echoavatar.agents.client.connection import quiet_logger
 from echoavatar.agents.proxy import ProxySettings, Relay
-from echoavatar.agents.proxy.upstream import quiet_logger
 
 
 class FacedBody(Body):

@@ -14,7 +14,7 @@ from typing import Any
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 
-from echoavatar.agents.proxy.upstream import quiet_logger
+from echoavatar.agents.client.connection import quiet_logger
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 Script = Callable[["ScriptedSession"], Awaitable[None]]

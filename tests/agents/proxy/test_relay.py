@@ -16,6 +16,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 from websockets.http11 import Response
 
+from echoavatar.agents.client.connection import quiet_logger
 from echoavatar.agents.proxy import ProxySettings, Relay
 from echoavatar.agents.proxy import upstream as upstream_module
 from echoavatar.agents.proxy.relay import _cancel
@@ -140,7 +141,7 @@ def test_no_error_shows_a_key(
                 path="/v1/realtime?model=m&api-key=sk-very-secret",
                 additional_headers={"Authorization": "Bearer sk-very-secret", "api-key": "sk-very-secret"},
                 subprotocols=["realtime", "openai-insecure-api-key.sk-very-secret"],
-                logger=upstream_module.quiet_logger(),
+                logger=quiet_logger(),
             )
         assert requests[0].count(b"sk-very-secret") == 4  # the upstream itself has it
         return told

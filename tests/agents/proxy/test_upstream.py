@@ -1,7 +1,8 @@
 import pytest
 
+from echoavatar.agents.client.connection import quiet_logger
 from echoavatar.agents.proxy import ProxySettings
-from echoavatar.agents.proxy.upstream import forwarded_headers, quiet_logger, upstream_url
+from echoavatar.agents.proxy.upstream import forwarded_headers, upstream_url
 from echoavatar.errors import EchoAvatarError
 
 

@@ -2,8 +2,12 @@
 
 import contextlib
 import socket
+import subprocess
 import sys
 import threading
+import time
+import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -116,3 +120,92 @@ def test_without_one_a_line_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(sys.modules, "pyvirtualcam", None)
     with pytest.raises(DependencyError, match=r"echoavatar\[camera\]"):
         VirtualCamera(SIZE, 25)
+
+
+SECRET = "live2/very-secret-stream-key"
+
+
+@contextlib.contextmanager
+def silent_server() -> Iterator[str]:
+    """Accepts, and says nothing."""
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        yield f"rtmp://127.0.0.1:{server.getsockname()[1]}/{SECRET}"
+
+
+def test_a_server_that_accepts_and_is_silent_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("echoavatar.server.video.broadcast.OPEN_S", 1.0)
+    ticks: list[float] = []
+
+    def tick() -> None:
+        for _ in range(40):
+            ticks.append(time.monotonic())
+            time.sleep(0.02)
+
+    beside = threading.Thread(target=tick)
+    beside.start()
+    with silent_server() as address:
+        began = time.monotonic()
+        with pytest.raises(EchoAvatarError, match=r"cannot send to rtmp://127\.0\.0\.1:\d+/\.\.\. \(.*nothing for 1 s"):
+            Broadcast(address, SIZE, 25)
+        assert time.monotonic() - began < 3
+    beside.join()
+    assert max(np.diff(ticks)) < 0.5, "FFmpeg would hold all threads up"
+
+
+def test_a_server_that_stops_reading_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("echoavatar.server.video.broadcast.WRITE_S", 0.5)
+    noise = np.random.default_rng(0).integers(0, 256, (2160, 3840, 3), np.uint8)
+    with _deaf_after_the_handshake() as address:
+        output = Broadcast(address, (3840, 2160), 25)
+        with pytest.raises(EchoAvatarError, match=r"cannot send to rtmp://[^ ]+/\.\.\. \(.*nothing for 0.5 s"):
+            _show(output, [noise] * 100)
+        with pytest.raises(EchoAvatarError, match="nothing for"):
+            output.close()
+
+
+def _show(output: Broadcast, pictures: list[np.ndarray]) -> None:
+    for number, pixels in enumerate(pictures):
+        output.show(Picture(number / 25, pixels))
+
+
+@contextlib.contextmanager
+def _deaf_after_the_handshake() -> Iterator[str]:
+    """A listener by FFmpeg in another process, which is stopped as soon as the sender is there."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"rtmp://127.0.0.1:{probe.getsockname()[1]}/{SECRET}"
+    program = (
+        "import av, sys, time\n"
+        "source = av.open(sys.argv[1], format='flv', options={'listen': '1', 'probesize': '32'})\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program, address]) as listener:
+        try:
+            yield address
+        finally:
+            listener.kill()
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        f"rtmp://127.0.0.1:1/{SECRET}",
+        f"rtmp://me:{SECRET}@127.0.0.1:1/x",
+        f"rtmps://127.0.0.1:1/{SECRET}",
+        f"rtmp://no.such.host.invalid/{SECRET}",
+    ],
+)
+def test_no_error_and_no_log_shows_the_key_of_a_stream(
+    address: str, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    caplog.set_level(0)
+    av.logging.set_level(av.logging.VERBOSE)
+    try:
+        with pytest.raises(EchoAvatarError, match="cannot send to") as caught:
+            Broadcast(address, SIZE, 25)
+    finally:
+        av.logging.set_level(None)
+    shown = "".join(traceback.format_exception(caught.value)) + caplog.text + "".join(capfd.readouterr())
+    assert "very-secret" not in shown

@@ -10,7 +10,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  echoavatar pull facebook/encodec_24khz                    into the local model cache\n"
         "  echoavatar pull OWNER/NAME -o EchoAvatar --only 'ckpts/*' into a folder\n"
-        "An interrupted download resumes. Every large file is checked against the hub's sha256."
+        "An interrupted download resumes. Every file is checked against the hub's hash."
     )
     parser.add_argument("name", metavar="NAME", help="OWNER/NAME on the hub")
     parser.add_argument("-o", "--output", type=Path, help="folder (default: the local model cache)")

@@ -5,22 +5,20 @@ URL/text-to-speech/VOICE`. Keys are read from the environment and never written 
 followed, so that a key is not sent to another host. The paper uses ElevenLabs.
 """
 
-import json
 import os
 import re
 import tempfile
 import time
-import urllib.error
 import urllib.parse
-import urllib.request
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from echoavatar import outgoing
 from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 from echoavatar.models.audio.io import read_audio
 from echoavatar.timing import SAMPLES_PER_FRAME
@@ -37,6 +35,7 @@ LOUDNESS_DB = -25.0
 _MOST_CHARACTERS = 2000  # in a request; OpenAI's limit is 4096
 _TRIES = 4
 _LONGEST_ANSWER = 64 * 2**20
+_SECONDS = 120.0
 
 
 class Spoken(NamedTuple):
@@ -46,6 +45,14 @@ class Spoken(NamedTuple):
     domain: NDArray[np.uint8]  # (t,) 0 silence, 1 speech
     events: dict[str, tuple[float, ...]]
     voices: tuple[str, ...]
+
+
+class _Request(NamedTuple):
+    """What a service is asked."""
+
+    address: str
+    content: dict[str, str]
+    headers: dict[str, str]
 
 
 class TextToSpeech(Protocol):
@@ -130,7 +137,7 @@ class HttpTextToSpeech(ABC):
         return Spoken(audio, *sound_labels(audio, "speech"), tuple(dict.fromkeys(speakers)))
 
     @abstractmethod
-    def request(self, text: str, voice: str) -> urllib.request.Request:
+    def request(self, text: str, voice: str) -> _Request:
         """The request for one piece of text."""
 
     def _say(self, text: str, voice: str) -> FloatArray:
@@ -142,23 +149,21 @@ class HttpTextToSpeech(ABC):
             except AudioError as error:
                 raise AudioError(f"{self.title} sent an answer that is not sound") from error
 
-    def _fetch(self, request: urllib.request.Request) -> bytes:
-        opener = urllib.request.build_opener(_NoRedirect)
+    def _fetch(self, request: _Request) -> bytes:
         for attempt in range(_TRIES):
             try:
-                with opener.open(request, timeout=120) as answer:
-                    return bytes(answer.read(_LONGEST_ANSWER))
-            except urllib.error.HTTPError as error:
-                said = _said(error, self._key)
-                if error.code in (400, 413, 422):
-                    raise AudioError(f"{self.title} refuses the text ({error.code}{said})") from error
-                if error.code != 429 and error.code < 500:
+                return outgoing.fetch(
+                    request.address, request.content, headers=request.headers, seconds=_SECONDS, most=_LONGEST_ANSWER
+                )
+            except outgoing.OutgoingError as error:
+                said = f"{error.status}: {error.said[: outgoing.SHOWN_LETTERS]}" if error.said else str(error.status)
+                if error.status in (400, 413, 422):
+                    raise AudioError(f"{self.title} refuses the text ({said})") from error
+                if error.status != 429 and 0 < error.status < 500:
                     raise DependencyError(
-                        f"{self.title} answers {error.code}{said}; check the key, --tts-url, --tts-model and --voice"
+                        f"{self.title} answers {said}; check the key, --tts-url, --tts-model and --voice"
                     ) from error
-                trouble = f"answers {error.code}{said}"
-            except OSError as error:
-                trouble = f"cannot be reached ({getattr(error, 'reason', error)})"
+                trouble = f"answers {said}" if error.status else f"cannot be reached ({error})"
             if attempt + 1 < _TRIES:
                 time.sleep(self.pause_s * 2**attempt)
         raise DependencyError(f"{self.title} {trouble}; run again later, finished recordings are kept")
@@ -167,31 +172,21 @@ class HttpTextToSpeech(ABC):
 class OpenAiTextToSpeech(HttpTextToSpeech):
     """OpenAI, or a server with the same protocol."""
 
-    def request(self, text: str, voice: str) -> urllib.request.Request:
+    def request(self, text: str, voice: str) -> _Request:
         """`POST /audio/speech`; the answer is WAV."""
         wanted = {"model": self._model, "voice": voice, "input": text, "response_format": "wav"}
         headers = {"Authorization": f"Bearer {self._key}"} if self._key else {}
-        return _post(f"{self._base}/audio/speech", wanted, headers)
+        return _Request(f"{self._base}/audio/speech", wanted, headers)
 
 
 class ElevenLabsTextToSpeech(HttpTextToSpeech):
     """ElevenLabs."""
 
-    def request(self, text: str, voice: str) -> urllib.request.Request:
+    def request(self, text: str, voice: str) -> _Request:
         """`POST /text-to-speech/VOICE`; the answer is MP3."""
         address = f"{self._base}/text-to-speech/{urllib.parse.quote(voice, safe='')}?output_format=mp3_44100_128"
         headers = {"xi-api-key": self._key} if self._key else {}
-        return _post(address, {"text": text, "model_id": self._model}, headers)
-
-
-class _NoRedirect(urllib.request.HTTPRedirectHandler):
-    def redirect_request(self, *_: Any, **__: Any) -> None:
-        """Return None, so that urllib raises the redirect as an HTTPError."""
-
-
-def _post(address: str, content: dict[str, str], headers: dict[str, str]) -> urllib.request.Request:
-    known = {"Content-Type": "application/json", "User-Agent": "echoavatar"}
-    return urllib.request.Request(address, json.dumps(content).encode(), headers=known | headers, method="POST")
+        return _Request(address, {"text": text, "model_id": self._model}, headers)
 
 
 def _key(name: str, *, is_needed: bool) -> str:
@@ -206,18 +201,8 @@ def _key(name: str, *, is_needed: bool) -> str:
 def _host(base: str) -> str:
     parts = urllib.parse.urlsplit(base)
     if parts.scheme not in ("http", "https") or not parts.hostname:
-        raise EchoAvatarError(f"--tts-url {base!r} is not a web address; pass http(s)://HOST/v1")
+        raise EchoAvatarError(f"--tts-url {outgoing.redacted(base)} is not a web address; pass http(s)://HOST/v1")
     return parts.hostname
-
-
-def _said(error: urllib.error.HTTPError, key: str) -> str:
-    """The start of an error's body, with the key removed."""
-    try:
-        words = " ".join(error.read(2000).decode("utf-8", "replace").split())
-    except OSError:
-        return ""
-    words = words.replace(key, "...") if key else words
-    return f": {words[:160]}" if words else ""
 
 
 def _speakers(script: Script) -> range:

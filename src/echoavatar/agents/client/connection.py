@@ -4,6 +4,7 @@ Utterances are kept until they have been played, so that they can be sent again 
 """
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
@@ -14,8 +15,9 @@ from urllib.parse import urlsplit, urlunsplit
 import msgspec
 import numpy as np
 from websockets.asyncio.client import connect as connect_websocket
-from websockets.exceptions import ConnectionClosed, InvalidHandshake
+from websockets.exceptions import ConnectionClosed, WebSocketException
 
+from echoavatar import outgoing
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.blobs import pack_audio
@@ -147,6 +149,24 @@ class UtteranceQueue:
 
 class ConnectionLostError(EchoAvatarError):
     """No server answers, or the connection to it was lost for good."""
+
+
+def quiet_logger() -> logging.Logger:
+    """A logger that never shows a request; the library would log headers and messages, with their keys, at DEBUG."""
+    logger = logging.getLogger("echoavatar.agents.websocket")
+    logger.setLevel(logging.ERROR)
+    return logger
+
+
+class OneOrigin(connect_websocket):
+    """Connects a WebSocket; follows no redirects, because the library would send keys and tokens to the other host."""
+
+    def __init__(self, url: str, **options: Any) -> None:
+        super().__init__(url, logger=quiet_logger(), **options)
+
+    def process_redirect(self, exc: Exception) -> Exception:
+        """Raise the redirect."""
+        return exc
 
 
 class MessageSocket(Protocol):
@@ -284,20 +304,22 @@ class Avatar:
                 raise ProtocolError("bad_order", "the server's first message was not `ready`")
         except BaseException as error:
             await self.close()
-            if isinstance(error, OSError | TimeoutError | InvalidHandshake | ConnectionClosed):
+            if isinstance(error, OSError | TimeoutError | WebSocketException):
                 raise ConnectionLostError(
-                    f"no server answers at {self._url} ({type(error).__name__}); start one with `echoavatar serve`"
-                ) from error
+                    f"no server answers at {outgoing.redacted(self._url)} ({type(error).__name__}); "
+                    "start one with `echoavatar serve`"
+                ) from None  # its text may hold a password of the address or of a proxy
             raise
         self.ready, self.epoch = ready, ready.epoch
 
     async def _dial_websocket(self) -> MessageSocket:
-        return await connect_websocket(
+        return await OneOrigin(
             self._url,
-            subprotocols=[subprotocol("msgpack")],  # type: ignore[list-item]
+            subprotocols=[subprotocol("msgpack")],
             compression=None,
             max_size=MAX_MESSAGE_BYTES,
             open_timeout=TIMEOUT_S,
+            proxy=True if await asyncio.to_thread(outgoing.is_proxied, self._url) else None,
         )
 
     async def close(self) -> None:
@@ -382,7 +404,9 @@ def stream_url(url: str) -> str:
     parts = urlsplit(url if "://" in url else f"http://{url}")
     schemes = {"http": "ws", "https": "wss", "ws": "ws", "wss": "wss"}
     if parts.scheme not in schemes or not parts.netloc:
-        raise EchoAvatarError(f"{url!r} is not a server address; give one such as http://127.0.0.1:8765")
+        raise EchoAvatarError(
+            f"{outgoing.redacted(url)!r} is not a server address; give one such as http://127.0.0.1:8765"
+        )
     path = parts.path if parts.path.strip("/") else "/v1/stream"
     return urlunsplit((schemes[parts.scheme], parts.netloc, path, "", ""))
 

@@ -1,14 +1,13 @@
 """List the tools of a running server and call them in one of its sessions."""
 
 import asyncio
-import json
-import urllib.error
-import urllib.request
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit, urlunsplit
 
+from echoavatar import outgoing
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object
 
 from .connection import ConnectionLostError, stream_url
 
@@ -57,23 +56,19 @@ class RemoteTools:
 
     def _ask(self, path: str, body: object = None) -> Any:
         headers = {"authorization": f"Bearer {self._token}"} if self._token else {}
-        data = None
-        if body is not None:
-            data, headers["content-type"] = json.dumps(body).encode(), "application/json"
-        request = urllib.request.Request(self.base + path, data, headers)
         try:
-            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-                return json.load(answer)
-        except urllib.error.HTTPError as error:
-            raise EchoAvatarError(f"{self.base} refused: {_reason(error)}") from error
-        except (OSError, ValueError) as error:
+            return outgoing.ask(self.base + path, body, headers=headers, seconds=TIMEOUT_S)
+        except outgoing.OutgoingError as error:
+            if error.status:
+                raise EchoAvatarError(f"{outgoing.redacted(self.base)} refused: {_reason(error)}") from error
             raise ConnectionLostError(
-                f"no avatar server answers at {self.base} ({type(error).__name__}); start one with `echoavatar serve`"
+                f"no avatar server answers: {error}; start one with `echoavatar serve`"
             ) from error
 
 
-def _reason(error: urllib.error.HTTPError) -> str:
+def _reason(error: outgoing.OutgoingError) -> str:
+    """What our server says to a refused request, or else HTTP's status."""
     try:
-        return str(json.load(error)["error"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return f"HTTP {error.code}"
+        return str(read_object(error.said, "the refusal")["error"])
+    except (EchoAvatarError, KeyError):
+        return str(error)

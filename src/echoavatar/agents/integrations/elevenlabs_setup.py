@@ -4,12 +4,11 @@ Running it again changes nothing: tools and agent are found by name and updated.
 """
 
 import json
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlencode
 
+from echoavatar import outgoing
 from echoavatar.engine.tools import render
 from echoavatar.errors import EchoAvatarError
 
@@ -76,27 +75,19 @@ def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = B
 
 class _Service:
     def __init__(self, base_url: str, api_key: str) -> None:
-        if not base_url.startswith(("http://", "https://")):
-            raise EchoAvatarError(f"{base_url!r} is not an address; give one that begins with https://")
         self._base, self._key = base_url.rstrip("/"), api_key
 
     def call(self, method: str, path: str, body: Payload | None = None) -> Payload:
         """Send one request."""
-        request = urllib.request.Request(self._base + path, method=method)
-        request.add_header("xi-api-key", self._key)
-        if body is not None:
-            request.add_header("content-type", "application/json")
-            request.data = json.dumps(body).encode()
+        headers = {"xi-api-key": self._key}
         try:
-            with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-                result: Payload = json.loads(answer.read() or b"{}")
-        except urllib.error.HTTPError as error:
-            reason = error.read().decode(errors="replace")[:300]
-            hint = "; is the API key right?" if error.code in (401, 403) else ""
-            raise EchoAvatarError(f"{method} {path}: {error.code} {reason}{hint}") from error
-        except (OSError, ValueError) as error:
-            raise EchoAvatarError(f"{self._base} does not answer: {error}") from error
-        return result
+            result = outgoing.ask(self._base + path, body, headers=headers, method=method, seconds=TIMEOUT_S)
+        except outgoing.OutgoingError as error:
+            hint = "; is the API key right?" if error.status in (401, 403) else ""
+            raise EchoAvatarError(f"{method}: {error}{hint}") from error
+        if not isinstance(result or {}, dict):
+            raise EchoAvatarError(f"{method} {path}: the answer is not a JSON object")
+        return result or {}
 
     def all(self, path: str, key: str, **query: str) -> Iterator[Payload]:
         """Every item of a list, page by page."""

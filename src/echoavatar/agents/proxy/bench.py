@@ -22,8 +22,9 @@ from websockets.asyncio.server import ServerConnection, serve
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
+from ..client.connection import quiet_logger
 from .relay import Relay
-from .upstream import ProxySettings, quiet_logger
+from .upstream import ProxySettings
 
 ROUTES = ("direct", "relay", "proxy")
 DELTA_S = 0.04

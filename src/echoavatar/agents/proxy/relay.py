@@ -25,18 +25,9 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin
 
+from ..client.connection import quiet_logger
 from .sidecar import AvatarSidecar
-from .upstream import (
-    HANDSHAKE_TIMEOUT_S,
-    MAX_BYTES,
-    PING_S,
-    PONG_S,
-    ProxySettings,
-    dial,
-    quiet_logger,
-    refusal_headers,
-    upstream_url,
-)
+from .upstream import HANDSHAKE_TIMEOUT_S, MAX_BYTES, PING_S, PONG_S, ProxySettings, dial, refusal_headers, upstream_url
 
 _LOG = logging.getLogger(__name__)
 _UNSENDABLE = (1005, 1006, 1015)  # codes that mean "no close code was sent"

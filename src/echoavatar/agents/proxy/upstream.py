@@ -1,16 +1,16 @@
-"""The settings of a proxy, and its connection to the voice agent: address, the client's own credentials and query.
+"""The settings of a proxy, and its connection to the voice agent: address, the client's own credentials and query."""
 
-Headers are forwarded and never logged: the websockets library, which could log them, gets a logger that is silent.
-"""
-
-import logging
+import asyncio
 from collections.abc import Iterable
 from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 
+from echoavatar import outgoing
 from echoavatar.errors import EchoAvatarError
+
+from ..client.connection import OneOrigin
 
 MAX_BYTES = 1 << 26  # of one event; vendors allow up to 15 MiB
 TIMEOUT_S = 15.0
@@ -48,15 +48,9 @@ class ProxySettings:
         scheme, _, rest = self.upstream.partition("://")
         if scheme not in ("ws", "wss") or not rest.strip("/"):
             raise EchoAvatarError(
-                f"--upstream {self.upstream!r} is not a WebSocket URL; give one such as wss://api.openai.com/v1/realtime"
+                f"--upstream {outgoing.redacted(self.upstream)!r} is not a WebSocket URL; "
+                "give one such as wss://api.openai.com/v1/realtime"
             )
-
-
-def quiet_logger() -> logging.Logger:
-    """A logger that never shows a request; the library would log headers at DEBUG."""
-    logger = logging.getLogger("echoavatar.agents.proxy.websocket")
-    logger.setLevel(logging.ERROR)
-    return logger
 
 
 def upstream_url(upstream: str, path: str) -> str:
@@ -82,13 +76,6 @@ def refusal_headers(headers: Iterable[tuple[str, str]]) -> list[tuple[str, str]]
     return [pair for pair in headers if pair[0].lower() not in _CONNECTION_HEADERS | _HOST_HEADERS]
 
 
-class _Connect(connect):
-    """Follows no redirects: the library would send the client's keys to the other host."""
-
-    def process_redirect(self, exc: Exception) -> Exception:
-        return exc
-
-
 async def dial(url: str, headers: Iterable[tuple[str, str]], subprotocols: Iterable[str] = ()) -> ClientConnection:
     """Connect to the upstream.
 
@@ -98,17 +85,17 @@ async def dial(url: str, headers: Iterable[tuple[str, str]], subprotocols: Itera
         OSError, InvalidHandshake: no server answers there, or it is not a WebSocket server.
     """
     offered = list(subprotocols)
-    connecting = _Connect(
+    connecting = OneOrigin(
         url,
         additional_headers=forwarded_headers(headers),
         user_agent_header=None,
-        subprotocols=offered or None,  # type: ignore[arg-type]
+        subprotocols=offered or None,
         compression=None,  # it would add delay to every event
         max_size=MAX_BYTES,
         open_timeout=TIMEOUT_S,
         ping_interval=PING_S,
         ping_timeout=PONG_S,
-        logger=quiet_logger(),
+        proxy=True if await asyncio.to_thread(outgoing.is_proxied, url) else None,
     )
     try:
         return await connecting

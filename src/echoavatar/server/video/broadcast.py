@@ -1,23 +1,31 @@
 """Where a stream goes beside WebRTC: a virtual camera of this machine, or a file or RTMP server through FFmpeg."""
 
+import errno
+import json
+import subprocess
+import sys
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from fractions import Fraction
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import av
+import numpy as np
 
 from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.outgoing import redacted
 from echoavatar.timing import SAMPLE_RATE_HZ
 
+from . import encoder
+from .encoder import Encoder, reason
 from .live_stream import Block, Picture, doubled
 
 FORMATS = {".flv": "flv", ".mp4": "mp4", ".mkv": "matroska", ".ts": "mpegts"}
 SCHEMES = {"rtmp": "flv", "rtmps": "flv"}
 SOUND_RATE_HZ = 2 * SAMPLE_RATE_HZ
-CLOCK_HZ = 1_000  # of pictures: FLV counts milliseconds
-KEY_S = 2  # between key frames, as streaming servers require
+OPEN_S, WRITE_S = 10.0, 10.0  # within which a server is there, and takes what it is sent
+STOP_S = 1.0
 
 
 class VirtualCamera:
@@ -31,7 +39,7 @@ class VirtualCamera:
             raise DependencyError("a virtual camera needs pyvirtualcam: pip install 'echoavatar[camera]'") from error
         try:
             self._camera: Any = pyvirtualcam.Camera(size[0], size[1], rate)
-            self.name = str(self._camera.device)  # as other programs list it
+            self.name = str(self._camera.device)
         except RuntimeError as error:
             raise DependencyError(
                 "this machine has no virtual camera; Linux: `sudo modprobe v4l2loopback`; Windows and macOS: install "
@@ -45,69 +53,118 @@ class VirtualCamera:
     def hear(self, block: Block) -> None:
         """A camera has no sound."""
 
+    def stop(self) -> None:
+        """A camera does not hang."""
+
     def close(self) -> None:
         """Give the camera back."""
         self._camera.close()
 
 
 class Broadcast:
-    """H.264 and AAC into a file or to an RTMP server."""
+    """A file, or a stream to an RTMP server."""
 
     def __init__(self, to: str, size: Sequence[int], rate: int) -> None:
         """Raises EchoAvatarError for an address of another kind, or one that cannot be opened."""
-        self.name, self._last = to, -1
+        self.name = redacted(to)
+        kind = _Distant if "://" in to else Encoder
         with self._naming_itself():
-            self._container = av.open(to, "w", format=container_of(to))
-            self._video = self._container.add_stream("libx264", rate=rate)
-            self._sound = self._container.add_stream("aac", rate=SOUND_RATE_HZ, layout="mono")
-            assert isinstance(self._video, av.VideoStream)
-            assert isinstance(self._sound, av.AudioStream)
-            self._video.width, self._video.height, self._video.pix_fmt = size[0], size[1], "yuv420p"
-            self._video.codec_context.time_base = Fraction(1, CLOCK_HZ)
-            self._video.codec_context.gop_size = KEY_S * rate
-            self._video.options = {"preset": "veryfast", "tune": "zerolatency", "crf": "22"}
-            self._container.start_encoding()
+            self._encoder = kind(to, container_of(to), size, rate, SOUND_RATE_HZ)
 
     def show(self, picture: Picture) -> None:
-        """Encode and send a picture; raises EchoAvatarError where the address takes no more."""
-        frame = av.VideoFrame.from_ndarray(picture.pixels, format="rgb24")
-        frame.pts, frame.time_base = max(self._last + 1, round(picture.seconds * CLOCK_HZ)), Fraction(1, CLOCK_HZ)
-        self._last = frame.pts
-        self._mux(self._video, frame)
+        """Encode and send a picture."""
+        with self._naming_itself():
+            self._encoder.write(picture.seconds, picture.pixels)
 
     def hear(self, block: Block) -> None:
         """Encode and send 20 ms of sound."""
-        samples = doubled(block.samples).astype("f4")[None] / 32_768
-        frame = av.AudioFrame.from_ndarray(samples, format="fltp", layout="mono")
-        frame.sample_rate, frame.pts = SOUND_RATE_HZ, round(block.seconds * SOUND_RATE_HZ)
-        frame.time_base = Fraction(1, SOUND_RATE_HZ)
-        self._mux(self._sound, frame)
+        with self._naming_itself():
+            self._encoder.write(block.seconds, doubled(block.samples))
+
+    def stop(self) -> None:
+        """Let a call that hangs end within a second."""
+        if isinstance(self._encoder, _Distant):
+            self._encoder.stop()
 
     def close(self) -> None:
         """Send the rest, and end the file or connection."""
-        try:
-            for stream in (self._video, self._sound):
-                self._mux(stream, None)
-        finally:
-            with self._naming_itself():
-                self._container.close()
-
-    def _mux(self, stream: Any, frame: Any) -> None:
         with self._naming_itself():
-            self._container.mux(stream.encode(frame))
+            self._encoder.close()
 
     @contextmanager
     def _naming_itself(self) -> Iterator[None]:
-        """FFmpeg's errors become EchoAvatarError with the address in it."""
+        """FFmpeg's errors become EchoAvatarError with the address in it, but not the key of the stream."""
         try:
             yield
         except (OSError, av.FFmpegError) as error:
             raise EchoAvatarError(
-                f"cannot send to {self.name} ({error}); check the address, and that something listens"
+                f"cannot send to {self.name} ({reason(error)}); check the address, and that something listens"
             ) from error
 
 
-Output = VirtualCamera | Broadcast  # their methods may block, and one thread calls them
+class _Distant:
+    """An `Encoder` in a process of its own, which is killed when it hangs. Its errors do not hold the address."""
+
+    def __init__(self, *settings: Any) -> None:
+        program = [sys.executable, "-P", encoder.__file__]
+        self._process = subprocess.Popen(program, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._failure = ""
+        try:
+            self._ask(OPEN_S, settings, wanted=encoder.OPENED)
+        except BaseException:
+            self._end()
+            raise
+
+    def write(self, seconds: float, data: np.ndarray) -> None:
+        """See `Encoder.write`."""
+        told = {"seconds": seconds, "type": data.dtype.str, "shape": data.shape, "bytes": data.nbytes}
+        self._ask(WRITE_S, told, data.tobytes())
+
+    def stop(self) -> None:
+        """End within a second, whether all is sent or not."""
+        self._alarm(STOP_S)
+
+    def close(self) -> None:
+        """See `Encoder.close`."""
+        try:
+            self._ask(WRITE_S, None, wanted=encoder.CLOSED)
+        finally:
+            self._end()
+
+    def _ask(self, seconds: float, told: object, data: bytes = b"", *, wanted: str | None = None) -> None:
+        """Send a line and its bytes (None: no more come), and wait for a word if one is wanted, both not too long."""
+        pipe, answers = self._process.stdin, self._process.stdout
+        assert pipe is not None
+        assert answers is not None
+        alarm = self._alarm(seconds)
+        try:
+            if told is None:
+                pipe.close()
+            else:
+                pipe.write(json.dumps(told).encode() + b"\n" + data)
+                pipe.flush()
+            said = answers.readline().decode().strip() if wanted else None
+        except OSError:  # the process has ended
+            said = answers.readline().decode().strip()
+        finally:
+            alarm.cancel()
+        if said != wanted:
+            self._failure = self._failure or said or f"it takes nothing for {seconds:g} s"
+            raise OSError(errno.EPIPE, self._failure)
+
+    def _alarm(self, seconds: float) -> threading.Timer:
+        alarm = threading.Timer(seconds, self._process.kill)
+        alarm.daemon = True
+        alarm.start()
+        return alarm
+
+    def _end(self) -> None:
+        self._process.kill()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            with suppress(OSError):
+                pipe.close()
+        self._process.wait()
 
 
 def container_of(to: str) -> str:
@@ -119,5 +176,7 @@ def container_of(to: str) -> str:
     scheme = to.partition("://")[0] if "://" in to else ""
     found = SCHEMES.get(scheme) if scheme else FORMATS.get(Path(to).suffix.lower())
     if found is None:
-        raise EchoAvatarError(f"--to {to} is neither rtmp://HOST/APP/KEY nor a file ending in {', '.join(FORMATS)}")
+        raise EchoAvatarError(
+            f"--to {redacted(to)} is neither rtmp://HOST/APP/KEY nor a file ending in {', '.join(FORMATS)}"
+        )
     return found
