@@ -10,7 +10,6 @@ import pytest
 from tests.server.fakes import FAST, RunningServer, serving
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server import run
 from echoavatar.wire import sockets
 from echoavatar.wire.messages import Hello, Motion
 from echoavatar.wire.sockets import ConnectionGuard, RepeatFilter, listen, raise_file_limit
@@ -26,7 +25,7 @@ def address(server: RunningServer) -> tuple[str, int]:
 @contextlib.contextmanager
 def small(monkeypatch: pytest.MonkeyPatch, *, limit: int = LIMIT, silence_s: float = 10.0) -> Iterator[RunningServer]:
     """A server with few places, or little patience."""
-    monkeypatch.setattr(run, "ConnectionGuard", lambda _: ConnectionGuard(limit, silence_s=silence_s))
+    monkeypatch.setattr(sockets, "ConnectionGuard", lambda _: ConnectionGuard(limit, silence_s=silence_s))
     with serving(settings=FAST) as server:
         yield server
 
