@@ -90,7 +90,8 @@ def test_a_body_that_never_comes_is_not_waited_for(monkeypatch: pytest.MonkeyPat
 def test_an_answer_that_is_not_read_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """A large file for a client that reads nothing, beside one that reads slowly and gets all of it."""
     monkeypatch.setattr(sockets, "UNREAD_S", 0.5)
-    asked = b"GET /avatar.glb HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    asked = b"GET /avatar.glb HTTP/1.1\r\nHost: localhost\r\n"  # twice: the kernel may hold one of them
+    asked += b"\r\n" + asked + b"Connection: close\r\n\r\n"
     got = 0
     with serving() as server, contextlib.ExitStack() as stack:
         never, slow = (stack.enter_context(socket.socket()) for _ in range(2))
@@ -101,13 +102,13 @@ def test_an_answer_that_is_not_read_is_not_kept(monkeypatch: pytest.MonkeyPatch)
         slow.settimeout(10)
         while part := slow.recv(1 << 18):
             got += len(part)
-            time.sleep(0.02)
+            time.sleep(0.01)
         for _ in range(100):
             if not server.uvicorn.server_state.connections:
                 break
             time.sleep(0.05)
         assert not server.uvicorn.server_state.connections
-        assert got > len(urllib.request.urlopen(f"http://{server.address}/avatar.glb").read())
+        assert got > 2 * len(urllib.request.urlopen(f"http://{server.address}/avatar.glb").read())
 
 
 OWN_NAMES = ["localhost", "127.0.0.1", "127.0.0.1:8765", "[::1]:8765", "192.168.1.7", "avatar.example.org:443"]
