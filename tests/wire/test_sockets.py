@@ -6,6 +6,7 @@ import http.client
 import logging
 import re
 import socket
+import ssl
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -53,6 +54,23 @@ def test_idle_sockets_lock_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
         with server.call(Hello()) as caller:
             caller.until(Motion)
         assert is_closed(idle[0])
+        assert len(server.uvicorn.server_state.connections) <= LIMIT
+
+
+def test_handshakes_that_stall_lock_nobody_out(monkeypatch: pytest.MonkeyPatch, certified: tuple[Path, Path]) -> None:
+    """Three times as many as there are places, without a byte, with half a hello and with noise."""
+    monkeypatch.setattr(sockets, "ConnectionGuard", lambda _: ConnectionGuard(LIMIT))
+    trust = ssl.create_default_context(cafile=certified[0])
+    with serving(tls=certified) as server, contextlib.ExitStack() as stack:
+        idle = [stack.enter_context(socket.create_connection(address(server))) for _ in range(3 * LIMIT)]
+        for line in idle[::3]:
+            line.sendall(b"\x16\x03\x01\x02\x00")
+        for line in idle[1::3]:
+            with contextlib.suppress(OSError):
+                line.sendall(b"GET / HTTP/1.1\r\n\r\n")
+        assert is_closed(idle[0])
+        with urllib.request.urlopen(f"https://{server.address}/health", timeout=5, context=trust) as answer:
+            assert answer.status == 200
         assert len(server.uvicorn.server_state.connections) <= LIMIT
 
 

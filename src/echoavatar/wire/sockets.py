@@ -9,9 +9,10 @@ that has been silent for longest. This module needs uvicorn and websockets, so o
 import asyncio
 import logging
 import socket
+import ssl
 import time
+from asyncio.sslproto import SSLProtocol
 from collections.abc import Awaitable, Callable, MutableSet
-from functools import partial
 from typing import Any, ClassVar
 
 import uvicorn
@@ -106,6 +107,7 @@ class WebServer(uvicorn.Server):
             forwarded_allow_ips=list(proxies),
             timeout_graceful_shutdown=5,
             backlog=BACKLOG,
+            loop="asyncio" if certificate else "auto",  # GuardedTls needs asyncio's own
             ssl_certfile=certificate,
             ssl_keyfile=key,
             **options,
@@ -119,8 +121,10 @@ class WebServer(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to answer, and call `on_ready`."""
-        if self.config.ssl is not None:
-            hurry_handshakes()
+        http, context = self.config.http_protocol_class, self.config.ssl
+        if context is not None:  # not by asyncio's server, which tells nobody of a socket in the handshake
+            self.config.http_protocol_class = lambda **given: GuardedTls(http(**given), context)  # type: ignore
+            self.config.ssl = None
         await super().startup(sockets)
         if self.started and self._on_ready is not None:
             self._on_ready(self.address)
@@ -189,13 +193,6 @@ def raise_file_limit(wanted: int = WANTED_FILES) -> int:
     except (OSError, ValueError):
         return soft
     return most
-
-
-def hurry_handshakes() -> None:
-    """Give clients of this loop's later servers `SILENCE_S` for the TLS handshake; asyncio gives them a minute."""
-    loop = asyncio.get_running_loop()
-    listens = partial(loop.create_server, ssl_handshake_timeout=SILENCE_S)
-    loop.create_server = listens  # type: ignore[method-assign]
 
 
 def log_less(*names: str) -> None:
@@ -286,11 +283,14 @@ class GuardedHttp(H11Protocol):
     """uvicorn's HTTP protocol, reporting to a guard. It is h11's, which bounds headers (64 KiB), not httptools'."""
 
     guard: ClassVar[ConnectionGuard]
+    handshake: "GuardedTls | None" = None
     _begun: object = None  # the newest request that has come as far as its body
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """A socket was opened."""
+        """A socket was opened, and TLS agreed on."""
         super().connection_made(transport)
+        if self.handshake is not None:
+            self.handshake.finish()
         self.guard.enter(self, transport, self.connections)
 
     def handle_events(self) -> None:
@@ -330,6 +330,37 @@ class GuardedHttp(H11Protocol):
     @property
     def _is_answering(self) -> bool:
         return self.cycle is not None and not self.cycle.response_complete
+
+
+class GuardedTls(SSLProtocol):
+    """TLS in front of HTTP, reporting to HTTP's guard until the handshake is over."""
+
+    def __init__(self, http: GuardedHttp, context: ssl.SSLContext) -> None:
+        loop = asyncio.get_running_loop()
+        super().__init__(loop, http, context, None, server_side=True)  # type: ignore[arg-type]  # nobody waits for it
+        self._http = http
+        http.handshake = self
+
+    def connection_made(self, transport: Any) -> None:
+        """A socket was opened."""
+        super().connection_made(transport)
+        self._socket = transport
+        self._http.connections.add(self)  # type: ignore[arg-type]
+        self._http.guard.enter(self, transport, self._http.connections)
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        """The socket is closed."""
+        self.finish()
+        super().connection_lost(exc)
+
+    def finish(self) -> None:
+        """The handshake is over; from here on HTTP stands for this socket."""
+        self._http.connections.discard(self)
+        self._http.guard.settle(self)
+
+    def shutdown(self) -> None:
+        """The server stops."""
+        self._socket.abort()
 
 
 class GuardedConnection(ServerConnection):
