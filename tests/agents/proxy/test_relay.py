@@ -5,6 +5,10 @@ import contextlib
 import http.client
 import json
 import logging
+import socket
+import subprocess
+import sys
+import time
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Any
@@ -22,7 +26,7 @@ from echoavatar.agents.proxy.relay import _cancel
 from echoavatar.agents.proxy.upstream import dial
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import sockets
-from echoavatar.wire.sockets import ConnectionGuard
+from echoavatar.wire.sockets import ConnectionGuard, raise_file_limit
 
 ODD = [
     '{"type":"x",  "spaces" :1}',
@@ -337,6 +341,35 @@ async def test_idle_sockets_lock_nobody_out_and_fill_no_log(
             writer.close()
         await client.listen(lambda c: bool(c.passed))  # a conversation is no silent socket
     assert len(caplog.text) < 20_000
+
+
+@pytest.mark.slow
+def test_more_idle_sockets_than_the_system_allows_files_lock_nobody_out() -> None:
+    """Where no more than 1,024 files may be open."""
+    raise_file_limit()
+    code = (
+        "import asyncio; from echoavatar.agents.proxy import ProxySettings, Relay\n"
+        "async def run():\n"
+        "    print(await Relay(ProxySettings('ws://127.0.0.1:9')).start(port=0), flush=True)\n"
+        "    await asyncio.sleep(60)\n"
+        "asyncio.run(run())"
+    )
+    command = ["bash", "-c", 'ulimit -n 1024; exec "$0" -c "$1"', sys.executable, code]
+    with (
+        contextlib.ExitStack() as stack,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process,
+    ):
+        stack.callback(process.kill)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        port = int(process.stdout.readline())
+        for _ in range(1_100):
+            stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+        for _ in range(3):
+            assert _health(port)["status"] == "ready"
+            time.sleep(2)
+        process.terminate()
+        assert len(process.stderr.read()) < 10_000
 
 
 @pytest.mark.parametrize(
