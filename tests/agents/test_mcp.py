@@ -173,7 +173,11 @@ def test_without_a_token_pages_of_other_names_reach_no_tool(headers: dict[str, s
     assert asyncio.run(ask(headers, origins=("https://good.example",))) == status
 
 
-async def ask(headers: dict[str, str], **options: Any) -> int:
+def test_no_agent_holds_a_connection_open_for_events_that_never_come() -> None:
+    assert asyncio.run(ask({}, method="GET")) == 405
+
+
+async def ask(headers: dict[str, str], *, method: str = "POST", **options: Any) -> int:
     """The status of the first message of an agent that sends these headers."""
     first = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "agent", "version": "1"}}
     body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": first})
@@ -181,7 +185,7 @@ async def ask(headers: dict[str, str], **options: Any) -> int:
 
     def post(port: int) -> int:
         line = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-        line.request("POST", "/mcp", body, known | headers)
+        line.request(method, "/mcp", body, known | headers)
         with line.getresponse() as answer:
             return answer.status
 

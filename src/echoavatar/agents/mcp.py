@@ -89,7 +89,7 @@ async def serve_http(
     )
 
     async def admit(scope: Scope, receive: Receive, send: Send) -> None:
-        refusal = None if scope["type"] == "lifespan" else _refusal(Headers(scope=scope), token, origins)
+        refusal = None if scope["type"] == "lifespan" else _refusal(scope, token, origins)
         await (refusal or app)(scope, receive, send)
 
     names = None if token else origins
@@ -97,11 +97,14 @@ async def serve_http(
     await server.serve()
 
 
-def _refusal(headers: Headers, token: str, origins: tuple[str, ...]) -> PlainTextResponse | None:
+def _refusal(scope: Scope, token: str, origins: tuple[str, ...]) -> PlainTextResponse | None:
+    headers = Headers(scope=scope)
     try:
         check_origin(headers, origins)
     except ProtocolError as error:
         return PlainTextResponse(str(error), 403)
     if not has_token(token, headers):
         return PlainTextResponse("wrong token; send Authorization: Bearer TOKEN", 401)
+    if scope["method"] != "POST":  # GET would hold a connection open for events, of which there are none
+        return PlainTextResponse("send messages by POST", 405, {"allow": "POST"})
     return None
