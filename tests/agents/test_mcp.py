@@ -109,6 +109,9 @@ def test_idle_sockets_lock_no_agent_out_and_fill_no_log(
                 writer.write(halves[number % 3])
             async with mcp.Client(f"{address}/mcp") as client:
                 await use(client)
+            for reader, _ in lines[:30]:
+                with contextlib.suppress(ConnectionError):
+                    assert await asyncio.wait_for(reader.read(), 2) == b""
             for _, writer in lines:
                 writer.close()
 
