@@ -41,6 +41,7 @@ class Avatars:
         """Called by Ray when the replica has started."""
         from echoavatar.engine import load
         from echoavatar.server import ServerSettings, create_app
+        from echoavatar.wire.sockets import RequestChecks
 
         settings = ServerSettings(
             name=serve.get_replica_context().replica_id.unique_id,
@@ -49,7 +50,7 @@ class Avatars:
         )
         app = create_app(load(self._model, seats=self._seats), settings)
         self._manager = app.state.manager
-        return app
+        return RequestChecks(app, None if settings.token else ())
 
     def check_health(self) -> None:
         """Ray replaces a replica whose engine has failed."""

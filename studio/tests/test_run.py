@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import http.client
 import json
 import socket
 import ssl
@@ -15,6 +16,8 @@ from starlette.applications import Starlette
 from studio.tests import canned
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.wire import sockets
+from echoavatar.wire.sockets import ConnectionGuard, WebServer
 from echoavatar_studio import run
 from echoavatar_studio.app import create_app
 from echoavatar_studio.limits import Rate
@@ -28,17 +31,17 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path):
 
 
 @contextlib.contextmanager
-def running(app: Starlette, monkeypatch: pytest.MonkeyPatch, **options: object) -> Iterator[tuple[str, run._Server]]:
+def running(app: Starlette, monkeypatch: pytest.MonkeyPatch, **options: object) -> Iterator[tuple[str, WebServer]]:
     """uvicorn itself, in a thread: signals are the main thread's, so it is told to stop."""
-    monkeypatch.setattr(run._Server, "capture_signals", lambda self: contextlib.nullcontext())
+    monkeypatch.setattr(WebServer, "capture_signals", lambda self: contextlib.nullcontext())
     servers, address, ready = [], [], threading.Event()
-    begun = run._Server.__init__
+    begun = WebServer.__init__
 
     def kept(self, *args, **kwargs):
         begun(self, *args, **kwargs)
         servers.append(self)
 
-    monkeypatch.setattr(run._Server, "__init__", kept)
+    monkeypatch.setattr(WebServer, "__init__", kept)
 
     def told(where: str) -> None:
         address.append(where)
@@ -69,7 +72,7 @@ def test_small_answers_leave_at_once(maker, monkeypatch):
     with running(create_app(maker, rates=canned.EASY), monkeypatch) as (address, server):
         host, port = address.removeprefix("http://").split(":")
         with socket.create_connection((host, int(port))) as client:
-            client.sendall(b"GET /api/scene HTTP/1.1\r\nhost: studio\r\n\r\n")
+            client.sendall(b"GET /api/scene HTTP/1.1\r\nhost: localhost\r\n\r\n")
             assert client.recv(12) == b"HTTP/1.1 200"
             (connection,) = server.server_state.connections
             line = connection.transport.get_extra_info("socket")
@@ -105,9 +108,7 @@ def is_closed(line: socket.socket) -> bool:
 
 def test_silent_sockets_lock_nobody_out(maker, monkeypatch):
     """Three times as many as there are places, and requests that never end; a rater is answered."""
-    monkeypatch.setattr(run, "CONNECTIONS", 20)
-    guarded = run.ConnectionGuard
-    monkeypatch.setattr(run, "ConnectionGuard", lambda limit: guarded(limit, silence_s=1.0))
+    monkeypatch.setattr(sockets, "ConnectionGuard", lambda _: ConnectionGuard(20, silence_s=1.0))
     with running(create_app(maker, rates=canned.EASY), monkeypatch) as (address, _), contextlib.ExitStack() as stack:
         host, port = address.removeprefix("http://").split(":")
         silent = [stack.enter_context(socket.create_connection((host, int(port)))) for _ in range(60)]
@@ -124,7 +125,7 @@ def test_a_body_of_two_lengths_is_refused(maker, monkeypatch):
         host, port = address.removeprefix("http://").split(":")
         with socket.create_connection((host, int(port)), 10) as line:
             line.sendall(
-                b"POST /api/owner/login HTTP/1.1\r\nhost: studio\r\ncontent-length: 5\r\n"
+                b"POST /api/owner/login HTTP/1.1\r\nhost: localhost\r\ncontent-length: 5\r\n"
                 b"transfer-encoding: chunked\r\n\r\n0\r\n\r\nGET /api/scene HTTP/1.1\r\n\r\n"
             )
             answer = line.makefile("rb").read()
@@ -140,3 +141,19 @@ def test_the_studio_speaks_tls(maker, monkeypatch, certified):
         urllib.request.urlopen(f"{address}/api/scene", timeout=30, context=trust) as answer,
     ):
         assert (address[:8], answer.status) == ("https://", 200)
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [("studio.example.org", 200), ("127.0.0.1:8767", 200), ("evil.example", 421), ("evil.example:8767", 421)],
+)
+def test_a_page_that_points_its_own_name_at_the_studio_reads_nothing(maker, monkeypatch, host, status):
+    app = create_app(maker, rates=canned.EASY)
+    with running(app, monkeypatch, origins=("https://studio.example.org",)) as (address, _):
+        line = http.client.HTTPConnection(address.removeprefix("http://"), timeout=10)
+        line.request("GET", "/api/scene", headers={"Host": host})
+        with line.getresponse() as answer:
+            told = answer.read().decode()
+        line.close()
+    assert answer.status == status
+    assert status == 200 or told.endswith("start it with --origin https://evil.example")

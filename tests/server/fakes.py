@@ -20,12 +20,11 @@ from echoavatar.engine import Engine
 from echoavatar.engine.pipeline.actions import Action, ActionLibrary
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server import ServerSettings, create_app
-from echoavatar.server.run import Server, configure
+from echoavatar.server.run import Server
 from echoavatar.timing import CHUNK, ChunkSize
 from echoavatar.wire.blobs import pack_audio
 from echoavatar.wire.codec import decode_server, encode, subprotocol
 from echoavatar.wire.messages import Audio, ClientMessage, Error, Hello, Ready, ServerMessage
-from echoavatar.wire.sockets import listen
 
 FAST = ServerSettings(resume_seconds=1.0, drain_seconds=1.0, hello_seconds=2.0)
 
@@ -57,19 +56,18 @@ def serving(
 ) -> Iterator["RunningServer"]:
     engine = Engine(pipeline or Body(step_s), seats=seats, workers=workers)
     app = create_app(engine, settings)
-    with listen("127.0.0.1", 0) as listener:
-        begun = threading.Event()
-        files = {"ssl_certfile": str(tls[0]), "ssl_keyfile": str(tls[1])} if tls else {}
-        server = Server(app, configure(app, **files), begun.set)
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
-        thread.start()
-        assert begun.wait(10)
-        try:
-            yield RunningServer(f"127.0.0.1:{listener.getsockname()[1]}", app.state.manager, server, thread)
-        finally:
-            server.should_exit = True
-            thread.join(10)
-            assert not thread.is_alive()
+    begun = threading.Event()
+    files = {"certificate": str(tls[0]), "key": str(tls[1])} if tls else {}
+    server = Server(app, port=0, on_ready=lambda _: begun.set(), **files)
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    assert begun.wait(10)
+    try:
+        yield RunningServer(server.address.partition("://")[2], app.state.manager, server, thread)
+    finally:
+        server.should_exit = True
+        thread.join(10)
+        assert not thread.is_alive()
 
 
 class RunningServer:

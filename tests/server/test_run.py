@@ -27,6 +27,7 @@ from echoavatar.server.run import JsonFormatter
 from echoavatar.wire import sockets
 from echoavatar.wire.codec import decode_server, encode, subprotocol
 from echoavatar.wire.messages import Hello, Motion, Ping, Pong, Ready
+from echoavatar.wire.sockets import ConnectionGuard
 
 
 @pytest.fixture
@@ -87,7 +88,7 @@ def test_pages_and_sessions_come_over_tls_to_who_trusts_the_certificate(certifie
 def test_a_client_that_never_finishes_the_handshake_of_tls_is_closed(
     certified: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sockets, "SILENCE_S", 0.3)
+    monkeypatch.setattr(sockets, "ConnectionGuard", lambda places: ConnectionGuard(places, silence_s=0.3))
     with serving(tls=certified) as server:
         host, port = server.address.split(":")
         began = time.monotonic()

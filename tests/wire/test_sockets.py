@@ -1,21 +1,30 @@
 """Sockets of strangers: they may be many, silent, or never come to an end; a client is served all the same."""
 
+import ast
 import contextlib
+import http.client
 import logging
+import re
 import socket
+import ssl
 import time
+import urllib.request
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from tests.server.fakes import FAST, RunningServer, serving
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server import run
 from echoavatar.wire import sockets
 from echoavatar.wire.messages import Hello, Motion
 from echoavatar.wire.sockets import ConnectionGuard, RepeatFilter, listen, raise_file_limit
 
 LIMIT = 40
+ROOT = Path(__file__).parents[2]
 
 
 def address(server: RunningServer) -> tuple[str, int]:
@@ -26,7 +35,7 @@ def address(server: RunningServer) -> tuple[str, int]:
 @contextlib.contextmanager
 def small(monkeypatch: pytest.MonkeyPatch, *, limit: int = LIMIT, silence_s: float = 10.0) -> Iterator[RunningServer]:
     """A server with few places, or little patience."""
-    monkeypatch.setattr(run, "ConnectionGuard", lambda _: ConnectionGuard(limit, silence_s=silence_s))
+    monkeypatch.setattr(sockets, "ConnectionGuard", lambda _: ConnectionGuard(limit, silence_s=silence_s))
     with serving(settings=FAST) as server:
         yield server
 
@@ -48,6 +57,23 @@ def test_idle_sockets_lock_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
         assert len(server.uvicorn.server_state.connections) <= LIMIT
 
 
+def test_handshakes_that_stall_lock_nobody_out(monkeypatch: pytest.MonkeyPatch, certified: tuple[Path, Path]) -> None:
+    """Three times as many as there are places, without a byte, with half a hello and with noise."""
+    monkeypatch.setattr(sockets, "ConnectionGuard", lambda _: ConnectionGuard(LIMIT))
+    trust = ssl.create_default_context(cafile=certified[0])
+    with serving(tls=certified) as server, contextlib.ExitStack() as stack:
+        idle = [stack.enter_context(socket.create_connection(address(server))) for _ in range(3 * LIMIT)]
+        for line in idle[::3]:
+            line.sendall(b"\x16\x03\x01\x02\x00")
+        for line in idle[1::3]:
+            with contextlib.suppress(OSError):
+                line.sendall(b"GET / HTTP/1.1\r\n\r\n")
+        assert is_closed(idle[0])
+        with urllib.request.urlopen(f"https://{server.address}/health", timeout=5, context=trust) as answer:
+            assert answer.status == 200
+        assert len(server.uvicorn.server_state.connections) <= LIMIT
+
+
 def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     with small(monkeypatch, silence_s=0.3) as server, contextlib.ExitStack() as stack:
         silent, slow = (stack.enter_context(socket.create_connection(address(server))) for _ in range(2))
@@ -57,6 +83,99 @@ def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(monkeypat
             assert is_closed(slow)
             time.sleep(0.7)
             caller.until(Motion)  # a WebSocket is no silent socket
+
+
+def test_a_body_that_never_comes_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of an address whose application would wait; bytes that trickle in buy no time."""
+    monkeypatch.setattr(sockets, "BODY_S", 0.4)
+    monkeypatch.setattr("echoavatar.server.tool_routes.SECONDS", 60)
+    with serving() as server, socket.create_connection(address(server)) as slow:
+        slow.sendall(
+            b"POST /v1/tools/send_action HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+            b"Content-Length: 1000\r\n\r\n{"
+        )
+        begun = time.monotonic()
+        slow.settimeout(0.1)
+        with contextlib.suppress(ConnectionError):
+            while time.monotonic() - begun < 5:
+                slow.sendall(b" ")
+                with contextlib.suppress(TimeoutError):
+                    assert slow.recv(1) == b""
+                    break
+        assert 0.3 < time.monotonic() - begun < 3
+
+
+def test_an_answer_that_is_not_read_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A large file for a client that reads nothing, beside one that reads slowly and gets all of it."""
+    monkeypatch.setattr(sockets, "UNREAD_S", 0.5)
+    asked = b"GET /avatar.glb HTTP/1.1\r\nHost: localhost\r\n"  # twice: the kernel may hold one of them
+    asked += b"\r\n" + asked + b"Connection: close\r\n\r\n"
+    got = 0
+    with serving() as server, contextlib.ExitStack() as stack:
+        never, slow = (stack.enter_context(socket.socket()) for _ in range(2))
+        for line in (never, slow):
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+            line.connect(address(server))
+            line.sendall(asked)
+        slow.settimeout(10)
+        while part := slow.recv(1 << 18):
+            got += len(part)
+            time.sleep(0.01)
+        for _ in range(100):
+            if not server.uvicorn.server_state.connections:
+                break
+            time.sleep(0.05)
+        assert not server.uvicorn.server_state.connections
+        assert got > 2 * len(urllib.request.urlopen(f"http://{server.address}/avatar.glb").read())
+
+
+OWN_NAMES = ["localhost", "127.0.0.1", "127.0.0.1:8765", "[::1]:8765", "192.168.1.7", "avatar.example.org:443"]
+FOREIGN_NAMES = [
+    "evil.example",
+    "evil.example:8765",
+    "127.0.0.1.evil.example",
+    "127.0.0.1@evil.example",
+    "",
+    "[",
+    "a b",
+]
+
+
+@pytest.mark.parametrize("token", ["", "secret"])
+def test_a_page_that_points_its_own_name_at_the_server_reads_nothing(token: str) -> None:
+    """DNS rebinding: to the browser the page is of the same origin. A token it does not have."""
+    with serving(settings=replace(FAST, token=token, origins=("https://avatar.example.org",))) as server:
+        line = http.client.HTTPConnection(server.address, timeout=10)
+
+        def ask(path: str, host: str) -> tuple[int, str]:
+            line.request("GET", path, headers={"Host": host})
+            with line.getresponse() as answer:
+                return answer.status, answer.read().decode("latin-1")
+
+        for path in ("/v1/sessions", "/metrics", "/", "/health", "/v1/tools", "/nowhere"):
+            needs_token = token and path.startswith(("/v1", "/metrics"))
+            for host in OWN_NAMES:
+                assert ask(path, host)[0] == (401 if needs_token else 404 if path == "/nowhere" else 200), (path, host)
+            for host in FOREIGN_NAMES:
+                status, told = ask(path, host)
+                if token:
+                    assert status == ask(path, "localhost")[0]
+                else:
+                    assert status == 421
+                    assert "start it with --origin https://" in told
+                    assert told.count("\n") == 0
+        line.close()
+
+
+def test_a_websocket_of_a_foreign_name_is_refused() -> None:
+    with (
+        serving() as server,
+        socket.create_connection(address(server)) as line,
+        pytest.raises(InvalidStatus) as refused,
+        connect("ws://evil.example/v1/stream", sock=line),
+    ):
+        pass
+    assert refused.value.response.status_code == 421
 
 
 def test_the_file_limit_is_raised_where_it_may_be() -> None:
@@ -106,3 +225,59 @@ def test_headers_that_never_end_are_cut(start: bytes, piece: bytes) -> None:
 def test_a_taken_port_is_one_line() -> None:
     with listen("127.0.0.1", 0) as taken, pytest.raises(EchoAvatarError, match="choose another"):
         listen("127.0.0.1", taken.getsockname()[1])
+
+
+# ---- every listening socket of the project is opened by this module
+
+LISTENING = ("create_server", "create_unix_server", "create_datagram_endpoint", "start_server", "start_unix_server")
+METHODS = (*LISTENING, "bind", "listen")
+OTHERS = {
+    "self.core.listen": "the avatar hears the other speaker",
+    "session.listen": "the avatar hears the other speaker",
+    "event.listen": "SQLAlchemy's events",
+    "deployment(Avatars, options).bind": "Ray opens the socket of deploy/ray_serve.py itself",
+}
+
+
+def opened(path: Path) -> Iterator[str]:
+    """What in a file may open a listening socket, as it is written there."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            known = {"websockets": ("serve", "unix_serve", "server"), "uvicorn": ("Server", "run")}
+            doors = (*LISTENING, *known.get((node.module or "").partition(".")[0], ()))
+            yield from (f"{node.module}.{name.name}" for name in node.names if name.name in doors)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in METHODS:
+            yield ast.unparse(node.func)
+        elif isinstance(node, ast.Name | ast.Attribute):
+            name = ast.unparse(node)
+            if name.endswith(("HTTPServer", "TCPServer", "UDPServer")) or name in ("uvicorn.Server", "uvicorn.run"):
+                yield name
+
+
+def test_every_listening_socket_is_opened_here() -> None:
+    """A guard that is used where someone remembers it guards half of the doors. WebRTC's own UDP is aiortc's."""
+    places = ("src", "lab/src", "studio/src", "tools", "integrations", "deploy")
+    words = re.compile("|".join((*METHODS, "HTTPServer|TCPServer|UDPServer|websockets|uvicorn")))
+    files = [path for place in places for path in (ROOT / place).rglob("*.py") if words.search(path.read_text("utf-8"))]
+    found = {(path.relative_to(ROOT).as_posix(), name) for path in files for name in opened(path) if name not in OTHERS}
+    assert {path for path, _ in found} == {"src/echoavatar/wire/sockets.py"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import asyncio\nasyncio.start_server(print)",
+        "loop.create_server(print)",
+        "from websockets.asyncio.server import serve",
+        "from websockets.sync import server",
+        "import http.server\nhttp.server.ThreadingHTTPServer(print)",
+        "from socket import create_server",
+        "import uvicorn\nuvicorn.run(print)",
+        "class S(uvicorn.Server): ...",
+        "line.bind(('', 0))",
+        "line.listen()",
+    ],
+)
+def test_a_listener_is_found(text: str, tmp_path: Path) -> None:
+    (tmp_path / "code.py").write_text(text)
+    assert list(opened(tmp_path / "code.py"))

@@ -7,14 +7,22 @@ package `mcp`, which implements the protocol.
 
 import asyncio
 import json
+from collections.abc import Callable
 from typing import Any
 
 import mcp_types as types
 from mcp.server.lowlevel import Server
 from mcp.server.stdio import stdio_server
+from mcp.server.transport_security import TransportSecuritySettings
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import Receive, Scope, Send
 
 from echoavatar import __version__
 from echoavatar.errors import EchoAvatarError
+from echoavatar.wire.codec import ProtocolError
+from echoavatar.wire.guard import check_origin, has_token, is_loopback
+from echoavatar.wire.sockets import WebServer
 
 from .client import RemoteTools
 
@@ -56,10 +64,47 @@ async def serve_stdio(tools: RemoteTools) -> None:
         await server.run(read, write, server.create_initialization_options())
 
 
-async def serve_http(tools: RemoteTools, *, host: str = "127.0.0.1", port: int = 8767) -> None:
-    """Serve streamable HTTP at `/mcp` until stopped; by default only this machine may connect."""
-    import uvicorn
+async def serve_http(
+    tools: RemoteTools,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8767,
+    token: str = "",
+    origins: tuple[str, ...] = (),
+    on_ready: Callable[[str], None] | None = None,
+) -> None:
+    """Serve streamable HTTP at `/mcp` until stopped. `on_ready` is called with the address of the server.
 
-    app = create_server(tools).streamable_http_app(host=host, stateless_http=True, json_response=True)
-    config = uvicorn.Config(app, host=host, port=port, log_level="warning", access_log=False, lifespan="on")
-    await uvicorn.Server(config).serve()
+    Each call acts with the token of `tools`, so clients need `token`, if there is one. Without it only this machine may
+    connect. Pages of other hosts need an entry in `origins`.
+
+    Raises:
+        EchoAvatarError: the port is taken, or other machines would need no token.
+    """
+    if not token and not is_loopback(host):
+        raise EchoAvatarError(f"--host {host} lets other machines call the tools; give clients a token")
+    checked_by_us = TransportSecuritySettings(enable_dns_rebinding_protection=False)
+    app = create_server(tools).streamable_http_app(
+        stateless_http=True, json_response=True, transport_security=checked_by_us
+    )
+
+    async def admit(scope: Scope, receive: Receive, send: Send) -> None:
+        refusal = None if scope["type"] == "lifespan" else _refusal(scope, token, origins)
+        await (refusal or app)(scope, receive, send)
+
+    names = None if token else origins
+    server = WebServer(admit, host=host, port=port, names=names, on_ready=on_ready, ws="none", lifespan="on")
+    await server.serve()
+
+
+def _refusal(scope: Scope, token: str, origins: tuple[str, ...]) -> PlainTextResponse | None:
+    headers = Headers(scope=scope)
+    try:
+        check_origin(headers, origins)
+    except ProtocolError as error:
+        return PlainTextResponse(str(error), 403)
+    if not has_token(token, headers):
+        return PlainTextResponse("wrong token; send Authorization: Bearer TOKEN", 401)
+    if scope["method"] != "POST":  # GET would hold a connection open for events, of which there are none
+        return PlainTextResponse("send messages by POST", 405, {"allow": "POST"})
+    return None

@@ -4,7 +4,7 @@ import argparse
 import asyncio
 import sys
 
-from .options import add_server
+from .options import add_server, choose_token
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--http", action="store_true", help="serve streamable HTTP instead of standard input")
     parser.add_argument("--host", default="127.0.0.1", help="with --http (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=8767, help="with --http (default: %(default)s)")
+    parser.add_argument(
+        "--port", type=int, default=8767, help="with --http; 0 takes any free one (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--agent-token",
+        metavar="TOKEN",
+        help="with --http, what agents must send; default: $ECHOAVATAR_AGENT_TOKEN, else none on this machine, a "
+        "random one on a network",
+    )
+    parser.add_argument(
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="with --http, let pages of this host connect; repeat for more",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -31,8 +46,14 @@ def run(args: argparse.Namespace) -> int:
 
     tools = RemoteTools(args.server, token=args.token, session=args.session)
     if args.http:
-        print(f"echoavatar mcp is at http://{args.host}:{args.port}/mcp  (Ctrl-C stops)", file=sys.stderr)
-        asyncio.run(serve_http(tools, host=args.host, port=args.port))
+        token, is_made_up = choose_token(args.agent_token, args.host)
+        shown = f"  token: {token}" if is_made_up else ""
+
+        def ready(address: str) -> None:
+            print(f"echoavatar mcp is at {address}/mcp{shown}  (Ctrl-C stops)", file=sys.stderr, flush=True)
+
+        origins = tuple(origin.rstrip("/") for origin in args.origin)
+        asyncio.run(serve_http(tools, host=args.host, port=args.port, token=token, origins=origins, on_ready=ready))
     else:
         asyncio.run(serve_stdio(tools))
     return 0

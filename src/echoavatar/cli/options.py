@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,17 @@ def add_server(parser: argparse.ArgumentParser) -> None:
         "--server", default="http://127.0.0.1:8765", metavar="URL", help="the avatar's server (default: %(default)s)"
     )
     parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"the server's token; default ${TOKEN}")
+
+
+def choose_token(given: str | None, host: str) -> tuple[str, bool]:
+    """The token that clients of a server on `host` must send, and whether it was made up here.
+
+    On this machine alone a server needs none; other machines always need one.
+    """
+    from echoavatar.wire.guard import is_loopback
+
+    is_made_up = not given and not is_loopback(host)
+    return (secrets.token_urlsafe(16) if is_made_up else given or ""), is_made_up
 
 
 def add_picture(parser: argparse.ArgumentParser) -> None:

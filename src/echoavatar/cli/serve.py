@@ -3,7 +3,6 @@
 import argparse
 import os
 import re
-import secrets
 import sys
 import webbrowser
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError
 
 from . import command_module
-from .options import RENDERER_HELP, RENDERER_NAMES, TOKEN, add_pipeline
+from .options import RENDERER_HELP, RENDERER_NAMES, TOKEN, add_pipeline, choose_token
 
 SINK_HELP = (
     "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
@@ -133,10 +132,7 @@ def run(args: argparse.Namespace) -> int:
         log_json()
     if args.threads:
         torch.set_num_threads(args.threads)
-    token = os.environ.get(TOKEN, "") if args.token is None else args.token
-    is_made_up = not token and args.token is None and not is_loopback(args.host)
-    if is_made_up:
-        token = secrets.token_urlsafe(16)
+    token, is_made_up = choose_token(args.token, args.host)
     settings = ServerSettings(
         token=token,
         origins=tuple(origin.rstrip("/") for origin in args.origin),

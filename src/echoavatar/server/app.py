@@ -14,7 +14,6 @@ from starlette.websockets import WebSocket
 
 from echoavatar import __version__
 from echoavatar.engine import Engine
-from echoavatar.wire.sockets import OneBodyLength
 
 from .companion import chat_routes
 from .connection import Connection
@@ -35,13 +34,12 @@ def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starle
     `app.state.manager` holds the sessions. The lifespan must run, also if the application is mounted in another.
     """
     manager = SessionManager(engine, settings or ServerSettings())
-    guards = [Middleware(PageHeaders), Middleware(OneBodyLength)]
     desk = None
     if manager.settings.video:
         from .whep import VideoDesk  # loads aiortc
 
         desk = VideoDesk(manager)
-    app = Starlette(routes=_routes(manager, desk), lifespan=_lifespan, middleware=guards)
+    app = Starlette(routes=_routes(manager, desk), lifespan=_lifespan, middleware=[Middleware(PageHeaders)])
     app.state.manager, app.state.video = manager, desk
     return app
 

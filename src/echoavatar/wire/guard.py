@@ -4,7 +4,7 @@ import hmac
 import ipaddress
 import ssl
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
@@ -58,6 +58,20 @@ def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
     raise ProtocolError(
         "forbidden_origin", f"pages of {origin[:80]} may not connect; start with --origin {origin[:80]}"
     )
+
+
+def is_own_host(host: str, names: Collection[str]) -> bool:
+    """Whether a Host header names `localhost`, an IP address or one of `names` (hosts, or origins such as
+    `https://avatar.example.org`); a page's own name, pointed at this server, is none of these.
+    """
+    try:
+        asked = urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return False
+    if "@" in host:
+        return False
+    own = {urlsplit(name if "://" in name else f"//{name}").hostname for name in names}
+    return asked == "localhost" or _address(asked) is not None or asked in own
 
 
 def is_loopback(host: str) -> bool:

@@ -1,29 +1,48 @@
-"""Bounds on the sockets that any client may open: their number, the time they stay silent, and the lines they log.
+"""The one way to open a listening socket, and the bounds on the sockets that any client may open.
 
-Opening a socket needs no token, so nothing here may grow with the client's actions. A socket that has not sent a whole
-request is silent. It is closed after `SILENCE_S`, or at once if all places are taken and it is the oldest silent one.
-This module needs uvicorn, so only servers import it.
+Opening a socket needs no token, so nothing here may grow with the client's actions: neither the number of sockets, nor
+the time for which they owe us something, nor the lines they log. A socket is silent while it has not sent a whole
+request, or does not read our answer. It is closed after a while, or at once if all places are taken and it is the one
+that has been silent for longest. This module needs uvicorn and websockets, so only servers import it.
 """
 
 import asyncio
 import logging
 import socket
+import ssl
 import time
-from collections.abc import MutableSet
-from functools import partial
+from asyncio.sslproto import SSLProtocol
+from collections.abc import Awaitable, Callable, MutableSet
 from typing import Any, ClassVar
 
+import uvicorn
+from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from websockets.asyncio.server import Server as WebSocketServer
+from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import serve as start_websockets
+from websockets.protocol import Event
 
 from echoavatar.errors import EchoAvatarError
 
+from .guard import check_certificate, is_own_host
+
 SILENCE_S = 10.0
+BODY_S = 60.0  # for the rest of a request whose headers have come
+UNREAD_S = 60.0  # without reading any more of our answer; what the kernel buffers takes a slow client as long
+CONNECTIONS = 4_096  # beside a server's WebSockets; a browser opens six
 SPARE_FILES = 128  # files that are not clients' sockets
 WANTED_FILES = 65_536
+BACKLOG = 1_024
 REPEAT_S = 10.0  # a repeated line is logged once in this time
 NOISY_LOGS = ("asyncio", "uvicorn.error")  # any client can make them log
+_REFUSAL_HEADERS = {
+    "connection": "close",
+    "content-security-policy": "default-src 'none'",
+    "x-content-type-options": "nosniff",
+}
 
 
 def listen(host: str, port: int) -> socket.socket:
@@ -38,13 +57,125 @@ def listen(host: str, port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
-        listener.listen(1024)
+        listener.listen(BACKLOG)
     except OSError as error:
         listener.close()
         raise EchoAvatarError(
-            f"cannot listen on {host} port {port}: {error.strerror}; choose another --host or --port"
+            f"cannot listen on {host} port {port}: {error.strerror}; choose another host or port"
         ) from error
     return listener
+
+
+class WebServer(uvicorn.Server):
+    """Serves an ASGI application on one guarded socket, which is open from here on; `address` is its URL.
+
+    `names` are hosts and origins by which requests may name this server, beside `localhost` and IP addresses; None: any
+    (see `RequestChecks`). `X-Forwarded-For` and `X-Forwarded-Proto` are believed from `proxies`, addresses or networks,
+    and from nobody else. `on_ready` is called with the address. Further options are uvicorn's.
+
+    Raises:
+        EchoAvatarError: the port is taken, or may not be used; or the certificate or its key cannot be used.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        host: str,
+        port: int,
+        names: tuple[str, ...] | None,
+        connections: int = CONNECTIONS,
+        on_ready: Callable[[str], None] | None = None,
+        certificate: str | None = None,
+        key: str | None = None,
+        proxies: tuple[str, ...] = (),
+        **options: Any,
+    ) -> None:
+        if certificate:
+            check_certificate(certificate, key)
+        guard = ConnectionGuard(count_places(connections))
+        log_less()
+        self._listener, self._on_ready = listen(host, port), on_ready
+        self.address = f"{'https' if certificate else 'http'}://{address_of(host, self._listener)}"
+        config = uvicorn.Config(
+            RequestChecks(app, None if names is None else (*names, host)),
+            http=guard.protocol,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            proxy_headers=bool(proxies),
+            forwarded_allow_ips=list(proxies),
+            timeout_graceful_shutdown=5,
+            backlog=BACKLOG,
+            loop="asyncio" if certificate else "auto",  # GuardedTls needs asyncio's own
+            ssl_certfile=certificate,
+            ssl_keyfile=key,
+            **options,
+        )
+        super().__init__(config)
+
+    async def serve(self, sockets: list[socket.socket] | None = None) -> None:
+        """Serve until SIGINT or SIGTERM, or until `should_exit` is set."""
+        with self._listener:
+            await super().serve([self._listener, *(sockets or ())])
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to answer, and call `on_ready`."""
+        http, context = self.config.http_protocol_class, self.config.ssl
+        if context is not None:  # not by asyncio's server, which tells nobody of a socket in the handshake
+            self.config.http_protocol_class = lambda **given: GuardedTls(http(**given), context)  # type: ignore
+            self.config.ssl = None
+        await super().startup(sockets)
+        if self.started and self._on_ready is not None:
+            self._on_ready(self.address)
+
+
+async def serve_websockets(
+    handler: Callable[[ServerConnection], Awaitable[None]],
+    host: str,
+    port: int,
+    *,
+    connections: int = CONNECTIONS,
+    files_each: int = 1,
+    noisy_logs: tuple[str, ...] = (),
+    **options: Any,
+) -> WebSocketServer:
+    """Start a server of the websockets library on a guarded socket. A connection needs `files_each` open files.
+
+    Lines of `noisy_logs`, which clients can cause, are limited. Further options are the library's.
+
+    Raises:
+        EchoAvatarError: the port is taken, or may not be used.
+    """
+    log_less(*noisy_logs)
+    guard = ConnectionGuard(count_places(connections, files_each=files_each))
+    return await start_websockets(
+        handler, sock=listen(host, port), backlog=BACKLOG, create_connection=guard.websocket, **options
+    )
+
+
+async def serve_streams(
+    handler: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]], host: str, port: int
+) -> asyncio.Server:
+    """Start a server of plain TCP. The handler itself bounds its connections, because only it knows their messages.
+
+    Raises:
+        EchoAvatarError: the port is taken, or may not be used.
+    """
+    log_less()
+    raise_file_limit()
+    return await asyncio.start_server(handler, sock=listen(host, port), backlog=BACKLOG)
+
+
+def address_of(host: str, listener: socket.socket) -> str:
+    """Host and port for a URL."""
+    name = f"[{host}]" if ":" in host else host
+    return f"{name}:{listener.getsockname()[1]}"
+
+
+def count_places(wanted: int, *, files_each: int = 1) -> int:
+    """How many connections may be open: at most as many as this process may open files for."""
+    return max(16, min(wanted, (raise_file_limit() - SPARE_FILES) // files_each))
 
 
 def raise_file_limit(wanted: int = WANTED_FILES) -> int:
@@ -64,16 +195,9 @@ def raise_file_limit(wanted: int = WANTED_FILES) -> int:
     return most
 
 
-def hurry_handshakes() -> None:
-    """Give clients of this loop's later servers `SILENCE_S` for the TLS handshake; asyncio gives them a minute."""
-    loop = asyncio.get_running_loop()
-    listens = partial(loop.create_server, ssl_handshake_timeout=SILENCE_S)
-    loop.create_server = listens  # type: ignore[method-assign]
-
-
-def log_less() -> None:
+def log_less(*names: str) -> None:
     """Log a line that any client can cause only once per `REPEAT_S`."""
-    for name in NOISY_LOGS:
+    for name in (*NOISY_LOGS, *names):
         log = logging.getLogger(name)
         if not any(isinstance(known, RepeatFilter) for known in log.filters):
             log.addFilter(RepeatFilter())
@@ -87,8 +211,8 @@ class RepeatFilter(logging.Filter):
         self._logged: dict[str, float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the record is logged."""
-        now, text = time.monotonic(), record.getMessage().partition("\n")[0][:80]
+        """Whether the record is logged. What clients put into a line does not make it another one."""
+        now, text = time.monotonic(), str(record.msg).partition("\n")[0][:80]
         if now - self._logged.get(text, -REPEAT_S) < REPEAT_S:
             return False
         if len(self._logged) > 100:
@@ -100,21 +224,39 @@ class RepeatFilter(logging.Filter):
 class ConnectionGuard:
     """Bounds the sockets of one server, and closes those that stay silent."""
 
-    def __init__(self, limit: int, *, silence_s: float = SILENCE_S) -> None:
-        self._limit, self._silence_s = limit, silence_s
-        self._silent: dict[Any, asyncio.Transport] = {}  # by protocol, the oldest first
+    def __init__(self, places: int, *, silence_s: float = SILENCE_S) -> None:
+        self._places, self._silence_s = places, silence_s
+        self._silent: dict[Any, tuple[asyncio.Transport, asyncio.TimerHandle]] = {}  # by protocol, the oldest first
 
     @property
     def protocol(self) -> type[asyncio.Protocol]:
-        """The HTTP protocol of a server under this guard."""
+        """The HTTP protocol of a server of uvicorn under this guard."""
         return type("GuardedHttp", (GuardedHttp,), {"guard": self})
+
+    @property
+    def websocket(self) -> type[ServerConnection]:
+        """The connections of a server of the websockets library under this guard."""
+        return type("GuardedConnection", (GuardedConnection,), {"guard": self, "connections": set()})
 
     def enter(self, protocol: Any, transport: asyncio.Transport, connections: MutableSet[Any]) -> None:
         """A socket was opened; `connections` holds all sockets of the server."""
-        self._silent[protocol] = transport
-        if len(connections) > self._limit:
+        self.expect(protocol, transport)
+        if len(connections) > self._places:
             self._make_room(connections)
-        self._watch(protocol, transport, None)
+
+    def expect(self, protocol: Any, transport: asyncio.Transport, seconds: float | None = None) -> None:
+        """The client owes us a request, the rest of one, or to read our answer: it is silent from now on."""
+        self.settle(protocol)
+        unread = transport.get_write_buffer_size()
+        loop = asyncio.get_running_loop()
+        timer = loop.call_later(self._silence_s if seconds is None else seconds, self._expire, protocol, unread)
+        self._silent[protocol] = (transport, timer)
+
+    def settle(self, protocol: Any) -> None:
+        """The client owes us nothing more, or the socket was closed."""
+        if protocol in self._silent:
+            _, timer = self._silent.pop(protocol)
+            timer.cancel()
 
     def _make_room(self, connections: MutableSet[Any]) -> None:
         """Close a WebSocket whose client does not answer the server's close, or else the oldest silent socket."""
@@ -122,41 +264,62 @@ class ConnectionGuard:
         if leaving is not None:
             leaving.transport.abort()
         else:
-            self._silent.pop(next(iter(self._silent))).abort()
+            self._close(next(iter(self._silent)))
 
-    def settle(self, protocol: Any) -> None:
-        """The socket sent a whole request, or was closed."""
-        self._silent.pop(protocol, None)
-
-    def _watch(self, protocol: Any, transport: asyncio.Transport, cycle: object) -> None:
-        loop = asyncio.get_running_loop()
-        loop.call_later(self._silence_s, self._check, protocol, transport, cycle)
-
-    def _check(self, protocol: Any, transport: asyncio.Transport, before: Any) -> None:
-        """Close the socket if no request began since the last check and none is being answered."""
-        if transport.is_closing() or transport.get_protocol() is not protocol:
-            return
-        cycle: Any = getattr(protocol, "cycle", None)
-        if cycle is before and (cycle is None or cycle.response_complete):
-            transport.abort()
+    def _expire(self, protocol: Any, unread: int) -> None:
+        transport, _ = self._silent[protocol]
+        if 0 < transport.get_write_buffer_size() < unread:  # slow, but it does read
+            self.expect(protocol, transport, UNREAD_S)
         else:
-            self._watch(protocol, transport, cycle)
+            self._close(protocol)
+
+    def _close(self, protocol: Any) -> None:
+        transport, timer = self._silent.pop(protocol)
+        timer.cancel()
+        transport.abort()
 
 
 class GuardedHttp(H11Protocol):
     """uvicorn's HTTP protocol, reporting to a guard. It is h11's, which bounds headers (64 KiB), not httptools'."""
 
     guard: ClassVar[ConnectionGuard]
+    handshake: "GuardedTls | None" = None
+    _begun: object = None  # the newest request that has come as far as its body
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """A socket was opened."""
+        """A socket was opened, and TLS agreed on."""
         super().connection_made(transport)
+        if self.handshake is not None:
+            self.handshake.finish()
         self.guard.enter(self, transport, self.connections)
 
-    def data_received(self, data: bytes) -> None:
-        """Bytes came; they may complete a request, or begin a WebSocket."""
-        super().data_received(data)
-        if self.cycle is not None or self not in self.connections:
+    def handle_events(self) -> None:
+        """Bytes came, or the next of several requests is due; a request may be complete, or begin a WebSocket."""
+        super().handle_events()
+        if self not in self.connections:
+            self.guard.settle(self)
+        elif self._is_answering:
+            if not self.cycle.more_body:
+                self.guard.settle(self)
+            elif self.cycle is not self._begun:
+                self._begun = self.cycle
+                self.guard.expect(self, self.transport, BODY_S)
+
+    def on_response_complete(self) -> None:
+        """The answer is written; the next request is due, once the client has read it."""
+        unread = self.transport.get_write_buffer_size()
+        self.guard.expect(self, self.transport, UNREAD_S if unread else None)
+        super().on_response_complete()
+
+    def pause_writing(self) -> None:
+        """The client has to read first."""
+        super().pause_writing()
+        self.guard.expect(self, self.transport, UNREAD_S)
+
+    def resume_writing(self) -> None:
+        """The client has read."""
+        super().resume_writing()
+        if self._is_answering:
             self.guard.settle(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -164,18 +327,93 @@ class GuardedHttp(H11Protocol):
         self.guard.settle(self)
         super().connection_lost(exc)
 
+    @property
+    def _is_answering(self) -> bool:
+        return self.cycle is not None and not self.cycle.response_complete
 
-class OneBodyLength:
-    """Refuses a request that states its length twice, because a proxy may read it differently (request smuggling)."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+class GuardedTls(SSLProtocol):
+    """TLS in front of HTTP, reporting to HTTP's guard until the handshake is over."""
+
+    def __init__(self, http: GuardedHttp, context: ssl.SSLContext) -> None:
+        loop = asyncio.get_running_loop()
+        super().__init__(loop, http, context, None, server_side=True)  # type: ignore[arg-type]  # nobody waits for it
+        self._http = http
+        http.handshake = self
+
+    def connection_made(self, transport: Any) -> None:
+        """A socket was opened."""
+        super().connection_made(transport)
+        self._socket = transport
+        self._http.connections.add(self)  # type: ignore[arg-type]
+        self._http.guard.enter(self, transport, self._http.connections)
+
+    def connection_lost(self, exc: BaseException | None) -> None:
+        """The socket is closed."""
+        self.finish()
+        super().connection_lost(exc)
+
+    def finish(self) -> None:
+        """The handshake is over; from here on HTTP stands for this socket."""
+        self._http.connections.discard(self)
+        self._http.guard.settle(self)
+
+    def shutdown(self) -> None:
+        """The server stops."""
+        self._socket.abort()
+
+
+class GuardedConnection(ServerConnection):
+    """A connection of the websockets library, reporting to a guard."""
+
+    guard: ClassVar[ConnectionGuard]
+    connections: ClassVar[set[ServerConnection]]
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """A socket was opened."""
+        super().connection_made(transport)
+        self.connections.add(self)
+        self.guard.enter(self, self.transport, self.connections)
+
+    def process_event(self, event: Event) -> None:
+        """The request came, or a frame."""
+        super().process_event(event)
+        self.guard.settle(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The socket is closed."""
+        self.connections.discard(self)
+        self.guard.settle(self)
+        super().connection_lost(exc)
+
+
+class RequestChecks:
+    """Refuses requests before the application sees them.
+
+    One that states its length twice gets 400, because a proxy may read it differently (request smuggling). One that
+    names a host that is not ours gets 421: a page may point its own host name at this server (DNS rebinding) and would
+    then read all that needs no token. With a token there is nothing to read, so such a server passes None for `names`.
+    """
+
+    def __init__(self, app: ASGIApp, names: tuple[str, ...] | None) -> None:
+        self._app, self._names = app, names
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer 400, or pass the request on."""
-        names = [name for name, _ in scope.get("headers", ())]
-        if b"transfer-encoding" in names and b"content-length" in names:
+        """Refuse, or pass the request on."""
+        refusal = None if scope["type"] == "lifespan" else self._refusal(Headers(scope=scope))
+        await (refusal or self._app)(scope, receive, send)
+
+    def _refusal(self, headers: Headers) -> PlainTextResponse | None:
+        if "transfer-encoding" in headers and "content-length" in headers:
             text = "send Content-Length or Transfer-Encoding, not both"
-            await PlainTextResponse(text, 400, {"connection": "close"})(scope, receive, send)
-        else:
-            await self._app(scope, receive, send)
+            return PlainTextResponse(text, 400, _REFUSAL_HEADERS)
+        host = headers.get("host")
+        if self._names is None or host is None or is_own_host(host, self._names):
+            return None
+        return PlainTextResponse(wrong_host(host), 421, _REFUSAL_HEADERS)
+
+
+def wrong_host(host: str) -> str:
+    """Why a request that names this host is refused; browsers always name one, so a request without is let in."""
+    name = host.partition(":")[0][:80]
+    return f"this server does not answer as {name!r}; start it with --origin https://{name}"

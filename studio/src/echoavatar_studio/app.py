@@ -4,10 +4,7 @@ from pathlib import Path
 
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
-from starlette.middleware import Middleware
 from starlette.routing import BaseRoute
-
-from echoavatar.wire.sockets import OneBodyLength
 
 from .http import Gate, nothing_here
 from .limits import Rates
@@ -31,8 +28,6 @@ def create_app(
         *owner_routes(gate, maker, library or maker.media.parent / "library"),
         *page_routes(words=maker.media.parent / "words"),
     ]
-    app = Starlette(
-        routes=routes, middleware=[Middleware(OneBodyLength)], exception_handlers={HTTPException: nothing_here}
-    )
+    app = Starlette(routes=routes, exception_handlers={HTTPException: nothing_here})
     app.state.maker = maker
     return app

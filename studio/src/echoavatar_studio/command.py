@@ -112,7 +112,8 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
                 maker.make(public, settings, path.parent, progress=bar.show)
         print(f"{settings.title}: study {public}", flush=True)
     password = first_owner(store)
-    app = create_app(maker, library=folder / "library", origins=tuple(origin.rstrip("/") for origin in args.origin))
+    origins = tuple(origin.rstrip("/") for origin in args.origin)
+    app = create_app(maker, library=folder / "library", origins=origins)
 
     def ready(address: str) -> None:
         print(f"the studio is at {address}/  (Ctrl-C stops)", flush=True)
@@ -135,6 +136,7 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
             certificate=args.certificate,
             key=args.key,
             proxies=tuple(args.proxy),
+            origins=origins,
         )
     print("echoavatar: stopped", file=sys.stderr)
     return 0

@@ -1,22 +1,17 @@
 """Runs the studio: opens the folder and the store, and serves until it is stopped."""
 
-import socket
 from collections.abc import Callable
 from pathlib import Path
 
-import uvicorn
 from sqlalchemy import select
 from starlette.applications import Starlette
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire.guard import check_certificate
-from echoavatar.wire.sockets import SPARE_FILES, ConnectionGuard, hurry_handshakes, listen, log_less, raise_file_limit
+from echoavatar.wire.sockets import WebServer
 
 from .audit import note
 from .store import Store, sqlite_url
 from .tables import Study
-
-CONNECTIONS = 4_096  # a browser opens six
 
 
 def open_store(folder: Path, url: str | None) -> Store:
@@ -41,19 +36,6 @@ def mark_broken(store: Store) -> None:
             note(session, "studio", "study failed", study=study.public, detail="stopped while making")
 
 
-class _Server(uvicorn.Server):
-    def __init__(self, config: uvicorn.Config, on_ready: Callable[[], None]) -> None:
-        super().__init__(config)
-        self._on_ready = on_ready
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        if self.config.ssl is not None:
-            hurry_handshakes()
-        await super().startup(sockets)
-        if self.started:
-            self._on_ready()
-
-
 def serve(
     app: Starlette,
     *,
@@ -63,36 +45,28 @@ def serve(
     certificate: str | None = None,
     key: str | None = None,
     proxies: tuple[str, ...] = (),
+    origins: tuple[str, ...] = (),
 ) -> None:
     """Serve until SIGINT or SIGTERM. Port 0 takes any free port. `on_ready` is called with the address.
 
     `X-Forwarded-For` and `X-Forwarded-Proto` are believed from `proxies` (addresses or networks) and from nobody else.
+    Requests may name the studio by a host of `origins`; by any host with a certificate, which says whose it is.
 
     Raises:
         EchoAvatarError: the port is taken or needs privileges, or the certificate or its key cannot be used.
     """
-    if certificate:
-        check_certificate(certificate, key)
-    places = min(CONNECTIONS, raise_file_limit() - SPARE_FILES)
-    log_less()
-    listener = listen(host, port)
-    name = f"[{host}]" if ":" in host else host
-    address = f"{'https' if certificate else 'http'}://{name}:{listener.getsockname()[1]}"
-    config = uvicorn.Config(
+    server = WebServer(
         app,
-        http=ConnectionGuard(max(16, places)).protocol,
+        host=host,
+        port=port,
+        names=None if certificate else origins,
+        on_ready=on_ready,
+        certificate=certificate,
+        key=key,
+        proxies=proxies,
         ws="none",
         lifespan="off",
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        proxy_headers=bool(proxies),
-        forwarded_allow_ips=list(proxies),
-        timeout_graceful_shutdown=5,
         timeout_keep_alive=20,
         h11_max_incomplete_event_size=1 << 15,
-        ssl_certfile=certificate,
-        ssl_keyfile=key,
     )
-    with listener:
-        _Server(config, lambda: on_ready(address)).run(sockets=[listener])
+    server.run()

@@ -5,6 +5,10 @@ import contextlib
 import http.client
 import json
 import logging
+import socket
+import subprocess
+import sys
+import time
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Any
@@ -22,6 +26,8 @@ from echoavatar.agents.proxy import upstream as upstream_module
 from echoavatar.agents.proxy.relay import _cancel
 from echoavatar.agents.proxy.upstream import dial
 from echoavatar.errors import EchoAvatarError
+from echoavatar.wire import sockets
+from echoavatar.wire.sockets import ConnectionGuard, raise_file_limit
 
 ODD = [
     '{"type":"x",  "spaces" :1}',
@@ -314,6 +320,77 @@ async def test_the_client_is_answered_before_its_own_handshake_times_out() -> No
     """The real limits: the upstream has 15 s, and the server must hold the client's handshake open for longer."""
     async with answering(None) as (port, _):
         assert (await refusal(port)).status_code == 504
+
+
+async def test_idle_sockets_lock_nobody_out_and_fill_no_log(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Three times as many as there are places, some with half a request, and as many that hang up."""
+    monkeypatch.setattr(sockets, "ConnectionGuard", lambda _: ConnectionGuard(20, silence_s=0.5))
+    async with proxied(silent) as (url, _, relay), listening(url) as client:
+        port = int(url.split(":")[2].split("/")[0])
+        lines = [await asyncio.open_connection("127.0.0.1", port) for _ in range(60)]
+        for _, writer in lines[::2]:
+            writer.write(b"GET /v1/realtime HTTP/1.1\r\n")
+        async with listening(url) as other:
+            await other.listen(lambda c: bool(c.passed))
+            assert relay.clients == 2
+        assert await asyncio.to_thread(_health, port) == {"status": "ready", "clients": 1}
+        for reader, writer in lines:
+            with suppress(ConnectionError):
+                assert await asyncio.wait_for(reader.read(), 5) == b""  # also the newest, after its time
+            writer.close()
+        await client.listen(lambda c: bool(c.passed))  # a conversation is no silent socket
+    assert len(caplog.text) < 20_000
+
+
+@pytest.mark.slow
+def test_more_idle_sockets_than_the_system_allows_files_lock_nobody_out() -> None:
+    """Where no more than 1,024 files may be open."""
+    raise_file_limit()
+    code = (
+        "import asyncio; from echoavatar.agents.proxy import ProxySettings, Relay\n"
+        "async def run():\n"
+        "    print(await Relay(ProxySettings('ws://127.0.0.1:9')).start(port=0), flush=True)\n"
+        "    await asyncio.sleep(60)\n"
+        "asyncio.run(run())"
+    )
+    command = ["bash", "-c", 'ulimit -n 1024; exec "$0" -c "$1"', sys.executable, code]
+    with (
+        contextlib.ExitStack() as stack,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process,
+    ):
+        stack.callback(process.kill)
+        assert process.stdout is not None
+        assert process.stderr is not None
+        port = int(process.stdout.readline())
+        for _ in range(1_100):
+            stack.enter_context(socket.create_connection(("127.0.0.1", port)))
+        for _ in range(3):
+            assert _health(port)["status"] == "ready"
+            time.sleep(2)
+        process.terminate()
+        assert len(process.stderr.read()) < 10_000
+
+
+@pytest.mark.parametrize(
+    ("host", "status"), [("evil.example", 421), ("evil.example:8766", 421), ("proxy.example.org", 502), ("[::1]", 502)]
+)
+async def test_a_page_that_points_its_own_name_at_the_proxy_reaches_nothing(host: str, status: int) -> None:
+    """Not even with the browser's own word that the page is of the same origin."""
+    relay = Relay(ProxySettings("ws://127.0.0.1:9/v1/realtime", origins=("https://proxy.example.org",)))
+    port = await relay.start(port=0)
+    request = (
+        f"GET /v1/realtime HTTP/1.1\r\nHost: {host}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+        "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+    )
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(request.encode())
+    told = (await asyncio.wait_for(reader.read(), 10)).decode()
+    writer.close()
+    await relay.stop()
+    assert told.startswith(f"HTTP/1.1 {status} ")
+    assert ("start it with --origin https://evil.example" in told) == (status == 421)
 
 
 async def test_an_unreachable_upstream_is_a_bad_gateway_and_foreign_pages_are_refused() -> None:

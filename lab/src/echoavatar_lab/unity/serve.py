@@ -8,7 +8,7 @@ silence at the pace of the clock. While Unity is not reachable, the server retri
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 import numpy as np
 from pydantic import Field
@@ -18,6 +18,7 @@ from echoavatar.engine import Engine, EngineThread, SessionCore
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
 from echoavatar.errors import AudioError, CheckpointError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.wire.sockets import serve_streams
 from echoavatar_lab.foreign.foreign_files import read_pickled_array
 from echoavatar_lab.unity.frames import HEADER, LARGEST, Messages
 
@@ -80,19 +81,16 @@ async def _listen(
     stack: contextlib.AsyncExitStack,
     host: str,
     port: int,
-    handler: Callable[[asyncio.StreamReader, asyncio.StreamWriter], object],
+    handler: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]],
 ) -> int:
-    try:
-        server = await asyncio.start_server(handler, host, port)  # type: ignore[arg-type]
-    except OSError as error:
-        raise EchoAvatarError(f"{host}:{port} cannot be used ({error.strerror}); choose another port") from error
+    server = await serve_streams(handler, host, port)
     await stack.enter_async_context(server)
     return int(server.sockets[0].getsockname()[1])
 
 
 def _make_handler(
     handle: Callable[[SessionCore, bytes], None], session: SessionCore
-) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], object]:
+) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]:
     """Read framed payloads until the sender leaves. An invalid payload ends its connection, not the session.
 
     If all places are taken, the sender that has been silent for longest gives way, first one that has sent nothing.

@@ -17,10 +17,9 @@ from echoavatar.agents.client import Avatar, MessageSocket, RemoteTools, stream_
 from echoavatar.engine import Engine, load
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app
-from echoavatar.server.run import Server, configure
+from echoavatar.server.run import Server
 from echoavatar.wire.codec import subprotocol
 from echoavatar.wire.messages import Hello
-from echoavatar.wire.sockets import listen
 
 Message = MutableMapping[str, Any]
 Application = Callable[
@@ -201,15 +200,15 @@ class LocalBackend:
                 self._started.set()
                 await self._stopped.wait()
                 return
-            with listen("127.0.0.1", self._port) as listener:
-                self._address = f"http://127.0.0.1:{listener.getsockname()[1]}"
-                config = configure(self._app)
-                config.lifespan = "off"  # the lifespan is already running
-                page_server = _PageServer(self._app, config, self._started.set)
-                serving = asyncio.ensure_future(page_server.serve(sockets=[listener]))
-                await self._stopped.wait()
-                page_server.should_exit = page_server.force_exit = True
-                await serving
+            server = _PageServer(self._app, port=self._port, lifespan="off", on_ready=self._be_found)
+            serving = asyncio.ensure_future(server.serve())
+            await self._stopped.wait()
+            server.should_exit = server.force_exit = True
+            await serving
+
+    def _be_found(self, address: str) -> None:
+        self._address = address
+        self._started.set()
 
 
 AvatarBackend = RemoteBackend | LocalBackend

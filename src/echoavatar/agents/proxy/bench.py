@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 from websockets.asyncio.client import connect
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection
 
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.wire.sockets import serve_websockets
 
 from ..client.connection import quiet_logger
 from .relay import Relay
@@ -140,7 +141,8 @@ async def _serve_upstream(pipe: Connection, seconds: float) -> None:
         await is_over.wait()
         await websocket.send(json.dumps({"type": "bye"}))
 
-    async with serve(play, "127.0.0.1", 0, compression=None, max_size=None, logger=quiet_logger()) as server:
+    quiet = quiet_logger()
+    async with await serve_websockets(play, "127.0.0.1", 0, compression=None, max_size=None, logger=quiet) as server:
         pipe.send(int(next(iter(server.sockets)).getsockname()[1]))
         await all_there.wait()
         await asyncio.sleep(WARM_UP_S)  # time for the avatar's session to start

@@ -15,15 +15,15 @@ from http import HTTPStatus
 
 from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.connection import Connection
-from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.asyncio.server import Server, ServerConnection
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.codec import ProtocolError
-from echoavatar.wire.guard import check_origin
+from echoavatar.wire.guard import check_origin, is_own_host
+from echoavatar.wire.sockets import serve_websockets, wrong_host
 
 from ..client.connection import quiet_logger
 from .sidecar import AvatarSidecar
@@ -33,6 +33,7 @@ _LOG = logging.getLogger(__name__)
 _UNSENDABLE = (1005, 1006, 1015)  # codes that mean "no close code was sent"
 DROPPED = 1011
 CANCEL_AGAIN_S = 0.5
+FILES_OF_A_CLIENT = 3  # its own connection, the upstream's and the avatar's
 
 
 class Relay:
@@ -43,6 +44,7 @@ class Relay:
         self._upstreams: dict[ServerConnection, ClientConnection] = {}
         self._closing: set[asyncio.Task[None]] = set()
         self._server: Server | None = None
+        self._names = settings.origins  # by which requests may name the proxy, beside localhost and addresses
 
     @property
     def clients(self) -> int:
@@ -55,25 +57,23 @@ class Relay:
         Raises:
             EchoAvatarError: the port is taken or not permitted.
         """
-        try:
-            self._server = await serve(
-                self._serve_client,
-                host,
-                port,
-                process_request=self._process_request,
-                select_subprotocol=self._subprotocol,
-                compression=None,
-                max_size=MAX_BYTES,
-                open_timeout=HANDSHAKE_TIMEOUT_S,
-                ping_interval=PING_S,
-                ping_timeout=PONG_S,
-                server_header=None,
-                logger=quiet_logger(),
-            )
-        except OSError as error:
-            raise EchoAvatarError(
-                f"cannot listen on {host} port {port}: {error.strerror}; choose another --host or --port"
-            ) from error
+        self._names = (*self._settings.origins, host)
+        self._server = await serve_websockets(
+            self._serve_client,
+            host,
+            port,
+            files_each=FILES_OF_A_CLIENT,
+            noisy_logs=(_LOG.name, AvatarSidecar.__module__, quiet_logger().name),
+            process_request=self._process_request,
+            select_subprotocol=self._subprotocol,
+            compression=None,
+            max_size=MAX_BYTES,
+            open_timeout=HANDSHAKE_TIMEOUT_S,
+            ping_interval=PING_S,
+            ping_timeout=PONG_S,
+            server_header=None,
+            logger=quiet_logger(),
+        )
         return int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def stop(self) -> None:
@@ -86,6 +86,9 @@ class Relay:
 
     async def _process_request(self, client: ServerConnection, request: Request) -> Response | None:
         """Connect upstream before accepting the client, so that the client sees the upstream's own refusal."""
+        headers = {name.lower(): value for name, value in request.headers.raw_items()}
+        if "host" in headers and not is_own_host(headers["host"], self._names):
+            return _http_response(HTTPStatus.MISDIRECTED_REQUEST, wrong_host(headers["host"]))
         if request.path == "/health":
             return _http_response(
                 HTTPStatus.OK, json.dumps({"status": "ready", "clients": self.clients}), "application/json"
@@ -93,7 +96,7 @@ class Relay:
         if "websocket" not in request.headers.get("Upgrade", "").lower():
             return None  # the websockets library answers it
         try:
-            check_origin({key.lower(): value for key, value in request.headers.raw_items()}, self._settings.origins)
+            check_origin(headers, self._settings.origins)
             url = upstream_url(self._settings.upstream, request.path)
             offered = [
                 name.strip() for line in request.headers.get_all("Sec-WebSocket-Protocol") for name in line.split(",")
