@@ -148,6 +148,31 @@ def test_malformed_posts_are_refused(scene):
     assert bad.answer(task).status_code == 200
 
 
+NO_TEXT = (
+    rb'{"X":"\ud800"}', rb'{"X":"a\udc00b"}', rb'{"X":"\ud83d\u0041"}', b'{"X":"\xed\xa0\x80"}', b'{"X":"\xff"}',
+    rb'{"X":"\u0000"}', b'{"X":"a\0b"}', b'{"X":NaN}', b'{"X":Infinity}', b'{"X":-1e999}',
+    b'{"X":' + b"9" * 5_000 + b"}", b'{"X":' + b"[" * 30_000,
+    b'{"X":' + b'{"X":' * 5_000, b"\xef\xbb\xbf{}", b'{"\\ud800":1}',
+)  # fmt: skip
+
+
+TEXT_ROUTES = {
+    "/api/owner/login": b"name", "/api/owner/login ": b"password", "/api/rater/join": b"token",
+    "/api/owner/studies": b"settings", "/api/owner/studies/{}/invitations": b"label",
+    "/api/owner/studies/{}/raters/1/exclude": b"reason",
+}  # fmt: skip
+
+
+def test_text_that_is_no_text_and_numbers_that_are_none_reach_no_route(maker: Maker, library):
+    study = canned.make_pairwise(maker, library)
+    owner = OwnerPerson(app_of(maker))
+    owner.log_in()
+    for path, field in TEXT_ROUTES.items():
+        for body in NO_TEXT:
+            answer = owner.post(path.strip().format(study), body.replace(b"X", field))
+            assert (answer.status_code, answer.json()["code"]) == (400, "bad_request"), (path, body[:80])
+
+
 def test_oversized_posts_are_refused_whether_they_say_so_or_not(scene):
     _, bad, _, _ = scene
     path = f"/api/rater/tasks/{bad.task()['id']}/answer"
