@@ -111,6 +111,24 @@ def test_no_change_passes_without_the_csrf_token_of_its_own_session(scene, prefi
             assert (answer.status_code, answer.json()["code"]) == (403, "bad_csrf"), (method, path)
 
 
+@pytest.mark.parametrize("prefix", ["/api/owner", "/api/rater"])
+def test_no_change_passes_from_a_page_of_another_address(maker: Maker, library, prefix: str):
+    """Every route that changes something, signing in included, though cookie and CSRF token are right."""
+    study = canned.make_pairwise(maker, library)
+    owner = OwnerPerson(app_of(maker))
+    owner.log_in()
+    person = owner if prefix.endswith("owner") else RaterPerson(owner.http.app).begin(tokens(maker, study, 1)[0])
+    changes = [(method, path) for method, path in every(owner.http.app, prefix, study) if method != "GET"]
+    changes.append(("POST", f"{prefix}/{'login' if person is owner else 'join'}"))
+    before = actions(maker)
+    for method, path in changes:
+        for origin in ("https://evil.example", "null", "http://studio.test.evil.example", "http://studio.test:81"):
+            headers = {"x-csrf-token": person.csrf, "origin": origin, "content-type": "application/json"}
+            answer = person.http.request(method, path, headers=headers, content=b"{}")
+            assert (answer.status_code, answer.json()["code"]) == (403, "bad_origin"), (method, path, origin)
+    assert set(actions(maker)[len(before) :]) == {"refused: bad_origin"}
+
+
 def test_forged_forms_are_refused(scene):
     maker, bad, good, _ = scene
     task = good.task()
