@@ -1,10 +1,14 @@
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from echoavatar.errors import CheckpointError
-from echoavatar.limits import check_file
+from echoavatar.checkpoint import read_card
+from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.limits import BVH_BYTES, CONFIG_BYTES, GLB_BYTES, check_file
+from echoavatar.motion.formats.bvh import read_bvh
+from echoavatar.motion.formats.gltf_rig import read_gltf_rig
 
 
 def test_only_regular_files_of_a_bounded_size_pass(tmp_path: Path) -> None:
@@ -22,3 +26,20 @@ def test_only_regular_files_of_a_bounded_size_pass(tmp_path: Path) -> None:
         check_file(path / "below", 9, CheckpointError)
     with pytest.raises(FileNotFoundError):
         check_file(tmp_path / "none", 9)
+
+
+@pytest.mark.parametrize(
+    ("name", "most", "read"),
+    [
+        ("card.json", CONFIG_BYTES, lambda path: read_card(path.parent)),
+        ("a.bvh", BVH_BYTES, read_bvh),
+        ("a.glb", GLB_BYTES, read_gltf_rig),
+    ],
+)
+def test_files_beyond_their_limit_are_refused_unread(
+    tmp_path: Path, name: str, most: int, read: Callable[[Path], object]
+) -> None:
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(most + 1)
+    with pytest.raises(EchoAvatarError, match=f"at most {most:,} are read"):
+        read(tmp_path / name)

@@ -32,35 +32,60 @@ def _cheap_hashes(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatc
         monkeypatch.setattr(secrecy, "_COST", {"n": 2, "r": 1, "p": 1})
 
 
-@pytest.fixture(scope="session")
-def postgres() -> Iterator[str]:
-    """The address of a PostgreSQL server of our own, on a socket in a temporary folder."""
-    programs = next((folder for folder in PROGRAMS if (folder / "initdb").exists()), None)
-    if programs is None:
-        pytest.skip("PostgreSQL is not installed (Debian: apt install postgresql)")
-    folder = Path(tempfile.mkdtemp(prefix="studio-pg-"))  # short: a socket's path has 107 bytes at most
-    who: dict[str, object] = {}
-    if os.geteuid() == 0:  # the server refuses to run as root
-        name = next(name for name in ("postgres", "nobody") if any(entry.pw_name == name for entry in pwd.getpwall()))
-        account = pwd.getpwnam(name)
-        os.chown(folder, account.pw_uid, account.pw_gid)
-        who = {"user": account.pw_uid, "group": account.pw_gid, "extra_groups": []}
+class Cluster:
+    """A PostgreSQL server of our own, on a socket in a temporary folder."""
 
-    def run(program: str, *words: str) -> None:
+    def __init__(self, programs: Path) -> None:
+        self._programs = programs
+        self.folder = Path(tempfile.mkdtemp(prefix="studio-pg-"))  # short: a socket's path has 107 bytes at most
+        self.address = f"postgresql://studio@/{{name}}?host={self.folder}"
+        self._who: dict[str, object] = {}
+        if os.geteuid() == 0:  # the server refuses to run as root
+            known = {entry.pw_name for entry in pwd.getpwall()}
+            account = pwd.getpwnam(next(name for name in ("postgres", "nobody") if name in known))
+            os.chown(self.folder, account.pw_uid, account.pw_gid)
+            self._who = {"user": account.pw_uid, "group": account.pw_gid, "extra_groups": []}
+        self._run("initdb", "-U", "studio", "-A", "trust", "--no-sync", "-E", "UTF8")
+
+    def start(self) -> None:
+        options = f"-c listen_addresses='' -c unix_socket_directories={self.folder} -c max_connections=300"
+        self._run("pg_ctl", "-w", "-t", "120", "-l", str(self.folder / "log"), "-o", options, "start")
+
+    def stop(self) -> None:
+        """As a crash would: connections are cut, nothing is tidied up."""
+        self._run("pg_ctl", "-m", "immediate", "stop")
+
+    def _run(self, program: str, *words: str) -> None:
         done = subprocess.run(
-            [programs / program, *words], cwd=folder, capture_output=True, text=True, env={"LC_ALL": "C"}, **who
+            [self._programs / program, "-D", str(self.folder / "data"), *words],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            env={"LC_ALL": "C"},
+            **self._who,
         )
         assert done.returncode == 0, done.stdout + done.stderr
 
-    data = folder / "data"
-    run("initdb", "-D", str(data), "-U", "studio", "-A", "trust", "--no-sync", "-E", "UTF8")
-    options = f"-c listen_addresses='' -c unix_socket_directories={folder} -c max_connections=300"
-    run("pg_ctl", "-D", str(data), "-w", "-t", "120", "-l", str(folder / "log"), "-o", options, "start")
+
+@pytest.fixture(scope="session")
+def cluster() -> Iterator[Cluster]:
+    """A PostgreSQL server that runs; a test that stops it starts it again."""
+    programs = next((folder for folder in PROGRAMS if (folder / "initdb").exists()), None)
+    if programs is None:
+        pytest.skip("PostgreSQL is not installed (Debian: apt install postgresql)")
+    made = Cluster(programs)
+    made.start()
     try:
-        yield f"postgresql://studio@/{{name}}?host={folder}"
+        yield made
     finally:
-        run("pg_ctl", "-D", str(data), "-m", "immediate", "stop")
-        shutil.rmtree(folder)
+        made.stop()
+        shutil.rmtree(made.folder)
+
+
+@pytest.fixture(scope="session")
+def postgres(cluster: Cluster) -> str:
+    """The address of a PostgreSQL server, with a place for the name of the database."""
+    return cluster.address
 
 
 def fresh_database(postgres: str) -> str:

@@ -111,6 +111,24 @@ def test_no_change_passes_without_the_csrf_token_of_its_own_session(scene, prefi
             assert (answer.status_code, answer.json()["code"]) == (403, "bad_csrf"), (method, path)
 
 
+@pytest.mark.parametrize("prefix", ["/api/owner", "/api/rater"])
+def test_no_change_passes_from_a_page_of_another_address(maker: Maker, library, prefix: str):
+    """Every route that changes something, signing in included, though cookie and CSRF token are right."""
+    study = canned.make_pairwise(maker, library)
+    owner = OwnerPerson(app_of(maker))
+    owner.log_in()
+    person = owner if prefix.endswith("owner") else RaterPerson(owner.http.app).begin(tokens(maker, study, 1)[0])
+    changes = [(method, path) for method, path in every(owner.http.app, prefix, study) if method != "GET"]
+    changes.append(("POST", f"{prefix}/{'login' if person is owner else 'join'}"))
+    before = actions(maker)
+    for method, path in changes:
+        for origin in ("https://evil.example", "null", "http://studio.test.evil.example", "http://studio.test:81"):
+            headers = {"x-csrf-token": person.csrf, "origin": origin, "content-type": "application/json"}
+            answer = person.http.request(method, path, headers=headers, content=b"{}")
+            assert (answer.status_code, answer.json()["code"]) == (403, "bad_origin"), (method, path, origin)
+    assert set(actions(maker)[len(before) :]) == {"refused: bad_origin"}
+
+
 def test_forged_forms_are_refused(scene):
     maker, bad, good, _ = scene
     task = good.task()
@@ -146,6 +164,31 @@ def test_malformed_posts_are_refused(scene):
         assert (refused.status_code, refused.json()["code"]) == (400, "bad_request"), body
     assert actions(maker).count("refused: bad_request") == len(MALFORMED)
     assert bad.answer(task).status_code == 200
+
+
+NO_TEXT = (
+    rb'{"X":"\ud800"}', rb'{"X":"a\udc00b"}', rb'{"X":"\ud83d\u0041"}', b'{"X":"\xed\xa0\x80"}', b'{"X":"\xff"}',
+    rb'{"X":"\u0000"}', b'{"X":"a\0b"}', b'{"X":NaN}', b'{"X":Infinity}', b'{"X":-1e999}',
+    b'{"X":' + b"9" * 5_000 + b"}", b'{"X":' + b"[" * 30_000,
+    b'{"X":' + b'{"X":' * 5_000, b"\xef\xbb\xbf{}", b'{"\\ud800":1}',
+)  # fmt: skip
+
+
+TEXT_ROUTES = {
+    "/api/owner/login": b"name", "/api/owner/login ": b"password", "/api/rater/join": b"token",
+    "/api/owner/studies": b"settings", "/api/owner/studies/{}/invitations": b"label",
+    "/api/owner/studies/{}/raters/1/exclude": b"reason",
+}  # fmt: skip
+
+
+def test_text_that_is_no_text_and_numbers_that_are_none_reach_no_route(maker: Maker, library):
+    study = canned.make_pairwise(maker, library)
+    owner = OwnerPerson(app_of(maker))
+    owner.log_in()
+    for path, field in TEXT_ROUTES.items():
+        for body in NO_TEXT:
+            answer = owner.post(path.strip().format(study), body.replace(b"X", field))
+            assert (answer.status_code, answer.json()["code"]) == (400, "bad_request"), (path, body[:80])
 
 
 def test_oversized_posts_are_refused_whether_they_say_so_or_not(scene):

@@ -32,6 +32,23 @@ def test_live_progress_counts_what_counts(maker: Maker, library, owner: OwnerPer
     assert sum(cell["done"] for cell in detail["progress"]) == 6
 
 
+@pytest.mark.parametrize("jump_s", [-3_600, -90_000, 3_600, 90_000])
+def test_a_clock_that_was_set_breaks_no_page(maker: Maker, library, owner: OwnerPerson, monkeypatch, jump_s: int):
+    """Answers of the future or of yesterday; signed-in raters go on, and a short jump signs no owner out."""
+    study = canned.make_pairwise(maker, library)
+    rater = RaterPerson(owner.http.app).begin(tokens(maker, study, 1)[0])
+    rater.answer(rater.task())
+    now = time.time()
+    monkeypatch.setattr("time.time", lambda: now + jump_s)
+    assert rater.answer(rater.task()).status_code == 200
+    if jump_s > 43_200:
+        assert owner.get("/api/owner/me").status_code == 401
+        owner.log_in()
+    assert sum(owner.get(f"/api/owner/studies/{study}").json()["per_hour"]) == (1 if jump_s == 90_000 else 2)
+    for what in ("raters", "results", "invitations"):
+        assert owner.get(f"/api/owner/studies/{study}/{what}").status_code == 200
+
+
 def test_links_are_told_once_and_revoked(maker: Maker, library, owner: OwnerPerson):
     study = canned.make_pairwise(maker, library)
     path = f"/api/owner/studies/{study}/invitations"

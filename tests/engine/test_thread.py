@@ -186,6 +186,25 @@ def test_a_step_that_never_ends_is_noticed_and_left_behind(monkeypatch: pytest.M
     assert soon(lambda: not thread.is_alive)
 
 
+def test_hours_in_which_the_process_was_stopped_are_not_counted_as_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-Z, or a computer that sleeps, in the middle of a step; a step that really lasts is still noticed."""
+    machine, now = Engine(FakePipeline()), 100.0  # type: ignore[arg-type]
+    monkeypatch.setattr("echoavatar.engine.engine.time.monotonic", lambda: now)
+    thread = EngineThread(machine)
+    machine.open_core().push(np.ones(6_400, np.float32))
+    machine._claim(1)
+    for _ in range(3):
+        now += 1
+        thread.watch()
+    now += 8 * 3_600
+    thread.watch()
+    assert not thread.is_stuck
+    for _ in range(60):
+        now += 1
+        thread.watch()
+    assert thread.is_stuck
+
+
 def test_a_free_worker_takes_what_comes_while_the_other_is_busy() -> None:
     pipeline = Gated()
     machine = Engine(pipeline, seats=2, workers=2)  # type: ignore[arg-type]

@@ -17,6 +17,7 @@ from echoavatar.server.companion import (
     ACTION_LINES,
     CUES,
     FALLBACKS,
+    MOST_SOUND,
     PERSONA,
     ChatModel,
     ChatTurn,
@@ -322,4 +323,5 @@ def test_the_script_cannot_transcribe(server: RunningServer) -> None:
     status, answer = server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav")
     assert (status, "ECHOAVATAR_CHAT_EARS" in answer["error"]) == (400, True)
     assert server.http("/v1/chat/ears", b"RIFF", content_type="text/plain")[0] == 400
+    assert server.http("/v1/chat/ears", bytes(MOST_SOUND + 1), content_type="audio/wav")[0] == 400
     assert server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav", origin="https://evil.example")[0] == 403

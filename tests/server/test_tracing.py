@@ -14,6 +14,8 @@ from opentelemetry.sdk.trace import ReadableSpan, TracerProvider  # noqa: E402
 from opentelemetry.sdk.trace.export import SimpleSpanProcessor  # noqa: E402
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter  # noqa: E402
 
+from echoavatar.engine import Engine  # noqa: E402
+from echoavatar.server.tracing import SessionTrace, Tracing  # noqa: E402
 from echoavatar.wire.messages import Hello, Interrupt, Motion  # noqa: E402
 
 
@@ -86,3 +88,21 @@ def test_a_pipeline_that_is_loaded_again_is_traced_again() -> None:
         caller.until(Motion)
         caller.until(Motion)
     assert "generator" in {span.name for span in kept.get_finished_spans()}
+
+
+def test_spans_follow_a_wall_clock_that_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An hour ahead in the middle of a chunk: its spans are of one clock, and the new one."""
+    kept = InMemorySpanExporter()
+    provider = TracerProvider()
+    provider.add_span_processor(SimpleSpanProcessor(kept))
+    tracing = Tracing(Engine(Staged()), provider.get_tracer("test"))  # type: ignore[arg-type]
+    session = SessionTrace(tracing, "s")
+    session.scheduled(0, 6_400)
+    tracing._begin(Staged())
+    session.made(0)
+    ahead = time.time_ns() + 3_600 * 10**9
+    monkeypatch.setattr("time.time_ns", lambda: ahead)
+    session.shown(0)
+    for span in kept.get_finished_spans():
+        assert 0 <= length_s(span) < 60
+        assert abs(span.end_time - ahead) < 60 * 10**9

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.limits import PICKLED_BYTES
 from echoavatar.motion.formats import tables
 from echoavatar_lab.foreign.foreign_files import (
     read_array,
@@ -181,3 +182,10 @@ def test_nested_json_is_refused(tmp_path):
     (tmp_path / "m.json").write_text("[" * 100_000)
     with pytest.raises(CheckpointError, match="is damaged"):
         read_matrices(tmp_path / "m.json", ("a",))
+
+
+def test_a_pickle_beyond_the_limit_is_refused_unread(tmp_path: Path) -> None:
+    with (tmp_path / "a.npy").open("wb") as file:
+        file.truncate(PICKLED_BYTES + 1)
+    with pytest.raises(CheckpointError, match="at most 67,108,864 are read"):
+        read_table(tmp_path / "a.npy", ("mean",), (3,))

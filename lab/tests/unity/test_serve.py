@@ -197,3 +197,8 @@ def test_a_sender_that_falls_silent_is_disconnected(monkeypatch: pytest.MonkeyPa
             assert await is_closed(reader)
 
     asyncio.run(talk())
+
+
+def test_it_is_bound_to_this_machine() -> None:
+    settings = UnitySettings()
+    assert settings.host == settings.unity_host == "127.0.0.1"

@@ -16,6 +16,7 @@ IDLE_S = 1.0  # most that an idle worker sleeps; `Engine.wake` ends it at once
 NAP_S = 0.05  # between looks at threads that are to end
 MOST_FAULTS, WITHIN_S = 3, 60.0  # the last of so many faults of the engine within a minute ends it
 STUCK_S = 60.0  # a step that lasts so long never ends: a chunk of sound is less than a second
+MOST_BETWEEN_S = 5.0  # that count between two looks at a step; for longer, the process itself was stopped or asleep
 
 
 class EngineThread:
@@ -30,6 +31,7 @@ class EngineThread:
         self.error: BaseException | None = None
         self.is_stuck = False  # in a step that never ends
         self.on_change: Callable[[], None] = lambda: None  # called from a thread after a restart, or when all end
+        self._looked, self._watched_s = time.monotonic(), 0.0  # the last look, and how long its oldest step was watched
         self._stopping = threading.Event()
         self._healing = threading.Lock()
         self._faults: list[float] = []  # when the engine failed, within the last minute
@@ -63,8 +65,12 @@ class EngineThread:
 
         Nothing can stop a thread from outside, so such an engine cannot be restarted: the process must end.
         """
-        if self.error is None and (seconds := self.engine.longest_step_s) > STUCK_S:
-            self.error, self.is_stuck = TimeoutError(f"a step has lasted {seconds:.0f} s"), True
+        now = time.monotonic()
+        since, self._looked = now - self._looked, now
+        lasted = self.engine.longest_step_s
+        self._watched_s = min(lasted, self._watched_s + min(since, MOST_BETWEEN_S) if lasted > since else lasted)
+        if self.error is None and self._watched_s > STUCK_S:
+            self.error, self.is_stuck = TimeoutError(f"a step has lasted {lasted:.0f} s"), True
             self._stopping.set()
             _LOG.error("the engine stopped: %s", self.error)
 

@@ -17,7 +17,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 MOST_OPEN = 64  # chunks of a session that are scheduled and not shown, more than can be on their way
 
-Times = list[tuple[str, int]]  # name of a stage, and its end in nanoseconds
+Times = list[tuple[str, int]]  # name of a stage, and its end in nanoseconds of `time.monotonic_ns`
 
 
 def export_to(address: str) -> Tracer:
@@ -37,14 +37,6 @@ def export_to(address: str) -> Tracer:
     return tracer
 
 
-_EPOCH_NS = time.time_ns() - time.monotonic_ns()
-
-
-def now_ns() -> int:
-    """Nanoseconds since 1970 by a clock that is never set back, or a span could end before it begins."""
-    return _EPOCH_NS + time.monotonic_ns()
-
-
 class Tracing:
     """Notes when the stages of a step end, thread by thread."""
 
@@ -60,10 +52,10 @@ class Tracing:
     def _begin(self, pipeline: Any) -> None:
         if pipeline is not self._pipeline:  # the first, or loaded again
             self._pipeline, pipeline.on_stage = pipeline, self._end_stage
-        self._here.times = [("queue", now_ns())]
+        self._here.times = [("queue", time.monotonic_ns())]
 
     def _end_stage(self, stage: str) -> None:
-        self._here.times.append((stage, now_ns()))
+        self._here.times.append((stage, time.monotonic_ns()))
 
 
 class SessionTrace:
@@ -76,11 +68,11 @@ class SessionTrace:
 
     def heard(self, samples: int, rate: int) -> None:
         """Sound came."""
-        self._waiting.append((samples / rate, now_ns()))
+        self._waiting.append((samples / rate, time.monotonic_ns()))
 
     def scheduled(self, at: int, samples: int) -> None:
         """The chunk at a clock is on its way, with the sound that waited longest."""
-        now, seconds = now_ns(), samples / SAMPLE_RATE_HZ
+        now, seconds = time.monotonic_ns(), samples / SAMPLE_RATE_HZ
         began = self._waiting[0][1] if self._waiting else now
         while seconds > 0 and self._waiting:
             there, came = self._waiting.popleft()
@@ -94,15 +86,17 @@ class SessionTrace:
     def made(self, at: int) -> None:
         """The chunk at a clock is made, by this thread."""
         if (times := self._open.get(at)) is not None:
-            times[2:] = [*self._tracing.step(), ("step", now_ns())]
+            times[2:] = [*self._tracing.step(), ("step", time.monotonic_ns())]
 
     def shown(self, at: int) -> None:
         """The pose of a chunk goes to the clients: write its spans."""
         times = self._open.pop(at, None)
         if times is None or len(times) < 4:
             return
-        end, tracer = now_ns(), self._tracing.tracer
-        (_, began), (_, scheduled), (_, stepped), *stages, (_, made) = times
+        tracer, end = self._tracing.tracer, time.time_ns()
+        # one difference for all of a chunk: the wall clock may be set, but no span ends before it begins
+        since_1970 = end - time.monotonic_ns()
+        (_, began), (_, scheduled), (_, stepped), *stages, (_, made) = [(name, at + since_1970) for name, at in times]
         scheduled = min(scheduled, stepped)  # a worker may begin before this is noted
         chunk = tracer.start_span("chunk", start_time=began, attributes={"session": self._session, "at": at})
         inside = trace.set_span_in_context(chunk)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ from .store import Store
 from .tables import Clip
 from .wire import QUESTIONS
 
+_FORMULA = re.compile(r"""((?:^|[;\t\n])["\s]*)([=+\-@\uff1d\uff0b\uff0d\uff20])""")  # and the wide forms
 EXPORTS = {
     "judgements.csv": "text/csv; charset=utf-8",
     "raters.csv": "text/csv; charset=utf-8",
@@ -142,8 +144,14 @@ def _csv(rows: Sequence[Sequence[object]], head: Sequence[str]) -> bytes:
 
 
 def _plain(cell: object) -> object:
-    """Put a quote before text that a spreadsheet would take for a formula."""
-    return f"'{cell}" if isinstance(cell, str) and cell[:1] in ("=", "+", "-", "@", "\t") else cell
+    """Put a quote before text that a spreadsheet would take for a formula, and write line ends alike.
+
+    Where a country writes decimal commas, spreadsheets begin a new cell at a semicolon, also within quotes.
+    """
+    if not isinstance(cell, str):
+        return cell
+    text = cell.replace("\r\n", "\n").replace("\r", "\n")  # the writer puts no quotes around a lone \r
+    return _FORMULA.sub(r"\1'\2", text)
 
 
 def _tokens(folder: Path) -> bytes:

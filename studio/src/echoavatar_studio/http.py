@@ -20,7 +20,7 @@ from starlette.routing import Route
 from echoavatar.wire.guard import network_of
 
 from .audit import note
-from .errors import StudioError, not_found
+from .errors import StoreAwayError, StudioError, not_found
 from .limits import Limiter, Rate, Rates
 from .secrecy import is_name, is_same
 from .sessions import Visitor, find_visitor, name_of
@@ -40,6 +40,7 @@ _QUIET = {  # normal answers to a page that works as intended
     "internal",
 }
 _AUDIT_RATE = Rate(30, 30)  # a flood of refusals must not fill the store
+_AWAY_RATE = Rate(1, 1)  # lines in the log while the store is away
 HEADERS = {"cache-control": "no-store", "x-content-type-options": "nosniff", "referrer-policy": "no-referrer"}
 
 
@@ -119,12 +120,26 @@ class Gate:
             raise StudioError("too_many_requests", "too many requests; wait a little", retry_after=round(wait, 1))
 
     async def _answer(self, request: Request, work: Work, who: Who, signed: bool, rate: Rate | None) -> Response:
+        try:
+            return await self._answer_from_store(request, work, who, signed, rate)
+        except StoreAwayError as away:
+            if not self.limiter.wait("store away", _AWAY_RATE):
+                _LOG.error("the studio cannot reach its data; requests get 503: %s", away.reason)
+            return refused(away)
+
+    async def _answer_from_store(
+        self, request: Request, work: Work, who: Who, signed: bool, rate: Rate | None
+    ) -> Response:
         visitor: Visitor | None = None
         try:
             call = await self._admit(request, who, signed, rate)
             visitor = call.visitor
             done = await anyio.to_thread.run_sync(work, call)
             return done if isinstance(done, Response) else reply(done)
+        except StoreAwayError:
+            raise
+        except OSError as error:  # of the folder with sounds and clips
+            raise StoreAwayError(str(error)) from error
         except StudioError as refusal:
             visitor = visitor or getattr(request.state, "visitor", None)
             if _is_mischief(refusal, who, request):

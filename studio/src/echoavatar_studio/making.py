@@ -4,7 +4,7 @@ import logging
 import shutil
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from echoavatar.timing import CHUNK_SAMPLES, CHUNK_SECONDS, SAMPLE_RATE_HZ
 from .audit import note
 from .candidates import candidates, starts, token_file, token_name
 from .clips import Performance, Progress, corrupt, fit, save_clip, save_sound
+from .errors import RETRY_S, StoreAwayError
 from .planning import Item, plan
 from .secrecy import new_name
 from .settings import PairwiseStudy, PreferenceStudy, SystemChoice
@@ -97,8 +98,7 @@ class Maker:
                     rows = make_pairwise(settings, base, folder, tell)
                 else:
                     rows = make_preference(settings, base, folder, tell)
-            with self.store.write() as session:
-                self.write(session, public, settings, rows)
+            self._keep(public, lambda session: self.write(session, public, settings, rows))
         except Exception as error:
             why = str(error) if isinstance(error, EchoAvatarError) else "an error of the studio; see the server's log"
             self._fail(public, why)
@@ -123,10 +123,28 @@ class Maker:
 
     def _fail(self, public: str, why: str) -> None:
         shutil.rmtree(self.media / public, ignore_errors=True)
-        with self.store.write() as session:
+
+        def mark(session: Session) -> None:
             study = _study(session, public)
             study.state, study.problem = "failed", why
             note(session, "studio", "study failed", study=public, detail=why)
+
+        self._keep(public, mark)
+
+    def _keep(self, public: str, change: Callable[[Session], None]) -> None:
+        """Write how the making ended; while the store is away, wait for it, so that no made clip is lost."""
+        has_told = False
+        while True:
+            try:
+                with self.store.write() as session:
+                    if _study(session, public).state == "making":  # else an earlier try reached the disk after all
+                        change(session)
+                    return
+            except StoreAwayError as away:
+                if not has_told:
+                    _LOG.warning("study %s is made and waits for the store: %s", public, away.reason)
+                has_told = True
+                time.sleep(RETRY_S)
 
     def write(
         self, session: Session, public: str, settings: PairwiseStudy | PreferenceStudy, rows: Sequence[Material]

@@ -277,5 +277,6 @@ def _per_hour(session: Session, study: Study) -> tuple[int, ...]:
     ).all()
     counts = [0] * hours
     for at in moments:
-        counts[max(0, hours - 1 - int((now - at) // _HOUR))] += 1
+        ago = min(max(0, int((now - at) // _HOUR)), hours - 1)  # the clock may have been set back since
+        counts[hours - 1 - ago] += 1
     return tuple(counts)

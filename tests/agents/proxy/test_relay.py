@@ -393,6 +393,25 @@ async def test_a_page_that_points_its_own_name_at_the_proxy_reaches_nothing(host
     assert ("start it with --origin https://evil.example" in told) == (status == 421)
 
 
+@pytest.mark.parametrize(("module", "code"), [("upstream", 1011), ("relay", 1009)])
+async def test_an_event_beyond_the_limit_ends_its_conversation(
+    module: str, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From the upstream or from the client."""
+    monkeypatch.setattr(f"echoavatar.agents.proxy.{module}.MAX_BYTES", 10_000)
+    long = json.dumps({"type": "filler", "x": "x" * 20_000})
+
+    async def script(session: ScriptedSession) -> None:
+        if module == "upstream":
+            await session.send_text(long)
+
+    async with proxied(script) as (url, _, _), listening(url, max_size=None) as client:
+        if module == "relay":
+            await client.websocket.send(long)
+        await asyncio.wait_for(client.websocket.wait_closed(), 5)
+        assert client.websocket.close_code == code
+
+
 async def test_an_unreachable_upstream_is_a_bad_gateway_and_foreign_pages_are_refused() -> None:
     relay = Relay(ProxySettings("ws://127.0.0.1:9/v1/realtime"))
     port = await relay.start(port=0)

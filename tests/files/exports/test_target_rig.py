@@ -17,6 +17,7 @@ from tests.motion.formats.test_gltf_rig import spoilt
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Rig, Take, read_rig
 from echoavatar.files.exports.target_rig import face_weights, pack_on_rig
+from echoavatar.limits import MORPHS
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
@@ -229,6 +230,14 @@ def test_a_bvh_may_be_in_metres_or_centimetres(rigs, tmp_path: Path) -> None:  #
     metres = read_rig(tmp_path / "m.bvh")
     assert metres.units_per_metre == 1
     np.testing.assert_allclose(metres.skeleton.rest_positions, rig.skeleton.rest_positions, atol=1e-4)
+
+
+def test_more_morph_targets_than_are_read_are_refused() -> None:
+    """One mesh, again and again: the file stays small."""
+    mesh = {"primitives": [{"targets": [{}] * 1_000}]}
+    document = {"nodes": [{"mesh": 0}] * (MORPHS // 1_000 + 1), "meshes": [mesh]}
+    with pytest.raises(ValueError, match="more than 8,192"):
+        face_weights(document, np.zeros((1, 52)))
 
 
 def test_what_is_no_rig_is_named(tmp_path: Path) -> None:

@@ -7,7 +7,8 @@ from pydantic import ValidationError
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
-from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.motion.stages.modes import IdleLegs, MotionOptions
+from echoavatar.motion.stages.pose import Pose
 from echoavatar.motion.stages.post import Post
 from echoavatar_lab.data.faults import skate
 from echoavatar_lab.evaluation.codes import replayed
@@ -98,6 +99,21 @@ def test_an_idle_stance_bends_the_knees_and_sways_slowly_from_the_start() -> Non
     assert 4 <= crossings[2] <= 6
     assert root[7, 0] < 0.001
     assert root[54, 0] > 0.006
+
+
+def test_an_idle_stance_sways_on_after_days() -> None:
+    """Float32 holds no frame number beyond 2^24, six days; the count begins again before, and nothing shows it."""
+    legs, rows = IdleLegs(HUMANOID), np.ones(1, bool)
+    state = legs.init_state(1)
+    state.frames[:] = 26_061 - 8  # the sway's period is 26,061 frames
+    shown = []
+    for _ in range(20):
+        pose = Pose(np.zeros((1, 8, HUMANOID.joints, 4), np.float32), np.zeros((1, 8, 3), np.float32), 30.0)
+        legs.sway(pose, rows, state, np.ones(1, bool))
+        shown.append(pose.root[0])
+        assert state.frames[0] < 26_061 + 64
+    speed = np.linalg.norm(np.diff(np.concatenate(shown), axis=0)[:, ::2], axis=1)
+    assert 1e-5 < speed.min() < speed.max() < 5e-4
 
 
 def test_upper_body_stands_and_keeps_arms_and_fingers(walk: Motion) -> None:

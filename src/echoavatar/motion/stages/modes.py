@@ -36,7 +36,10 @@ FREE = MotionOptions()
 
 @dataclass
 class ModesState(StreamState):
-    """Each row's options (leash in metres, in place, upper body as 0 or 1), and how many frames its legs have idled."""
+    """Each row's options (leash in metres, in place, upper body as 0 or 1), and how many frames its legs have idled.
+
+    The frames begin again with each whole period of the sway: float32 holds each frame's number for days only.
+    """
 
     options: Float[Tensor, "b 3"]
     frames: Float[Tensor, " b"]
@@ -73,5 +76,7 @@ class IdleLegs:
             swing = SWAY * ramp * np.sin(2 * math.pi * frame / (seconds * pose.fps))
             pose.root[rows, :, axis] = swing[rows]
         pose.root[rows, :, 1] = self._height
-        shown = torch.from_numpy(np.where(rows, frame[:, -1], 0).astype(np.float32))
+        last, period = frame[:, -1], math.lcm(*(round(seconds * pose.fps) for seconds in SWAY_SECONDS))
+        last = np.where(last >= RAMP_FRAMES + period, last - period, last)
+        shown = torch.from_numpy(np.where(rows, last, 0).astype(np.float32))
         write_rows(state.frames, shown, torch.from_numpy(active))
