@@ -39,7 +39,7 @@ def read_json(
         raw = (data.encode() if isinstance(data, str) else data).removeprefix(codecs.BOM_UTF8)
         if len(raw) > most:
             raise error(f"{name} has {len(raw):,} bytes of JSON, and at most {most:,} are read")
-        if raw.count(b",") >= JSON_VALUES:
+        if sum(map(raw.count, (b",", b"[", b"{"))) >= JSON_VALUES:  # `[[[]]]` has no comma
             raise error(f"{name} holds more than {JSON_VALUES:,} values of JSON")
         value = from_json(raw, allow_inf_nan=False)
     except ValueError as reason:

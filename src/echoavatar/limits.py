@@ -11,18 +11,31 @@ from .errors import EchoAvatarError
 
 CONFIG_BYTES = 16 << 20  # one JSON file: a config, a card, a table
 JSON_VALUES = 1 << 20  # numbers, texts, lists and objects of one JSON text; a VRM avatar has some 100,000
+GLTF_BYTES = 16 << 20  # the JSON in a GLB; VRM avatars have 1 to 6 MiB
 BVH_BYTES = 1 << 29
-GLB_BYTES = 1 << 29
+BVH_LINES = 1 << 21  # two hours at 240 frames a second
+BVH_LINE = 1 << 18  # letters of a line: a frame of `JOINTS` takes less
+GLB_BYTES = 1 << 28  # avatars with large pictures have some 100 MiB
 ARRAYS_BYTES = 1 << 30  # all arrays of one .npz, unpacked: an hour of motion and sound takes half
+ARRAYS_PACKED = 16  # times smaller is a .npz at most, if its arrays have more than ARRAYS_ALWAYS
+ARRAYS_ALWAYS = 1 << 27  # bytes
 
-JOINTS = 4096  # of one skeleton
+JOINTS = 1024  # of one skeleton; avatars with long hair and skirts have some 500
 DEPTH = 512  # joints from the root to a fingertip; also keeps recursive writers within Python's stack
 ROTATIONS = 1 << 25  # frames x joints of one clip: two hours of a body with its hands at 60 fps
+STILL_ROTATIONS = 1 << 20  # of joints that the frames say nothing about, which cost a file nothing
 
-NODES = 1 << 16  # of one glTF file
-VERTICES = 1 << 21  # of all its skinned meshes
-MORPHS = 1 << 13  # morph targets of all its nodes
-WEIGHTS = 1 << 28  # vertices x joints
+# Of one glTF file. Sums count an entry again for each node that uses it, as what is built does.
+NODES = 1 << 14  # avatars have some 1,000
+SKIN_JOINTS = 1 << 16  # entries of all skins; avatars have up to 100 skins that list the same joints
+PRIMITIVES = 1 << 13  # of all skinned nodes; one for each material
+VERTICES = 1 << 20  # of all skinned nodes; avatars have some 100,000
+MORPHS = 1 << 13  # morph targets of all nodes; a face has 50 to 200
+BINDS = 1 << 14  # morph targets that all expressions name; perfect sync has some 100 expressions
+PIXELS = 1 << 24  # of one picture, 4096 x 4096
+
+ACTIONS = 256  # of one bundle; each one is offered to language models
+OVERLAYS = 1 << 20  # frames x joints of the hands of all actions; the shipped ones have 31,000
 
 PICKLED_BYTES = 64 << 20  # one pickled table: statistics have some hundred numbers
 PICKLED_STEPS = 100_000  # instructions of one pickle; a table of arrays takes some hundred

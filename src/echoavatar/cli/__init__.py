@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = command_module(args.command).run(args)
         sys.stdout.flush()
     except EchoAvatarError as error:
-        print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"echoavatar: {_shown(str(error))}", file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
         from .doctor import missing_package
@@ -110,6 +110,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         return int(getattr(stop, "code", 130))
     return code
+
+
+LETTERS = 1_000  # of an error
+
+
+def _shown(message: str) -> str:
+    """A message as one line for a terminal: names in it may be a stranger's, with control characters or no end."""
+    line = " ".join(message.split())[:LETTERS]
+    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in line)[:LETTERS]
 
 
 def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:

@@ -50,6 +50,8 @@ class Hands:
         rows = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in stored["joints"].values()]
         vectors = np.stack([np.broadcast_to(row, (len(shares), 3)) for row in rows], axis=1)
         rotations = quaternion_from_axis_angle(torch.tensor(vectors)).numpy()
+        if not (np.isfinite(rotations).all() and ((shares >= 0) & (shares <= 1)).all()):
+            raise ValueError("rotations of hands that are not finite, or shares that are not from 0 to 1")
         return cls(names, rotations, np.repeat(shares[:, None], len(names), axis=1))
 
 
@@ -91,6 +93,8 @@ class Overlay:
         """The inverse of both `to_json`."""
         held = no_hands(0) if hands is None else Hands.from_json(hands)
         vectors = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in rows.values()]
+        if not all(np.isfinite(row).all() for row in vectors):
+            raise ValueError("turns that are not finite")
         empty = np.zeros((len(held.shares), 0, 3), np.float32)
         return cls(tuple(rows), np.stack(vectors, axis=1) if vectors else empty, held)
 

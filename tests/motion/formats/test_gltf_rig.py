@@ -110,7 +110,7 @@ def test_nested_json_and_lists_are_no_gltf(tmp_path) -> None:  # type: ignore[no
     for text in (b"[" * 100_000, b"[]  "):
         path = tmp_path / "a.glb"
         path.write_bytes(struct.pack("<4sIIII", b"glTF", 2, 0, len(text), 0x4E4F534A) + text)
-        with pytest.raises(MotionError, match="not binary glTF"):
+        with pytest.raises(MotionError, match=r"a\.glb is not"):
             read_gltf_rig(path)
 
 

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
-from echoavatar.engine.pipeline.actions import Action
+from echoavatar.engine.pipeline.actions import NAME, Action
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter, RigConfig
 from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
@@ -144,8 +144,8 @@ def _overlay(skeleton: Skeleton, turns: Float[np.ndarray, "t j 3"]) -> Overlay |
 def _plain(name: str, motion: Motion) -> str:
     """The name as the library keeps it; MotionError where it or the clip's length cannot be."""
     plain = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
-    if not plain.replace("_", "").isalnum() or not plain.isascii():
-        raise MotionError(f"{name!r} cannot name an action; use letters, digits and underscores")
+    if not NAME.fullmatch(plain):
+        raise MotionError(f"{name[:80]!r} cannot name an action; use up to 64 letters, digits and underscores")
     if not SHORTEST_S <= motion.seconds <= LONGEST_S:
         raise MotionError(
             f"a clip of {motion.seconds:.1f} s cannot be an action; cut it to {SHORTEST_S:g} to {LONGEST_S:g} s"

@@ -7,6 +7,7 @@ have a meaning only to the tokenizer that made them, so a library is part of its
 """
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,7 @@ from torch import Tensor
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object
-from echoavatar.limits import CONFIG_BYTES, check_file
+from echoavatar.limits import ACTIONS, CONFIG_BYTES, OVERLAYS, check_file
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.timing import CHUNK, ChunkSize
 from echoavatar.whole_file import write_whole
@@ -26,6 +27,8 @@ from echoavatar.whole_file import write_whole
 FILE = "actions.json"
 REACH = 1  # chunks before and after the current place whose codes are in the set
 LONGEST_S = 60.0
+NAME = re.compile("[a-z0-9_]{1,64}")  # language models are offered the name; pages and terminals show it
+ABOUT = 200  # letters of a description
 
 
 class Directive(NamedTuple):
@@ -47,6 +50,17 @@ class Action:
     overlay: Overlay | None = None  # the part that the codes cannot express
     is_set: bool = False  # whether all codes are asked for at once, as in the paper; then `hold` gives the length
     chunk: ChunkSize = CHUNK  # the bundle's chunk
+
+    def __post_init__(self) -> None:
+        """Raise EchoAvatarError for words or a length that an action cannot have."""
+        if not NAME.fullmatch(self.name):
+            raise EchoAvatarError(
+                f"{self.name[:80]!r} cannot name an action; use up to 64 letters, digits and underscores"
+            )
+        if len(self.about) > ABOUT or not self.about.isprintable():
+            raise EchoAvatarError(f"the description of {self.name} is not one line of up to {ABOUT} letters")
+        if self.seconds > LONGEST_S:
+            raise EchoAvatarError(f"{self.name} lasts more than {LONGEST_S:g} s")
 
     @property
     def chunks(self) -> int:
@@ -165,6 +179,7 @@ class ActionLibrary(Mapping[str, Action]):
         check_file(path, CONFIG_BYTES, CheckpointError)
         try:
             rows = read_object(path.read_bytes(), str(path))["actions"]
+            _check_sizes(rows)
             actions = [Action.from_json(row, chunk) for row in rows]
         except (ValueError, LookupError, TypeError, EchoAvatarError) as error:
             raise CheckpointError(f"{path} is not a library of actions ({error!r}); make it again") from error
@@ -178,3 +193,11 @@ class ActionLibrary(Mapping[str, Action]):
                     f"{path}: action {action.name!r} was made for another tokenizer; `echoavatar actions add` it again"
                 )
         return cls({action.name: action for action in actions})
+
+
+def _check_sizes(rows: list[dict[str, Any]]) -> None:
+    """Refuse more than a library can need before anything is built: a joint of the hands may be one number long."""
+    hands = [row["hands"] for row in rows if "hands" in row]
+    cells = sum(len(stored["shares"]) * len(stored["joints"]) for stored in hands)
+    if len(rows) > ACTIONS or cells > OVERLAYS:
+        raise ValueError(f"{len(rows):,} actions with {cells:,} rotations of hands, more than are read")

@@ -17,6 +17,7 @@ from jaxtyping import Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from echoavatar.errors import CheckpointError, MotionError
+from echoavatar.limits import PIXELS
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.nn.kernels import kernel
 
@@ -64,13 +65,30 @@ class Texels(NamedTuple):
 REDUCTIONS = 6
 
 
-def decoded(textures: Textures) -> Texels:
-    """Decode the pictures and reduce each by halves."""
+def _pixels(encoded: bytes, mode: str) -> UInt8[np.ndarray, "h w *c"]:
+    """The pixels of a JPEG or PNG in a mode of Pillow.
+
+    Raises:
+        CheckpointError: the picture is damaged, or its header asks for more than `PIXELS`.
+    """
     from PIL import Image
 
+    try:
+        with Image.open(io.BytesIO(encoded), formats=("JPEG", "PNG")) as picture:
+            if picture.width * picture.height > PIXELS:
+                raise CheckpointError(
+                    f"a picture of {picture.width} x {picture.height} pixels, and at most {PIXELS:,} are read"
+                )
+            return np.asarray(picture.convert(mode))
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise CheckpointError(f"a picture of the character cannot be read ({error}); make it again") from error
+
+
+def decoded(textures: Textures) -> Texels:
+    """Decode the pictures and reduce each by halves."""
     lists, table, start = [], np.zeros((len(NAMES), REDUCTIONS, 3), np.int64), 0
     for row, name in enumerate(NAMES):
-        level = np.asarray(Image.open(io.BytesIO(getattr(textures, name))).convert("RGBA"))
+        level = _pixels(getattr(textures, name), "RGBA")
         for column in range(REDUCTIONS):
             height, width = level.shape[:2]
             table[row, column] = start, width, height
@@ -115,9 +133,7 @@ def looked_up(
 
 def grey_at(encoded: bytes, uvs: Float[np.ndarray, "v 2"]) -> Float[np.ndarray, " v"]:
     """The value (0 to 1) of a grey picture that does not repeat, at each place."""
-    from PIL import Image
-
-    picture = np.asarray(Image.open(io.BytesIO(encoded)).convert("L"))
+    picture = _pixels(encoded, "L")
     size = np.array(picture.shape[::-1])
     x, y = (uvs * size).astype(int).clip(0, size - 1).T
     return np.asarray(picture[y, x] / np.float32(255))

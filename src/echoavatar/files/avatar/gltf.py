@@ -282,7 +282,7 @@ def packed(document: dict[str, Any], buffer: Buffer) -> bytes:
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.data)}],
     }
-    return container(document, bytes(buffer.data))
+    return container(document, buffer.data)
 
 
 def _nodes() -> list[dict[str, Any]]:
@@ -340,10 +340,11 @@ def checked(rotations: ArrayLike, root: ArrayLike) -> tuple[Float[np.ndarray, "t
     return q / length, p
 
 
-def container(document: dict[str, Any], binary: bytes) -> bytes:
+def container(document: dict[str, Any], binary: bytes | bytearray) -> bytes:
     """The bytes of a GLB with this JSON and this buffer, whose length is a multiple of four."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     total = 12 + 8 + len(text) + 8 + len(binary)
     head = struct.pack("<4sII", b"glTF", 2, total)
-    return head + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    sizes = struct.pack("<I4s", len(text), b"JSON"), struct.pack("<I4s", len(binary), b"BIN\0")
+    return b"".join([head, sizes[0], text, sizes[1], binary])

@@ -6,8 +6,8 @@ else stays. Local rotations are computed from the world rotations of the bones, 
 scales are respected. The face drives morph targets with ARKit names, or else the vowels and blinks of a VRM.
 """
 
-import copy
-from dataclasses import dataclass, replace
+from collections import defaultdict
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,17 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import MORPHS
+from echoavatar.limits import BINDS, MORPHS, ROTATIONS
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, refusing_damage, skinned
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
-from echoavatar.motion.kinematics import Motion, Skeleton
+from echoavatar.motion.kinematics import Motion, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map, feet_of, is_upright
-from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix, quaternion_multiply
 
 from ..avatar.gltf import Buffer, Tracks, packed
 from .take import Take
@@ -51,14 +51,14 @@ def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
 
 
 def _packed(rig: GltfRig, take: Take) -> bytes:
-    document: dict[str, Any] = copy.deepcopy(rig.document)
+    document = rig.document | {"nodes": [dict(node) for node in rig.document["nodes"]]}
     buffers = document.get("buffers", [])
     if len(buffers) > 1 or (buffers and "uri" in buffers[0]):
         raise MotionError(f"{rig.path} refers to files beside it; export it as one .glb")
     buffer = Buffer()
-    buffer.data = bytearray(rig.binary[: buffers[0]["byteLength"]] if buffers else b"")
+    buffer.data = bytearray(memoryview(rig.binary)[: buffers[0]["byteLength"]] if buffers else b"")
     buffer.data += b"\0" * (-len(buffer.data) % 4)
-    buffer.views, buffer.accessors = document.get("bufferViews", []), document.get("accessors", [])
+    buffer.views, buffer.accessors = (list(document.get(key, [])) for key in ("bufferViews", "accessors"))
     tracks = Tracks(buffer, take.motion.frames, take.motion.fps)
     rotations, hips = file_rotations(rig, take.motion)
     rest = file_rotations(rig, Motion.at_rest(take.motion.skeleton))[0][0]
@@ -77,29 +77,28 @@ def _packed(rig: GltfRig, take: Take) -> bytes:
 
 
 def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:
-    """Local rotations (wxyz) of the file's nodes, and the local position of its hips."""
-    world = motion.pose().rotations.double().numpy()
+    """Local rotations (wxyz) of the file's nodes, and the local position of its hips.
+
+    The skeleton's rotations are relative to a rest pose without rotations: between them stand those of the file's node
+    and of its parent at rest.
+    """
+    local = motion.rotations.astype(np.float64)
     root = motion.root.astype(np.float64)
     if rig.is_turned:
-        world, root = _HALF_TURN @ world @ _HALF_TURN, root @ _HALF_TURN
-    rest = {node: _rotation(matrix) for node, matrix in enumerate(rig.worlds)}
-    slot = {node: joint for joint, node in enumerate(rig.order)}
-    placed = np.stack([world[:, joint] @ rest[node] for joint, node in enumerate(rig.order)], 1)
-    local = np.empty_like(placed)
+        local *= [1, -1, 1, -1]
+        root = root @ _HALF_TURN
     for joint, node in enumerate(rig.order):
         parent = rig.parents[node]
-        if parent in slot:
-            above = placed[:, slot[parent]]
-        else:
-            above = np.broadcast_to(rest[parent] if parent >= 0 else np.eye(3), (motion.frames, 3, 3))
-        local[:, joint] = above.transpose(0, 2, 1) @ placed[:, joint]
+        above = _rotation(rig.worlds[parent]) if parent >= 0 else np.eye(3)
+        before, after = (quaternion_from_matrix(torch.from_numpy(m)) for m in (above.T, _rotation(rig.worlds[node])))
+        turned = quaternion_multiply(torch.from_numpy(local[:, joint]), after)
+        local[:, joint] = quaternion_multiply(before, turned).numpy()
 
-    quaternions = quaternion_from_matrix(torch.from_numpy(local)).numpy()
     over = rig.parents[rig.order[0]]
     if over >= 0:
         inverse = np.linalg.inv(rig.worlds[over])
         root = root @ inverse[:3, :3].T + inverse[:3, 3]
-    return align_signs(quaternions), root
+    return align_signs(local), root
 
 
 def _rotation(matrix: Float[Array, "4 4"]) -> Float[Array, "3 3"]:
@@ -133,8 +132,10 @@ def face_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict
         total += len(names)
         if total > MORPHS:
             raise ValueError(f"{total:,} morph targets, more than {MORPHS:,}")
+        if total * len(curves) > ROTATIONS:
+            raise ValueError(f"{total:,} morph targets in {len(curves):,} frames, more than is written; cut the take")
         if any(name.lower() in known for name in names):
-            silent = np.zeros(len(curves))
+            silent = np.zeros(len(curves), np.float32)
             found[node] = np.stack([known.get(name.lower(), silent) for name in names], 1)
     return found or _expression_weights(document, curves)
 
@@ -149,17 +150,16 @@ def _target_names(mesh: dict[str, Any]) -> list[str]:
 
 def _expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Array]:
     """Morph target weights of the VRM's own vowels and blinks."""
-    weights = dict(zip(VRM_NAMES, to_vrm(curves).T, strict=True))
-    found: dict[int, Array] = {}
+    shares: dict[int, Array] = {}  # of each expression (rows) in each target of a node
     for expression, node, index, share in _binds(document):
-        if expression not in weights:
+        if expression not in VRM_NAMES:
             continue
         mesh = document["meshes"][document["nodes"][node]["mesh"]]
         count = len(mesh["primitives"][0].get("targets", []))
         if 0 <= index < count:
-            table = found.setdefault(node, np.zeros((len(curves), count)))
-            table[:, index] += share * weights[expression]
-    return {node: np.clip(table, 0, 1) for node, table in found.items()}
+            table = shares.setdefault(node, np.zeros((len(VRM_NAMES), count), np.float32))
+            table[VRM_NAMES.index(expression), index] += share
+    return {node: np.clip(to_vrm(curves) @ table, 0, 1) for node, table in shares.items()}
 
 
 def _binds(document: dict[str, Any]) -> list[tuple[str, int, int, float]]:
@@ -170,12 +170,24 @@ def _binds(document: dict[str, Any]) -> list[tuple[str, int, int, float]]:
     for name, entry in preset.items():
         for bind in entry.get("morphTargetBinds", []):
             made.append((name, bind["node"], bind["index"], bind.get("weight", 1.0)))
+            _check_binds(made)
+    users: defaultdict[int, list[int]] = defaultdict(list)  # the nodes of each mesh
+    for node, entry in enumerate(document["nodes"]):
+        if "mesh" in entry:
+            users[entry["mesh"]].append(node)
     for group in extensions.get("VRM", {}).get("blendShapeMaster", {}).get("blendShapeGroups", []):
         name = _VRM0.get(str(group.get("presetName", "")).lower(), "")
         for bind in group.get("binds", []):
-            of_mesh = [n for n, node in enumerate(document["nodes"]) if node.get("mesh") == bind["mesh"]]
-            made += [(name, node, bind["index"], bind["weight"] / 100) for node in of_mesh]
+            for node in users[bind["mesh"]]:
+                made.append((name, node, bind["index"], bind["weight"] / 100))
+                _check_binds(made)
     return made
+
+
+def _check_binds(made: list[tuple[str, int, int, float]]) -> None:
+    """Refuse more binds than expressions have; a bind of VRM 0.x counts for each node of its mesh."""
+    if len(made) > BINDS:
+        raise ValueError(f"expressions that name more than {BINDS:,} morph targets")
 
 
 GLTF, BVH = (".vrm", ".glb"), ".bvh"
@@ -198,12 +210,38 @@ class Rig:
         Raises:
             MotionError: the names of the take's joints are not known.
         """
-        motion, body = take.motion, self.body
-        moved = keep_hands_on_body(motion, retarget(motion, self.skeleton), body_of_rig(motion.skeleton), body)
+        motion, body, (trunk, kept) = take.motion, self.body, self._trunk
+        moved = keep_hands_on_body(motion, retarget(motion, trunk), body_of_rig(motion.skeleton), body)
         moved = keep_hands_together(motion, moved)
         rotations = moved.rotations[None].copy()
-        HandCollisions(self.skeleton, body).resolve(rotations)
-        return Take(replace(moved, rotations=rotations[0]), take.face, take.audio)
+        HandCollisions(trunk, body).resolve(rotations)
+        whole = np.tile(np.array([1, 0, 0, 0], np.float32), (motion.frames, self.skeleton.joints, 1))
+        whole[:, kept] = rotations[0]
+        return Take(Motion(self.skeleton, whole, moved.root, moved.fps), take.face, take.audio)
+
+    @cached_property
+    def _trunk(self) -> tuple[Skeleton, list[int]]:
+        """The joints from the root to every known bone as a skeleton, and their places in the rig's.
+
+        The others, such as those of hair and skirts, rest on their parents: nothing is computed for them.
+        """
+        config, kept = self.skeleton.config, set[int]()
+        for joint in (*bone_map(self.skeleton).values(), *config.feet):
+            while joint >= 0 and joint not in kept:
+                kept.add(joint)
+                joint = config.parents[joint]
+        order = sorted(kept)
+        slot = {joint: place for place, joint in enumerate(order)}
+        names = [config.names[joint] for joint in order]
+        trunk = SkeletonConfig(
+            names=tuple(names),
+            parents=tuple(slot.get(config.parents[joint], -1) for joint in order),
+            offsets=tuple(config.offsets[joint] for joint in order),
+            feet=tuple(slot[joint] for joint in config.feet),
+            tips={name: tip for name, tip in config.tips.items() if name in names},
+            vrm={bone: slot[joint] for bone, joint in bone_map(self.skeleton).items()},
+        )
+        return Skeleton(trunk), order
 
     @cached_property
     def body(self) -> BodyProfile:

@@ -15,7 +15,7 @@ import torch
 from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import BVH_BYTES, DEPTH, JOINTS, ROTATIONS, check_file
+from echoavatar.limits import BVH_BYTES, BVH_LINE, BVH_LINES, DEPTH, JOINTS, ROTATIONS, STILL_ROTATIONS, check_file
 from echoavatar.whole_file import write_whole
 
 from ..kinematics.motion import Motion
@@ -47,7 +47,7 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = 0.01) -> Motion:
     path = Path(path)
     try:
         check_file(path, BVH_BYTES, MotionError)
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = _lines(path, path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -55,9 +55,10 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = 0.01) -> Motion:
     reader = _Header(path, lines)
     joints = reader.joints()
     frames, fps = _numbers(path, lines, reader.line, sum(len(joint.channels) for joint in joints))
-    if len(frames) * len(joints) > ROTATIONS:
+    most = min(ROTATIONS, STILL_ROTATIONS + frames.size)
+    if len(frames) * len(joints) > most:
         raise MotionError(
-            f"{path}: {len(frames):,} frames of {len(joints):,} joints are more than {ROTATIONS:,} rotations; cut it"
+            f"{path}: {len(frames):,} frames of {len(joints):,} joints are more than {most:,} rotations; cut it"
         )
     return _assemble(joints, frames, fps, metres_per_unit)
 
@@ -91,6 +92,19 @@ def write_bvh(
     lines = ["HIERARCHY", *_hierarchy(skeleton, scale, order), "MOTION", f"Frames: {motion.frames}"]
     lines += [f"Frame Time: {1 / fps:.9f}", *(row % tuple(frame) for frame in table.tolist())]
     write_whole(path, "\n".join(lines) + "\n", error=MotionError)
+
+
+_ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"  # where `splitlines` splits
+
+
+def _lines(path: Path, text: str) -> list[str]:
+    """The lines of a file; each one is an object, and so is each word of the line that is read."""
+    if sum(map(text.count, _ENDS)) > BVH_LINES:
+        raise MotionError(f"{path} has more than {BVH_LINES:,} lines; cut it")
+    lines = text.splitlines()
+    if max(map(len, lines), default=0) > BVH_LINE:
+        raise MotionError(f"{path} has a line of more than {BVH_LINE:,} letters; it is not a BVH file")
+    return lines
 
 
 class _Header:
@@ -163,6 +177,8 @@ class _Header:
             self.fail("CHANNELS needs their number and as many names; repair the file")
         if any(word not in _CHANNELS for word in words[1:]):
             self.fail(f"channels are named {', '.join(_CHANNELS)}; repair the file")
+        if len(words) > 1 + len(_CHANNELS):
+            self.fail(f"a joint has at most {len(_CHANNELS)} channels; repair the file")
         return [_CHANNELS[word] for word in words[1:]]
 
     def fail(self, complaint: str) -> NoReturn:
@@ -171,10 +187,11 @@ class _Header:
 
 def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> tuple[_Frames, float]:
     """The table of channel values, one row per frame, and the frame rate."""
-    fields: list[tuple[int, str]] = [(i, lines[i]) for i in range(motion_line + 1, len(lines)) if lines[i].strip()]
+    fields = [i for i in range(motion_line + 1, len(lines)) if lines[i].strip()]
     head: dict[str, float] = {}
     for label in ("Frames:", "Frame Time:"):
-        at, text = fields.pop(0) if fields else (len(lines) - 1, "")
+        at = fields.pop(0) if fields else len(lines) - 1
+        text = lines[at]
         try:
             head[label] = float(text.strip().removeprefix(label))
         except ValueError:
@@ -182,24 +199,26 @@ def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> 
     if not float(head["Frames:"]).is_integer():
         raise MotionError(f"{path}: Frames {head['Frames:']} is not a whole number; write how many there are")
     count, frame_time = int(head["Frames:"]), head["Frame Time:"]
-    if not (np.isfinite(frame_time) and frame_time > 0):
-        raise MotionError(f"{path}: Frame Time {frame_time} is not above 0; write the seconds between frames")
+    if not 1e-6 < frame_time < 1e6:
+        raise MotionError(
+            f"{path}: Frame Time {frame_time} is not above 0 and below a million; write the seconds between frames"
+        )
     if count < 1:
         raise MotionError(f"{path}: the file has no frames; choose another")
     try:
-        flat = np.array([float(word) for _, text in fields for word in text.split()])
+        flat = np.fromiter((float(word) for at in fields for word in lines[at].split()), np.float64)
     except ValueError:
         flat = np.empty(0)
     if flat.size != count * width or not np.isfinite(flat).all():
-        _explain(path, fields, count, width)
+        _explain(path, lines, fields, count, width)
     fps = 1 / frame_time
     return flat.reshape(count, width), float(round(fps)) if abs(fps - round(fps)) < 2e-3 * fps else fps
 
 
-def _explain(path: Path, fields: list[tuple[int, str]], count: int, width: int) -> NoReturn:
+def _explain(path: Path, lines: Sequence[str], fields: list[int], count: int, width: int) -> NoReturn:
     """Raise the error that names the wrong line. This is slow, and runs only when a line is wrong."""
-    for at, text in fields:
-        words = text.split()
+    for at in fields:
+        words = lines[at].split()
         for word in words:
             try:
                 is_finite = bool(np.isfinite(float(word)))
@@ -218,25 +237,27 @@ def _explain(path: Path, fields: list[tuple[int, str]], count: int, width: int) 
 
 
 def _assemble(joints: list[_Joint], frames: _Frames, fps: float, unit: float) -> Motion:
-    rotations = np.zeros((len(frames), len(joints), 4))
-    rotations[..., 0] = 1
-    places = np.tile(np.array([joint.offset for joint in joints]), (len(frames), 1, 1))
+    rotations = np.empty((len(frames), len(joints), 4), np.float32)
+    places: list[_Frames] = []  # (t, 3) of each joint that moves along, (1, 3) of the others
     column = 0
     for j, joint in enumerate(joints):
+        rotation = np.tile([1.0, 0.0, 0.0, 0.0], (len(frames), 1))
+        is_moving = any(kind == "position" for kind, _ in joint.channels)
+        place = np.tile(joint.offset, (len(frames) if is_moving or j == 0 else 1, 1))
         for kind, axis in joint.channels:
             if kind == "position":
-                places[:, j, axis] = frames[:, column]
+                place[:, axis] = frames[:, column]
             else:
-                rotations[:, j] = _rotated(rotations[:, j], frames[:, column], axis)
+                rotation = _rotated(rotation, frames[:, column], axis)
             column += 1
-    places *= unit
+        rotations[:, j] = rotation
+        places.append(place * unit)
     while len(joints) > 1 and _has_travelling_child(joints, places):
         joints, rotations, places = _merge_root(joints, rotations, places)
-    stretch = float(np.ptp(places[:, 1:], axis=0).max(initial=0.0))
+    stretch = max((float(np.ptp(place, axis=0).max()) for place in places[1:]), default=0.0)
     if stretch > _RIGID_M:
         _log.warning("bones change their length by up to %.1f mm; their mean length is used", stretch * 1000)
-    offsets = places.mean(0)
-    offsets[0] = np.multiply(joints[0].offset, unit)
+    offsets = np.array([np.multiply(joints[0].offset, unit), *(place.mean(0) for place in places[1:])])
     skeleton = Skeleton(
         SkeletonConfig(
             names=tuple(joint.name for joint in joints),
@@ -245,7 +266,7 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, unit: float) ->
             tips={j.name: _scaled(j.tip, unit) for j in joints if j.tip is not None},
         )
     )
-    return Motion(skeleton, rotations.astype(np.float32), places[:, 0].astype(np.float32), fps)
+    return Motion(skeleton, np.ascontiguousarray(rotations), places[0].astype(np.float32), fps)
 
 
 def _scaled(offset: tuple[float, float, float], unit: float) -> tuple[float, float, float]:
@@ -260,25 +281,24 @@ def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
     return product
 
 
-def _has_travelling_child(joints: list[_Joint], places: _Frames) -> bool:
+def _has_travelling_child(joints: list[_Joint], places: list[_Frames]) -> bool:
     only_child = [j for j, joint in enumerate(joints) if joint.parent == 0] == [1]
-    return only_child and float(np.ptp(places[:, 1], axis=0).max()) > _RIGID_M
+    return only_child and float(np.ptp(places[1], axis=0).max()) > _RIGID_M
 
 
-def _merge_root(joints: list[_Joint], rotations: _Frames, places: _Frames) -> tuple[list[_Joint], _Frames, _Frames]:
+def _merge_root(
+    joints: list[_Joint], rotations: NDArray[np.float32], places: list[_Frames]
+) -> tuple[list[_Joint], NDArray[np.float32], list[_Frames]]:
     """Remove the root; its only child takes over its movement and becomes the root."""
-    above = matrix_from_quaternion(torch.from_numpy(rotations[:, 0]))
-    moved = (above @ torch.from_numpy(places[:, 1, :, None])).squeeze(-1).numpy() + places[:, 0]
-    turned = quaternion_multiply(torch.from_numpy(rotations[:, 0]), torch.from_numpy(rotations[:, 1])).numpy()
+    root, child = (torch.from_numpy(rotations[:, j].astype(np.float64)) for j in (0, 1))
+    moved = (matrix_from_quaternion(root) @ torch.from_numpy(places[1])[..., None]).squeeze(-1).numpy() + places[0]
+    rotations = rotations[:, 1:]
+    rotations[:, 0] = quaternion_multiply(root, child).numpy()
     first, second = joints[0], joints[1]
     x, y, z = np.add(first.offset, second.offset).tolist()
     kept = [_Joint(second.name, -1, (x, y, z), second.channels, second.tip)]
     kept += [_Joint(j.name, j.parent - 1, j.offset, j.channels, j.tip) for j in joints[2:]]
-    return (
-        kept,
-        np.concatenate([turned[:, None], rotations[:, 2:]], 1),
-        np.concatenate([moved[:, None], places[:, 2:]], 1),
-    )
+    return kept, rotations, [moved, *places[2:]]
 
 
 def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:

@@ -5,7 +5,6 @@ the subtree of the hips in the file's rest pose. It becomes a skeleton whose res
 up, rotated to face +Z. Vertices are skinned in the same pose.
 """
 
-import json
 import struct
 from collections import Counter
 from collections.abc import Iterator
@@ -15,10 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import DEPTH, GLB_BYTES, NODES, VERTICES, WEIGHTS, check_file
+from echoavatar.json_reader import read_object
+from echoavatar.limits import DEPTH, GLB_BYTES, GLTF_BYTES, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES, check_file
 
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.rigs import REQUIRED, bone_map, feet_of
@@ -107,19 +108,20 @@ def _read(path: Path) -> GltfRig:
 def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
     try:
         check_file(path, GLB_BYTES, MotionError)
-        data = path.read_bytes()
+        with path.open("rb", buffering=0) as file:  # a buffer would copy what is read
+            head = file.read(20)
+            magic, _, _, length, kind = struct.unpack("<4sIIII", head)
+            if magic != b"glTF" or kind != 0x4E4F534A:
+                raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm")
+            document = read_object(
+                file.read(min(length, GLTF_BYTES + 1)), f"the JSON in {path}", most=GLTF_BYTES, error=MotionError
+            )
+            file.seek(28 + length)
+            return document, file.read()
+    except struct.error as error:
+        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
     except OSError as error:
         raise MotionError(f"{path} cannot be read; check the name") from error
-    try:
-        magic, _, _, length, kind = struct.unpack_from("<4sIIII", data)
-        if magic != b"glTF" or kind != 0x4E4F534A:
-            raise ValueError
-        document: dict[str, Any] = json.loads(data[20 : 20 + length])
-        if not isinstance(document, dict):
-            raise ValueError
-    except (struct.error, ValueError, RecursionError) as error:
-        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
-    return document, data[28 + length :]
 
 
 def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
@@ -159,6 +161,8 @@ def _local(node: dict[str, Any]) -> Array:
 
 def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple[list[int], dict[str, int]]:
     """Nodes of the rig, hips first and parents before children, and the index of each bone in that list."""
+    if (entries := sum(len(skin["joints"]) for skin in document["skins"])) > SKIN_JOINTS:
+        raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
     joints = {node for skin in document["skins"] for node in skin["joints"]}
     known = _humanoid(document)
     if not known:
@@ -215,7 +219,7 @@ class Skinned(NamedTuple):
 
     skeleton: Skeleton
     vertices: Float[Array, "v 3"]
-    weights: Float[Array, "v j"]
+    weights: csr_array  # (v, j) float32: few joints move a vertex
 
 
 def read_skinned(path: Path) -> Skinned:
@@ -236,63 +240,103 @@ def skinned(rig: GltfRig) -> Skinned:
     slot = {node: index for index, node in enumerate(rig.order)}
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
         places, weights = _skin(rig.document, rig.binary, rig.worlds, rig.parents, slot)
-        vertices = (places * ([-1, 1, -1] if rig.is_turned else 1)).astype(np.float32)
-        if not (np.isfinite(vertices).all() and np.isfinite(weights).all()):
+        vertices = places * np.array([-1, 1, -1] if rig.is_turned else 1, np.float32)
+        if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
             raise ValueError("vertices or weights that are not finite")
     return Skinned(rig.skeleton, vertices, weights)
 
 
 def _skin(
     document: dict[str, Any], binary: bytes, worlds: list[Array], parents: dict[int, int], slot: dict[int, int]
-) -> tuple[Float[Array, "v 3"], Float[Array, "v j"]]:
-    """The skinned vertices of all meshes, and their weights on the rig's joints."""
-    vertices, weights, total = [], [], 0
+) -> tuple[Float[Array, "v 3"], csr_array]:
+    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints."""
+    owner = _owners(parents, slot)
+    skins: dict[int, tuple[Array, Array]] = {}
+    vertices, owners, shares = [], [], []
+    for skin, part in _skinned_parts(document):
+        if skin not in skins:
+            joints = document["skins"][skin]["joints"]
+            moves = np.array([worlds[joint] for joint in joints]) @ _binds(document, binary, skin)
+            skins[skin] = moves, np.array([owner[joint] for joint in joints], np.int32)
+        moves, known = skins[skin]
+        held = part["attributes"]
+        count = document["accessors"][held["POSITION"]]["count"]
+        places = _accessor(document, binary, held["POSITION"], count)
+        joints = _accessor(document, binary, held["JOINTS_0"], count).astype(int)
+        share = _accessor(document, binary, held["WEIGHTS_0"], count)
+        if share.shape[1] != 4:
+            raise ValueError(f"{share.shape[1]} weights for a vertex, where the format has 4")
+        share = share / np.maximum(share.sum(1, keepdims=True), 1e-9)
+        vertices.append(_moved(places, share, joints, moves).astype(np.float32))
+        owners.append(known[joints])
+        shares.append(share.astype(np.float32))
+    if not vertices:
+        raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
+    share = np.concatenate(shares)
+    starts = np.arange(0, share.size + 1, 4)
+    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(slot)))
+    weights.sum_duplicates()
+    return np.concatenate(vertices), weights
+
+
+def _skinned_parts(document: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:
+    """The skin and each primitive of every skinned node. Raises for more primitives or vertices than a body has."""
+    found, primitives, vertices = [], 0, 0
     for node in document["nodes"]:
         if "mesh" not in node or "skin" not in node:
             continue
-        skin = document["skins"][node["skin"]]
-        binds = np.tile(np.eye(4), (len(skin["joints"]), 1, 1))
-        if "inverseBindMatrices" in skin:
-            binds = _accessor(document, binary, skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-        moves = np.array([worlds[j] for j in skin["joints"]]) @ binds
-        owners = np.array([slot[_kept(j, parents, slot)] for j in skin["joints"]])
-        for part in document["meshes"][node["mesh"]]["primitives"]:
-            held = part["attributes"]
-            if "JOINTS_0" not in held:
-                continue
-            count = int(document["accessors"][held["POSITION"]]["count"])
-            total += count
-            if total > VERTICES or total * len(slot) > WEIGHTS:
-                raise ValueError(f"{total:,} vertices on {len(slot)} joints, more than are read")
-            places = _accessor(document, binary, held["POSITION"])
-            joints = _accessor(document, binary, held["JOINTS_0"]).astype(int)
-            share = _accessor(document, binary, held["WEIGHTS_0"])
-            share = share / np.maximum(share.sum(1, keepdims=True), 1e-9)
-            far = np.concatenate([places, np.ones((len(places), 1))], 1)
-            vertices.append(np.einsum("vk,vkij,vj->vi", share, moves[joints], far)[:, :3])
-            dense = np.zeros((len(places), len(slot)), np.float32)
-            np.add.at(dense, (np.arange(len(places))[:, None], owners[joints]), share)
-            weights.append(dense)
-    if not vertices:
-        raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
-    return np.concatenate(vertices), np.concatenate(weights)
+        parts = document["meshes"][node["mesh"]]["primitives"]
+        primitives += len(parts)
+        if primitives > PRIMITIVES:
+            raise ValueError(f"skinned meshes of {primitives:,} primitives, and at most {PRIMITIVES:,} are read")
+        for part in parts:
+            if "JOINTS_0" in part["attributes"]:
+                vertices += document["accessors"][part["attributes"]["POSITION"]]["count"]
+                found.append((node["skin"], part))
+            if vertices > VERTICES:
+                raise ValueError(f"skinned meshes of {vertices:,} vertices, and at most {VERTICES:,} are read")
+    return found
 
 
-def _kept(joint: int, parents: dict[int, int], slot: dict[int, int]) -> int:
-    """The joint itself or its nearest ancestor in the rig; the hips where there is none."""
-    while joint >= 0 and joint not in slot:
-        joint = parents[joint]
-    return joint if joint >= 0 else next(iter(slot))
+def _binds(document: dict[str, Any], binary: bytes, skin: int) -> Float[Array, "j 4 4"]:
+    """The inverse bind matrix of each joint of a skin."""
+    entry = document["skins"][skin]
+    count = len(entry["joints"])
+    if "inverseBindMatrices" not in entry:
+        return np.tile(np.eye(4), (count, 1, 1))
+    return _accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
 
 
-def _accessor(document: dict[str, Any], binary: bytes, index: int) -> Float[Array, "n c"]:
+BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex
+
+
+def _moved(
+    places: Float[Array, "v 3"], share: Float[Array, "v k"], joints: Int[Array, "v k"], moves: Float[Array, "j 4 4"]
+) -> Float[Array, "v 3"]:
+    """The vertices where their joints put them."""
+    far = np.concatenate([places, np.ones((len(places), 1))], 1)
+    blocks = [slice(start, start + BLOCK) for start in range(0, len(far), BLOCK)]
+    moved = [np.einsum("vk,vkij,vj->vi", share[here], moves[joints[here]], far[here])[:, :3] for here in blocks]
+    return np.concatenate(moved) if moved else far[:, :3]
+
+
+def _owners(parents: dict[int, int], slot: dict[int, int]) -> dict[int, int]:
+    """The rig's joint of each node: its own, or that of its nearest ancestor in the rig; the hips where none is."""
+    owner = {-1: 0}
+    for node, parent in parents.items():  # parents first
+        owner[node] = slot.get(node, owner[parent])
+    return owner
+
+
+def _accessor(document: dict[str, Any], binary: bytes, index: int, count: int) -> Float[Array, "n c"]:
+    """The first `count` elements of an accessor, which must have as many."""
     accessor = document["accessors"][index]
     view = document["bufferViews"][accessor["bufferView"]]
     dtype, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     stride = view.get("byteStride", dtype.itemsize * width)
-    if accessor["count"] < 0 or start < 0 or stride < dtype.itemsize * width:
+    if not 0 <= count <= accessor["count"] or start < 0 or stride < dtype.itemsize * width:
         raise ValueError(f"accessor {index} has a count, offset or stride that cannot be")
-    raw = np.ndarray((accessor["count"], width), dtype, binary, offset=start, strides=(stride, dtype.itemsize))
+    raw = np.ndarray((count, width), dtype, binary, offset=start, strides=(stride, dtype.itemsize))
     scale = np.iinfo(dtype).max if accessor.get("normalized") else 1
     return raw.astype(np.float64) / scale

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from pydantic import ValidationError
 
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.limits import ARRAYS_BYTES, check_file
+from echoavatar.json_reader import read_object
+from echoavatar.limits import ARRAYS_ALWAYS, ARRAYS_BYTES, ARRAYS_PACKED, check_file
 from echoavatar.whole_file import write_whole
 
 from ..arkit import LIVE_LINK_NAMES, to_live_link
@@ -84,7 +85,8 @@ def read_npz(path: Path | str) -> Motion:
 
 def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
     """The motion in arrays that `write_npz` wrote; raises one of `NPZ_ERRORS` where they are something else."""
-    skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
+    described = read_object(str(stored["skeleton"]), "the skeleton", error=MotionError)
+    skeleton = Skeleton(SkeletonConfig.model_validate(described))
     return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
 
 
@@ -107,9 +109,10 @@ class NpzArrays(Mapping[str, np.ndarray]):
             raise ValueError(str(reason)) from reason
         entries = self._archive.infolist()
         unpacked = sum(entry.file_size for entry in entries)
-        if unpacked > ARRAYS_BYTES:
+        most = min(ARRAYS_BYTES, max(ARRAYS_ALWAYS, ARRAYS_PACKED * path.stat().st_size))
+        if unpacked > most:
             self._archive.close()
-            raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
+            raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {most:,} are read; cut it")
         self._names = {entry.filename.removesuffix(".npy"): entry.filename for entry in entries}
 
     def __getitem__(self, key: str) -> np.ndarray:

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from pydantic import Field, ValidationError
+from scipy.sparse import csr_array
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
+from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.whole_file import write_whole
 
 from ..kinematics import HUMANOID, Skeleton
@@ -49,8 +51,9 @@ class BodyProfile(Config):
     def load(cls, path: Path) -> "BodyProfile":
         """Read a file of `save`. Raises MotionError if it is missing or not a profile."""
         try:
-            return cls.model_validate_json(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
+            check_file(path, CONFIG_BYTES, MotionError)
+            return cls.model_validate_json(path.read_bytes())
+        except OSError as error:
             raise MotionError(f"the body profile {path} cannot be read; check the name") from error
         except ValidationError as error:
             first = error.errors()[0]
@@ -135,7 +138,7 @@ class _Fit:
 
 
 def measure_body(
-    skeleton: Skeleton, vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
+    skeleton: Skeleton, vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"] | csr_array
 ) -> BodyProfile:
     """Fit one ellipsoid per bone of spine, neck and head, to the slice of the body that begins at the bone.
 
@@ -152,7 +155,8 @@ def measure_body(
             f"vertices {vertices.shape} and weights {weights.shape} do not fit a rig of {skeleton.joints} joints;"
             " pass one row of weights over all joints for each vertex"
         )
-    if not (np.isfinite(vertices).all() and np.isfinite(weights).all()):
+    weights = csr_array(weights)
+    if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
         raise MotionError("the mesh holds numbers that are not finite; export it again")
     bones = bone_map(skeleton)
     fits = _tightened(_slices(skeleton, bones, vertices, weights))
@@ -165,12 +169,12 @@ def measure_body(
 
 
 def _slices(
-    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
+    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: csr_array
 ) -> list[_Fit]:
     """Cut the body at the joints of the spine, and put a generous ellipsoid around each slice."""
     column = [bone for bone in COLUMN if bone in bones]
     rest = skeleton.rest_positions.numpy()
-    is_head = weights[:, bones["head"]] > 0.5
+    is_head = weights[:, [bones["head"]]].sum(1) > 0.5
     head = vertices[is_head]
     if len(head) < FEWEST:
         raise MotionError(f"{len(head)} vertices follow the head, {FEWEST} are needed; check the weights")
@@ -231,11 +235,11 @@ def _covered(points: Float[np.ndarray, "v 3"], fits: list[_Fit]) -> float:
 
 
 def _hand(
-    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: Float[np.ndarray, "v j"]
+    skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: csr_array
 ) -> dict[str, float]:
     """Half thickness of palm and fingers: the 80th percentile of their skin's height above or below the bones."""
     found = {}
-    owner = weights.argmax(1)
+    owner = _strongest(weights)
     fingers = [f"left{digit}{part}" for digit in ("Index", "Middle") for part in ("Proximal", "Intermediate")]
     for name, owners in (("palm", ["leftHand"]), ("finger", fingers)):
         skin = np.isin(owner, [bones[bone] for bone in owners if bone in bones])
@@ -243,3 +247,13 @@ def _hand(
             away = vertices[skin, 1] - skeleton.rest_positions.numpy()[owner[skin], 1]
             found[name] = round(float(np.quantile(np.abs(away), 0.8)), 4)
     return found
+
+
+def _strongest(weights: csr_array) -> Int[np.ndarray, " v"]:
+    """The joint with the largest weight of each vertex, the first of several; 0 where there is none."""
+    owner, most = np.zeros(weights.shape[0], int), np.zeros(weights.shape[0], weights.dtype)
+    vertex = np.repeat(np.arange(len(owner)), np.diff(weights.indptr))
+    np.maximum.at(most, vertex, weights.data)
+    strongest = np.flatnonzero((weights.data == most[vertex]) & (weights.data > 0))[::-1]
+    owner[vertex[strongest]] = weights.indices[strongest]  # the last one that is written stays
+    return owner
