@@ -77,7 +77,7 @@ class PageDriver:
         self.page.screenshot(path=path, timeout=120_000)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # its event loop must be gone when another module runs one
 def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api")
     if CHROMIUM is None:

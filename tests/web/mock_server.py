@@ -10,6 +10,7 @@ import asyncio
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import uvicorn
@@ -23,6 +24,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.page import PageHeaders, page_routes
+from echoavatar.server.settings import ServerSettings
 from echoavatar.server.voice import voice_route
 from echoavatar.timing import CHUNK_SAMPLES, FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
@@ -241,7 +243,7 @@ def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlet
     return Starlette(
         routes=[
             WebSocketRoute("/v1/stream", stream),
-            voice_route(""),
+            voice_route(SimpleNamespace(settings=ServerSettings())),  # type: ignore[arg-type]
             Route("/v1/chat", _chat, methods=["GET", "POST"]),
             Route("/v1/chat/ears", _ears, methods=["POST"]),
             *page_routes(),

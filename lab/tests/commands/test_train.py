@@ -19,7 +19,7 @@ def test_from_nothing_to_a_bundle(tmp_path: Path) -> None:
     small = ["--steps", "3", "--batch", "1", "--width", "32", "--layers", "1"]
     assert main(["train", "generator", str(runs / "tokens"), "-o", str(runs / "generator"), *parts, *small]) == 0
     assert main(["bundle", str(runs), "-o", str(tmp_path / "bundle")]) == 0
-    assert load_bundle(tmp_path / "bundle").tokenizer.config.layers == 4
+    assert load_bundle(tmp_path / "bundle").tokenizer.config.layers == load_bundle("default").tokenizer.config.layers
 
 
 def test_a_missing_corpus_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
