@@ -22,9 +22,9 @@ from torch.overrides import TorchFunctionMode
 
 from .config import Config
 from .errors import CheckpointError, EchoAvatarError
-from .json_reader import read_object
-from .limits import CONFIG_BYTES, check_file
-from .whole_file import whole_file, write_whole
+from .json_reader import read_object_file
+from .limits import check_file
+from .whole_file import make_output_folder, whole_file, write_whole
 
 ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
@@ -42,10 +42,11 @@ def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") ->
     """
     path = folder / name
     try:
-        check_file(path, CONFIG_BYTES, CheckpointError)
-        return kind.model_validate_json(path.read_bytes())
+        return kind.model_validate(read_object_file(path))
     except FileNotFoundError as error:
         raise CheckpointError(f"{folder} is not a checkpoint: {name} is missing") from error
+    except EchoAvatarError as error:
+        raise CheckpointError(f"{error}; copy or download it again") from error
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "the whole file"
@@ -55,11 +56,10 @@ def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") ->
 def read_card(folder: Path) -> dict[str, object]:
     """The model card (data, command, scores, licence), or an empty one where there is none."""
     path = folder / "card.json"
-    if not path.exists():
-        return {}
-    check_file(path, CONFIG_BYTES, CheckpointError)
     try:
-        return read_object(path.read_bytes(), str(path))
+        return read_object_file(path)
+    except FileNotFoundError:
+        return {}
     except EchoAvatarError as error:
         raise CheckpointError(f"{error}; copy or download it again") from error
 
@@ -204,7 +204,7 @@ def save(
     Raises:
         CheckpointError: a file cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_output_folder(folder, error=CheckpointError)
     stored = {}
     for key, value in weights.items():
         kept = value.detach().cpu()

@@ -19,6 +19,7 @@ from types import ModuleType
 
 from echoavatar import __version__
 from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.whole_file import disk_errors
 
 from . import settings
 
@@ -91,8 +92,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser([asked]).parse_args(words)
         level = logging.WARNING - 10 * args.verbose + 10 * args.quiet
         logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
-        code: int = command_module(args.command).run(args)
-        sys.stdout.flush()
+        with disk_errors("the output"):
+            code: int = command_module(args.command).run(args)
+            sys.stdout.flush()
     except EchoAvatarError as error:
         print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
         return 1

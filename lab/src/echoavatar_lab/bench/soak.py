@@ -9,7 +9,6 @@ breaks until it is loaded again, or a stage runs out of memory once, or a sessio
 
 import asyncio
 import itertools
-import json
 import multiprocessing
 import os
 import random
@@ -31,6 +30,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from echoavatar import engine as engines
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object
 from echoavatar.server import ServerSettings, create_app, serve
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.blobs import pack_audio
@@ -296,9 +296,9 @@ def read_report(path: Path) -> dict[str, Any]:
         EchoAvatarError: there is none.
     """
     try:
-        report = json.loads(path.read_text("utf-8").strip().rpartition("\n")[2])
+        report = read_object(path.read_text("utf-8").strip().rpartition("\n")[2], "the report")
         return {name: report[name] for name in ("memory_mb", "slope_mb_an_hour", "turns")}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, EchoAvatarError) as error:
         raise EchoAvatarError(f"{path} does not end with a report of `bench soak` ({error!r})") from error
 
 

@@ -6,7 +6,6 @@ runs nothing. Sizes are checked before anything is allocated (`limits`).
 """
 
 import itertools
-import json
 import pickletools
 import zipfile
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ import torch
 from torch import Tensor
 
 from echoavatar.errors import CheckpointError
+from echoavatar.json_reader import read_object
 from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file
 from echoavatar.motion.formats.tables import array_of, arrays_of
 
@@ -221,7 +221,7 @@ def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
     """
     with _named(path):
         check_file(path, CONFIG_BYTES, CheckpointError)
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        stored = read_object(path.read_bytes(), "it")
         missing = [name for name in names if name not in stored]
         if missing:
             raise CheckpointError(f"{path} has no matrix for {', '.join(missing[:6])} ({len(missing)} in all)")

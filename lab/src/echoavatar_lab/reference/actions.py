@@ -6,13 +6,13 @@ code - 6 x 512.
 """
 
 import ast
-import json
 import operator
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from echoavatar.engine.pipeline import Action, ActionLibrary
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.json_reader import read_json
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.timing import CHUNK, ChunkSize
 
@@ -104,8 +104,8 @@ def _number(node: ast.expr) -> int | None:
 
 def _json_tables(text: str) -> list[Table]:
     try:
-        stored = json.loads(text)
-    except (ValueError, RecursionError):
+        stored = read_json(text, "the table")
+    except EchoAvatarError:
         return []
     is_table = isinstance(stored, dict) and all(
         isinstance(value, list) and value and all(type(code) is int for code in value) for value in stored.values()

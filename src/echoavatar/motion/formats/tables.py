@@ -13,6 +13,7 @@ from jaxtyping import Float
 from pydantic import ValidationError
 
 from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object
 from echoavatar.limits import ARRAYS_BYTES, check_file
 from echoavatar.whole_file import write_whole
 
@@ -84,7 +85,11 @@ def read_npz(path: Path | str) -> Motion:
 
 def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
     """The motion in arrays that `write_npz` wrote; raises one of `NPZ_ERRORS` where they are something else."""
-    skeleton = Skeleton(SkeletonConfig.model_validate_json(str(stored["skeleton"])))
+    try:
+        rig = read_object(str(stored["skeleton"]), "skeleton")
+    except EchoAvatarError as error:
+        raise ValueError(str(error)) from error
+    skeleton = Skeleton(SkeletonConfig.model_validate(rig))
     return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
 
 
