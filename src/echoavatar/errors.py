@@ -8,6 +8,11 @@ class EchoAvatarError(Exception):
     """The user can put it right; the message says how. The command line prints it as one line and exits 1."""
 
 
+def one_line(text: object) -> str:
+    """Text on one line, with a mark for what a terminal would obey: file names and tensors may be a stranger's."""
+    return "".join(sign if sign.isprintable() else "?" for sign in " ".join(str(text).split()))
+
+
 class AudioError(EchoAvatarError):
     """Audio that cannot be read or used: wrong shape, not a number, no sound in the file."""
 

@@ -18,7 +18,7 @@ from importlib.metadata import entry_points
 from types import ModuleType
 
 from echoavatar import __version__
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError, one_line
 from echoavatar.whole_file import disk_errors
 
 from . import settings
@@ -96,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             code: int = command_module(args.command).run(args)
             sys.stdout.flush()
     except EchoAvatarError as error:
-        print(f"echoavatar: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"echoavatar: {one_line(error)}", file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
         from .doctor import missing_package

@@ -27,7 +27,15 @@ Table = dict[str, list[int]]
 def find_table(stats: Path) -> Path | None:
     """The script that contains the table: in the folder `scripts` beside the stats folder, or None."""
     scripts = sorted((stats.resolve().parent / "scripts").glob("*.py"), reverse=True)
-    return next((path for path in scripts if _tables(path.read_text(encoding="utf-8", errors="replace"))), None)
+    return next((path for path in scripts if _holds_table(path)), None)
+
+
+def _holds_table(path: Path) -> bool:
+    try:
+        check_file(path, CONFIG_BYTES)
+        return bool(_tables(path.read_text(encoding="utf-8", errors="replace")))
+    except (OSError, EchoAvatarError):
+        return False
 
 
 def read_table(path: Path) -> Table:

@@ -13,11 +13,14 @@ from jaxtyping import Int
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
+from echoavatar.checkpoint import LARGEST_WEIGHTS_BYTES
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object_file
+from echoavatar.limits import check_file
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokens import TokenLayout
+from echoavatar_lab.foreign.foreign_files import want_few
 
 REFERENCE_LAYOUT = TokenLayout(
     audio_layers=2,
@@ -107,9 +110,13 @@ class StoredGenerator:
         shapes: dict[str, tuple[int, ...]] = {}
         for path in paths:
             try:
+                check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
                 with safe_open(path, "pt") as stored:
-                    for key in stored.keys():  # noqa: SIM118  # not a mapping
+                    for key in want_few(path, stored.keys()):
                         files[key], shapes[key] = path, tuple(stored.get_slice(key).get_shape())
+                        if not shapes[key] or 0 in shapes[key]:
+                            shape = f"{key[:80]!r} {list(shapes[key])}"
+                            raise CheckpointError(f"{path}: {shape} is no matrix or vector; download it again")
             except (SafetensorError, OSError) as error:
                 raise CheckpointError(f"{path} is damaged or cut off ({error}); download it again") from error
         return cls(folder, config, files, shapes)

@@ -103,18 +103,18 @@ class NpzArrays(Mapping[str, np.ndarray]):
     damaged, or with pickles in them.
     """
 
-    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> None:
-        """Raises an error of the given kind where the file is too large, or unpacks to too much."""
-        check_file(path, ARRAYS_BYTES, error)
+    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError, *, most: int = ARRAYS_BYTES) -> None:
+        """Raises an error of the given kind where the file, or what it unpacks to, has more than `most` bytes."""
+        check_file(path, most, error)
         try:
             self._archive = zipfile.ZipFile(path)
         except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:
             raise ValueError(str(reason)) from reason
         entries = self._archive.infolist()
         unpacked = sum(entry.file_size for entry in entries)
-        if unpacked > ARRAYS_BYTES:
+        if unpacked > most:
             self._archive.close()
-            raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {ARRAYS_BYTES:,} are read; cut it")
+            raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {most:,} are read; cut it")
         self._names = {entry.filename.removesuffix(".npy"): entry.filename for entry in entries}
 
     def __getitem__(self, key: str) -> np.ndarray:
