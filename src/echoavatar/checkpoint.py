@@ -23,7 +23,7 @@ from torch.overrides import TorchFunctionMode
 from .config import Config
 from .errors import CheckpointError, EchoAvatarError
 from .json_reader import read_object_file
-from .limits import check_file
+from .limits import CONFIG_BYTES, check_file
 from .whole_file import make_output_folder, whole_file, write_whole
 
 ConfigT = TypeVar("ConfigT", bound=Config)
@@ -64,11 +64,25 @@ def read_card(folder: Path) -> dict[str, object]:
         raise CheckpointError(f"{error}; copy or download it again") from error
 
 
+def check_weights(path: Path) -> None:
+    """Refuse a safetensors file that is no regular file, too large, or lists more tensors than any model has.
+
+    Raises:
+        FileNotFoundError: there is nothing; the caller knows the remedy.
+        CheckpointError: it is refused.
+    """
+    check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
+    with path.open("rb") as file:
+        header = int.from_bytes(file.read(8), "little")
+    if header > CONFIG_BYTES:
+        raise CheckpointError(f"{path} is damaged (a list of tensors of {header:,} bytes); copy or download it again")
+
+
 def read_weights(folder: Path) -> dict[str, Tensor]:
     """Read `model.safetensors`; storage in half precision or in int8 (see `save`) becomes float32."""
     path = folder / "model.safetensors"
     try:
-        check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
+        check_weights(path)
         weights = load_file(path)
     except FileNotFoundError as error:
         raise CheckpointError(f"{folder} is not a checkpoint: model.safetensors is missing") from error

@@ -16,7 +16,7 @@ from torch.nn.modules.module import (
 )
 from torch.nn.utils import parametrize
 
-from echoavatar.checkpoint import LARGEST_WEIGHTS_BYTES
+from echoavatar.checkpoint import LARGEST_WEIGHTS_BYTES, check_weights
 from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
 from echoavatar.json_reader import read_json
 from echoavatar.limits import CONFIG_BYTES, check_file
@@ -28,7 +28,7 @@ from echoavatar.models.generator.model import Generator
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.foreign.foreign_files import check_torch_file
 
-_MODULES, _PARAMETERS, _NUMBERS = 5_000, 20_000, 1 << 33  # Qwen2.5 and HuBERT have some hundred modules
+_MODULES, _PARAMETERS, _NUMBERS = 3_000, 5_000, 1 << 33  # Qwen2.5 and HuBERT have some hundred modules
 
 
 def read_encodec(path_or_name: str | Path = "facebook/encodec_24khz") -> AudioCodec:
@@ -107,10 +107,11 @@ def _read(kind: str, name: str, path_or_name: str | Path, instead: str, **how: A
             if path.name in ("config.json", "generation_config.json") or path.name.endswith(".index.json"):
                 check_file(path, CONFIG_BYTES)
                 read_json(path.read_bytes(), path.name)
-            elif path.suffix in (".safetensors", ".bin"):
+            elif path.suffix == ".safetensors":
+                check_weights(path)
+            elif path.suffix == ".bin":
                 check_file(path, LARGEST_WEIGHTS_BYTES)
-                if path.suffix == ".bin":
-                    check_torch_file(path)
+                check_torch_file(path)
         with _bounded():
             return network.from_pretrained(str(path_or_name), local_files_only=True, **how)
     except (EchoAvatarError, _TooLargeError) as error:

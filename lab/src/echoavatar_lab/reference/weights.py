@@ -13,10 +13,9 @@ from jaxtyping import Int
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from echoavatar.checkpoint import LARGEST_WEIGHTS_BYTES
+from echoavatar.checkpoint import check_weights
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object_file
-from echoavatar.limits import check_file
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokens import TokenLayout
@@ -110,7 +109,7 @@ class StoredGenerator:
         shapes: dict[str, tuple[int, ...]] = {}
         for path in paths:
             try:
-                check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
+                check_weights(path)
                 with safe_open(path, "pt") as stored:
                     for key in want_few(path, stored.keys()):
                         files[key], shapes[key] = path, tuple(stored.get_slice(key).get_shape())

@@ -103,8 +103,12 @@ class NpzArrays(Mapping[str, np.ndarray]):
     damaged, or with pickles in them.
     """
 
-    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError, *, most: int = ARRAYS_BYTES) -> None:
-        """Raises an error of the given kind where the file, or what it unpacks to, has more than `most` bytes."""
+    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError, *, most: int | None = None) -> None:
+        """Raises an error of the given kind where the file, or what it unpacks to, has more bytes than `most`.
+
+        `most` is `limits.ARRAYS_BYTES` where it is not given.
+        """
+        most = ARRAYS_BYTES if most is None else most
         check_file(path, most, error)
         try:
             self._archive = zipfile.ZipFile(path)
