@@ -343,4 +343,4 @@ def made_how(folder: Path) -> dict[str, object] | None:
     except FileNotFoundError:
         return None
     except EchoAvatarError as error:
-        raise MotionError(f"{error}; it is no note of `score --model`, remove it") from error
+        raise MotionError(f"{path} is no note of `score --model` or is damaged ({error}); remove it") from error
