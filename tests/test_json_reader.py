@@ -1,12 +1,16 @@
 """JSON from outside is read within bounds, or refused in one line."""
 
+import ast
 import json
+import os
 import tracemalloc
+from pathlib import Path
 
+import msgspec
 import pytest
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.json_reader import read_json, read_object
+from echoavatar.json_reader import read_json, read_object, read_object_file
 
 
 def test_what_json_can_say_is_read() -> None:
@@ -53,3 +57,64 @@ def test_an_object_is_asked_for() -> None:
     assert read_object("{}", "it") == {}
     with pytest.raises(EchoAvatarError, match="it is not a JSON object"):
         read_object("[]", "it")
+
+
+def test_a_file_is_read_where_it_is_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    with pytest.raises(FileNotFoundError):
+        read_object_file(path)
+    os.mkfifo(path)
+    with pytest.raises(CheckpointError, match="not a regular file"):
+        read_object_file(path, error=CheckpointError)
+    path.unlink()
+    path.write_bytes(b'\xef\xbb\xbf{"a": [1, 2]}')
+    assert read_object_file(path) == {"a": [1, 2]}
+    with pytest.raises(EchoAvatarError, match="more than 1 values"):
+        read_object_file(path, most_values=1)
+
+
+# ---- no other reader
+
+ROOT = Path(__file__).parents[1]
+READERS = {"json.loads", "json.load", "msgspec.json.decode", "model_validate_json", "json.JSONDecoder"}
+OF_OUR_OWN = {
+    "lab/src/echoavatar_lab/evaluation/motion_folder.py": "our own settings, brought to the form that JSON gives back",
+    "lab/src/echoavatar_lab/tables/experiment.py": "our own settings, brought to the form that JSON gives back",
+    "scripts/release_check.py": "a manifest of this repository",
+    "src/echoavatar/agents/proxy/bench.py": "what our own child process said",
+    "src/echoavatar/bench/start.py": "what our own child process said",
+    "studio/src/echoavatar_studio/http.py": "typed messages of bounded length; msgspec refuses surrogates and depth",
+    "studio/src/echoavatar_studio/page.py": "translations of the operator, a typed table of texts",
+    "tools/character/src/echoavatar_character/base.py": "the tools' own data",
+}  # file -> why it may read JSON by itself
+
+
+def test_json_from_outside_has_one_reader() -> None:
+    places = ("src", "lab/src", "studio/src", "integrations", "tools/character/src", "scripts")
+    found = {
+        str(path.relative_to(ROOT))
+        for place in places
+        for path in (ROOT / place).rglob("*.py")
+        if "tests" not in path.parts and _reads_json(path)
+    }
+    assert found == set(OF_OUR_OWN), "use echoavatar.json_reader, or say here why not"
+
+
+def _reads_json(path: Path) -> bool:
+    tree = ast.parse(path.read_bytes())
+    calls = [node.func for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    names = {ast.unparse(call) for call in calls if isinstance(call, ast.Attribute | ast.Name)}
+    imported = {
+        f"{node.module}.{name.name}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for name in node.names
+    }
+    return bool(READERS & (names | imported)) or any(name.endswith(".model_validate_json") for name in names)
+
+
+@pytest.mark.parametrize("text", [b'"\\ud800"', b"[" * 100_000, b'{"a":' * 100_000, b'"\xed\xa0\x80"'])
+def test_msgspec_refuses_what_the_reader_refuses(text: bytes) -> None:
+    """The studio's messages are typed, and need no other reader."""
+    with pytest.raises((msgspec.MsgspecError, UnicodeDecodeError, RecursionError)):
+        msgspec.json.decode(text)

@@ -4,7 +4,10 @@ import os
 from pathlib import Path
 
 import pytest
+import torch
 
+from echoavatar import checkpoint
+from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.whole_file import whole_file, write_whole
 
@@ -40,14 +43,15 @@ def test_text_is_utf_8_with_the_line_ends_given(tmp_path: Path) -> None:
 def test_a_place_that_cannot_be_written_is_told_in_one_line(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(MotionError, match=rf"^cannot write .*{name} \([^()]+\); free space or choose another place$"):
+    said = rf"^cannot write .*{name} \([^()]+; [0-9,]+ MB free\); make room or choose another place, and run it again$"
+    with pytest.raises(MotionError, match=said):
         write_whole(tmp_path / name, b"", error=MotionError)
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder"]
 
 
 def test_what_the_writer_raises_is_told_too(tmp_path: Path) -> None:
     with (
-        pytest.raises(EchoAvatarError, match=r"cannot write .*a \(no such codec\)"),
+        pytest.raises(EchoAvatarError, match=r"cannot write .*a \(no such codec; "),
         whole_file(tmp_path / "a", failures=(RuntimeError,)),
     ):
         raise RuntimeError("no such codec")
@@ -61,3 +65,28 @@ def test_a_flushed_file_reaches_the_disk_before_it_replaces_the_old_one(
     monkeypatch.setattr(os, "fsync", lambda _: seen.append(path.read_text()))
     write_whole(path, "new", is_flushed=True)
     assert seen == ["old", "new"]  # the file, then its folder
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="names of open files are read from /proc")
+def test_every_file_of_a_checkpoint_is_flushed_renamed_and_its_folder_flushed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[tuple[str, str]] = []
+    flush, replace = os.fsync, os.replace
+
+    def noted_flush(opened: int) -> None:
+        calls.append(("flush", Path(f"/proc/self/fd/{opened}").readlink().name))
+        flush(opened)
+
+    def noted_replace(old: Path, new: Path) -> None:
+        calls.append(("rename", Path(new).name))
+        replace(old, new)
+
+    monkeypatch.setattr(os, "fsync", noted_flush)
+    monkeypatch.setattr(os, "replace", noted_replace)
+    checkpoint.save(tmp_path, config=Config(), weights={"a": torch.zeros(1)}, card={})
+    names = ("model.safetensors", "config.json", "card.json")
+    wanted = [
+        (("flush", f"{name}.{os.getpid()}.partial"), ("rename", name), ("flush", tmp_path.name)) for name in names
+    ]
+    assert calls == [call for file in wanted for call in file]

@@ -22,9 +22,9 @@ from torch.overrides import TorchFunctionMode
 
 from .config import Config
 from .errors import CheckpointError, EchoAvatarError
-from .json_reader import read_object
+from .json_reader import read_object_file
 from .limits import CONFIG_BYTES, check_file
-from .whole_file import whole_file, write_whole
+from .whole_file import make_output_folder, whole_file, write_whole
 
 ConfigT = TypeVar("ConfigT", bound=Config)
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
@@ -42,10 +42,11 @@ def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") ->
     """
     path = folder / name
     try:
-        check_file(path, CONFIG_BYTES, CheckpointError)
-        return kind.model_validate_json(path.read_bytes())
+        return kind.model_validate(read_object_file(path))
     except FileNotFoundError as error:
         raise CheckpointError(f"{folder} is not a checkpoint: {name} is missing") from error
+    except EchoAvatarError as error:
+        raise CheckpointError(f"{error}; copy or download it again") from error
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"]) or "the whole file"
@@ -55,20 +56,33 @@ def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") ->
 def read_card(folder: Path) -> dict[str, object]:
     """The model card (data, command, scores, licence), or an empty one where there is none."""
     path = folder / "card.json"
-    if not path.exists():
-        return {}
-    check_file(path, CONFIG_BYTES, CheckpointError)
     try:
-        return read_object(path.read_bytes(), str(path))
+        return read_object_file(path)
+    except FileNotFoundError:
+        return {}
     except EchoAvatarError as error:
         raise CheckpointError(f"{error}; copy or download it again") from error
+
+
+def check_weights(path: Path) -> None:
+    """Refuse a safetensors file that is no regular file, too large, or lists more tensors than any model has.
+
+    Raises:
+        FileNotFoundError: there is nothing; the caller knows the remedy.
+        CheckpointError: it is refused.
+    """
+    check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
+    with path.open("rb") as file:
+        header = int.from_bytes(file.read(8), "little")
+    if header > CONFIG_BYTES:
+        raise CheckpointError(f"{path} is damaged (a list of tensors of {header:,} bytes); copy or download it again")
 
 
 def read_weights(folder: Path) -> dict[str, Tensor]:
     """Read `model.safetensors`; storage in half precision or in int8 (see `save`) becomes float32."""
     path = folder / "model.safetensors"
     try:
-        check_file(path, LARGEST_WEIGHTS_BYTES, CheckpointError)
+        check_weights(path)
         weights = load_file(path)
     except FileNotFoundError as error:
         raise CheckpointError(f"{folder} is not a checkpoint: model.safetensors is missing") from error
@@ -204,7 +218,7 @@ def save(
     Raises:
         CheckpointError: a file cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_output_folder(folder, error=CheckpointError)
     stored = {}
     for key, value in weights.items():
         kept = value.detach().cpu()

@@ -3,9 +3,17 @@
 Uses nothing else of the package.
 """
 
+SHOWN_LETTERS = 1000  # of an error at a terminal
+
 
 class EchoAvatarError(Exception):
     """The user can put it right; the message says how. The command line prints it as one line and exits 1."""
+
+
+def one_line(text: object) -> str:
+    """Text as one line for a terminal: names in it may be a stranger's, with control characters or no end."""
+    line = " ".join(str(text).split())[:SHOWN_LETTERS]
+    return "".join(sign if sign.isprintable() else repr(sign)[1:-1] for sign in line)[:SHOWN_LETTERS]
 
 
 class AudioError(EchoAvatarError):

@@ -7,7 +7,6 @@ keeps them, so that other programs share them. May import `outgoing` and below.
 """
 
 import hashlib
-import json
 import os
 import re
 import shutil
@@ -23,7 +22,7 @@ from tqdm import tqdm
 
 from echoavatar import outgoing
 from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
-from echoavatar.json_reader import read_object
+from echoavatar.json_reader import read_object, read_object_file
 from echoavatar.limits import CONFIG_BYTES
 from echoavatar.outgoing import OutgoingError, is_private, origin
 from echoavatar.whole_file import write_whole
@@ -344,7 +343,7 @@ def model_card(folder: Path, name: str) -> str:
     Raises:
         CheckpointError: the folder holds no part with a card.
     """
-    cards = {path.parent.name: json.loads(path.read_text("utf-8")) for path in sorted(folder.glob("*/card.json"))}
+    cards = {path.parent.name: read_object_file(path) for path in sorted(folder.glob("*/card.json"))}
     if not cards:
         raise CheckpointError(f"{folder} is not a bundle: no part of it has a card.json; see `echoavatar bundle`")
     licences = {str(card.get("licence", "unknown")) for card in cards.values()}

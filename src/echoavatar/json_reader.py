@@ -8,18 +8,24 @@ refuses surrogates, NaN and more than 200 levels by itself. Uses `limits` and `e
 import codecs
 import math
 import re
+from pathlib import Path
 from typing import Any
 
 from pydantic_core import from_json
 
 from .errors import EchoAvatarError
-from .limits import CONFIG_BYTES, JSON_VALUES
+from .limits import CONFIG_BYTES, JSON_VALUES, check_file
 
 _MAY_BE_INFINITE = re.compile(rb"\d[eE]\+?0*[1-9]\d\d|\d{309}")  # the parser makes infinity of 1e999
 
 
 def read_json(
-    data: object, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
+    data: object,
+    name: str,
+    *,
+    most: int = CONFIG_BYTES,
+    most_values: int = JSON_VALUES,
+    error: type[EchoAvatarError] = EchoAvatarError,
 ) -> Any:
     """The value that JSON text holds; a byte order mark is passed over.
 
@@ -27,6 +33,7 @@ def read_json(
         data: the text, or its bytes in UTF-8. Anything else is refused, since this too may come from outside.
         name: what the text is, for the message: "the body", a path.
         most: the number of bytes that are read at most.
+        most_values: the number of values in it at most.
         error: the class to raise.
 
     Raises:
@@ -39,8 +46,8 @@ def read_json(
         raw = (data.encode() if isinstance(data, str) else data).removeprefix(codecs.BOM_UTF8)
         if len(raw) > most:
             raise error(f"{name} has {len(raw):,} bytes of JSON, and at most {most:,} are read")
-        if sum(map(raw.count, (b",", b"[", b"{"))) >= JSON_VALUES:  # `[[[]]]` has no comma
-            raise error(f"{name} holds more than {JSON_VALUES:,} values of JSON")
+        if sum(map(raw.count, (b",", b"[", b"{"))) >= most_values:  # `[[[]]]` has no comma
+            raise error(f"{name} holds more than {most_values:,} values of JSON")
         value = from_json(raw, allow_inf_nan=False)
     except ValueError as reason:
         raise error(f"{name} is not JSON: {reason}") from reason
@@ -50,17 +57,39 @@ def read_json(
 
 
 def read_object(
-    data: object, name: str, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
+    data: object,
+    name: str,
+    *,
+    most: int = CONFIG_BYTES,
+    most_values: int = JSON_VALUES,
+    error: type[EchoAvatarError] = EchoAvatarError,
 ) -> dict[str, Any]:
     """The JSON object in a text; see `read_json`.
 
     Raises:
         EchoAvatarError: of the given class: as `read_json`, or the value is not an object.
     """
-    value = read_json(data, name, most=most, error=error)
+    value = read_json(data, name, most=most, most_values=most_values, error=error)
     if not isinstance(value, dict):
         raise error(f"{name} is not a JSON object")
     return value
+
+
+def read_object_file(
+    path: Path,
+    *,
+    most: int = CONFIG_BYTES,
+    most_values: int = JSON_VALUES,
+    error: type[EchoAvatarError] = EchoAvatarError,
+) -> dict[str, Any]:
+    """The JSON object in a file; see `read_json`.
+
+    Raises:
+        FileNotFoundError: there is no such file; the caller knows the remedy.
+        EchoAvatarError: of the given class: as `read_object`, or the file cannot be read.
+    """
+    check_file(path, most, error)
+    return read_object(path.read_bytes(), str(path), most=most, most_values=most_values, error=error)
 
 
 def _is_finite(value: object) -> bool:

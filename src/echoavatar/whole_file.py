@@ -1,11 +1,15 @@
-"""Files are written completely or not at all. Uses only `errors`."""
+"""Files are written completely or not at all, and a disk that is full or read-only is one line. Uses only `errors`."""
 
+import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import EchoAvatarError
+
+_DISK_FAILS = {errno.ENOSPC, errno.EROFS, errno.EFBIG, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
 
 @contextmanager
@@ -38,8 +42,7 @@ def whole_file(
         if is_flushed and os.name == "posix":  # other systems do not open folders
             _flush(partial.parent, os.O_RDONLY)
     except unwritable as reason:
-        cause = getattr(reason, "strerror", None) or reason
-        raise error(f"cannot write {path} ({cause}); free space or choose another place") from reason
+        raise write_error(path, reason, error) from reason
     finally:
         with suppress(OSError):
             partial.unlink()
@@ -57,16 +60,43 @@ def write_whole(
         partial.write_bytes(data.encode() if isinstance(data, str) else data)
 
 
-def make_output_folder(folder: Path) -> None:
+def make_output_folder(folder: Path, *, error: type[EchoAvatarError] = EchoAvatarError) -> None:
     """Make a folder for the output of a command, with the folders above it; it may exist.
 
     Raises:
-        EchoAvatarError: it cannot be made.
+        EchoAvatarError: of the kind `error`; it cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EchoAvatarError(f"cannot write to {folder}: {error.strerror}; choose another -o") from error
+    except OSError as reason:
+        raise write_error(folder, reason, error) from reason
+
+
+@contextmanager
+def disk_errors(place: Path | str) -> Iterator[None]:
+    """A context in which a disk that is full, read-only or broken is an error of one line; others pass.
+
+    Args:
+        place: what is written, for failures that name no file.
+
+    Raises:
+        EchoAvatarError: the disk takes nothing more.
+    """
+    try:
+        yield
+    except OSError as reason:
+        if reason.errno not in _DISK_FAILS:
+            raise
+        raise write_error(reason.filename or place, reason) from reason
+
+
+def write_error(path: Path | str, reason: Exception, error: type[EchoAvatarError] = EchoAvatarError) -> EchoAvatarError:
+    """The error of a file or folder that cannot be written: the path, the cause, the free space and the remedy."""
+    cause = getattr(reason, "strerror", None) or reason
+    with suppress(OSError, ValueError):
+        there = next(place for place in Path(path).absolute().parents if place.is_dir())
+        cause = f"{cause}; {shutil.disk_usage(there).free / 1e6:,.0f} MB free"
+    return error(f"cannot write {path} ({cause}); make room or choose another place, and run it again")
 
 
 def _flush(path: Path, mode: int) -> None:

@@ -23,7 +23,7 @@ def test_the_demo_writes_a_page_and_models_and_opens_nothing(tiny_bundle: Path, 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").write_text("")
     assert main(["demo", "-o", str(tmp_path / "file" / "demo"), "--no-browser"]) == 1
-    assert "choose another -o" in capsys.readouterr().err
+    assert "choose another place" in capsys.readouterr().err
 
 
 def test_without_a_folder_a_live_page_is_served_until_stopped(tiny_bundle: Path) -> None:

@@ -147,7 +147,7 @@ def test_nothing_at_all_is_an_error_that_says_why(takes, tmp_path):
 
 def test_a_place_that_cannot_be_written_is_named(takes, tmp_path):
     (tmp_path / "set").write_text("a file")
-    with pytest.raises(EchoAvatarError, match="choose another -o"):
+    with pytest.raises(EchoAvatarError, match="choose another place"):
         prepare("bvh", survey_of("bvh", takes), tmp_path / "set", KEEP)
 
 

@@ -11,7 +11,7 @@ import torch
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.limits import PICKLED_BYTES
-from echoavatar.motion.formats import tables
+from echoavatar_lab.foreign import foreign_files
 from echoavatar_lab.foreign.foreign_files import (
     read_array,
     read_arrays,
@@ -158,7 +158,7 @@ def test_a_tensor_larger_than_its_numbers_is_refused(tmp_path):
 
 
 def test_arrays_that_unpack_to_too_much_or_lie_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "ARRAYS_BYTES", 1 << 20)
+    monkeypatch.setattr(foreign_files, "PICKLED_BYTES", 1 << 20)
     np.savez_compressed(tmp_path / "a.npz", names=np.zeros(1 << 18))
     with pytest.raises(EchoAvatarError, match="unpacks to"):
         read_arrays(tmp_path / "a.npz", ("names",))

@@ -18,7 +18,8 @@ from importlib.metadata import entry_points
 from types import ModuleType
 
 from echoavatar import __version__
-from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError, one_line
+from echoavatar.whole_file import disk_errors
 
 from . import settings
 
@@ -90,10 +91,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser([asked]).parse_args(words)
         level = logging.WARNING - 10 * args.verbose + 10 * args.quiet
         logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
-        code: int = command_module(args.command).run(args)
-        sys.stdout.flush()
+        with disk_errors("the output"):
+            code: int = command_module(args.command).run(args)
+            sys.stdout.flush()
     except EchoAvatarError as error:
-        print(f"echoavatar: {_shown(str(error))}", file=sys.stderr)
+        print(f"echoavatar: {one_line(error)}", file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
         from .doctor import missing_package
@@ -110,15 +112,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         return int(getattr(stop, "code", 130))
     return code
-
-
-LETTERS = 1_000  # of an error
-
-
-def _shown(message: str) -> str:
-    """A message as one line for a terminal: names in it may be a stranger's, with control characters or no end."""
-    line = " ".join(message.split())[:LETTERS]
-    return "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in line)[:LETTERS]
 
 
 def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:

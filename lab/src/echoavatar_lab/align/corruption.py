@@ -5,7 +5,6 @@ generalises, or are trained on as well (`degraded_scores`). The scores of the le
 from FID measured on one's own data (`scores_from_fid`).
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, get_args
@@ -16,7 +15,8 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from torch import Tensor
 
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.json_reader import read_object_file
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
 
@@ -118,10 +118,8 @@ def read_scores(path: Path) -> dict[str, float]:
         CheckpointError: the file is missing or holds something else.
     """
     try:
-        scores = {
-            str(name): float(score) for name, score in json.loads(path.read_text(encoding="utf-8"))["scores"].items()
-        }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        scores = {str(name): float(score) for name, score in read_object_file(path)["scores"].items()}
+    except (OSError, EchoAvatarError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise CheckpointError(f"{path} holds no scores ({error}); make it with `echoavatar align calibrate`") from error
     missing = [name for name in paper_scores() if name not in scores]
     if missing:

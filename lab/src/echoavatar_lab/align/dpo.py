@@ -18,10 +18,11 @@ from pydantic import Field, ValidationError
 from torch import Tensor
 
 from echoavatar.config import Config
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab.training import Loss
 
 from .probe import Judge
@@ -49,7 +50,7 @@ class PreferencePair(Config):
 def write_pairs(path: Path, pairs: Iterable[PreferencePair]) -> int:
     """Write a file of pairs; returns how many there are."""
     lines = [pair.model_dump_json() for pair in pairs]
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_output_folder(path.parent)
     write_whole(path, "".join(line + "\n" for line in lines))
     return len(lines)
 
@@ -83,7 +84,9 @@ def read_pairs(
 
 def _read_pair(line: str, book: PromptSampler, layout: TokenLayout) -> tuple[Prompt, PreferencePair]:
     try:
-        pair = PreferencePair.model_validate_json(line)
+        pair = PreferencePair.model_validate(read_object(line, "it"))
+    except EchoAvatarError as error:
+        raise MotionError(f"not a pair ({error})") from error
     except ValidationError as error:
         raise MotionError(f"not a pair ({error.errors()[0]['msg']})") from error
     if pair.past != book.past:

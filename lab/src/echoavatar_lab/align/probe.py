@@ -19,6 +19,7 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Skeleton, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, moments, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, motion_features
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
@@ -194,7 +195,7 @@ class SampleVideos:
         seeds = torch.arange(FILM_SEED, FILM_SEED + len(self._prompts), device=device)
         codes = torch.cat([batch.past, policy.rollout(batch, 1, seeds)], 1)
         sounds = decode(self._codec, batch.audio.cpu())
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_output_folder(path.parent)
         for at, (row, sound) in enumerate(zip(codes, sounds, strict=True)):
             target = path.with_name(f"{path.name}_{at}.mp4")
             write_film(target, motion_of_codes(self._tokenizer, row), sound.numpy(), shot=Shot(FILM_SIZE, samples=1))

@@ -32,8 +32,9 @@ from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object_file
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab.data.faults import skate
 from echoavatar_lab.evaluation.metrics.beat_alignment import (
     ARM_JOINTS,
@@ -71,13 +72,13 @@ class JsonFile(Config):
             CheckpointError: the file is missing or holds something else.
         """
         try:
-            return cls.model_validate_json(path.read_bytes())
-        except (OSError, ValidationError) as error:
+            return cls.model_validate(read_object_file(path))
+        except (OSError, EchoAvatarError, ValidationError) as error:
             raise CheckpointError(f"{path} holds no {cls.remedy}") from error
 
     def save(self, path: Path) -> None:
         """Write as JSON."""
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_output_folder(path.parent)
         write_whole(path, self.model_dump_json(indent=1) + "\n")
 
 

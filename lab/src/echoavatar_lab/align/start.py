@@ -1,8 +1,8 @@
 """Builds a training task from folders: bundle, token files, reference statistics, rewards."""
 
-import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,10 @@ from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import Progress, has_state, train
-from echoavatar_lab.training.metrics_log import FILE, read_metrics
+from echoavatar_lab.training.metrics_log import FILE, append_metrics, read_metrics
 
 from .audio_reward import AudioMotion
 from .decoded_motion import decode_truth
@@ -204,35 +205,36 @@ def tune(
         CheckpointError: the run diverged before its first checkpoint, or the folder holds another run.
     """
     is_first = os.environ.get("RANK", "0") == "0"  # the process that writes
+    with hold_folder(folder) if is_first else nullcontext():
+        return _tune(
+            task, folder, is_first=is_first, device=device, minutes=minutes, trackers=trackers, progress=progress
+        )
+
+
+def _tune(task: PolicyTask[Any], folder: Path, *, is_first: bool, device: str, **how: Any) -> str:
     is_measured = is_first and task.context.probe is not None and task.config.evaluate_every > 0
     if is_measured and not has_state(folder):
-        folder.mkdir(parents=True, exist_ok=True)
         (folder / FILE).unlink(missing_ok=True)
         for generator in (task.generator, task.reference.generator):
             generator.to(device)
-        _tell(folder, 0, task.evaluate())
+        append_metrics(folder, 0, task.evaluate())
     try:
-        train(task, folder, device=device, minutes=minutes, trackers=trackers, progress=progress)
+        train(task, folder, device=device, **how)
     except DivergedError as error:
         if not has_state(folder):
             raise CheckpointError(
                 f"{error}, before the first checkpoint; use a smaller learning rate or a larger kl_weight"
             ) from error
         if is_first:
-            _tell(folder, _step(folder), {"stopped": str(error)})
+            append_metrics(folder, _step(folder), {"stopped": str(error)})
         return str(error)
     if is_measured and _step(folder) == task.config.steps and not _is_told(folder, task.config.steps):
-        _tell(folder, task.config.steps, task.evaluate())
+        append_metrics(folder, task.config.steps, task.evaluate())
     return ""
 
 
 def _step(folder: Path) -> int:
     return int(str(read_card(folder)["step"]))
-
-
-def _tell(folder: Path, step: int, values: Mapping[str, object]) -> None:
-    with (folder / FILE).open("a", encoding="utf-8") as file:
-        file.write(json.dumps({"step": step} | dict(values)) + "\n")
 
 
 def _is_told(folder: Path, step: int) -> bool:

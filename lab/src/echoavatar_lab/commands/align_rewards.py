@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 
 from .config_options import add_fields, command_line, given_fields
 from .progress import progress_bar
@@ -140,7 +140,7 @@ def _calibrate(
     levels = CorruptedWindows(bundle.tokenizer, list(taught.values()), seed=args.seed)
     fid = calibrate(levels, load_shipped(), windows=args.windows)
     found = {"fid": fid, "scores": scores_from_fid(fid)}
-    args.output.parent.mkdir(parents=True, exist_ok=True)
+    make_output_folder(args.output.parent)
     write_whole(args.output, json.dumps(found, indent=1) + "\n")
     return found
 

@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import make_output_folder
 
 FILES = ("config.json", "model.safetensors", "card.json")
 
@@ -60,7 +61,7 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
         missing = [name for name in FILES if not (source / part / name).exists()]
         if missing:
             raise EchoAvatarError(f"{source / part} lacks {', '.join(missing)}; train it first (`echoavatar train`)")
-    output.mkdir(parents=True, exist_ok=True)
+    make_output_folder(output)
     BodyTokenizer.load(source / "tokenizer").save(output / "tokenizer", read_card(source / "tokenizer"))
     import torch
 
@@ -71,7 +72,7 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
         dtype=torch.int8 if is_int8 else torch.float16,
     )
     AudioCodec.load(source / "codec")
-    (output / "codec").mkdir(exist_ok=True)
+    make_output_folder(output / "codec")
     for name in FILES:
         shutil.copyfile(source / "codec" / name, output / "codec" / name)
     if not (output / "actions.json").exists():

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from echoavatar.cli.options import RUNTIME_HELP
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object_file
 from echoavatar.whole_file import write_whole
 
 from .progress import progress_bar
@@ -263,11 +264,11 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
 def _write_scores(path: Path, command: str, numbers: dict[str, dict[str, float | None]]) -> None:
     """Put the rows of the avatar, without those of people, into a card that is there already."""
     try:
-        card = json.loads(path.read_text("utf-8"))
+        card = read_object_file(path)
         scores = {label: row for label, row in numbers.items() if "people" not in label and "captured" not in label}
-        write_whole(path, json.dumps(card | {"alive": {"command": command} | scores}, indent=2) + "\n")
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, EchoAvatarError) as error:
         raise EchoAvatarError(f"--card {path} is not the card of a bundle ({error}); give its card.json") from error
+    write_whole(path, json.dumps(card | {"alive": {"command": command} | scores}, indent=2) + "\n")
 
 
 def _domains(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":

@@ -5,10 +5,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.errors import CheckpointError, EchoAvatarError, one_line
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import ActionLibrary
+
+MOST_TOLD = 500  # problems; the release has some 900 tensors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,12 +76,13 @@ def run(args: argparse.Namespace) -> int:
     problems = list(dict.fromkeys(found.problems))  # several parts may report the same problem
     if args.dry_run:
         for line in found.lines:
-            print(f"{line.file}: {line.name} {list(line.shape)} -> {line.target}")
-    for problem in problems:
-        print(f"problem: {problem}", file=sys.stderr)
+            print(one_line(f"{line.file}: {line.name} {list(line.shape)} -> {line.target}"))
+    for problem in problems[:MOST_TOLD]:
+        print(f"problem: {one_line(problem)}", file=sys.stderr)
     if problems:
         count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
-        raise CheckpointError(f"{count}, listed above; nothing was written")
+        told = "listed above" if len(problems) <= MOST_TOLD else f"the first {MOST_TOLD} of them above"
+        raise CheckpointError(f"{count}, {told}; nothing was written")
     if args.dry_run:
         print(f"{len(found.lines)} tensors and tables fit, {len(actions)} actions; nothing was written")
         return 0

@@ -11,7 +11,6 @@ Options on the command line win over the recipe, which wins over the stage's def
 import argparse
 import copy
 import difflib
-import json
 from collections.abc import Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -22,6 +21,7 @@ from pydantic import ValidationError
 
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object
 
 from .config_options import add_field
 
@@ -128,9 +128,8 @@ class Stage(NamedTuple):
 
 def shipped(part: str) -> dict[str, Any]:
     """The config of a part of the default bundle."""
-    text = (files("echoavatar") / "bundles" / "default" / part / "config.json").read_text(encoding="utf-8")
-    config: dict[str, Any] = json.loads(text)
-    return config
+    path = files("echoavatar") / "bundles" / "default" / part / "config.json"
+    return read_object(path.read_bytes(), str(path))
 
 
 def read_recipe(path: Path) -> dict[str, dict[str, Any]]:

@@ -107,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
 
     from echoavatar.engine.pipeline.pipeline import find_device
     from echoavatar.engine.pipeline.runtime import Runtime
+    from echoavatar_lab.held_folder import hold_folder
     from echoavatar_lab.tables.experiment import Experiment, Sources
     from echoavatar_lab.tables.scale import SCALES
     from echoavatar_lab.training.metrics_log import want_trackers
@@ -115,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
     find_device(args.device)
     runtime = Runtime().chosen(args.runtime).label
     others = _others(args)
-    with progress_bar() as say:
+    with hold_folder(args.output / args.scale), progress_bar() as say:
         experiment = Experiment(
             args.output / args.scale,
             SCALES[args.scale],

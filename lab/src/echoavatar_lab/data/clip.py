@@ -24,7 +24,7 @@ from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.whole_file import whole_file
+from echoavatar.whole_file import make_output_folder, whole_file
 
 DOMAINS = ("silence", "speech", "music")
 SILENCE, SPEECH, MUSIC = range(3)
@@ -101,7 +101,7 @@ class Clip:
     def save(self, path: Path | str) -> None:
         """Write to `.npz`, completely or not at all."""
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_output_folder(path.parent, error=MotionError)
         arrays: dict[str, Any] = {
             "name": np.array(self.name),
             "split": np.array(self.split),

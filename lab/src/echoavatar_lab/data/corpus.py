@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object_file
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.whole_file import whole_file, write_whole
+from echoavatar.whole_file import make_output_folder, whole_file, write_whole
 
 from .clip import DOMAINS, PCM, Clip, is_symmetric, mirror_positions, mirror_quaternions, open_clip, stored_labels
 
@@ -90,7 +91,7 @@ def write_shard(folder: Path, name: str, arrays: Mapping[str, NDArray[Any]], *, 
     for array, values in arrays.items():
         path = shard_path(folder, name, array)
         with whole_file(path, error=MotionError) as partial:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_output_folder(path.parent, error=MotionError)
             with partial.open("wb") as file:
                 np.save(file, np.ascontiguousarray(values, TYPES[array]))
             sums[array] = checksum(partial)
@@ -117,6 +118,9 @@ def _verify(path: Path, wanted: str) -> None:
 
 MIRROR = ".mirror"  # suffix of a mirror image's name
 SYMMETRIC_M = 0.05  # a rig whose sides differ by at most this much can be mirrored
+
+MANIFEST_BYTES = 1 << 28  # of the list of a set's clips, or of a receipt for each
+MANIFEST_VALUES = 1 << 24  # 1,000 hours of clips have some five million times of beats and stresses
 
 
 class ClipEntry(Config):
@@ -160,12 +164,13 @@ class Corpus:
         self.folder = Path(folder)
         path = self.folder / "manifest.json"
         try:
-            self.manifest = Manifest.model_validate_json(path.read_text(encoding="utf-8"))
+            stored = read_object_file(path, most=MANIFEST_BYTES, most_values=MANIFEST_VALUES)
+            self.manifest = Manifest.model_validate(stored)
         except OSError as error:
             raise MotionError(
                 f"{self.folder} is not a corpus: manifest.json is missing; make one with `echoavatar data rehearse`"
             ) from error
-        except (ValidationError, UnicodeDecodeError) as error:
+        except (ValidationError, EchoAvatarError) as error:
             raise MotionError(f"{path} is damaged; make the corpus again") from error
         self._entries = {entry.name: entry for entry in self.manifest.clips}
         self._shards = [Shard(self.folder, entry) for entry in self.manifest.shards]

@@ -16,6 +16,7 @@ import numpy as np
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar.whole_file import make_output_folder
 
 from .clip import open_clip
 from .corpus import MIRROR, ClipEntry, Corpus, Manifest, ShardEntry, can_mirror, save_manifest, shard_path, write_shard
@@ -44,7 +45,7 @@ def merge(folders: Sequence[Path], folder: Path, *, progress: Progress | None = 
             progress(done, len(parts))
     skeletons = parts[0].manifest.skeletons
     names = tuple(sorted(clips, key=lambda entry: entry.name))
-    folder.mkdir(parents=True, exist_ok=True)
+    make_output_folder(folder)
     return save_manifest(
         folder, Manifest(format=2, clips=names, shards=tuple(shards), skeletons=skeletons, info=_info(parts))
     )
@@ -107,7 +108,7 @@ def _packed_files(part: Corpus, folder: Path, first: int) -> tuple[list[ClipEntr
 
 
 def _link(source: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_output_folder(target.parent)
     try:
         os.link(source, target)
     except FileNotFoundError as error:

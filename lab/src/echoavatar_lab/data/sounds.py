@@ -12,14 +12,15 @@ from typing import Any, Literal
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from echoavatar.config import Config
-from echoavatar.errors import AudioError
+from echoavatar.errors import AudioError, EchoAvatarError
+from echoavatar.json_reader import read_object_file
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import write_whole
 
-from .corpus import checksum
+from .corpus import MANIFEST_BYTES, MANIFEST_VALUES, checksum
 
 MANIFEST = "sounds.json"
 
@@ -63,14 +64,14 @@ class SoundSet:
         self.folder = folder
         path = folder / MANIFEST
         try:
-            stored = json.loads(path.read_text(encoding="utf-8"))
+            stored = read_object_file(path, most=MANIFEST_BYTES, most_values=MANIFEST_VALUES)
             self.info: dict[str, Any] = dict(stored["info"])
             listed = [Sound.model_validate(one) for one in stored["sounds"]]
         except OSError as error:
             raise AudioError(
                 f"{folder} holds no sounds: {MANIFEST} is missing; make them with `echoavatar data rl-corpus`"
             ) from error
-        except (ValueError, KeyError, TypeError, ValidationError) as error:
+        except (EchoAvatarError, ValueError, KeyError, TypeError) as error:
             raise AudioError(f"{path} is damaged; delete {folder} and make the sounds again") from error
         self.sounds = sorted(listed, key=lambda sound: sound.name)
 

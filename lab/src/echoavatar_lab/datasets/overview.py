@@ -11,6 +11,7 @@ from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.data import Corpus
 from echoavatar_lab.data.statistics import own_frame, wrist_speeds
 from echoavatar_lab.evaluation.pictures import contact_sheet, save_picture
@@ -24,7 +25,7 @@ _Array = np.ndarray
 
 def draw_overview(corpus: Corpus, folder: Path, *, sheets: int = 3) -> list[Path]:
     """Write `duration.png`, `speed.png`, `pose.png` and contact sheets of clips spread over the set."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_output_folder(folder)
     names = _spread(corpus.names(has_mirrored=False), MOST_CLIPS)
     motions = [_motion(corpus, name) for name in names]
     pictures = {"duration": _durations(corpus), "speed": _speeds(motions), "pose": _poses(motions)}

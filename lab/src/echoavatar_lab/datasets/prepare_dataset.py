@@ -24,6 +24,7 @@ from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.data import Corpus
+from echoavatar_lab.held_folder import hold_folder
 
 from .prepare_recording import Receipt, finished_part, prepare_recording, stamp
 from .set_writer import SetWriter, write_json
@@ -62,36 +63,37 @@ def prepare(
             was killed; finished parts are kept.
     """
     started = time.perf_counter()
-    writer = SetWriter(folder, kind, survey.terms, options)
-    make_output_folder(folder / "parts")
-    recordings = with_splits(survey.recordings, options.test_every)
-    writer.assign_splits({recording.name: recording.split for recording in recordings})
-    kept = [one.name for one in recordings if writer.holds(one.name, stamp(one, options))]
-    todo = [recording for recording in recordings if recording.name not in kept]
-    failures: list[Failure] = []
-    made: list[str] = []
-    state = "interrupted"
-    try:
-        for recording, result in zip(todo, _results(todo, options, folder, workers), strict=True):
-            if isinstance(result, Failure):
-                failures.append(result)
-            else:
-                made.append(recording.name)
-                writer.add(result)
-            if progress:
-                progress(len(kept) + len(made) + len(failures), len(recordings))
-        state = "finished"
-    finally:
-        if made or kept:
-            writer.flush()
-        _write_report(folder, state, survey, (made, kept), failures, writer.receipts)
-    if not (made or kept):
-        first = f"{failures[0].name}: {failures[0].why}" if failures else "no recording"
-        raise EchoAvatarError(f"none of {len(recordings)} recordings could be prepared; {first}")
-    corpus = writer.finish(split_source(survey, options))
-    return Outcome(
-        corpus, survey, writer.receipts, tuple(made), tuple(kept), tuple(failures), time.perf_counter() - started
-    )
+    with hold_folder(folder):
+        writer = SetWriter(folder, kind, survey.terms, options)
+        make_output_folder(folder / "parts")
+        recordings = with_splits(survey.recordings, options.test_every)
+        writer.assign_splits({recording.name: recording.split for recording in recordings})
+        kept = [one.name for one in recordings if writer.holds(one.name, stamp(one, options))]
+        todo = [recording for recording in recordings if recording.name not in kept]
+        failures: list[Failure] = []
+        made: list[str] = []
+        state = "interrupted"
+        try:
+            for recording, result in zip(todo, _results(todo, options, folder, workers), strict=True):
+                if isinstance(result, Failure):
+                    failures.append(result)
+                else:
+                    made.append(recording.name)
+                    writer.add(result)
+                if progress:
+                    progress(len(kept) + len(made) + len(failures), len(recordings))
+            state = "finished"
+        finally:
+            if made or kept:
+                writer.flush()
+            _write_report(folder, state, survey, (made, kept), failures, writer.receipts)
+        if not (made or kept):
+            first = f"{failures[0].name}: {failures[0].why}" if failures else "no recording"
+            raise EchoAvatarError(f"none of {len(recordings)} recordings could be prepared; {first}")
+        corpus = writer.finish(split_source(survey, options))
+        return Outcome(
+            corpus, survey, writer.receipts, tuple(made), tuple(kept), tuple(failures), time.perf_counter() - started
+        )
 
 
 def split_source(survey: Survey, options: SetOptions) -> str:

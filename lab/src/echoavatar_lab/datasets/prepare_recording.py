@@ -25,7 +25,8 @@ from pydantic import Field, ValidationError
 from torch import Tensor
 
 from echoavatar.config import Config
-from echoavatar.errors import AudioError, MotionError
+from echoavatar.errors import AudioError, EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers import load_shipped, refine_fingers
 from echoavatar.models.fingers.clips import FROZEN_DEG_S
@@ -223,8 +224,8 @@ def finished_part(folder: Path, name: str) -> Receipt | None:
     """The receipt of a finished part, or None if a file of it is missing or damaged."""
     path = part_path(folder, name).with_suffix(".json")
     try:
-        receipt = Receipt.model_validate_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValidationError, UnicodeDecodeError):
+        receipt = Receipt.model_validate(read_object_file(path))
+    except (OSError, EchoAvatarError, ValidationError):
         return None
     return receipt if part_path(folder, name).is_file() else None
 

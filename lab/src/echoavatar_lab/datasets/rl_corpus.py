@@ -28,6 +28,7 @@ from echoavatar_lab.corpora.rehearsal.augment import set_loudness
 from echoavatar_lab.corpora.sound import FloatArray, whole_frames
 from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
+from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 from .conversations import OWN, RULE, Script, conversations, split_of
@@ -172,20 +173,21 @@ def make_rl_corpus(plan: SoundPlan, progress: Progress | None = None) -> RlCorpu
         raise EchoAvatarError(f"--hours {plan.hours:g} and --pieces {plan.pieces} ask for nothing; make one positive")
     pieces = recorded_music(plan.music, plan.music_licence) if plan.music else composed_music(plan.seed)
     music = list(islice(pieces, plan.pieces))  # an empty folder must fail before the speech is made
-    folder, found = _CorpusFolder(plan), RlCorpusResult()
-    in_a_row, jobs = 0, _speech(plan)
-    while found.seconds("speech") < plan.hours * 3600:
-        in_a_row = 0 if folder.make_or_keep(next(jobs), "speech", found) else in_a_row + 1
-        if in_a_row == FAILURES_IN_A_ROW:
-            name, why = found.failures[-1]
-            raise EchoAvatarError(f"{in_a_row} scripts in a row failed, the last of them {name}: {why}")
-        if progress:
-            progress("speech", found.seconds("speech") / 60, plan.hours * 60)
-    for number, job in enumerate(music, start=1):
-        folder.make_or_keep(job, "music", found)
-        if progress:
-            progress("music", number, len(music))
-    return found
+    with hold_folder(plan.folder):
+        folder, found = _CorpusFolder(plan), RlCorpusResult()
+        in_a_row, jobs = 0, _speech(plan)
+        while found.seconds("speech") < plan.hours * 3600:
+            in_a_row = 0 if folder.make_or_keep(next(jobs), "speech", found) else in_a_row + 1
+            if in_a_row == FAILURES_IN_A_ROW:
+                name, why = found.failures[-1]
+                raise EchoAvatarError(f"{in_a_row} scripts in a row failed, the last of them {name}: {why}")
+            if progress:
+                progress("speech", found.seconds("speech") / 60, plan.hours * 60)
+        for number, job in enumerate(music, start=1):
+            folder.make_or_keep(job, "music", found)
+            if progress:
+                progress("music", number, len(music))
+        return found
 
 
 def _speech(plan: SoundPlan) -> Iterator[Job]:

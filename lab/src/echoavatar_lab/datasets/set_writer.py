@@ -14,13 +14,14 @@ import numpy as np
 import torch
 
 from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object_file
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab.data import Corpus, Manifest, save_manifest
 from echoavatar_lab.data.clip import open_clip
-from echoavatar_lab.data.corpus import MIRROR, ClipEntry, can_mirror, write_shard
+from echoavatar_lab.data.corpus import MANIFEST_BYTES, MANIFEST_VALUES, MIRROR, ClipEntry, can_mirror, write_shard
 from echoavatar_lab.data.statistics import measure_features
 
 from .prepare_recording import Receipt, part_path
@@ -56,9 +57,9 @@ class SetWriter:
                 f"{self.folder} was made with {before}, this call says {now}; use the same options or choose another -o"
             )
         try:
-            stored = json.loads((self.folder / "recordings.json").read_text(encoding="utf-8"))
+            stored = read_object_file(self.folder / "recordings.json", most=MANIFEST_BYTES, most_values=MANIFEST_VALUES)
             self.receipts = {name: Receipt.model_validate(receipt) for name, receipt in stored.items()}
-        except (OSError, ValueError) as error:
+        except (OSError, EchoAvatarError, ValueError) as error:
             raise EchoAvatarError(
                 f"{self.folder / 'recordings.json'} is missing or damaged; delete {self.folder} and prepare it again"
             ) from error
@@ -166,7 +167,7 @@ class SetWriter:
         return rigs.index(rig)
 
     def _write(self) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_output_folder(self.folder)
         stored = {
             name: receipt.model_dump(mode="json", exclude_defaults=True)
             for name, receipt in sorted(self.receipts.items())

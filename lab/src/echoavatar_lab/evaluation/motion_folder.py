@@ -20,6 +20,7 @@ from jaxtyping import Float, Integer
 
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import read_audio
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats import read_bvh
@@ -31,6 +32,7 @@ from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx
+from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 MOTION_SUFFIXES = (".npz", ".bvh", ".pkl")
@@ -307,24 +309,26 @@ def make_motion(
         MotionError: the folder holds motion that was made otherwise.
         AudioError: a clip has no sound.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    wanted, known = json.loads(json.dumps(dict(note))), made_how(folder)
-    if known is None and any(folder.glob("*.npz")):
-        raise MotionError(f"{folder} holds motion without {NOTE}, made elsewhere; name a new folder, or drop --model")
-    if known is not None and known != wanted:
-        raise MotionError(f"{folder} was made with {known}, now asked for {wanted}; name another folder")
-    write_whole(folder / NOTE, json.dumps(wanted) + "\n")
-    there = sources(true, how.split)
-    left = [(number, name) for number, name in enumerate(there) if not (folder / f"{name}.npz").exists()]
-    for first in range(0, len(left), BATCH):
-        part = left[first : first + BATCH]
-        sounds = [sound_of(name, there[name], how) for _, name in part]
-        made = animate_many(pipeline, sounds, seeds=[seed + number for number, _ in part])
-        for (_, name), one in zip(part, made, strict=True):
-            write_npz(folder / f"{name}.npz", one.motion)
-        if progress:
-            progress(first + len(part), len(left))
-    return len(left)
+    with hold_folder(folder):
+        wanted, known = json.loads(json.dumps(dict(note))), made_how(folder)
+        if known is None and any(folder.glob("*.npz")):
+            raise MotionError(
+                f"{folder} holds motion without {NOTE}, made elsewhere; name a new folder, or drop --model"
+            )
+        if known is not None and known != wanted:
+            raise MotionError(f"{folder} was made with {known}, now asked for {wanted}; name another folder")
+        write_whole(folder / NOTE, json.dumps(wanted) + "\n")
+        there = sources(true, how.split)
+        left = [(number, name) for number, name in enumerate(there) if not (folder / f"{name}.npz").exists()]
+        for first in range(0, len(left), BATCH):
+            part = left[first : first + BATCH]
+            sounds = [sound_of(name, there[name], how) for _, name in part]
+            made = animate_many(pipeline, sounds, seeds=[seed + number for number, _ in part])
+            for (_, name), one in zip(part, made, strict=True):
+                write_npz(folder / f"{name}.npz", one.motion)
+            if progress:
+                progress(first + len(part), len(left))
+        return len(left)
 
 
 def made_how(folder: Path) -> dict[str, object] | None:
@@ -334,12 +338,9 @@ def made_how(folder: Path) -> dict[str, object] | None:
         MotionError: the note is damaged.
     """
     path = folder / NOTE
-    if not path.is_file():
-        return None
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise MotionError(f"{path} is damaged ({error}); remove it") from error
-    if not isinstance(found, dict):
-        raise MotionError(f"{path} is not a note of `score --model`; remove it")
-    return found
+        return read_object_file(path)
+    except FileNotFoundError:
+        return None
+    except EchoAvatarError as error:
+        raise MotionError(f"{path} is no note of `score --model` or is damaged ({error}); remove it") from error

@@ -8,6 +8,7 @@ from PIL import Image
 
 from echoavatar.files.avatar.video import Shot, film
 from echoavatar.motion.kinematics import Motion
+from echoavatar.whole_file import whole_file
 
 
 def contact_sheet(
@@ -25,5 +26,10 @@ def contact_sheet(
 
 
 def save_picture(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write a PNG or JPEG, chosen by the suffix."""
-    Image.fromarray(picture).save(path)
+    """Write a PNG or JPEG, chosen by the suffix.
+
+    Raises:
+        EchoAvatarError: it cannot be written.
+    """
+    with whole_file(path, failures=(ValueError, KeyError)) as partial:
+        Image.fromarray(picture).save(partial, Image.registered_extensions()[path.suffix.lower()])

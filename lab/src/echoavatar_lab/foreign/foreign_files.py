@@ -6,24 +6,28 @@ runs nothing. Sizes are checked before anything is allocated (`limits`).
 """
 
 import itertools
-import json
 import pickletools
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from echoavatar.errors import CheckpointError
+from echoavatar.json_reader import read_object
 from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file
-from echoavatar.motion.formats.tables import array_of, arrays_of
+from echoavatar.motion.formats.tables import NpzArrays, array_of
 
 from .pickled_arrays import NOTED, PickledArray, RefusedError, frame_columns, unpickle_arrays
 
 _WEIGHT_BYTES = 1 << 36  # of one torch file
+_TENSORS = 20_000  # of one file; the release's generator has some 300
+_TORCH_STEPS = 40 * _TENSORS  # instructions of a torch file's pickle; a tensor takes some 30
+_TUPLE_DEPTH = 8  # of tuples in tuples: the hash of a key takes two to the power of it
 _TORCH_NAMES = (  # the names in state dicts of models and optimisers; besides, torch's storages and data types
     "collections OrderedDict",
     "collections Counter",
@@ -32,6 +36,7 @@ _TORCH_NAMES = (  # the names in state dicts of models and optimisers; besides, 
     "torch._utils _rebuild_tensor_v2",
     "torch.storage UntypedStorage",
 )
+_MARK, _SLICE, _A_MARK = pickletools.markobject, pickletools.stackslice, -1
 _MISSING_STATS = "is missing; it belongs to the release's stats folder"
 
 
@@ -60,11 +65,7 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
     """
     with _named(path, "is missing; download it again"):
         check_file(path, _WEIGHT_BYTES, CheckpointError)
-        if foreign := _foreign_names(path):
-            raise CheckpointError(
-                f"{path} is refused: it would run {', '.join(foreign)} when read, which weights never need; "
-                "do not open it with other programs, and download it again from where you trust"
-            )
+        check_torch_file(path)
         stored = torch.load(path, map_location="cpu", weights_only=True)  # noqa: TID251
     if not isinstance(stored, dict) or key not in stored:
         found = _listed(stored) if isinstance(stored, dict) else type(stored).__name__
@@ -72,12 +73,44 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
     tensors = stored[key]
     if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
         raise CheckpointError(f"{path}: {key!r} is no table of tensors; is it a file of the release?")
-    for name, value in tensors.items():
+    for name, value in want_few(path, tensors).items():
+        if value.is_complex() or not value.numel():
+            raise CheckpointError(f"{path}: {str(name)[:80]} holds no real numbers; download it again")
         if value.numel() * value.element_size() > value.untyped_storage().nbytes():
             raise CheckpointError(
                 f"{path}: {str(name)[:80]} {list(value.shape)} is larger than its numbers; download it again"
             )
     return {str(name): value for name, value in tensors.items()}
+
+
+CountedT = TypeVar("CountedT", bound=Sized)
+
+
+def want_few(path: Path, tensors: CountedT) -> CountedT:
+    """Refuse a file of more tensors than any model of the release has.
+
+    Raises:
+        CheckpointError: there are more.
+    """
+    if len(tensors) > _TENSORS:
+        raise CheckpointError(
+            f"{path} holds {len(tensors):,} tensors, at most {_TENSORS:,} are read; download it again"
+        )
+    return tensors
+
+
+def check_torch_file(path: Path) -> None:
+    """Refuse a torch file that would run something, or take more time or memory than weights need.
+
+    Raises:
+        CheckpointError: it would.
+        Exception: it is damaged.
+    """
+    if foreign := _foreign_names(path):
+        raise CheckpointError(
+            f"{path} is refused: it would run {', '.join(foreign)} when read, which weights never need; "
+            "do not open it with other programs, and download it again from where you trust"
+        )
 
 
 def _foreign_names(path: Path) -> list[str]:
@@ -94,16 +127,50 @@ def _foreign_names(path: Path) -> list[str]:
                 " download it again from where you trust"
             )
         pickles = [entry for entry in archive.namelist() if entry.endswith("/data.pkl")]
+        if sum(archive.getinfo(entry).file_size for entry in pickles) > PICKLED_BYTES:
+            raise RefusedError("its table of tensors is larger than any model's")
         names = set(itertools.chain.from_iterable(_names(archive.read(entry)) for entry in pickles))
     return sorted(name.replace(" ", ".")[:80] for name in names if not _is_of_torch(name))
 
 
 def _names(data: bytes) -> Iterator[str]:
-    for opcode, argument, _ in pickletools.genops(data):
+    """What a pickle names. More steps, or deeper tuples, than weights need are refused."""
+    depths: list[int] = []  # of the tuples on the stack
+    memo: dict[object, int] = {}
+    for step, (opcode, argument, _) in enumerate(pickletools.genops(data)):
+        if step > _TORCH_STEPS:
+            raise RefusedError("it takes more steps than weights need")
+        _follow(opcode, argument, depths, memo)
         if opcode.name == "GLOBAL":
             yield str(argument)
         elif opcode.name in ("STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4"):
             yield f"something by {opcode.name}"
+
+
+def _follow(opcode: pickletools.OpcodeInfo, argument: object, depths: list[int], memo: dict[object, int]) -> None:
+    """Do to the depths of tuples on the stack what an instruction does to the stack; -1 is a mark."""
+    taken: list[int] = []
+    if _MARK in opcode.stack_before:
+        while (top := depths.pop()) != _A_MARK:
+            taken.append(top)
+    taken += [depths.pop() for kind in opcode.stack_before if kind not in (_MARK, _SLICE)]
+    if opcode.name in ("PUT", "BINPUT", "LONG_BINPUT"):
+        memo[argument] = depths[-1]
+    elif opcode.name == "MEMOIZE":
+        memo[len(memo)] = taken[0]
+    deepest = max(taken, default=0)
+    match opcode.name:
+        case "MARK":
+            made = _A_MARK
+        case "GET" | "BINGET" | "LONG_BINGET":
+            made = memo[argument]
+        case "TUPLE" | "TUPLE1" | "TUPLE2" | "TUPLE3":
+            made = deepest + 1
+        case _:
+            made = deepest if opcode.name in ("DUP", "MEMOIZE") else 0
+    if made > _TUPLE_DEPTH:
+        raise RefusedError("it holds tuples deeper than weights need")
+    depths.extend([made] * len(opcode.stack_after))
 
 
 def _is_of_torch(name: str) -> bool:
@@ -206,8 +273,7 @@ def read_arrays(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
     Raises:
         CheckpointError: missing, damaged, or without one of them.
     """
-    with _named(path):
-        stored = arrays_of(path)
+    with _named(path), NpzArrays(path, CheckpointError, most=PICKLED_BYTES) as stored:
         if missing := [name for name in names if name not in stored]:
             raise CheckpointError(f"{path} has no array {missing[0]!r}; is it a file of the release?")
         return {name: stored[name] for name in names}
@@ -221,7 +287,7 @@ def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
     """
     with _named(path):
         check_file(path, CONFIG_BYTES, CheckpointError)
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        stored = read_object(path.read_bytes(), "it")
         missing = [name for name in names if name not in stored]
         if missing:
             raise CheckpointError(f"{path} has no matrix for {', '.join(missing[:6])} ({len(missing)} in all)")

@@ -3,19 +3,32 @@
 They come from a folder or the local model cache, never from the network.
 """
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch.nn.modules.module import (
+    register_module_module_registration_hook,
+    register_module_parameter_registration_hook,
+)
 from torch.nn.utils import parametrize
 
-from echoavatar.errors import CheckpointError, DependencyError
+from echoavatar.checkpoint import LARGEST_WEIGHTS_BYTES, check_weights
+from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
+from echoavatar.json_reader import read_json
+from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.audio.network import CODE_LAYERS
 from echoavatar.models.face import HubertConfig
 from echoavatar.models.face.encoder import HubertEncoder
 from echoavatar.models.generator.model import Generator
 from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar_lab.foreign.foreign_files import check_torch_file
+
+_MODULES, _PARAMETERS, _NUMBERS = 3_000, 5_000, 1 << 33  # Qwen2.5 and HuBERT have some hundred modules
 
 
 def read_encodec(path_or_name: str | Path = "facebook/encodec_24khz") -> AudioCodec:
@@ -62,7 +75,7 @@ def init_from_qwen(generator: Generator, folder: Path) -> None:
         raise CheckpointError(
             f"{folder} holds no Qwen2 checkpoint; download Qwen/Qwen2.5-0.5B-Instruct and pass its folder"
         )
-    source = _transformers().Qwen2ForCausalLM.from_pretrained(folder, local_files_only=True, dtype=torch.float32)
+    source = _read("Qwen2ForCausalLM", "a Qwen2", folder, "random weights", dtype=torch.float32)
     weights, own = source.state_dict(), generator.state_dict()
     body = {key: value for key, value in weights.items() if key in own and _is_body(key)}
     wrong = [key for key in own if _is_body(key) and (key not in body or body[key].shape != own[key].shape)]
@@ -82,16 +95,63 @@ def _is_body(key: str) -> bool:
     return key.startswith("model.") and not key.startswith("model.embed_tokens")
 
 
-def _read(kind: str, name: str, path_or_name: str | Path, instead: str) -> Any:
-    """The network of a class of transformers."""
+def _read(kind: str, name: str, path_or_name: str | Path, instead: str, **how: Any) -> Any:
+    """The network of a class of transformers. A folder may be a stranger's: it is checked before transformers reads it.
+
+    Raises:
+        CheckpointError: there is none, it would run something, or asks for more than such a network has.
+    """
     network = getattr(_transformers(), kind)
     try:
-        return network.from_pretrained(str(path_or_name), local_files_only=True)
-    except (OSError, ValueError) as error:
+        for path in sorted(Path(path_or_name).glob("*")):
+            if path.name in ("config.json", "generation_config.json") or path.name.endswith(".index.json"):
+                check_file(path, CONFIG_BYTES)
+                read_json(path.read_bytes(), path.name)
+            elif path.suffix == ".safetensors":
+                check_weights(path)
+            elif path.suffix == ".bin":
+                check_file(path, LARGEST_WEIGHTS_BYTES)
+                check_torch_file(path)
+        with _bounded():
+            return network.from_pretrained(str(path_or_name), local_files_only=True, **how)
+    except (EchoAvatarError, _TooLargeError) as error:
+        raise CheckpointError(f"{path_or_name} holds no {name.split()[-1]}: {error}; use {instead}") from error
+    except Exception as error:  # transformers raises errors of any kind for what it cannot read
         raise CheckpointError(
-            f"{path_or_name} is neither a folder with {name} model nor in the local model cache; fetch it with "
+            f"{path_or_name} is neither a folder with {name} model nor in the local model cache "
+            f"({type(error).__name__}: {str(error)[:120]}); fetch it with "
             f"'hf download {path_or_name}' where there is network, or use {instead}"
         ) from error
+
+
+class _TooLargeError(Exception):
+    """A network is larger than any that is read here."""
+
+
+@contextmanager
+def _bounded() -> Iterator[None]:
+    """While this thread builds a network, it may not outgrow the published ones by far: in modules, or in numbers."""
+    left = {"modules": _MODULES, "parameters": _PARAMETERS, "numbers": _NUMBERS}
+    thread = threading.get_ident()
+
+    def spend(what: str, number: int) -> None:
+        left[what] -= number if threading.get_ident() == thread else 0
+        if left[what] < 0:
+            raise _TooLargeError(f"its config asks for more {what} than any published model has")
+
+    def count(module: torch.nn.Module, name: str, parameter: torch.nn.Parameter | None) -> None:
+        spend("parameters", 1)
+        spend("numbers", 0 if parameter is None else parameter.numel())
+
+    hooks = (
+        register_module_module_registration_hook(lambda *_: spend("modules", 1)),
+        register_module_parameter_registration_hook(count),
+    )
+    try:
+        yield
+    finally:
+        for hook in hooks:
+            hook.remove()
 
 
 def _transformers() -> Any:

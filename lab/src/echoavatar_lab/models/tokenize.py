@@ -29,6 +29,7 @@ from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
+from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.quantize import steady_codes
 from echoavatar_lab.models.tokenizer.train import whole_features
@@ -71,22 +72,22 @@ def tokenize_corpus(
             f"{corpus.folder} is on a rig of {corpus.skeleton.joints} joints, the tokenizer on one of"
             f" {tokenizer.skeleton.joints}; train a tokenizer on this set, or prepare it with --rig unified"
         )
-    folder.mkdir(parents=True, exist_ok=True)
-    for done, name in enumerate(names, start=1):
-        targets = [(folder / f"{name}.npz", False)]
-        if is_mirrored_too:
-            targets.append((folder / f"{name}.mirror.npz", True))
-        if not all(path.exists() for path, _ in targets):
-            clip = corpus.load(name)
-            sound = audio_codes(codec, clip.audio, is_leveled=is_leveled)
-            for path, is_mirrored in targets:
-                codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
-                domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
-                cues = cues_at(clip.events, len(sound))
-                TokenClip(sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled).save(path)
-        if progress:
-            progress(done, len(names))
-    return len(list(folder.glob("*.npz")))
+    with hold_folder(folder):
+        for done, name in enumerate(names, start=1):
+            targets = [(folder / f"{name}.npz", False)]
+            if is_mirrored_too:
+                targets.append((folder / f"{name}.mirror.npz", True))
+            if not all(path.exists() for path, _ in targets):
+                clip = corpus.load(name)
+                sound = audio_codes(codec, clip.audio, is_leveled=is_leveled)
+                for path, is_mirrored in targets:
+                    codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
+                    domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
+                    cues = cues_at(clip.events, len(sound))
+                    TokenClip(sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled).save(path)
+            if progress:
+                progress(done, len(names))
+        return len(list(folder.glob("*.npz")))
 
 
 @torch.inference_mode()
@@ -151,14 +152,14 @@ def tokenize_sounds(
     Raises:
         AudioError: a sound's file is missing or damaged.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    for done, sound in enumerate(sounds.sounds, start=1):
-        path = folder / f"{sound.name}.npz"
-        if not path.exists():
-            _clip(sounds, sound, codec, generator, seed).save(path)
-        if progress:
-            progress(done, len(sounds.sounds))
-    return len(sounds.sounds)
+    with hold_folder(folder):
+        for done, sound in enumerate(sounds.sounds, start=1):
+            path = folder / f"{sound.name}.npz"
+            if not path.exists():
+                _clip(sounds, sound, codec, generator, seed).save(path)
+            if progress:
+                progress(done, len(sounds.sounds))
+        return len(sounds.sounds)
 
 
 def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generator, seed: int) -> TokenClip:

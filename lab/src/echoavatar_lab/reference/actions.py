@@ -6,13 +6,13 @@ code - 6 x 512.
 """
 
 import ast
-import json
 import operator
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from echoavatar.engine.pipeline import Action, ActionLibrary
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.json_reader import read_json
 from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.timing import CHUNK, ChunkSize
 
@@ -27,7 +27,15 @@ Table = dict[str, list[int]]
 def find_table(stats: Path) -> Path | None:
     """The script that contains the table: in the folder `scripts` beside the stats folder, or None."""
     scripts = sorted((stats.resolve().parent / "scripts").glob("*.py"), reverse=True)
-    return next((path for path in scripts if _tables(path.read_text(encoding="utf-8", errors="replace"))), None)
+    return next((path for path in scripts if _holds_table(path)), None)
+
+
+def _holds_table(path: Path) -> bool:
+    try:
+        check_file(path, CONFIG_BYTES)
+        return bool(_tables(path.read_text(encoding="utf-8", errors="replace")))
+    except (OSError, EchoAvatarError):
+        return False
 
 
 def read_table(path: Path) -> Table:
@@ -104,8 +112,8 @@ def _number(node: ast.expr) -> int | None:
 
 def _json_tables(text: str) -> list[Table]:
     try:
-        stored = json.loads(text)
-    except (ValueError, RecursionError):
+        stored = read_json(text, "the table")
+    except EchoAvatarError:
         return []
     is_table = isinstance(stored, dict) and all(
         isinstance(value, list) and value and all(type(code) is int for code in value) for value in stored.values()

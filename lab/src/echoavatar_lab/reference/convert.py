@@ -16,7 +16,7 @@ from echoavatar.models.face.config import ChannelOrder
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
 from echoavatar.timing import SAMPLE_RATE_HZ
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 
 from .expected_tensors import from_reference
 from .inspection import Inspection
@@ -46,7 +46,7 @@ def convert(
     """
     if found.problems:
         raise CheckpointError("the download does not fit:\n" + "\n".join(found.problems))
-    output.mkdir(parents=True, exist_ok=True)
+    make_output_folder(output)
     card: dict[str, object] = {"data": ORIGIN, "command": command, "licence": "none given; see warning"}
     card["warning"] = WARNING
     checkpoint.save(output / "codec", config=codec.config, weights=codec.state_dict(), card=_codec_card(command))

@@ -144,18 +144,21 @@ def inspect_release(release: Release, *, generator: str | None = None, step: int
 
 def _checks(found: Inspection, release: Release, generator: str | None, step: int) -> Iterator[list[str]]:
     for part, features in zip(PARTS, (117, 162, 252), strict=True):
-        yield _try(partial(_tokenizer, found, release, part, features))
-    yield _try(lambda: _generator(found, release.generator(generator), step))
-    yield _try(lambda: _face(found, release.face(), step))
-    yield _try(lambda: _stats(found, release))
-    yield _try(lambda: _face_stats(found, release))
+        yield _try(partial(_tokenizer, found, release, part, features), f"the tokenizer of the part {part!r}")
+    yield _try(lambda: _generator(found, release.generator(generator), step), "the generator")
+    yield _try(lambda: _face(found, release.face(), step), "the face model")
+    yield _try(lambda: _stats(found, release), "the skeleton and the statistics of the body")
+    yield _try(lambda: _face_stats(found, release), "the statistics of the face")
 
 
-def _try(read: Callable[[], list[str]]) -> list[str]:
+def _try(read: Callable[[], list[str]], what: str) -> list[str]:
     try:
         return read()
     except CheckpointError as error:
         return [str(error)]
+    except (ArithmeticError, LookupError, MemoryError, OSError, RuntimeError, TypeError, ValueError) as error:
+        reason = f"{type(error).__name__}: {str(error)[:160]}"  # sizes and values that no download has
+        return [f"{what} holds what no release holds ({reason}); download it again"]
 
 
 def _tokenizer(found: Inspection, release: Release, part: str, features: int) -> list[str]:
@@ -216,6 +219,8 @@ def _present_name(key: str) -> str:
 def _stats(found: Inspection, release: Release) -> list[str]:
     path = release.stat(SKELETON)
     table = read_arrays(path, ("names", "parents", "offsets"))
+    if table["names"].ndim != 1 or table["offsets"].dtype.kind != "f" or table["parents"].dtype.kind not in "iuf":
+        return [f"{path}: names, parents and offsets of joints are of other kinds; download it again"]
     names = tuple(str(name) for name in table["names"])
     if table["offsets"].shape != (len(names), 3) or table["parents"].shape != (len(names),):
         shapes = f"offsets {table['offsets'].shape} and parents {table['parents'].shape}"

@@ -4,7 +4,6 @@ Of the 166,690 rows of its vocabulary, six special ids, 2,048 audio codes and 9,
 The others are not converted: the token layout is over the occurring rows alone.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,13 @@ from jaxtyping import Int
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from echoavatar.errors import CheckpointError
-from echoavatar.limits import CONFIG_BYTES, check_file
+from echoavatar.checkpoint import check_weights
+from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.json_reader import read_object_file
 from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.generator.config import Opening
 from echoavatar.models.tokens import TokenLayout
+from echoavatar_lab.foreign.foreign_files import want_few
 
 REFERENCE_LAYOUT = TokenLayout(
     audio_layers=2,
@@ -95,11 +96,10 @@ class StoredGenerator:
             CheckpointError: a file is missing or cut off, or the folder is not a Qwen2.
         """
         try:
-            check_file(folder / "config.json", CONFIG_BYTES, CheckpointError)
-            config = json.loads((folder / "config.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
+            config = read_object_file(folder / "config.json")
+        except (OSError, EchoAvatarError) as error:
             raise CheckpointError(f"{folder}/config.json cannot be read ({error}); download it again") from error
-        kinds = config.get("architectures", [_ARCHITECTURE]) if isinstance(config, dict) else None
+        kinds = config.get("architectures", [_ARCHITECTURE])
         if kinds != [_ARCHITECTURE]:
             raise CheckpointError(f"{folder} is a {str(kinds)[:80]}, not a {_ARCHITECTURE}; choose another folder")
         paths = sorted(folder.glob("*.safetensors"))
@@ -109,9 +109,13 @@ class StoredGenerator:
         shapes: dict[str, tuple[int, ...]] = {}
         for path in paths:
             try:
+                check_weights(path)
                 with safe_open(path, "pt") as stored:
-                    for key in stored.keys():  # noqa: SIM118  # not a mapping
+                    for key in want_few(path, stored.keys()):
                         files[key], shapes[key] = path, tuple(stored.get_slice(key).get_shape())
+                        if not shapes[key] or 0 in shapes[key]:
+                            shape = f"{key[:80]!r} {list(shapes[key])}"
+                            raise CheckpointError(f"{path}: {shape} is no matrix or vector; download it again")
             except (SafetensorError, OSError) as error:
                 raise CheckpointError(f"{path} is damaged or cut off ({error}); download it again") from error
         return cls(folder, config, files, shapes)

@@ -28,6 +28,7 @@ from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.data import SPEECH, Corpus
 from echoavatar_lab.datasets import SetOptions, prepare, survey_of
 from echoavatar_lab.datasets.layouts import BEAT2_SPLIT
@@ -61,7 +62,7 @@ def write_sample(corpus: Corpus, folder: Path) -> Path:
     """Write every clip of a corpus on our rig as a recording of one speaker; return the folder for `data prepare`."""
     place = folder / "beat_english_v2.0.0"
     for name in ("smplxflame_30", "wave16k"):
-        (place / name).mkdir(parents=True, exist_ok=True)
+        make_output_folder(place / name)
     rows = []
     for number, clip in enumerate(corpus.clips(), 1):
         name = f"{SAMPLE_SPEAKER}_0_{number}_{number}"

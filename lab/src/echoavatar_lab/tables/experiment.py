@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
@@ -23,6 +24,7 @@ from echoavatar.whole_file import write_whole
 from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
+from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
@@ -45,17 +47,17 @@ def make_once(folder: Path, settings: Mapping[str, object], make: Callable[[], o
     """
     stamp, wanted = folder / STAMP, json.loads(json.dumps(settings))
     if stamp.exists():
-        found = json.loads(stamp.read_text(encoding="utf-8"))
-        if found["asked"] != wanted:
+        found = read_object_file(stamp)
+        if found.get("asked") != wanted:
             raise EchoAvatarError(
                 f"{folder} was made with other settings or from other parts; remove it or choose another -o"
             )
-        if found["is_finished"]:
+        if found.get("is_finished"):
             return
-    folder.mkdir(parents=True, exist_ok=True)
-    _write_stamp(stamp, wanted, is_finished=False)
-    make()
-    _write_stamp(stamp, wanted, is_finished=True)
+    with hold_folder(folder):
+        _write_stamp(stamp, wanted, is_finished=False)
+        make()
+        _write_stamp(stamp, wanted, is_finished=True)
 
 
 def _write_stamp(stamp: Path, settings: object, *, is_finished: bool) -> None:

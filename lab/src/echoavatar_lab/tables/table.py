@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 
 from matplotlib.figure import Figure
 
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab.evaluation.table import UNKNOWN, Row
 from echoavatar_lab.training.curves import save_figure
 
@@ -151,7 +151,7 @@ class _Field(NamedTuple):
 
 def write(table: Table, folder: Path) -> list[Path]:
     """Write `NAME.md`, `.csv`, `.tex` and `.png`; return their paths."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_output_folder(folder)
     paths = [folder / f"{table.name}{suffix}" for suffix in (".md", ".csv", ".tex", ".png")]
     for path, text in zip(paths, (markdown(table), as_csv(table), latex(table)), strict=False):
         write_whole(path, text)

@@ -18,7 +18,7 @@ import yaml
 
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.kinematics import Motion
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab.data import MUSIC, SPEECH, Clip
 
 from .alignment import LINES, tuned
@@ -102,7 +102,7 @@ def write_study(experiment: Experiment) -> Path:
     for number, clip in enumerate(experiment.test_clips):
         category = "dance" if number in music else "gesture"
         path = folder / "sounds" / category / f"{clip.name}.wav"
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_output_folder(path.parent)
         write_wav(path, clip.audio)
         sounds.append({"path": str(path.relative_to(folder)), "category": category})
     systems = []

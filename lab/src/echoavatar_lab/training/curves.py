@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from scipy.ndimage import uniform_filter1d
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import whole_file
 
 from .metrics_log import FILE, read_metrics
 
@@ -102,10 +103,8 @@ def save_figure(figure: Figure, path: Path, *, dpi: int = 110) -> None:
     Raises:
         EchoAvatarError: it cannot be written.
     """
-    try:
-        figure.savefig(path, dpi=dpi)
-    except (OSError, ValueError) as error:
-        raise EchoAvatarError(f"cannot write {path} ({error}); name a .png in a folder that exists") from error
+    with whole_file(path, failures=(ValueError,)) as partial:
+        figure.savefig(partial, dpi=dpi, format=path.suffix[1:].lower() or "png")
 
 
 def _plot(axis: Any, name: str, curves: Mapping[str, Curve], runs: Sequence[str]) -> None:

@@ -19,6 +19,7 @@ from torch.distributed.tensor import DTensor
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.nn.graphs import capture_cuda
+from echoavatar.whole_file import make_output_folder
 
 from . import state
 from .muon import multiplies_bfloat16
@@ -217,7 +218,7 @@ class Loop(Generic[BatchT]):
         tensors |= {f"stage.{key}": value for key, value in stage.state().items()}
         stage.seconds = self.seconds
         if self.processes.is_first:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_output_folder(folder)
             facts = {"step": self.step, "seconds": self.seconds, "identity": self._identity()}
             state.write(folder / state.FILE, tensors, facts)
         with self.shown():

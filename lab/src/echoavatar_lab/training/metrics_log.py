@@ -1,20 +1,25 @@
 """Logs a run's metrics: `metrics.jsonl` always, one line for each logged step; TensorBoard or W&B if asked."""
 
 import importlib.util
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from echoavatar.errors import DependencyError
+from pydantic_core import to_json
+
+from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.json_reader import read_object
 from echoavatar.whole_file import write_whole
 
 FILE = "metrics.jsonl"
 
 
 class MetricsLog:
-    """Writes metrics to the file and to all trackers. `step` is the number of optimiser steps done."""
+    """Writes metrics to the file and to all trackers. `step` is the number of optimiser steps done.
+
+    A value that is not finite is null in the file, since JSON has no word for it.
+    """
 
     def __init__(self, folder: Path, step: int, trackers: Sequence[str] = ()) -> None:
         """Drops lines after `step`, because a resumed run repeats those steps.
@@ -25,14 +30,14 @@ class MetricsLog:
         path = folder / FILE
         if path.exists():
             kept = [one for one in read_metrics(path) if one["step"] <= step]
-            write_whole(path, "".join(json.dumps(one) + "\n" for one in kept))
+            write_whole(path, "".join(map(_line, kept)))
         self._file = path.open("a", encoding="utf-8")
         openers: dict[str, type[_TensorBoard] | type[_Wandb]] = {"tensorboard": _TensorBoard, "wandb": _Wandb}
         self._trackers = [openers[name](folder) for name in trackers]
 
     def write(self, step: int, values: Mapping[str, object]) -> None:
         """Log one line."""
-        self._file.write(json.dumps({"step": step} | dict(values)) + "\n")
+        self._file.write(_line({"step": step} | dict(values)))
         self._file.flush()
         for tracker in self._trackers:
             tracker.write(step, values)
@@ -42,6 +47,16 @@ class MetricsLog:
         self._file.close()
         for tracker in self._trackers:
             tracker.close()
+
+
+def append_metrics(folder: Path, step: int, values: Mapping[str, object]) -> None:
+    """Log one line outside of a run."""
+    with (folder / FILE).open("a", encoding="utf-8") as file:
+        file.write(_line({"step": step} | dict(values)))
+
+
+def _line(values: Mapping[str, object]) -> str:
+    return to_json(values, inf_nan_mode="null").decode() + "\n"
 
 
 def want_trackers(trackers: Sequence[str]) -> None:
@@ -59,9 +74,9 @@ def read_metrics(path: Path) -> list[dict[str, Any]]:
     """The lines of a `metrics.jsonl`, without one that was cut off when the run was killed."""
     found = []
     for line in path.read_text(encoding="utf-8").splitlines():
-        with suppress(ValueError):
-            told = json.loads(line)
-            found += [told] if isinstance(told, dict) and isinstance(told.get("step"), int | float) else []
+        with suppress(EchoAvatarError):
+            told = read_object(line, FILE)
+            found += [told] if isinstance(told.get("step"), int | float) else []
     return found
 
 

@@ -7,14 +7,18 @@ import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Self, TypeVar
 
+from echoavatar.errors import EchoAvatarError
+from echoavatar_lab.held_folder import hold_folder
+
 from .loop import Loop
 from .metrics_log import MetricsLog
-from .processes import processes_here
+from .processes import Processes, processes_here
 from .state import has_state
 from .task import TrainingTask
 
@@ -84,23 +88,24 @@ def train(
     Raises:
         Interrupted: SIGTERM or SIGINT arrived; the run is saved and can be resumed.
         CheckpointError: the folder holds another run, or a damaged one; or `start` is of other sizes.
-        EchoAvatarError: the loss is not finite, or the batch cannot be divided evenly.
+        EchoAvatarError: the loss is not finite, the batch cannot be divided evenly, another run trains in `folder`, or
+            the disk is full; what was saved is whole, and the call can be repeated.
     """
     if start is not None and not has_state(folder):
         stage.begin_with(start)
     processes = processes_here(device, sharded=sharded)
     loop = Loop(stage, processes)
-    loop.resume(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    metrics_log = MetricsLog(folder, loop.step, trackers) if processes.is_first else None
-    deadline = math.inf if minutes is None else time.monotonic() + 60 * minutes
-    try:
-        with Signals() as signals:
-            _run(loop, folder, metrics_log, signals, deadline, progress)
-            loop.save(folder)
-    finally:
-        if metrics_log is not None:
-            metrics_log.close()
+    with _alone_in(folder, processes):
+        loop.resume(folder)
+        metrics_log = MetricsLog(folder, loop.step, trackers) if processes.is_first else None
+        deadline = math.inf if minutes is None else time.monotonic() + 60 * minutes
+        try:
+            with Signals() as signals:
+                _run(loop, folder, metrics_log, signals, deadline, progress)
+                loop.save(folder)
+        finally:
+            if metrics_log is not None:
+                metrics_log.close()
     if signals.number and loop.done() < 1:
         raise Interrupted(
             f"stopped at step {loop.step} of {stage.config.steps}, saved in {folder}; call again to resume",
@@ -109,6 +114,21 @@ def train(
     for module in stage.modules.values():
         module.eval()
     return stage
+
+
+@contextmanager
+def _alone_in(folder: Path, processes: Processes) -> Iterator[None]:
+    """Hold the folder for all processes of this run; where it is refused, it is refused in each of them."""
+    with ExitStack() as held:
+        refusal = ""
+        if processes.is_first:
+            try:
+                held.enter_context(hold_folder(folder))
+            except EchoAvatarError as error:
+                refusal = str(error)
+        if refusals := "".join(processes.gather_json(refusal)):
+            raise EchoAvatarError(refusals)
+        yield
 
 
 def _run(

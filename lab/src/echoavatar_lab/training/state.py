@@ -17,6 +17,8 @@ from torch import Tensor, nn
 
 from echoavatar import checkpoint
 from echoavatar.errors import CheckpointError
+from echoavatar.json_reader import read_object
+from echoavatar.limits import check_file
 from echoavatar.whole_file import whole_file
 
 from .processes import full_tensor, placed_like
@@ -57,6 +59,7 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
         CheckpointError: the file is damaged, or of another version.
     """
     try:
+        check_file(path, checkpoint.LARGEST_WEIGHTS_BYTES, CheckpointError)
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
             if metadata.get("format") != _FORMAT:
@@ -65,9 +68,9 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
                     f"(the model in {path.parent} can be its --start), or delete the file to start again"
                 )
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118
+        return tensors, read_object(metadata.get("facts"), f"{path}: facts", error=CheckpointError)
     except (SafetensorError, OSError) as error:
         raise CheckpointError(f"{path} is damaged ({error}); delete it to start again") from error
-    return tensors, dict(json.loads(metadata["facts"]))
 
 
 def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:

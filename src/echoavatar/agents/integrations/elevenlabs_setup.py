@@ -3,8 +3,8 @@
 Running it again changes nothing: tools and agent are found by name and updated. It does not need their SDK.
 """
 
-import json
 from collections.abc import Iterator
+from copy import deepcopy
 from typing import Any, NamedTuple
 from urllib.parse import quote, urlencode
 
@@ -59,7 +59,7 @@ def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = B
         else:
             ids.append(service.call("POST", "/v1/convai/tools", tool)["id"])
         done.append(f"{'updated' if name in known else 'created'} tool {name} ({ids[-1]})")
-    agent = json.loads(json.dumps(plan.agent))
+    agent = deepcopy(plan.agent)
     agent["conversation_config"]["agent"]["prompt"]["tool_ids"] = ids
     if not agent_id:
         found = service.all("/v1/convai/agents", "agents", search=agent["name"])

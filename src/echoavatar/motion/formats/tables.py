@@ -85,8 +85,11 @@ def read_npz(path: Path | str) -> Motion:
 
 def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
     """The motion in arrays that `write_npz` wrote; raises one of `NPZ_ERRORS` where they are something else."""
-    described = read_object(str(stored["skeleton"]), "the skeleton", error=MotionError)
-    skeleton = Skeleton(SkeletonConfig.model_validate(described))
+    try:
+        rig = read_object(str(stored["skeleton"]), "the skeleton")
+    except EchoAvatarError as error:
+        raise ValueError(str(error)) from error
+    skeleton = Skeleton(SkeletonConfig.model_validate(rig))
     return Motion(skeleton, stored["rotations"], stored["root"], float(stored["fps"]))
 
 
@@ -100,16 +103,20 @@ class NpzArrays(Mapping[str, np.ndarray]):
     damaged, or with pickles in them.
     """
 
-    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> None:
-        """Raises an error of the given kind where the file is too large, or unpacks to too much."""
-        check_file(path, ARRAYS_BYTES, error)
+    def __init__(self, path: Path, error: type[EchoAvatarError] = EchoAvatarError, *, most: int | None = None) -> None:
+        """Raises an error of the given kind where the file, or what it unpacks to, has more bytes than `most`.
+
+        `most` is `limits.ARRAYS_BYTES` where it is not given.
+        """
+        most = ARRAYS_BYTES if most is None else most
+        check_file(path, most, error)
         try:
             self._archive = zipfile.ZipFile(path)
         except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:
             raise ValueError(str(reason)) from reason
         entries = self._archive.infolist()
         unpacked = sum(entry.file_size for entry in entries)
-        most = min(ARRAYS_BYTES, max(ARRAYS_ALWAYS, ARRAYS_PACKED * path.stat().st_size))
+        most = min(most, max(ARRAYS_ALWAYS, ARRAYS_PACKED * path.stat().st_size))
         if unpacked > most:
             self._archive.close()
             raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {most:,} are read; cut it")

@@ -15,8 +15,8 @@ from pydantic import Field, ValidationError
 from scipy.sparse import csr_array
 
 from echoavatar.config import Config
-from echoavatar.errors import MotionError
-from echoavatar.limits import CONFIG_BYTES, check_file
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.json_reader import read_object_file
 from echoavatar.whole_file import write_whole
 
 from ..kinematics import HUMANOID, Skeleton
@@ -51,10 +51,11 @@ class BodyProfile(Config):
     def load(cls, path: Path) -> "BodyProfile":
         """Read a file of `save`. Raises MotionError if it is missing or not a profile."""
         try:
-            check_file(path, CONFIG_BYTES, MotionError)
-            return cls.model_validate_json(path.read_bytes())
+            return cls.model_validate(read_object_file(path))
         except OSError as error:
             raise MotionError(f"the body profile {path} cannot be read; check the name") from error
+        except EchoAvatarError as error:
+            raise MotionError(f"{path} is not a body profile: {error}; measure the character anew") from error
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"]) or "the file"

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.json_reader import read_json
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.motion.kinematics import Motion
@@ -25,7 +26,7 @@ from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import known_bones
 from echoavatar.nn.kernels import user_cache
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar.whole_file import write_whole
+from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab.corpora.controls import Array, Controls, concatenated, facing, moved, spans_of, wander
 
 from .animated import SUFFIXES, read_animated
@@ -109,18 +110,18 @@ def open_library(path: Path) -> CapturedLibrary:
     if path.is_dir():
         kept = user_cache() / f"captured-{_digest(path)}.npz"
         if not kept.exists():
-            kept.parent.mkdir(parents=True, exist_ok=True)
+            make_output_folder(kept.parent)
             read_folder(path).save(kept)
         path = kept
     try:
         stored = arrays_of(path, MotionError)
-        curves, frames, about = stored["curves"], stored["frames"], json.loads(str(stored["clips"]))
+        curves, frames, about = stored["curves"], stored["frames"], read_json(str(stored["clips"]), "clips")
         parts = np.split(curves, np.cumsum(frames)[:-1])
         clips = [CapturedClip(**text, controls=Controls.unpacked(p)) for text, p in zip(about, parts, strict=True)]
         return CapturedLibrary(tuple(clips))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; make it with `echoavatar data capture FOLDER -o {path}`") from error
-    except NPZ_ERRORS as error:
+    except (*NPZ_ERRORS, EchoAvatarError) as error:
         raise MotionError(f"{path} is no captured library or is damaged ({str(error)[:120]}); make it again") from error
 
 

@@ -21,6 +21,7 @@ from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.corpora.capture.library import open_library
 from echoavatar_lab.data.clip import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
+from echoavatar_lab.held_folder import hold_folder
 
 from ..gesture.speakers import draw_manner
 from ..solver import solve
@@ -58,27 +59,28 @@ def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], Non
     """
     if plan.hours <= 0:
         raise EchoAvatarError(f"--hours must be positive, got {plan.hours}")
-    make_output_folder(plan.folder / "clips")
-    wanted = [i for i in range(plan.clips) if not _path(plan, i).exists()]
-    done = plan.clips - len(wanted)
-    for _ in _made(plan, wanted, workers):
-        done += 1
-        if progress:
-            progress(done, plan.clips)
-    write_manifest(
-        plan.folder,
-        {
-            "kind": "synthetic rehearsal corpus (motion made by rule over bodies of the library, if there is one)",
-            "hours": plan.hours,
-            "seed": plan.seed,
-            "clip_seconds": plan.clip_seconds,
-            "library": plan.library.name if plan.library else None,
-            "library_licences": _library(plan.library).credits() if plan.library else None,
-            "soundfont": plan.soundfont.name if plan.soundfont else None,
-            "recordings": plan.recordings.name if plan.recordings else None,
-        },
-    )
-    return plan.clips
+    with hold_folder(plan.folder):
+        make_output_folder(plan.folder / "clips")
+        wanted = [i for i in range(plan.clips) if not _path(plan, i).exists()]
+        done = plan.clips - len(wanted)
+        for _ in _made(plan, wanted, workers):
+            done += 1
+            if progress:
+                progress(done, plan.clips)
+        write_manifest(
+            plan.folder,
+            {
+                "kind": "synthetic rehearsal corpus (motion made by rule over bodies of the library, if there is one)",
+                "hours": plan.hours,
+                "seed": plan.seed,
+                "clip_seconds": plan.clip_seconds,
+                "library": plan.library.name if plan.library else None,
+                "library_licences": _library(plan.library).credits() if plan.library else None,
+                "soundfont": plan.soundfont.name if plan.soundfont else None,
+                "recordings": plan.recordings.name if plan.recordings else None,
+            },
+        )
+        return plan.clips
 
 
 def make_clip(plan: Plan, index: int) -> Clip:

@@ -12,7 +12,7 @@ import numpy as np
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import SAMPLES_PER_FRAME
-from echoavatar.whole_file import make_output_folder
+from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.face.clip import FaceClip
 
 from ..speech.lips import lip_curves
@@ -47,11 +47,11 @@ def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Callable[
     if not hours > 0:
         raise EchoAvatarError(f"--hours must be positive, got {hours}")
     count = max(TEST_EVERY, round(hours * 3600 / CLIP_SECONDS))
-    make_output_folder(folder)
-    for index in range(count):
-        path = folder / f"{_name(seed, index)}.npz"
-        if not path.exists():
-            rehearse_clip(seed, index).save(path)
-        if progress is not None:
-            progress(index + 1, count)
-    return count
+    with hold_folder(folder):
+        for index in range(count):
+            path = folder / f"{_name(seed, index)}.npz"
+            if not path.exists():
+                rehearse_clip(seed, index).save(path)
+            if progress is not None:
+                progress(index + 1, count)
+        return count

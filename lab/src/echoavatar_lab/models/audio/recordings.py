@@ -29,7 +29,7 @@ from jaxtyping import Float, Int16
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import read_audio
 from echoavatar.nn.kernels import user_cache
-from echoavatar.whole_file import whole_file
+from echoavatar.whole_file import make_output_folder, whole_file
 
 AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 MANIFEST = "manifest.csv"
@@ -130,7 +130,7 @@ def _opened(path: Path, size: int, changed: int) -> Int16[np.ndarray, " s"]:
         samples = to_int16(read_audio(path))
         try:
             with whole_file(kept) as partial:
-                kept.parent.mkdir(parents=True, exist_ok=True)
+                make_output_folder(kept.parent)
                 with partial.open("wb") as file:
                     np.save(file, samples)
         except EchoAvatarError:  # no cache can be written

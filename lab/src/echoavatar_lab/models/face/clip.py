@@ -21,7 +21,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.whole_file import whole_file
+from echoavatar.whole_file import make_output_folder, whole_file
 
 _PCM = 32767.0
 SPLITS = ("train", "test")
@@ -60,7 +60,7 @@ class FaceClip:
 
     def save(self, path: Path) -> None:
         """Write the clip, whole or not at all; sound as 16-bit PCM, curves as float16."""
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_output_folder(path.parent, error=MotionError)
         with whole_file(path, error=MotionError) as partial, partial.open("wb") as file:
             np.savez_compressed(
                 file,
