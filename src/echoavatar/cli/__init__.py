@@ -58,6 +58,7 @@ SEPARATE = {
     "align": "lab",
     "baseline": "lab",
     "bench graphs": "lab",
+    "bench neighbours": "lab",
     "bench post": "lab",
     "bench soak": "lab",
     "bench train": "lab",

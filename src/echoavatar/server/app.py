@@ -17,6 +17,7 @@ from echoavatar.engine import Engine
 from echoavatar.wire.sockets import OneBodyLength
 
 from .chat import chat_routes
+from .clients import RequestPace
 from .connection import Connection
 from .metrics import CONTENT_TYPE
 from .page import PageHeaders, page_routes
@@ -35,7 +36,7 @@ def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starle
     `app.state.manager` holds the sessions. The lifespan must run, also if the application is mounted in another.
     """
     manager = SessionManager(engine, settings or ServerSettings())
-    guards = [Middleware(PageHeaders), Middleware(OneBodyLength)]
+    guards = [Middleware(PageHeaders), Middleware(RequestPace, manager.clients), Middleware(OneBodyLength)]
     desk = None
     if manager.settings.video:
         from .whep import VideoDesk  # loads aiortc
