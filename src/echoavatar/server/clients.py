@@ -15,7 +15,7 @@ from echoavatar.wire.guard import network_of
 from echoavatar.wire.rates import Limiter, Rate, TokenGate, too_often
 
 PATIENCE_S = 2.0  # that a request is held before it is refused
-Kind = Literal["requests", "offers", "commands", "reports", "sounds"]
+Kind = Literal["requests", "offers", "hellos", "commands", "reports", "sounds"]
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class ClientRates:
 
     requests: Rate = Rate(150, 1_800)  # HTTP requests and new WebSockets
     offers: Rate = Rate(4, 30)  # new WebRTC viewers
-    commands: Rate = Rate(60, 600)  # hello, action, music, interrupt, and calls of tools
+    hellos: Rate = Rate(30, 300)  # sessions that are opened, resumed or watched
+    commands: Rate = Rate(60, 600)  # action, music, interrupt, and calls of tools
     reports: Rate = Rate(600, 18_000)  # played, ping
     sounds: Rate = Rate(1_000, 30_000)  # audio and end, of one connection
 

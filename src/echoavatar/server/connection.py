@@ -109,7 +109,7 @@ class Connection:
         message = await self._next(self._manager.settings.hello_seconds, "no hello came")
         if not isinstance(message, Hello):
             raise ProtocolError("bad_order", "the first message must be a hello")
-        await self._manager.clients.pace("commands", self._client)
+        await self._manager.clients.pace("hellos", self._client)
         self._manager.clients.gate.check(message.token, self._socket.headers, self._client)
         self._outbox = Outbox(message.want, choose(message.sound))
         self._session = self._manager.enter(message, self._outbox)

@@ -1,4 +1,4 @@
-"""Clients that misbehave beside an honest one, for `echoavatar bench neighbours`; each runs until its process is ended."""
+"""Clients that misbehave beside an honest one (`echoavatar bench neighbours`), each until its process is ended."""
 
 import asyncio
 import json
@@ -20,7 +20,7 @@ from websockets.sync.client import connect as dial
 
 from echoavatar.agents.client import stream_url
 from echoavatar.wire.codec import encode, subprotocol
-from echoavatar.wire.messages import Hello, Ping, Played
+from echoavatar.wire.messages import Action, Hello, Ping, Played
 
 CANDIDATES = 900
 IDLE_SOCKETS, HANDSHAKES = 1_100, 400
@@ -98,12 +98,45 @@ def reports(target: Target) -> None:
 
 def pings(target: Target) -> None:
     """Watch the speaker's session, and send pings as fast as the server reads them."""
+    _flood(target, encode(Ping()))
+
+
+def actions(target: Target) -> None:
+    """Watch the speaker's session, and ask for unknown actions as fast as the server reads them."""
+    _flood(target, encode(Action(id="x", name="unknown")))
+
+
+def _flood(target: Target, message: bytes) -> None:
     while True:
         with suppress(OSError, WebSocketException), _socket(target) as line:
             line.send(encode(Hello(role="viewer", session=target.session, token=target.token, want=())))
             threading.Thread(target=_drain, args=(line,), daemon=True).start()
             while True:
-                line.send(encode(Ping()))
+                line.send(message)
+
+
+def visitors(target: Target) -> None:
+    """Open a session and go, and again."""
+    while True:
+        with suppress(OSError, WebSocketException), _socket(target) as line:
+            line.send(encode(Hello(token=target.token)))
+            line.recv()
+
+
+def requests(target: Target) -> None:
+    """Ask for the server's health over eight sockets."""
+    for _ in range(7):
+        threading.Thread(target=_ask, args=(target,), daemon=True).start()
+    _ask(target)
+
+
+def _ask(target: Target) -> None:
+    while True:
+        with suppress(OSError, HTTPException):
+            way = _http(target)
+            while True:
+                way.request("GET", "/health")
+                way.getresponse().read()
 
 
 def idle(target: Target) -> None:
@@ -145,6 +178,9 @@ NEIGHBOURS: dict[str, Callable[[Target], None]] = {
     "token guesses": guesses,
     "played at 0": reports,
     "pings": pings,
+    "actions": actions,
+    "visitors": visitors,
+    "requests": requests,
     "idle sockets": idle,
     "viewers that stay": viewers,
     "stalled TLS handshakes": handshakes,
@@ -193,6 +229,7 @@ def _begin(host: str | None, port: int | None, first: bytes) -> socket.socket:
 
 
 def with_candidates(target: Target, host: Callable[[int], str]) -> Target:
+    """The target with 900 candidates more in its offer; `host` names them by their numbers."""
     found = "".join(
         f"a=candidate:{number} 1 udp {2_130_706_431 - number} {host(number)} {20_000 + number} typ host\r\n"
         for number in range(CANDIDATES)
