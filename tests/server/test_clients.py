@@ -54,7 +54,7 @@ def test_requests_beyond_the_rate_are_refused_with_the_time_to_wait() -> None:
 
 
 def test_calls_of_tools_beyond_the_rate_are_refused() -> None:
-    settings = dataclasses.replace(FAST, rates=ClientRates(commands=Rate(3, 1)))
+    settings = dataclasses.replace(FAST, rates=ClientRates(commands=Rate(2, 1)))
     with serving(settings=settings) as server, server.call(Hello()):
         wave = b'{"arguments": {"name": "wave"}}'
         assert [server.http("/v1/tools/send_action", wave)[0] for _ in range(3)] == [200, 200, 429]
