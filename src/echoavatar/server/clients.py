@@ -15,6 +15,7 @@ from echoavatar.wire.guard import network_of
 from echoavatar.wire.rates import Limiter, Rate, TokenGate, too_often
 
 PATIENCE_S = 2.0  # that a request is held before it is refused
+REFUSAL_S = 1.0  # before the answer to an offer or a call that comes too often
 Kind = Literal["requests", "offers", "hellos", "commands", "reports", "sounds"]
 
 
@@ -46,13 +47,14 @@ class ClientLimits:
         if seconds := self._wait(kind, key, patience=math.inf):
             await asyncio.sleep(seconds)
 
-    def check(self, kind: Kind, key: str) -> None:
-        """Count a request of a client.
+    async def check(self, kind: Kind, key: str) -> None:
+        """Count a request of a client. A refusal is slow, so that asking again and again costs the server little.
 
         Raises:
             ProtocolError: `overloaded`, with `retry_after`.
         """
         if seconds := self._wait(kind, key):
+            await asyncio.sleep(REFUSAL_S)
             raise too_often(f"too many {kind} came from this address", seconds)
 
     async def hold(self, key: str) -> float:

@@ -92,7 +92,7 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
         if not isinstance(arguments, dict):
             raise EchoAvatarError('"arguments" must be an object')
         session = asked_session(manager, request, message)
-        manager.clients.check("commands", client_of(request.scope))
+        await manager.clients.check("commands", client_of(request.scope))
         return await call_tool(manager, session, request.path_params["name"], arguments)
 
     return [

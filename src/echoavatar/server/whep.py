@@ -269,7 +269,7 @@ class VideoDesk:
         if not self.free:
             retry = {"retry-after": str(RETRY_S)}
             return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
-        self._manager.clients.check("offers", client)
+        await self._manager.clients.check("offers", client)
         text = await self._read(offer.decode("utf-8", "replace"), request.client.host if request.client else "")
         name, answer = await self._answer(session, character, shot, text, client)
         return Response(answer, 201, {"location": f"/v1/whep/{name}"}, "application/sdp")
