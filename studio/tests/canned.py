@@ -18,10 +18,11 @@ from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
+from echoavatar.wire.rates import Rate
 from echoavatar_studio import making
 from echoavatar_studio.app import create_app
 from echoavatar_studio.clips import Performance, corrupt, save_clip, save_sound
-from echoavatar_studio.limits import Rate, Rates
+from echoavatar_studio.limits import Rates
 from echoavatar_studio.making import Maker, Material
 from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.run import open_store, serve

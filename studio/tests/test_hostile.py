@@ -6,7 +6,8 @@ from starlette.routing import Route
 from studio.tests import canned
 from studio.tests.people import OwnerPerson, RaterPerson, app_of, tokens, usual
 
-from echoavatar_studio.limits import Rate, Rates
+from echoavatar.wire.rates import Rate
+from echoavatar_studio.limits import Rates
 from echoavatar_studio.making import Maker
 from echoavatar_studio.tables import Event, Judgement, Study
 

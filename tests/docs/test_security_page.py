@@ -1,16 +1,19 @@
 """The table of limits says what the code holds, and each promise of the page names a test that exists."""
 
-import importlib
+import dataclasses
 import re
 from pathlib import Path
 
 import pytest
 
 from echoavatar.server import ServerSettings
+from echoavatar.server.clients import ClientRates
+from echoavatar.wire.rates import TokenGate
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/security.md").read_text("utf-8")
 LIMITS = re.findall(r"^\|[^|]+\| ([\d,]+)( MiB)? \| `([\w.]+)`, ", PAGE, re.MULTILINE)
+RATES = re.findall(r"^\|[^|]+\| ([\d,]+) \| ([\d,]+) \| `([\w.]+)` \|$", PAGE, re.MULTILINE)
 A_TEST = re.compile(r"`((?:studio/|lab/)?tests/[\w/]+\.py)(?:::(\w+))?`")
 TESTS = sorted(set(A_TEST.findall(PAGE)))
 COMMANDS = ("echoavatar bench soak", "python -m tests.server.fault_drill")  # rows that a command shows, not a test
@@ -37,9 +40,15 @@ def test_limits_are_those_of_the_code(number: str, unit: str, name: str) -> None
         value = getattr(ServerSettings(), last)
     else:
         value = getattr(
-            importlib.import_module(place if place.startswith("echoavatar_lab.") else f"echoavatar.{place}"), last
+            pytest.importorskip(place if place.startswith("echoavatar_lab.") else f"echoavatar.{place}"), last
         )
     assert value == int(number.replace(",", "")) << (20 if unit else 0)
+
+
+@pytest.mark.parametrize(("burst", "a_minute", "name"), RATES)
+def test_rates_are_those_of_the_code(burst: str, a_minute: str, name: str) -> None:
+    known = {**dataclasses.asdict(ClientRates()), "wire.rates.TokenGate.GUESSES": TokenGate.GUESSES}
+    assert tuple(known[name]) == (int(burst.replace(",", "")), int(a_minute.replace(",", "")))
 
 
 @pytest.mark.parametrize(("path", "name"), TESTS)
@@ -63,5 +72,6 @@ def test_each_row_names_a_test(row: str) -> None:
 
 def test_the_tables_were_read() -> None:
     assert len(LIMITS) == len(rows("Limits"))
+    assert len(RATES) == len(rows("Rates"))
     assert len(rows("Attacks")) > 50
     assert len(TESTS) > 30

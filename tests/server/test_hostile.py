@@ -19,8 +19,10 @@ from hypothesis import strategies as st
 from tests.server.fakes import FAST, Caller, RunningServer, serving
 from websockets.exceptions import ConnectionClosed
 
+from echoavatar.server.clients import ClientRates
 from echoavatar.wire.codec import encode
 from echoavatar.wire.messages import Hello, Motion, Ping, Pong, Sound, Stats
+from echoavatar.wire.rates import Rate
 
 _log = logging.getLogger(__name__)
 AT_ONCE = 100
@@ -29,7 +31,9 @@ MANNERS = ("hangs up at once", "hangs up when let in", "says hello and goes", "s
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[RunningServer]:
-    with serving(seats=4, settings=dataclasses.replace(FAST, hello_seconds=1.0, resume_seconds=0.3)) as server:
+    many = ClientRates(requests=Rate(1e6, 1e6), hellos=Rate(1e6, 1e6))  # a crowd has many addresses
+    patient = dataclasses.replace(FAST, hello_seconds=1.0, resume_seconds=0.3, rates=many)
+    with serving(seats=4, settings=patient) as server:
         yield server
 
 

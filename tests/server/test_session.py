@@ -351,10 +351,47 @@ def test_a_report_from_before_a_flush_says_nothing() -> None:
     room.speak(1, 5.0)
     room.go(1.0)
     room.session.interrupt(Interrupt(heard=12_000))
-    room.session.played(Played(at=40_000, epoch=0))
+    room.session.source = room.box
+    room.session.played(Played(at=40_000, epoch=0), room.box)
     assert room.session.place == 12_000
-    room.session.played(Played(at=12_100, epoch=1))
+    room.session.played(Played(at=12_100, epoch=1), room.box)
     assert room.session.place <= 12_100
+
+
+def test_a_viewer_that_says_it_stands_still_or_is_far_ahead_moves_nothing() -> None:
+    room, viewer = Room(), Told()
+    room.session.source = room.box
+    room.session.join(viewer, received=None)
+    for _ in range(30):
+        room.session.played(Played(at=0, underruns=7), viewer)
+        room.go(0.1)
+    assert room.session.end > 3.0 * 24_000
+    assert room.session.underruns == 7
+    before = room.session.place
+    room.session.played(Played(at=room.session.end), viewer)
+    assert room.session.place == before
+
+
+def test_when_a_source_that_reported_is_gone_its_viewers_watch_on() -> None:
+    room, viewer = Room(), Told()
+    room.session.source = room.box
+    room.session.join(viewer, received=None)
+    room.go(1.0)
+    room.session.played(Played(at=12_000), room.box)
+    room.session.leave(room.box)
+    end = room.session.end
+    room.go(3.0)
+    assert room.session.end > end + 2.0 * 24_000
+
+
+def test_an_interruption_that_names_a_sample_of_long_ago_does_not_hold_the_session() -> None:
+    room = Room()
+    room.go(10.0)
+    room.session.interrupt(Interrupt(heard=0))
+    assert room.session.place > 4 * 24_000
+    end = room.session.end
+    room.go(1.5)
+    assert room.session.end > end + 24_000
 
 
 def test_a_flood_is_refused_and_changes_nothing() -> None:

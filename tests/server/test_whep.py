@@ -20,7 +20,9 @@ from echoavatar.errors import DependencyError
 from echoavatar.files.avatar.avatar_renderer import RENDERERS
 from echoavatar.files.avatar.render import Renderer, Surface
 from echoavatar.server import ServerSettings
+from echoavatar.server.clients import ClientRates
 from echoavatar.wire.messages import Hello
+from echoavatar.wire.rates import Rate
 
 ENOUGH_HZ = 15  # pictures a second below which flashes are not judged
 AT_ONCE = 20  # flashes in one message, which has a limit
@@ -170,6 +172,49 @@ async def test_a_viewer_that_never_connects_is_forgotten(monkeypatch: pytest.Mon
         status, _, _ = await asyncio.to_thread(http, "POST", f"http://{server.address}/v1/whep", offer.encode())
         assert (status, free(server)) == (201, 0)
         assert await asyncio.to_thread(until, lambda: free(server) == 1)
+        await watcher.close()
+
+
+async def test_a_place_that_is_not_used_is_given_to_another_client_and_not_to_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from echoavatar.server import whep
+
+    monkeypatch.setattr(whep, "GRACE_S", 0.2)
+    settings = dataclasses.replace(VIDEO, proxies=("127.0.0.1",))
+    with serving(settings=settings, pipeline=Flasher()) as server, server.call(Hello(want=())) as caller:
+        watcher = Watcher()
+        offer = (await watcher.offer()).encode()
+
+        async def post(address: str) -> int:
+            url = f"http://{server.address}/v1/sessions/{caller.ready.session}/whep"
+            return (await asyncio.to_thread(http, "POST", url, offer, x_forwarded_for=address))[0]
+
+        assert [await post("10.0.0.1"), await post("10.0.0.2")] == [201, 503]
+        await asyncio.sleep(0.3)
+        assert [await post("10.0.0.1"), await post("10.0.0.2"), await post("10.0.0.1")] == [503, 201, 503]
+        await watcher.close()
+
+
+async def test_a_client_that_posts_and_deletes_offers_in_a_loop_is_told_to_wait() -> None:
+    rates = ClientRates(offers=Rate(2, 1))
+    with (
+        serving(settings=dataclasses.replace(VIDEO, rates=rates), pipeline=Flasher()) as server,
+        server.call(Hello(want=())),
+    ):
+        watcher, base = Watcher(), f"http://{server.address}"
+        offer = await watcher.offer()
+        many = "".join(f"a=candidate:{n} 1 udp 7 name{n}.local {20_000 + n} typ host\r\n" for n in range(900))
+        offer = offer.replace("a=candidate:", many + "a=candidate:", 1)
+        for _ in range(2):
+            began = time.monotonic()
+            status, told, text = await asyncio.to_thread(http, "POST", f"{base}/v1/whep", offer.encode())
+            assert status == 201, text
+            assert time.monotonic() - began < 2.0
+            assert (await asyncio.to_thread(http, "DELETE", base + told["location"]))[0] == 200
+        status, told, text = await asyncio.to_thread(http, "POST", f"{base}/v1/whep", offer.encode())
+        assert (status, 0 < int(told["retry-after"]) <= 60) == (429, True), text
+        assert free(server) == 1
         await watcher.close()
 
 

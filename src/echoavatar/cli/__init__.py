@@ -58,6 +58,7 @@ SEPARATE = {
     "actions build": "lab",
     "align": "lab",
     "baseline": "lab",
+    "bench neighbours": "lab",
     "bench post": "lab",
     "bench soak": "lab",
     "bench train": "lab",

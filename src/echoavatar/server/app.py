@@ -15,6 +15,7 @@ from starlette.websockets import WebSocket
 from echoavatar import __version__
 from echoavatar.engine import Engine
 
+from .clients import RequestPace
 from .companion import chat_routes
 from .connection import Connection
 from .metrics import CONTENT_TYPE
@@ -34,12 +35,13 @@ def create_app(engine: Engine, settings: ServerSettings | None = None) -> Starle
     `app.state.manager` holds the sessions. The lifespan must run, also if the application is mounted in another.
     """
     manager = SessionManager(engine, settings or ServerSettings())
+    guards = [Middleware(PageHeaders), Middleware(RequestPace, manager.clients)]
     desk = None
     if manager.settings.video:
         from .whep import VideoDesk  # loads aiortc
 
         desk = VideoDesk(manager)
-    app = Starlette(routes=_routes(manager, desk), lifespan=_lifespan, middleware=[Middleware(PageHeaders)])
+    app = Starlette(routes=_routes(manager, desk), lifespan=_lifespan, middleware=guards)
     app.state.manager, app.state.video = manager, desk
     return app
 

@@ -9,7 +9,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.codec import ProtocolError, decode_client, encode, negotiate, subprotocol
-from echoavatar.wire.guard import check_origin, check_token
+from echoavatar.wire.guard import check_origin
 from echoavatar.wire.messages import (
     CLOSE_CODES,
     Action,
@@ -27,6 +27,7 @@ from echoavatar.wire.messages import (
     ServerMessage,
 )
 
+from .clients import client_of
 from .opus import choose
 from .outbox import Outbox
 from .session import ServerSession, answer
@@ -46,6 +47,7 @@ class Connection:
         self._encoding: Encoding = "msgpack"
         self._outbox = Outbox()
         self._session: ServerSession | None = None
+        self._client = client_of(websocket.scope)
         self._strikes = 0
         self._error: ProtocolError | None = None  # why the server closes the connection
         self._left: int | None = None  # the close code, if the client closed it
@@ -53,8 +55,7 @@ class Connection:
     async def run(self) -> None:
         """Serve the connection until it is closed."""
         manager, self._silence = self._manager, anyio.CancelScope()
-        client = self._socket.client
-        if not manager.admission.enter(self._silence, client.host if client else ""):
+        if not manager.admission.enter(self._silence, self._client):
             manager.metrics.refused.inc()
             await self._socket.close(1013)
             return
@@ -109,7 +110,8 @@ class Connection:
         message = await self._next(self._manager.settings.hello_seconds, "no hello came")
         if not isinstance(message, Hello):
             raise ProtocolError("bad_order", "the first message must be a hello")
-        check_token(self._manager.settings.token, message.token, self._socket.headers)
+        await self._manager.clients.pace("hellos", self._client)
+        self._manager.clients.gate.check(message.token, self._socket.headers, self._client)
         self._outbox = Outbox(message.want, choose(message.sound))
         self._session = self._manager.enter(message, self._outbox)
         self._manager.admission.greet(self._silence)
@@ -128,6 +130,7 @@ class Connection:
         patience = 2 * self._manager.settings.ping_seconds
         while True:
             message = await self._next(patience, "nothing came for too long; send pings")
+            await self._pace(message)
             if self._session is not None:
                 self._manager.confirm(self._session, self._outbox)
             try:
@@ -136,6 +139,16 @@ class Connection:
                 if error.fatal:
                     raise
                 self._report(error)
+
+    async def _pace(self, message: ClientMessage) -> None:
+        """Wait if the client sends faster than it may."""
+        clients = self._manager.clients
+        if isinstance(message, Audio | End):
+            await clients.pace("sounds", str(id(self)))
+        elif isinstance(message, Played | Ping):
+            await clients.pace("reports", self._client)
+        else:
+            await clients.pace("commands", self._client)
 
     async def _handle(self, message: ClientMessage) -> None:
         session = self._session
@@ -146,7 +159,7 @@ class Connection:
                     raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
                 session.hear(message) if isinstance(message, Audio) else session.finish(message)
             case Played():
-                session.played(message)
+                session.played(message, self._outbox)
             case Interrupt():
                 self._manager.metrics.interrupts.inc()
                 session.interrupt(message)

@@ -1,9 +1,7 @@
 """A session of the server: utterances in, one clock, and the clients that watch.
 
-The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk is to be made. A session turns clients'
-messages into calls of its `SessionCore`, and deliveries into messages. `UtteranceReader` keeps one speaker's `audio`
-messages in order: new samples are taken, repeats dropped, gaps refused. All methods are called on the event loop and
-do not block; the model runs elsewhere.
+The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk is to be made. Clients' messages become
+calls of a `SessionCore`, and deliveries messages. All methods run on the event loop and do not block.
 """
 
 import logging
@@ -18,7 +16,7 @@ from jaxtyping import Float
 
 from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
 from echoavatar.errors import QueueFullError
-from echoavatar.timing import SAMPLE_RATE_HZ
+from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.blobs import Pose, pack_audio, pack_pose, unpack_audio
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.messages import (
@@ -55,7 +53,7 @@ _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "mu
 
 
 class UtteranceReader:
-    """Tracks one speaker's current utterance and how much of it was received."""
+    """Keeps one speaker's `audio` messages in order: new samples are taken, repeats dropped, gaps refused."""
 
     def __init__(self, form: AudioFormat) -> None:
         self.seg = 0  # the newest utterance
@@ -220,6 +218,7 @@ class ServerSession:
             self.listeners.remove(outbox)
         if self.source is outbox:
             self.source, self.left_at = None, self._clock()
+            self.pacer.playhead.pause()  # its last report does not bind those who watch on
         self._follow_player()
         self.on_change()
 
@@ -284,7 +283,7 @@ class ServerSession:
         self.speech.cut(last)
         done = self.core.interrupt(heard, last)
         self._flush(Flush(at=done.at, epoch=done.epoch, seg=done.utterance, heard=done.heard))
-        self.pacer.playhead.jump(heard)
+        self.pacer.playhead.jump(max(heard, done.at - SAMPLES_PER_FRAME))  # not behind what can be taken back
         if self.trace:
             self.trace.forget()
         self.on_change()
@@ -310,9 +309,12 @@ class ServerSession:
         self.core.stop_music()
         self.tell(answer(message.id, "stop", "done", self.end))
 
-    def played(self, message: Played) -> None:
-        """Take the player's report of its position; reports from before the last flush are ignored."""
-        if message.epoch >= self.epoch:
+    def played(self, message: Played, outbox: Outbox) -> None:
+        """Take a client's report of its position; reports from before the last flush are ignored.
+
+        Only the source's moves the playhead, so that no viewer can hold up speech that is not its own.
+        """
+        if outbox is self.source and message.epoch >= self.epoch:
             self.pacer.playhead.report(message.at, self._clock(), self.end)
             self.on_change()
         self.underruns = max(self.underruns, message.underruns)

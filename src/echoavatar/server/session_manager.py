@@ -30,6 +30,7 @@ from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import Admission
 from echoavatar.wire.messages import VERSIONS, Flush, Hello, Latency, Ready, Rig, SoundFormat
 
+from .clients import ClientLimits
 from .metrics import Metrics
 from .outbox import Outbox
 from .session import ServerSession
@@ -54,6 +55,7 @@ class SessionManager:
         self.metrics.seats.set(engine.seats)
         self.tracks = Tracks(settings.music)
         self.admission = Admission(settings.connections, settings.connections_per_address)
+        self.clients = ClientLimits(settings.rates, settings.token)
         self.is_draining = False
         self._thread = EngineThread(engine)
         self._sessions: dict[str, ServerSession] = {}  # by public name

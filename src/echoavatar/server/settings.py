@@ -1,10 +1,12 @@
 """The settings of a server."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from echoavatar.wire.messages import Limits
+
+from .clients import ClientRates
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,7 @@ class ServerSettings:
     drain_seconds: float = 10.0  # at shutdown, for speech to end
     connections: int = 256  # WebSockets at once, sources and viewers
     connections_per_address: int = 64  # of them
+    rates: ClientRates = field(default_factory=ClientRates)  # of one client
     proxies: tuple[str, ...] = ()  # addresses or networks whose X-Forwarded-For is believed
     lists_sessions: bool = True  # to clients with the token; where strangers share a server, names are secrets
     music: Path | None = None  # folder of further tracks

@@ -16,15 +16,16 @@ from echoavatar.engine.tools import Schema, Style
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
 from echoavatar.wire.codec import ProtocolError
-from echoavatar.wire.guard import check_origin, has_token
+from echoavatar.wire.guard import check_origin
 from echoavatar.wire.messages import Action, Music
 
+from .clients import client_of, refusal
 from .session import ServerSession
 from .session_manager import SessionManager
 
 SECONDS = 15.0
 MOST_BYTES = 16_384
-STATUSES = {"forbidden_origin": 403, "unknown_session": 404}  # of protocol errors; of all others 400
+STATUSES = {"unauthorized": 401, "forbidden_origin": 403, "unknown_session": 404}  # of protocol errors; others 400
 _NUMBERS = itertools.count(1)
 
 
@@ -91,6 +92,7 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
         if not isinstance(arguments, dict):
             raise EchoAvatarError('"arguments" must be an object')
         session = asked_session(manager, request, message)
+        await manager.clients.check("commands", client_of(request.scope))
         return await call_tool(manager, session, request.path_params["name"], arguments)
 
     return [
@@ -105,16 +107,17 @@ def answering(
 ) -> Callable[[Request], Awaitable[Response]]:
     """An endpoint that answers with the response or JSON that `handle` returns, or with its error.
 
-    A request without the server's token is refused.
+    A request without the server's token is refused; too many wrong tokens from its address make that wait.
     """
 
     async def answer(request: Request) -> Response:
-        if not has_token(manager.settings.token, request.headers):
-            return JSONResponse({"error": "wrong token; send Authorization: Bearer TOKEN"}, 401)
         try:
+            manager.clients.gate.check("", request.headers, client_of(request.scope))
             answer = await handle(request)
             return answer if isinstance(answer, Response) else JSONResponse(answer)
         except ProtocolError as error:
+            if error.code == "overloaded":
+                return refusal(str(error), error.retry_after)
             return JSONResponse({"error": str(error)}, STATUSES.get(error.code, 400))
         except EchoAvatarError as error:
             return JSONResponse({"error": str(error)}, failure)

@@ -7,14 +7,15 @@ the viewer, DELETE that to end it. Each viewer has a renderer of its own; there 
 import asyncio
 import logging
 import secrets
+import time
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
-import anyio.to_thread
 import av
+from anyio import CapacityLimiter, to_thread
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request
@@ -25,10 +26,13 @@ from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.files.avatar import CHARACTERS
 from echoavatar.files.avatar.avatar_renderer import VIEWS, Shot
 from echoavatar.server.video.live_stream import LiveStream, doubled
+from echoavatar.server.video.offer import MOST_BYTES, read_offer
 from echoavatar.server.video.video_source import VideoSource, prepare
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.guard import check_origin
+from echoavatar.wire.rates import too_often
 
+from .clients import client_of
 from .outbox import Relay
 from .page import file_answer
 from .session import ServerSession
@@ -41,8 +45,8 @@ CONNECT_S = 20.0  # time for a viewer to connect after its answer
 PICTURE_CLOCK_HZ = 90_000
 NTP_EPOCH_S = 2_208_988_800  # 1970, in the seconds of reports, which count from 1900
 _FRESH = ("new", "connecting")
-MOST_BYTES = 65_536
 RETRY_S = 5
+GRACE_S = 5.0  # to connect, before a viewer gives way to another client's
 
 
 try:
@@ -116,9 +120,16 @@ class Viewer:
     """A peer connection that shows one session, from its offer until either side ends it."""
 
     def __init__(
-        self, session: ServerSession, source: VideoSource, ice_servers: Sequence[str], on_end: Callable[[], None]
+        self,
+        session: ServerSession,
+        source: VideoSource,
+        ice_servers: Sequence[str],
+        on_end: Callable[[], None],
+        client: str = "",
     ) -> None:
         """`ice_servers` are STUN or TURN addresses, such as `stun:stun.example.org`; most servers need none."""
+        self.client = client
+        self._began = time.monotonic()
         self.stream = LiveStream(source, lambda: session.place)
         self._session, self._on_end = session, on_end
         self._outbox = Relay(source.take, lambda: session.source is not None, self._leave)
@@ -127,6 +138,16 @@ class Viewer:
         self._peer.on("connectionstatechange", self._check)
         self._ending: asyncio.Task[None] | None = None
         self._patience: asyncio.TimerHandle | None = None
+
+    @property
+    def waits(self) -> bool:
+        """Whether it has not connected yet."""
+        return self._peer.connectionState in _FRESH
+
+    @property
+    def is_patient(self) -> bool:
+        """Whether it has waited for so long that it gives way to another client's viewer."""
+        return self.waits and time.monotonic() - self._began > GRACE_S
 
     async def answer(self, offer: str) -> str:
         """The SDP answer to an SDP offer; from here on the viewer is served.
@@ -140,8 +161,7 @@ class Viewer:
             if "video" in kinds:
                 await self._peer.setLocalDescription(await self._peer.createAnswer())
         except Exception as error:  # a parser of foreign text fails in many ways
-            _LOG.info("an SDP offer was refused: %r", error)
-            raise EchoAvatarError("this SDP offer cannot be answered; ask for VP8 or H.264, and Opus") from error
+            raise _unanswerable(error) from error
         if "video" not in kinds:
             raise EchoAvatarError("the SDP offer asks for no video; offer to receive video and audio")
         self._session.join(self._outbox, received=None)
@@ -179,7 +199,7 @@ class Viewer:
             self._leave()
 
     def _give_up(self) -> None:
-        if self._peer.connectionState in _FRESH:
+        if self.waits:
             self._leave()
 
     def _leave(self) -> None:
@@ -206,6 +226,7 @@ class VideoDesk:
         self._manager, self._settings = manager, manager.settings
         self._viewers: dict[str, Viewer] = {}
         self._taken = 0  # renderers, also of viewers that are being answered or are ending
+        self._worker = CapacityLimiter(1)  # reads offers and makes renderers, one after the other
         prepare(Shot(self._settings.video_size, renderer=self._settings.video_renderer))
 
     @property
@@ -243,10 +264,14 @@ class VideoDesk:
             return _refusal(415, "send application/sdp")
         session = asked_session(self._manager, request, dict(request.path_params))
         (character, shot), offer = self._wish(request), await read_body(request, MOST_BYTES)
+        client = client_of(request.scope)
+        await self._make_room(client)
         if not self.free:
             retry = {"retry-after": str(RETRY_S)}
             return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
-        name, answer = await self._answer(session, character, shot, offer.decode("utf-8", "replace"))
+        await self._manager.clients.check("offers", client)
+        text = await self._read(offer.decode("utf-8", "replace"), request.client.host if request.client else "")
+        name, answer = await self._answer(session, character, shot, text, client)
         return Response(answer, 201, {"location": f"/v1/whep/{name}"}, "application/sdp")
 
     def _wish(self, request: Request) -> tuple[str, Shot]:
@@ -264,17 +289,41 @@ class VideoDesk:
         background = query.get("background", "studio")[:40]
         return character, Shot(settings.video_size, view, background, renderer=settings.video_renderer)
 
-    async def _answer(self, session: ServerSession, character: str, shot: Shot, offer: str) -> tuple[str, str]:
+    async def _make_room(self, client: str) -> None:
+        """If all renderers are taken, end the viewer that has tried to connect for longest.
+
+        It must be another client's, and the one who asks must have none that tries: so nobody keeps a place from
+        others by offers that are never followed up.
+        """
+        if self.free or any(viewer.waits and viewer.client == client for viewer in self._viewers.values()):
+            return
+        if (slow := next((viewer for viewer in self._viewers.values() if viewer.is_patient), None)) is not None:
+            await slow.close()
+
+    async def _read(self, offer: str, address: str) -> str:
+        """The part of an offer that is used here."""
+        try:
+            return await to_thread.run_sync(read_offer, offer, address, limiter=self._worker)
+        except EchoAvatarError:
+            raise
+        except Exception as error:  # a parser of foreign text fails in many ways
+            raise _unanswerable(error) from error
+
+    async def _answer(
+        self, session: ServerSession, character: str, shot: Shot, offer: str, client: str
+    ) -> tuple[str, str]:
         """Seat a viewer; returns its name and the SDP answer."""
+        if not self.free:
+            raise too_often(f"all {self._settings.video} renderers are taken", RETRY_S)
         self._taken += 1
         try:
             make = partial(VideoSource, self._manager.rig, shot, character=character)
-            source = await anyio.to_thread.run_sync(make)
+            source = await to_thread.run_sync(make, limiter=self._worker)
         except BaseException:
             self._taken -= 1
             raise
         name = secrets.token_urlsafe(16)
-        viewer = Viewer(session, source, self._settings.ice_servers, lambda: self._free(name))
+        viewer = Viewer(session, source, self._settings.ice_servers, lambda: self._free(name), client)
         self._viewers[name] = viewer
         self._manager.metrics.viewers.set(self._taken)
         try:
@@ -297,6 +346,11 @@ class VideoDesk:
             return _refusal(404, "there is no such viewer, or it has ended")
         await viewer.close()
         return Response(status_code=200)
+
+
+def _unanswerable(error: Exception) -> EchoAvatarError:
+    _LOG.info("an SDP offer was refused: %r", error)
+    return EchoAvatarError("this SDP offer cannot be answered; ask for VP8 or H.264, and Opus")
 
 
 def _refusal(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:

@@ -156,7 +156,7 @@ class Music(_Message, frozen=True, kw_only=True, tag="music"):
 
 
 class Played(_Message, frozen=True, kw_only=True, tag="played"):
-    """The playback position, five times a second. The server sends at most `limits.ahead_seconds` beyond it."""
+    """The playback position, five times a second. At most `limits.ahead_seconds` are sent beyond the source's."""
 
     at: Annotated[Samples, Meta(description="clock: first sample not yet heard")]
     epoch: Annotated[int, Meta(ge=0, description="that of the newest `flush` or `ready` processed")] = 0

@@ -18,10 +18,11 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from echoavatar.wire.guard import network_of
+from echoavatar.wire.rates import Limiter, Rate
 
 from .audit import note
 from .errors import StoreAwayError, StudioError, not_found
-from .limits import Limiter, Rate, Rates
+from .limits import Rates
 from .secrecy import is_name, is_same
 from .sessions import Visitor, find_visitor, name_of
 from .store import Store

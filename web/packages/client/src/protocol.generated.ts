@@ -210,7 +210,7 @@ export interface PingMessage {
   nonce?: number;
 }
 
-/** The playback position, five times a second. The server sends at most `limits.ahead_seconds` beyond it. */
+/** The playback position, five times a second. At most `limits.ahead_seconds` are sent beyond the source's. */
 export interface PlayedMessage {
   type: "played";
   /** clock: first sample not yet heard */
