@@ -13,7 +13,7 @@ pytest.importorskip("psycopg")
 
 from sqlalchemy import String, update  # noqa: E402
 from studio.tests import canned  # noqa: E402
-from studio.tests.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from studio.tests.conftest import STORES, cluster, postgres, store_of  # noqa: E402, F401
 from studio.tests.raters_in_browser import RaterTab, Studio  # noqa: E402
 from tests.web.conftest import PageDriver  # noqa: E402
 

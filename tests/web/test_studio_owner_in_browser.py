@@ -12,7 +12,7 @@ pytest.importorskip("sqlalchemy")
 pytest.importorskip("psycopg")
 
 from studio.tests import canned  # noqa: E402
-from studio.tests.conftest import STORES, postgres, store_of  # noqa: E402, F401
+from studio.tests.conftest import STORES, cluster, postgres, store_of  # noqa: E402, F401
 from studio.tests.raters_in_browser import NAMELESS, OUTSIDE, PALE, Studio  # noqa: E402
 from tests.web.conftest import PageDriver  # noqa: E402
 
