@@ -111,7 +111,7 @@ def test_every_shipped_action_does_what_its_clip_shows() -> None:
         )
         _log.info("%s: head %s %.0f degrees off, %.0f on, %.0f in the clip", name, way, off, on, own)
         assert on > 0.5 * own
-        assert on > 2 * off
+        assert on > off + 0.4 * own, "the same speech without the action turns the head less"
     raised = [acted[name] for name in ("raise_left_hand", "raise_right_hand", "raise_both_hands", "wave")]
     assert max(one.on_cm / one.off_cm for one in raised) < 0.6
     assert max(one.fastest_deg_s for one in acted.values()) < 1400
