@@ -22,7 +22,7 @@ from echoavatar.wire.rates import Rate
 from echoavatar_studio import making
 from echoavatar_studio.app import create_app
 from echoavatar_studio.clips import Performance, corrupt, save_clip, save_sound
-from echoavatar_studio.limits import Rates
+from echoavatar_studio.http import Rates
 from echoavatar_studio.making import Maker, Material
 from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.run import open_store, serve

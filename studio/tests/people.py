@@ -9,7 +9,7 @@ from starlette.testclient import TestClient
 from studio.tests import canned
 
 from echoavatar_studio.app import create_app
-from echoavatar_studio.limits import Rates
+from echoavatar_studio.http import Rates
 from echoavatar_studio.making import Maker
 from echoavatar_studio.owner_actions import OwnerActions
 from echoavatar_studio.wire_owner import Invite

@@ -7,7 +7,7 @@ from studio.tests import canned
 from studio.tests.people import OwnerPerson, RaterPerson, app_of, tokens, usual
 
 from echoavatar.wire.rates import Rate
-from echoavatar_studio.limits import Rates
+from echoavatar_studio.http import Rates
 from echoavatar_studio.making import Maker
 from echoavatar_studio.tables import Event, Judgement, Study
 

@@ -7,8 +7,7 @@ from studio.tests import canned
 from studio.tests.people import Person
 
 from echoavatar.wire.rates import Rate
-from echoavatar_studio.http import Call, Gate, decoded
-from echoavatar_studio.limits import Rates
+from echoavatar_studio.http import Call, Gate, Rates, decoded
 from echoavatar_studio.making import Maker
 from echoavatar_studio.wire_rater import Consent, Done
 

@@ -17,10 +17,10 @@ from studio.tests import canned
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import sockets
+from echoavatar.wire.rates import Rate
 from echoavatar.wire.sockets import ConnectionGuard, WebServer
 from echoavatar_studio import run
 from echoavatar_studio.app import create_app
-from echoavatar_studio.limits import Rate
 from echoavatar_studio.run import open_store
 
 

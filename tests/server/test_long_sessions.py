@@ -65,7 +65,7 @@ def idle(room: Room, seconds: float) -> None:
     """As a browser does: it reports its place four times a second."""
     for _ in range(round(seconds / CHUNK_SECONDS)):
         room.go(CHUNK_SECONDS, step=CHUNK_SECONDS)
-        room.session.played(Played(at=room.session.place))
+        room.session.played(Played(at=room.session.place), room.box)
 
 
 def check_idling(room: Room, minutes: int, seconds: float) -> None:

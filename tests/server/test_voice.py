@@ -9,6 +9,7 @@ from starlette.testclient import TestClient
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, voice
+from echoavatar.server.clients import ClientLimits, ClientRates
 from echoavatar.server.voice import find_voice, speak, voice_route
 
 VOICES = [name for name in ("flite", "espeak-ng") if shutil.which(name)]
@@ -44,7 +45,8 @@ def test_a_program_that_fails_is_named(monkeypatch):
 def client(monkeypatch):
     monkeypatch.setattr(voice, "speak", lambda name, text: f"{name}:{text}".encode())
     monkeypatch.setattr(voice, "find_voice", lambda: "parrot")
-    manager = SimpleNamespace(settings=ServerSettings(token="secret"))
+    settings = ServerSettings(token="secret")
+    manager = SimpleNamespace(settings=settings, clients=ClientLimits(ClientRates(), settings.token))
     return TestClient(Starlette(routes=[voice_route(manager)]), headers={"authorization": "Bearer secret"})
 
 

@@ -23,6 +23,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.server.clients import ClientLimits, ClientRates
 from echoavatar.server.page import PageHeaders, page_routes
 from echoavatar.server.settings import ServerSettings
 from echoavatar.server.voice import voice_route
@@ -243,7 +244,7 @@ def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlet
     return Starlette(
         routes=[
             WebSocketRoute("/v1/stream", stream),
-            voice_route(SimpleNamespace(settings=ServerSettings())),  # type: ignore[arg-type]
+            voice_route(SimpleNamespace(settings=ServerSettings(), clients=ClientLimits(ClientRates(), ""))),  # type: ignore[arg-type]
             Route("/v1/chat", _chat, methods=["GET", "POST"]),
             Route("/v1/chat/ears", _ears, methods=["POST"]),
             *page_routes(),

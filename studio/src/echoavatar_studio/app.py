@@ -6,8 +6,7 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.routing import BaseRoute
 
-from .http import Gate, nothing_here
-from .limits import Rates
+from .http import Gate, Rates, nothing_here
 from .making import Maker
 from .owner_routes import owner_routes
 from .page import page_routes

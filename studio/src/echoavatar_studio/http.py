@@ -22,7 +22,6 @@ from echoavatar.wire.rates import Limiter, Rate
 
 from .audit import note
 from .errors import StoreAwayError, StudioError, not_found
-from .limits import Rates
 from .secrecy import is_name, is_same
 from .sessions import Visitor, find_visitor, name_of
 from .store import Store
@@ -43,6 +42,18 @@ _QUIET = {  # normal answers to a page that works as intended
 _AUDIT_RATE = Rate(30, 30)  # a flood of refusals must not fill the store
 _AWAY_RATE = Rate(1, 1)  # lines in the log while the store is away
 HEADERS = {"cache-control": "no-store", "x-content-type-options": "nosniff", "referrer-policy": "no-referrer"}
+
+
+@dataclass(frozen=True)
+class Rates:
+    """The limits of an address, a session or an account."""
+
+    login: Rate = Rate(8, 6)  # per address
+    join: Rate = Rate(60, 60)  # per address: a whole classroom may join through one router
+    answer: Rate = Rate(30, 60)  # per rater
+    read: Rate = Rate(400, 1200)  # per session, clips and sounds included
+    stranger: Rate = Rate(120, 240)  # per address, for requests without a session
+    account: Rate = Rate(100, 60)  # sign-ins to one account from addresses that never succeeded
 
 
 @dataclass(frozen=True)

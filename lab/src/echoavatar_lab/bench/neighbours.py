@@ -29,6 +29,7 @@ from echoavatar.cli.options import TOKEN
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.messages import Motion, Sound
+from echoavatar.wire.sockets import listen as listen_here
 
 from .hostile_clients import NEIGHBOURS, WITH_TLS, WITH_VIDEO, Target, attack, make_offer
 
@@ -139,7 +140,7 @@ def served(model: str, token: str, *, video: bool, files: tuple[Path, Path] | No
     Raises:
         EchoAvatarError: it did not start.
     """
-    with socket.create_server(("127.0.0.1", 0)) as free:
+    with listen_here("127.0.0.1", 0) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "echoavatar", "serve", "--model", model, "--port", str(port)]
     command += ["--video"] if video else []
