@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from echoavatar.cli import printable
 from echoavatar.errors import CheckpointError, EchoAvatarError
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         for line in found.lines:
             print(f"{line.file}: {line.name} {list(line.shape)} -> {line.target}")
     for problem in problems:
-        print(f"problem: {problem}", file=sys.stderr)
+        print(f"problem: {printable(problem)}", file=sys.stderr)
     if problems:
         count = "1 problem" if len(problems) == 1 else f"{len(problems)} problems"
         raise CheckpointError(f"{count}, listed above; nothing was written")
