@@ -168,3 +168,13 @@ def test_a_missing_file_is_named(tmp_path):
     (tmp_path / "model.safetensors").unlink()
     with pytest.raises(CheckpointError, match=r"model\.safetensors is missing"):
         Scale.load(tmp_path)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_weights_that_are_no_numbers_are_refused_and_named(tmp_path: Path, value: float) -> None:
+    write(tmp_path)
+    weights = load_file(tmp_path / "model.safetensors")
+    weights["bias"][1] = value
+    save_file(weights, tmp_path / "model.safetensors")
+    with pytest.raises(CheckpointError, match=r"model.safetensors is damaged \(bias holds what is no number"):
+        checkpoint.read_weights(tmp_path)

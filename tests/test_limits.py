@@ -6,7 +6,7 @@ import pytest
 
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.limits import BVH_BYTES, CONFIG_BYTES, GLB_BYTES, check_file
+from echoavatar.limits import BVH_BYTES, CONFIG_BYTES, GLB_BYTES, check_file, read_text
 from echoavatar.motion.formats.bvh import read_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
 
@@ -43,3 +43,16 @@ def test_files_beyond_their_limit_are_refused_unread(
         file.truncate(most + 1)
     with pytest.raises(EchoAvatarError, match=f"at most {most:,} are read"):
         read(tmp_path / name)
+
+
+def test_text_is_read_from_regular_files_of_utf_8(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"\xef\xbb\xbfwords")
+    assert read_text(path, "write it") == "words"
+    path.write_bytes(b"\xff")
+    os.mkfifo(tmp_path / "pipe")
+    for wrong, said in ((path, "utf-8"), (tmp_path / "none", "No such file"), (tmp_path / ("a" * 5_000), "too long")):
+        with pytest.raises(CheckpointError, match=f"cannot be read .*{said}"):
+            read_text(wrong, "write it", error=CheckpointError)
+    with pytest.raises(CheckpointError, match="not a regular file"):
+        read_text(tmp_path / "pipe", "write it", error=CheckpointError)

@@ -94,7 +94,11 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
         if rounded is None or rounded.dtype != torch.int8 or scale.shape != (*rounded.shape[:1], 1):
             raise CheckpointError(f"{path} is damaged ({key} has no weights of its size); copy or download it again")
         weights[key.removesuffix(_SCALE)] = rounded.float() * scale.float()
-    return {key: value.float() if value.dtype in half else value for key, value in weights.items()}
+    weights = {key: value.float() if value.dtype in half else value for key, value in weights.items()}
+    for key, value in weights.items():
+        if value.is_floating_point() and value.numel() and not all(map(torch.isfinite, value.aminmax())):
+            raise CheckpointError(f"{path} is damaged ({key[:80]} holds what is no number); copy or download it again")
+    return weights
 
 
 def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT]) -> ModuleT:

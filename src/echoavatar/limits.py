@@ -39,6 +39,7 @@ OVERLAYS = 1 << 20  # frames x joints of the hands of all actions; the shipped o
 
 PICKLED_BYTES = 64 << 20  # one pickled table: statistics have some hundred numbers
 PICKLED_STEPS = 100_000  # instructions of one pickle; a table of arrays takes some hundred
+TEXTS = 1 << 16  # texts in one array of a .npz: names of joints and curves
 
 
 def check_file(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvatarError) -> None:
@@ -58,3 +59,18 @@ def check_file(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvat
         raise error(f"{path} is not a regular file; give the name of a file")
     if found.st_size > largest:
         raise error(f"{path} has {found.st_size:,} bytes, and at most {largest:,} are read; give a smaller file")
+
+
+def read_text(
+    path: Path, remedy: str, *, largest: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError
+) -> str:
+    """The UTF-8 text of a file; a byte order mark is passed over. `remedy` ends the message where it cannot be read.
+
+    Raises:
+        EchoAvatarError: of the given kind; there is no such regular file, it is too large, or not UTF-8.
+    """
+    try:
+        check_file(path, largest, error)
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as reason:
+        raise error(f"{path} cannot be read ({getattr(reason, 'strerror', None) or reason}); {remedy}") from reason

@@ -1,6 +1,7 @@
 """A backup put back is the same studio: also from one kind of store into the other, also taken while raters answer."""
 
 import json
+import os
 import shutil
 import threading
 import zipfile
@@ -167,3 +168,14 @@ def test_a_backup_that_does_not_fit_on_the_disk_is_refused_before_anything_is_wr
     with other.store.read() as session:
         assert session.query(Judgement).count() == 0
     other.store.close()
+
+
+def test_a_pipe_and_rows_of_gigabytes_are_refused_unread(tmp_path):
+    os.mkfifo(tmp_path / "pipe.zip")
+    with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as whole:
+        whole.writestr("rows.jsonl", bytes(70 << 20))
+    store = canned.open_store(tmp_path / "new", None)
+    for name, said in (("pipe.zip", "not a regular file"), ("bomb.zip", "bytes of rows, more than are read")):
+        with pytest.raises(EchoAvatarError, match=said):
+            restore(store, tmp_path / "new" / "media", tmp_path / name)
+    store.close()

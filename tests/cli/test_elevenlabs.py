@@ -37,4 +37,4 @@ def test_a_missing_key_or_prompt_is_an_error(
     assert main(["elevenlabs", "setup"]) == 1
     assert "ELEVENLABS_API_KEY" in capsys.readouterr().err
     assert main(["elevenlabs", "setup", "--dry-run", "--prompt", "/no/such/file"]) == 1
-    assert "cannot read the prompt" in capsys.readouterr().err
+    assert "cannot be read" in capsys.readouterr().err

@@ -1,3 +1,5 @@
+import io
+import logging
 import subprocess
 import sys
 from importlib import import_module
@@ -87,3 +89,27 @@ def test_no_two_services_share_a_port() -> None:
     parser = build_parser(["serve", "proxy", "studio"])
     ports = [parser.parse_args(words).port for words in (["serve"], ["proxy", "--upstream", "ws://x"], ["studio"])]
     assert len(set(ports)) == 3
+
+
+def test_what_the_system_refuses_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def write(args: object) -> int:
+        raise OSError(28, "No space left on device", "a\x1b[31m.png")
+
+    monkeypatch.setattr(plot, "run", write)
+    assert main(["plot", "runs/a", "-o", "a.png"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("echoavatar: [Errno 28] No space left on device: ")
+    assert error.count("\n") == 1
+    assert "\x1b" not in error
+
+
+def test_no_name_commands_the_terminal() -> None:
+    kept = io.BytesIO()
+    shown = cli.Printable(io.TextIOWrapper(kept, "utf-8"))
+    shown.write("red \x1b[31m, \x9b31m, back \u202egpj, \r\tUmlaut ä, 左\n")
+    shown.flush()
+    assert kept.getvalue().decode() == "red \\u001b[31m, \\u009b31m, back \\u202egpj, \\u000d\tUmlaut ä, 左\n"
+    record = logging.LogRecord("a", logging.WARNING, "", 0, "%s is damaged", ("\x1b[2J.wav",), None)
+    assert cli.LogFormat("%(message)s").format(record) == "\\u001b[2J.wav is damaged"

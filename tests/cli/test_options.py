@@ -2,6 +2,7 @@ import argparse
 
 import pytest
 
+from echoavatar.cli import main
 from echoavatar.cli.options import add_server, local_path, size
 
 
@@ -26,3 +27,10 @@ def test_a_client_takes_its_token_from_the_environment(monkeypatch: pytest.Monke
     add_server(parser)
     assert parser.parse_args([]).token == "secret"
     assert parser.parse_args(["--token", "other"]).token == "other"
+
+
+@pytest.mark.parametrize("given", ["-1", str(1 << 62), "9" * 5_000, "a"])
+def test_a_seed_that_no_generator_takes_is_wrong_usage(given: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["animate", "a.wav", "-o", "a.glb", f"--seed={given}"])
+    assert stop.value.code == 2

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import pytest
@@ -51,9 +52,44 @@ def test_what_cannot_be_meant_is_refused(config: Path, text: str, said: str) -> 
 
 def test_a_file_need_not_exist_unless_it_is_named(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config.unlink()
-    with pytest.raises(EchoAvatarError, match="cannot read"):
+    with pytest.raises(EchoAvatarError, match="cannot be read"):
         build_parser(["serve"])
     monkeypatch.delenv("ECHOAVATAR_CONFIG")
     monkeypatch.setenv("XDG_CONFIG_HOME", str(config.parent / "nowhere"))
     build_parser(["serve"])
     assert config_path({"XDG_CONFIG_HOME": "/x"}).as_posix() == "/x/echoavatar/config.toml"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("serve = 3\n", "serve is a command"),
+        ("[bench]\nstream = 3\n", "stream is a command"),
+        ('[serve]\nverbose = "loud"\n', "the setting verbose is 'loud'"),
+        ("a = " + "[" * 20_000, "cannot read"),
+        ("a = " + "9" * 5_000, "cannot read"),
+    ],
+)
+def test_nonsense_in_the_file_is_one_error(config: Path, text: str, said: str) -> None:
+    config.write_text(text)
+    with pytest.raises(EchoAvatarError, match=said):
+        build_parser(["serve", "bench"])
+
+
+@pytest.mark.parametrize("named", ["{folder}/pipe", "/dev/zero", "a" * 5_000, "~nobody-here/config.toml", "{folder}"])
+def test_a_configuration_that_is_no_file_is_one_error(
+    named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    monkeypatch.setenv("ECHOAVATAR_CONFIG", named.format(folder=tmp_path))
+    with pytest.raises(EchoAvatarError, match="cannot be read|not a regular file"):
+        build_parser(["serve"])
+
+
+def test_an_option_of_two_values_takes_two(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ECHOAVATAR_HOLD", "1,2.5")
+    assert build_parser(["actions"]).parse_args(["actions", "add", "bow", "bow.bvh"]).hold == [1.0, 2.5]
+    for given in ("3", "a,b"):
+        monkeypatch.setenv("ECHOAVATAR_HOLD", given)
+        with pytest.raises(EchoAvatarError, match="the setting hold is"):
+            build_parser(["actions"])

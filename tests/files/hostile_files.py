@@ -269,6 +269,8 @@ FILES: dict[str, File] = {
     "NPZ: a gigabyte of zeros": arrays(other=lambda: np.zeros(1 << 28, np.float32))._replace(is_slow=True),
     "NPZ: 140 MB of zeros": arrays(other=lambda: np.zeros(35 << 20, np.float32)),
     "NPZ: 120 MB of zeros": arrays(other=lambda: np.zeros(30 << 20, np.float32))._replace(is_slow=True),
+    "NPZ: 120 million names of joints": arrays(names=lambda: np.zeros(120_000_000, "S1"))._replace(is_slow=True),
+    "NPZ: a frame in three hours": arrays("export FILE -o OUT.mp4", fps=lambda: np.array(1e-4)),
     "NPZ: a skeleton of 20 MB of text": arrays(skeleton=lambda: np.array('{"offsets":[' + "[0,0,0]," * 2_500_000)),
     "NPZ: a skeleton of a million joints": arrays(
         skeleton=lambda: np.array('{"names":["a"],"parents":[-1],"offsets":[' + "[0,0,0]," * 240_000 + "[0,0,0]]}")

@@ -268,7 +268,10 @@ def test_an_endpoint_is_a_model_with_the_persona_of_a_file(tmp_path: Path) -> No
     [
         ({"ECHOAVATAR_CHAT_URL": URL}, "ECHOAVATAR_CHAT_MODEL"),
         ({"ECHOAVATAR_CHAT_URL": "file:///etc", "ECHOAVATAR_CHAT_MODEL": "m"}, "not an address"),
-        ({"ECHOAVATAR_CHAT_URL": URL, "ECHOAVATAR_CHAT_MODEL": "m", "ECHOAVATAR_PERSONA": "/nowhere"}, "cannot read"),
+        (
+            {"ECHOAVATAR_CHAT_URL": URL, "ECHOAVATAR_CHAT_MODEL": "m", "ECHOAVATAR_PERSONA": "/nowhere"},
+            "cannot be read",
+        ),
     ],
 )
 def test_mistakes_are_said(given: dict[str, str], remedy: str) -> None:

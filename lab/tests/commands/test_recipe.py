@@ -1,4 +1,5 @@
 import argparse
+import os
 from pathlib import Path
 from typing import Literal
 
@@ -89,6 +90,27 @@ def test_invalid_recipes_are_refused(tmp_path: Path, text: str, said: str) -> No
 
 
 def test_a_missing_recipe_is_named_and_an_empty_one_changes_nothing(tmp_path: Path) -> None:
-    with pytest.raises(EchoAvatarError, match="cannot read the recipe"):
+    with pytest.raises(EchoAvatarError, match="cannot be read"):
         read_recipe(tmp_path / "none.yaml")
     assert read_recipe(Path(written(tmp_path, "# nothing\n"))) == {}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "model: &a {width: *a}\n",
+        "[" * 20_000,
+        "training: {steps: 2020-99-99}\n",
+        f"training: {{steps: {'9' * 5_000}}}\n",
+        "#" * 70_000,
+    ],
+)
+def test_a_hostile_recipe_is_one_error(tmp_path: Path, text: str) -> None:
+    with pytest.raises(EchoAvatarError):
+        read_recipe(Path(written(tmp_path, text)))
+
+
+def test_a_recipe_that_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(EchoAvatarError, match="not a regular file"):
+        read_recipe(tmp_path / "pipe")

@@ -12,6 +12,7 @@ import importlib
 import io
 import logging
 import os
+import re
 import sys
 from collections.abc import Collection, Sequence
 from importlib.metadata import entry_points
@@ -83,6 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a console may lack letters that we or file names use
     if argv is None:
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout = Printable(sys.stdout)
         atexit.register(gc.freeze)  # or Python looks through all of torch's objects at its end: half a second
         gc.set_threshold(50_000, 20, 20)  # fewer collections while they are made: a quarter second
     asked = next((word for word in words if not word.startswith("-")), "")
@@ -91,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             command_module(separate)  # raises where it is not installed
         args = build_parser([asked]).parse_args(words)
         level = logging.WARNING - 10 * args.verbose + 10 * args.quiet
-        logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
+        _start_log(level)
         with disk_errors("the output"):
             code: int = command_module(args.command).run(args)
             sys.stdout.flush()
@@ -109,10 +112,52 @@ def main(argv: Sequence[str] | None = None) -> int:
         if argv is None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its end
         return 141
+    except OSError as error:  # a full disk, a name that cannot be, no permission: wherever it happens
+        _LOG.debug("where it happened", exc_info=True)
+        remedy = "; check its name, space and permissions" if error.filename else ""
+        print(f"echoavatar: {one_line(error)}{remedy}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt as stop:  # a training run states where it stopped, and the signal that ended it
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         return int(getattr(stop, "code", 130))
     return code
+
+
+_LOG = logging.getLogger(__name__)
+_COMMANDS_A_TERMINAL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    """Text of any lines for a terminal, in which control characters are shown as escapes that JSON reads too."""
+    return _COMMANDS_A_TERMINAL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+class Printable(io.TextIOWrapper):
+    """Standard output on which no file's name or text can move the cursor or colour the terminal."""
+
+    def __init__(self, stream: io.TextIOWrapper) -> None:
+        """Takes the place of `stream`, which is closed to further use."""
+        encoding, is_terminal = stream.encoding, stream.isatty()
+        super().__init__(stream.detach(), encoding=encoding, errors="replace", line_buffering=is_terminal)
+
+    def write(self, text: str) -> int:
+        """Write the text as `printable` shows it."""
+        super().write(printable(text))
+        return len(text)
+
+
+class LogFormat(logging.Formatter):
+    """Lines of the log, which name files too."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line as `printable` shows it."""
+        return printable(super().format(record))
+
+
+def _start_log(level: int) -> None:
+    handler = logging.StreamHandler()
+    handler.setFormatter(LogFormat("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=level, handlers=[handler])
 
 
 def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder
 
-from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, size
+from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
 
 STDIN = Path("-")
 EXAMPLES = """examples:
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the files in a folder (default: %(default)s)",
     )
     add_pipeline(parser)
-    parser.add_argument("--seed", type=int, default=0, help="same seed, same motion (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)

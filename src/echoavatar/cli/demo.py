@@ -15,7 +15,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder
 
 from . import serve
-from .options import DEVICE_HELP, add_model, advance
+from .options import DEVICE_HELP, add_model, advance, seed
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
     add_model(parser)
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
-    parser.add_argument("--seed", type=int, default=0, help="seed of the motion in the files (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the motion in the files (default: %(default)s)")
     parser.add_argument("--no-video", action="store_true", help="do not write the MP4s, which take the most time")
     parser.add_argument("--no-browser", action="store_true", help="print the address of the page without opening it")
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.limits import read_text
 
 from .options import TOKEN
 
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError("ELEVENLABS_API_KEY is not set; make a key at elevenlabs.io, or use --dry-run")
     schemas = _schemas(args)
     prompt = (
-        _read(args.prompt)
+        read_text(args.prompt, "give a text file as --prompt")
         if args.prompt
         else persona(*_names(schemas), name=args.persona, surroundings=args.surroundings)
     )
@@ -90,10 +91,3 @@ def _names(schemas: list[dict[str, Any]]) -> tuple[list[str], list[str]]:
     """The actions and tracks that the schemas offer."""
     arguments = {name: known for schema in schemas for name, known in schema["parameters"]["properties"].items()}
     return arguments["action"]["enum"], arguments["title"].get("enum", [])
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise EchoAvatarError(f"cannot read the prompt {path}: {error}") from error

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 TOKEN = "ECHOAVATAR_TOKEN"
+LARGEST_SEED = 1 << 62
 VIEWS = ("front", "left", "right", "back", "bust", "face")
 RENDERER_NAMES = ("cpu", "gpu")
 RENDERER_HELP = "what draws: cpu (default), or gpu, a graphics card (extra gpu)"
@@ -72,6 +73,14 @@ def local_path(text: str) -> Path:
     if "://" in text:
         raise argparse.ArgumentTypeError(f"{text} is an address; download it first, then name the file")
     return Path(text)
+
+
+def seed(text: str) -> int:
+    """A seed that all generators of random numbers take."""
+    number = int(text)
+    if not 0 <= number < LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"a seed is a number from 0 to {LARGEST_SEED - 1}")
+    return number
 
 
 def size(text: str) -> tuple[int, int]:

@@ -7,6 +7,8 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
+from .options import seed
+
 EXAMPLES = """examples:
   echoavatar refine-fingers take.bvh take_fingers.bvh                  both hands, to match the arms
   echoavatar refine-fingers take.bvh out.bvh --hands frozen            only hands whose fingers do not move
@@ -32,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="hands that get new fingers; frozen: those whose fingers do not move (default: %(default)s)",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="random seed; another seed gives other fingers (default: %(default)s)"
+        "--seed", type=seed, default=0, help="random seed; another seed gives other fingers (default: %(default)s)"
     )
 
 

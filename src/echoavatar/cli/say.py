@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .options import add_server, local_path
+from .options import add_server, local_path, seed
 from .play import SINK_HELP
 
 
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_server(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
     parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the motion (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the motion (default: %(default)s)")
     parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
     parser.add_argument(
         "--live", action="store_true", help="run at the speed of playback instead of as fast as possible"

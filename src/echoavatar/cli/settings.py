@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.limits import read_text
 
 PREFIX = "ECHOAVATAR_"
 _TRUE, _FALSE = ("1", "true", "yes", "on"), ("0", "false", "no", "off", "")
@@ -27,9 +28,16 @@ _TRUE, _FALSE = ("1", "true", "yes", "on"), ("0", "false", "no", "off", "")
 def config_path(environment: Mapping[str, str] = os.environ) -> Path:
     """The user's configuration file, which need not exist."""
     if named := environment.get(PREFIX + "CONFIG"):
-        return Path(named).expanduser()
+        return _at_home(named)
     base = environment.get("APPDATA") if os.name == "nt" else environment.get("XDG_CONFIG_HOME")
-    return Path(base or "~/.config").expanduser() / "echoavatar" / "config.toml"
+    return _at_home(base or "~/.config") / "echoavatar" / "config.toml"
+
+
+def _at_home(path: str) -> Path:
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:  # nobody knows the home folder: a container may run as a user without one
+        return Path(path)
 
 
 def apply(parser: argparse.ArgumentParser, command: str, environment: Mapping[str, str] = os.environ) -> None:
@@ -39,13 +47,14 @@ def apply(parser: argparse.ArgumentParser, command: str, environment: Mapping[st
         EchoAvatarError: the file cannot be read, or its section for this command names an option that is not there.
     """
     path, config = config_path(environment), dict[str, Any]()
-    if path.exists() or PREFIX + "CONFIG" in environment:
+    if PREFIX + "CONFIG" in environment or os.path.exists(path):  # Path.exists raises for a name that is too long
+        text = read_text(path, "repair this configuration, or remove it")
         try:
-            config = tomllib.loads(path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            config = tomllib.loads(text)
+        except (ValueError, RecursionError) as error:  # also numbers of thousands of digits, and deep lists
             raise EchoAvatarError(f"cannot read the configuration {path}: {error}") from error
     for_all = {key: value for key, value in config.items() if not isinstance(value, dict)}
-    section = config.get(command, {})
+    section = _section(config, command, path)
     _apply(parser, (command,), for_all, section, environment, path)
 
 
@@ -62,7 +71,7 @@ def _apply(
         if isinstance(action, argparse._SubParsersAction):
             for name, child in action.choices.items():
                 known.add(name)
-                _apply(child, (*words, name), for_all, section.get(name, {}), environment, path)
+                _apply(child, (*words, name), for_all, _section(section, name, path), environment, path)
         long = next((option[2:] for option in action.option_strings if option.startswith("--")), None)
         if long is None or isinstance(action, argparse._HelpAction | argparse._VersionAction):
             continue
@@ -77,10 +86,17 @@ def _apply(
         raise EchoAvatarError(f"{path}: `{' '.join(words)}` has no option {sorted(unknown)[0]!r}")
 
 
+def _section(config: Mapping[str, Any], name: str, path: Path) -> dict[str, Any]:
+    section = config.get(name, {})
+    if not isinstance(section, dict):
+        raise EchoAvatarError(f"{path}: {name} is a command; write its options below [{name}]")
+    return section
+
+
 def _value(action: argparse.Action, found: Any, name: str) -> Any:
     """The default in the form that argparse expects: a text, which it converts, a list, or a boolean."""
     if isinstance(action, argparse._CountAction):
-        return int(found)
+        return int(_converted(int, found, name))
     if action.nargs == 0:
         text = str(found).lower()
         if text not in _TRUE + _FALSE:
@@ -88,7 +104,19 @@ def _value(action: argparse.Action, found: Any, name: str) -> Any:
         return action.const if text in _TRUE else action.default
     if isinstance(action, argparse._AppendAction):
         texts = found if isinstance(found, list) else str(found).split(",")
-        return [action.type(str(text)) if callable(action.type) else str(text) for text in texts]
+        return [_converted(action.type or str, text, name) for text in texts]
+    if isinstance(action.nargs, int):
+        texts = found if isinstance(found, list) else str(found).split(",")
+        if len(texts) != action.nargs:
+            raise EchoAvatarError(f"the setting {name} is {found!r}; it has {action.nargs} values")
+        return [_converted(action.type or str, text, name) for text in texts]
     if action.choices is not None and found not in action.choices and str(found) not in map(str, action.choices):
         raise EchoAvatarError(f"the setting {name} is {found!r}; choose one of {', '.join(map(str, action.choices))}")
     return str(found)
+
+
+def _converted(kind: Any, found: Any, name: str) -> Any:
+    try:
+        return kind(str(found))
+    except (ValueError, TypeError, argparse.ArgumentTypeError) as error:
+        raise EchoAvatarError(f"the setting {name} is {found!r}, which it cannot be ({error})") from error

@@ -24,6 +24,7 @@ from starlette.routing import BaseRoute, Route
 from echoavatar import outgoing
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
+from echoavatar.limits import read_text
 from echoavatar.wire.guard import check_origin
 
 from .session_manager import SessionManager
@@ -334,10 +335,7 @@ def from_environment(environment: Mapping[str, str] = os.environ) -> Companion:
     if not url:
         return Scripted()
     path = environment.get("ECHOAVATAR_PERSONA", "")
-    try:
-        persona = Path(path).read_text("utf-8") if path else PERSONA
-    except (OSError, UnicodeError) as error:
-        raise EchoAvatarError(f"ECHOAVATAR_PERSONA: cannot read {path}; give a text file") from error
+    persona = read_text(Path(path), "give a text file as ECHOAVATAR_PERSONA") if path else PERSONA
     return ChatModel(
         url,
         model=environment.get("ECHOAVATAR_CHAT_MODEL", ""),

@@ -18,6 +18,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
+from echoavatar.limits import check_file
 from echoavatar.whole_file import whole_file
 
 from .audit import note
@@ -29,6 +30,9 @@ _ROWS = "rows.jsonl"
 _FORMAT = "echoavatar studio 1"
 _ROW_BYTES = 1 << 24  # the longest row of a table
 _ROWS_BYTES = 1 << 32
+_ROWS_PACKED = 100  # times smaller are rows in a ZIP at most, beyond _ROWS_ALWAYS
+_ROWS_ALWAYS = 1 << 26
+_BACKUP_BYTES = 1 << 40
 
 
 def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
@@ -64,6 +68,7 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
             raise EchoAvatarError("this store is not empty; restore into a new --folder or --store")
     counts: dict[str, int] = {}
     try:
+        check_file(path, _BACKUP_BYTES)
         with zipfile.ZipFile(path) as whole:
             _check_sizes(whole, media, path)
             if whole.testzip() is not None:
@@ -103,9 +108,10 @@ def _check_sizes(whole: zipfile.ZipFile, media: Path, path: Path) -> None:
     needed = sum(entry.file_size for entry in files)
     if needed > path.stat().st_size:
         raise ValueError("its files overlap")
-    rows = whole.getinfo(_ROWS).file_size
-    if rows > _ROWS_BYTES:
-        raise ValueError(f"{rows:,} bytes of rows; at most {_ROWS_BYTES:,} are read")
+    stored = whole.getinfo(_ROWS)
+    rows = stored.file_size
+    if rows > min(_ROWS_BYTES, max(_ROWS_ALWAYS, _ROWS_PACKED * stored.compress_size)):
+        raise ValueError(f"{rows:,} bytes of rows, more than are read")
     free = shutil.disk_usage(media).free
     if needed + rows > free:
         raise EchoAvatarError(f"{path} needs {needed + rows:,} bytes and {free:,} are free; make room in {media}")

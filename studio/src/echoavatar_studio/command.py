@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import make_output_folder, write_whole
 
 if TYPE_CHECKING:
     from .making import Maker
@@ -145,7 +146,10 @@ def _serve(store: "Store", maker: "Maker", folder: Path, args: argparse.Namespac
 def _owner(store: "Store", name: str) -> int:
     from .accounts import set_owner
 
-    password = os.environ.get(PASSWORD) or getpass.getpass(f"password of {name}: ")
+    try:
+        password = os.environ.get(PASSWORD) or getpass.getpass(f"password of {name}: ")
+    except EOFError as error:
+        raise EchoAvatarError(f"nobody typed a password; type one, or set {PASSWORD}") from error
     set_owner(store, name, password)
     print(f"{name} may sign in")
     return 0
@@ -163,11 +167,11 @@ def _export(store: "Store", media: Path, args: argparse.Namespace) -> int:
     if not chosen:
         raise EchoAvatarError(f"there is no study {args.id or ''}; known: {', '.join(s.id for s in studies) or 'none'}")
     output, public = args.output or Path(f"study-{chosen[0].id}"), chosen[0].id
-    output.mkdir(parents=True, exist_ok=True)
+    make_output_folder(output)
     found = results(store, public)
     for name in (*found.exports, *found.plots):
         data = export(store, media, public, name)
-        (output / name).write_bytes(data)
+        write_whole(output / name, data)
         print(f"{output / name}  {len(data)} bytes")
     with store.write() as session:
         note(session, "studio", "exported", study=public, detail=str(output))

@@ -9,6 +9,7 @@ from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
+from echoavatar.limits import read_text
 from echoavatar.timing import CHUNK_SECONDS
 
 from .wire import MAX_CLIPS, QUESTIONS, Category, Presentation, Question
@@ -23,6 +24,7 @@ INTRO = "Please use headphones or loudspeakers, and watch every clip to its end 
 
 
 LARGEST_SEED = (1 << 31) - 1
+STUDY_BYTES = 1 << 16  # Python's reader of YAML takes a second for 100 KB
 LANGUAGE = "[a-z]{2}(-[A-Z]{2})?"  # such as de or pt-BR
 
 
@@ -168,10 +170,8 @@ def read_study(path: Path) -> PairwiseStudy | PreferenceStudy:
     Raises:
         EchoAvatarError: the file cannot be read, or its settings are invalid.
     """
-    try:
-        return parse_study(path.read_text(encoding="utf-8"), name=path.name)
-    except (OSError, UnicodeDecodeError) as error:
-        raise EchoAvatarError(f"{path} cannot be read ({error}); see docs/studio.md for its form") from error
+    text = read_text(path, "see docs/studio.md for its form", largest=STUDY_BYTES)
+    return parse_study(text, name=path.name)
 
 
 PAIRWISE_TEMPLATE = """\

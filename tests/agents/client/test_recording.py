@@ -1,10 +1,11 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import soundfile
 
-from echoavatar.agents.client import Recorder, read_sound
+from echoavatar.agents.client import Recorder, Recording, read_sound
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
 from echoavatar.wire.messages import Flush, Latency, Limits, Motion, Ready, Rig, Sound, State
@@ -84,3 +85,15 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     soundfile.write(tmp_path / "b.wav", np.zeros(0), 24_000)
     with pytest.raises(AudioError, match="no sound"):
         read_sound(tmp_path / "b.wav")
+
+
+def test_a_recording_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill(file: Any, **_: object) -> None:
+        file.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", fill)
+    none = np.zeros(0, np.float32)
+    with pytest.raises(MotionError, match="No space left"):
+        Recording((), (), none.reshape(0, 0, 4), none.reshape(0, 3), none.reshape(0, 0), none).save(tmp_path / "a.npz")
+    assert list(tmp_path.iterdir()) == []

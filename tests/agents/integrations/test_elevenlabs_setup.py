@@ -142,3 +142,21 @@ def test_the_sdk_takes_the_same_requests(service: tuple[str, type[Service]]) -> 
     config = elevenlabs.ConversationalConfig(**plan.agent["conversation_config"])
     client.conversational_ai.agents.create(conversation_config=config, name="idol")
     assert there.agents["agent_0"] == plan.agent
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"tools": 3, "has_more": True, "next_cursor": "again"},
+        {"tools": [{"id": "a"}]},
+        {"tools": [{"id": 7, "tool_config": {"name": "send_action"}}]},
+        {"tools": [{"id": "\x1b[31m", "tool_config": {"name": "send_action"}}]},
+        {"tools": [{"id": "a" * 4_000, "tool_config": {"name": "send_action"}}]},
+        {"tools": [{"id": "a", "tool_config": [1]}]},
+        {"tools": None},
+    ],
+)
+def test_a_service_that_answers_nonsense_is_one_error(told: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("echoavatar.outgoing.ask", lambda *_, **__: told)
+    with pytest.raises(EchoAvatarError, match="is it their service"):
+        carry_out(make_plan(schemas("wave"), "", name="n"), api_key="secret")

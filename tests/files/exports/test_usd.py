@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.files.avatar.weights import bone_weights
 
-from echoavatar.errors import DependencyError
+from echoavatar.errors import DependencyError, MotionError
 from echoavatar.files.avatar import load_character
 from echoavatar.files.avatar.halfway import BONES, REST, with_halfway
 from echoavatar.files.exports import Take
@@ -15,7 +15,7 @@ from echoavatar.files.exports.usd import write_usd
 from echoavatar.motion.kinematics import HUMANOID
 
 pxr = pytest.importorskip("pxr")
-from pxr import Usd, UsdGeom, UsdSkel  # noqa: E402
+from pxr import Tf, Usd, UsdGeom, UsdSkel  # noqa: E402
 
 
 @pytest.mark.parametrize("suffix", [".usdc", ".usdz", ".usda"])
@@ -74,3 +74,14 @@ def test_without_usd_core_the_remedy_is_named(short: Take, tmp_path: Path, monke
     monkeypatch.setitem(__import__("sys").modules, "pxr", None)
     with pytest.raises(DependencyError, match=r"echoavatar\[usd\]"):
         room.write_usd(tmp_path / "a.usdc", load_character(), short)
+
+
+def test_a_full_temporary_folder_is_one_error(short: Take, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Full:
+        def GetRootLayer(self) -> None:
+            raise Tf.ErrorException("Failed to write bytes")
+
+    monkeypatch.setattr(room, "_stage", lambda *_: Full())
+    with pytest.raises(MotionError, match="USD could not write"):
+        write_usd(tmp_path / "a.usda", load_character(), short)
+    assert list(tmp_path.iterdir()) == []

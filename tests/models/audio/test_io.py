@@ -299,3 +299,11 @@ def test_mutated_media_are_read_or_refused(tmp_path, name, codec):
         (tmp_path / f"b{name}").write_bytes(data)
         with contextlib.suppress(AudioError):
             assert np.isfinite(read_audio(tmp_path / f"b{name}")).all()
+
+
+@pytest.mark.parametrize("name", ["10:30.wav", "file:a.wav", "pipe:0.wav", "concat:a.wav", "data:,x.wav"])
+def test_a_name_with_a_colon_is_a_name_and_no_address(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    write_wav("a.wav", np.zeros(2_400, np.float32))
+    write_wav(name, np.full(1_200, 0.5, np.float32))
+    assert len(read_audio(name)) == 1_200

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import tables
 from echoavatar.motion.formats.tables import read_npz, write_csv, write_live_link, write_npz
+from echoavatar.motion.kinematics import Motion, Skeleton, SkeletonConfig
 from echoavatar_lab.models.face.clip import read_live_link
 
 
@@ -100,3 +102,22 @@ def test_a_live_link_take_reads_back(tmp_path: Path, fps: float) -> None:
 def test_an_unwritable_live_link_take_is_named(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="choose another place"):
         write_live_link(tmp_path / "no" / "take.csv", curves(3))
+
+
+def test_no_name_of_a_joint_is_a_formula_or_ends_a_cell_or_a_line(tmp_path: Path) -> None:
+    motion = swaying()
+    names = ("=cmd|'/c calc'!A1", "@a", 'b,";c', *motion.skeleton.names[3:])
+    hostile = Skeleton(motion.skeleton.config.model_copy(update={"names": names}))
+    write_csv(tmp_path / "a.csv", Motion(hostile, motion.rotations, motion.root, motion.fps))
+    head = (tmp_path / "a.csv").read_text("utf-8").splitlines()[0].split(",")
+    assert head[4] == "_cmd|'/c calc'!A1.w"
+    assert (head[8], head[12]) == ("_a.w", "b___c.w")
+    for name in ("a\nb", "", "\x1b[31m", "x" * 300):
+        with pytest.raises(ValidationError, match="no name of a joint"):
+            SkeletonConfig.model_validate(motion.skeleton.config.model_dump() | {"names": (name, *names[1:])})
+
+
+def test_more_texts_than_are_read_are_refused_before_each_becomes_an_object(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.npz", names=np.zeros(1 << 17, "S1"))
+    with pytest.raises(ValueError, match="131,072 texts"):
+        tables.arrays_of(tmp_path / "a.npz")

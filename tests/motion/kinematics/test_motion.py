@@ -147,3 +147,12 @@ def test_signs_are_aligned_without_changing_a_rotation():
     flipped = motion.rotations.copy()
     flipped[10:20] *= -1
     assert np.array_equal(align_signs(flipped), motion.rotations)
+
+
+def test_frames_so_slow_that_a_short_file_lasts_for_years_are_refused():
+    for fps in (0.0, 1e-5, float("nan")):
+        with pytest.raises(MotionError, match="is not a frame rate"):
+            Motion(HUMANOID, np.tile(np.float32([1, 0, 0, 0]), (2, 52, 1)), np.zeros((2, 3), np.float32), fps)
+    slow = Motion(HUMANOID, np.tile(np.float32([1, 0, 0, 0]), (9_000, 52, 1)), np.zeros((9_000, 3), np.float32), 0.1)
+    with pytest.raises(MotionError, match="too many frames"):
+        resample(slow, 30.0)

@@ -20,6 +20,7 @@ from torch import Tensor
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.json_reader import read_object
+from echoavatar.limits import read_text
 from echoavatar.models.tokens import TokenLayout
 from echoavatar.timing import MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import make_output_folder, write_whole
@@ -29,6 +30,7 @@ from .probe import Judge
 from .prompts import Prompt, PromptBatch, PromptSampler, batch_of
 from .trainer import PolicyTask
 
+PAIRS_BYTES = 1 << 28  # of a file of pairs; one of 20 chunks takes some 10 KB
 Codes = tuple[tuple[tuple[int, ...], ...], ...]
 
 
@@ -63,12 +65,8 @@ def read_pairs(
     Raises:
         MotionError: a line is not a pair, names an unknown clip, or holds codes outside this vocabulary.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise MotionError(
-            f"{path} cannot be read ({error.strerror}); make pairs with `echoavatar align rollouts`"
-        ) from error
+    remedy = "make pairs with `echoavatar align rollouts`"
+    lines = read_text(path, remedy, largest=PAIRS_BYTES, error=MotionError).splitlines()
     found = []
     for number, line in enumerate(lines, start=1):
         try:
@@ -100,7 +98,7 @@ def _read_pair(line: str, book: PromptSampler, layout: TokenLayout) -> tuple[Pro
             codes = np.array(getattr(pair, name))
         except ValueError:
             codes = np.zeros(0)
-        if codes.shape != wanted:
+        if codes.shape != wanted or codes.dtype.kind != "i":  # a number beyond 64 bits makes an array of objects
             chunks = wanted[0] // MOTION_TOKENS_PER_CHUNK
             raise MotionError(f"{name} has shape {codes.shape}, expected {wanted} ({chunks} chunks; see --length)")
         if codes.min() < 0 or codes.max() >= layout.motion_codes:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import write_whole
 
@@ -120,7 +121,7 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
     child.add_argument(
         "--margin", type=float, default=0.5, help="least difference of rewards in a pair (default: %(default)s)"
     )
-    child.add_argument("--seed", type=int, default=0, help="seed of prompts and codes (default: %(default)s)")
+    child.add_argument("--seed", type=seed, default=0, help="seed of prompts and codes (default: %(default)s)")
 
 
 def _add_compare(child: argparse.ArgumentParser) -> None:
@@ -138,7 +139,7 @@ def _add_compare(child: argparse.ArgumentParser) -> None:
     child.add_argument("--group", type=int, default=4, help="continuations of each (default: %(default)s)")
     child.add_argument("--past", type=int, default=3, help="chunks of past (default: %(default)s)")
     child.add_argument("--length", type=int, default=9, help="chunks in a continuation (default: %(default)s)")
-    child.add_argument("--seed", type=int, default=0, help="seed of sampling (default: %(default)s)")
+    child.add_argument("--seed", type=seed, default=0, help="seed of sampling (default: %(default)s)")
     child.add_argument("-o", "--output", type=Path, required=True, metavar="JSON", help="file to write")
 
 

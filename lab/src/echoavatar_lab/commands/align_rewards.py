@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder, write_whole
 
@@ -56,7 +57,7 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
         child.add_argument("-o", "--output", type=Path, required=True, help="folder (calibrate, reward-realism: file)")
         child.add_argument("--model", default="default", help="bundle with codec and tokenizer (default: %(default)s)")
-        child.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+        child.add_argument("--seed", type=seed, default=0, help="(default: %(default)s)")
     calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
     quality.add_argument("--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)")
     quality.add_argument(

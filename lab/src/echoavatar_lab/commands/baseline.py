@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("audio", nargs="+", type=Path, metavar="AUDIO", help="audio files, clips, or a corpus")
     parser.add_argument("--train", type=Path, required=True, metavar="CORPUS", help="corpus that motion is taken from")
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write clips to")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random choice (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of the random choice (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:

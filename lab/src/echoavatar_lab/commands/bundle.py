@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.whole_file import make_output_folder
+from echoavatar.whole_file import make_output_folder, whole_file, write_whole
 
 FILES = ("config.json", "model.safetensors", "card.json")
 
@@ -74,7 +74,8 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
     AudioCodec.load(source / "codec")
     make_output_folder(output / "codec")
     for name in FILES:
-        shutil.copyfile(source / "codec" / name, output / "codec" / name)
+        with whole_file(output / "codec" / name) as partial:
+            shutil.copyfile(source / "codec" / name, partial)
     if not (output / "actions.json").exists():
         from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
 
@@ -83,6 +84,4 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
         FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
     if not (output / "card.json").exists():
         parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
-        (output / "card.json").write_text(
-            json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n", encoding="utf-8"
-        )
+        write_whole(output / "card.json", json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n")

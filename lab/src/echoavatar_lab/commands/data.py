@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
+from echoavatar.cli.options import seed
 from echoavatar.whole_file import make_output_folder
 
 from . import data_capture, data_face, data_prepare, data_rl_corpus
@@ -47,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         epilog="example: echoavatar data rehearse --hours 0.2 --seed 1 -o corpus --workers 2",
     )
     rehearse.add_argument("--hours", type=float, default=0.2, help="length of the corpus (default: %(default)s)")
-    rehearse.add_argument("--seed", type=int, default=0, help="random seed of the corpus (default: %(default)s)")
+    rehearse.add_argument("--seed", type=seed, default=0, help="random seed of the corpus (default: %(default)s)")
     rehearse.add_argument("-o", "--output", type=Path, default=Path("corpus"), help="folder (default: %(default)s)")
     rehearse.add_argument(
         "--library",

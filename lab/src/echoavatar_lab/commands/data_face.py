@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar
@@ -26,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("takes", nargs="*", type=Path, help="CSV files, or folders of them")
     parser.add_argument("--rehearse", type=float, metavar="HOURS", help="make synthetic clips instead")
-    parser.add_argument("--seed", type=int, default=1, help="seed of synthetic clips (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=1, help="seed of synthetic clips (default: %(default)s)")
     parser.add_argument(
         "--offset", type=float, default=0.0, help="time in the sound at which the take begins, seconds (default: 0)"
     )

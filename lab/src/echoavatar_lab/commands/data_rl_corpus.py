@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="output folder")
     parser.add_argument(
-        "--seed", type=int, default=0, help="seed of generated scripts, voices and music (default: %(default)s)"
+        "--seed", type=seed, default=0, help="seed of generated scripts, voices and music (default: %(default)s)"
     )
     speech = parser.add_argument_group("speech")
     speech.add_argument("--hours", type=float, default=1.0, help="hours of speech; 0 for none (default: %(default)s)")

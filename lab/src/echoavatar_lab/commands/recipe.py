@@ -22,10 +22,12 @@ from pydantic import ValidationError
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
+from echoavatar.limits import read_text
 
 from .config_options import add_field
 
 SECTIONS = ("model", "training")
+RECIPE_BYTES = 1 << 16  # Python's reader of YAML takes a second for 100 KB
 ConfigT = TypeVar("ConfigT", bound=Config)
 
 
@@ -138,12 +140,13 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
     Raises:
         EchoAvatarError: the file is missing, is not YAML, or has other sections.
     """
+    text = read_text(path, "give the YAML file of a recipe", largest=RECIPE_BYTES)
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise EchoAvatarError(f"cannot read the recipe {path} ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise EchoAvatarError(f"{path} is not YAML: {error}") from error
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+            raise EchoAvatarError(f"{path} has an alias (*name); write its values out")  # it may name itself
+        found = yaml.safe_load(text)
+    except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last two: numbers and dates
+        raise EchoAvatarError(f"{path} is not YAML: {str(error)[:200]}") from error
     found = {} if found is None else found
     if not isinstance(found, dict) or not all(isinstance(value, dict) for value in found.values()):
         raise EchoAvatarError(f"{path}: a recipe has the sections {' and '.join(SECTIONS)}, each with settings")

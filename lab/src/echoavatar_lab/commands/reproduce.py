@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 
 from .config_options import add_track
@@ -98,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="how generators run: paper, default (all of ours), or what to keep of ours (default: %(default)s)",
     )
     parser.add_argument("--workers", type=int, default=1, help="processes that make a corpus (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default: %(default)s)")
+    parser.add_argument("--seed", type=seed, default=0, help="seed of everything random (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:

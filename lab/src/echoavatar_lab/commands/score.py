@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from echoavatar.cli.options import DEVICE_HELP, RUNTIME_HELP
+from echoavatar.cli.options import DEVICE_HELP, RUNTIME_HELP, seed
 from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar
@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--embeddings", type=Path, metavar="NPZ", help="also score retrieval of these pairs")
     parser.add_argument(
         "--seed",
-        type=int,
+        type=seed,
         default=0,
         help="seed of resampling, shuffling and, with --model, of the motion (default: %(default)s)",
     )

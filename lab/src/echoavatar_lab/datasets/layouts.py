@@ -24,13 +24,13 @@ Each layout has its `Terms` and a function from folder to `Survey`; `LAYOUTS` na
   give the split.
 """
 
-import csv
 import fnmatch
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar_lab.foreign.csv_rows import read_rows
 
 from .lda import SUFFIX
 from .source import Domain, LeftOut, Recording, Survey, Terms, files_below
@@ -88,12 +88,11 @@ def _validation(folder: Path) -> Mapping[str, bool]:
     table = next((p for p in (*files_below(folder, ".csv"), folder.parent / "info.csv") if p.name == "info.csv"), None)
     if table is None or not table.is_file():
         return {}
-    with table.open(newline="", encoding="utf-8-sig") as file:
-        return {
-            Path(row["anim_bvh"]).stem: row["validation"].strip().upper() == "TRUE"
-            for row in csv.DictReader(file)
-            if row.get("anim_bvh") and row.get("validation")
-        }
+    return {
+        Path(row["anim_bvh"]).stem: row["validation"].strip().upper() == "TRUE"
+        for row in read_rows(table)
+        if row.get("anim_bvh") and row.get("validation")
+    }
 
 
 def _spans(numbers: list[int]) -> str:
@@ -239,8 +238,7 @@ def _beat2_split(path: Path) -> Mapping[str, str]:
     """Map each recording to train, val, test or additional; empty without a table."""
     if not path.is_file():
         return {}
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = [(row.get("id") or "", (row.get("type") or "").strip().lower()) for row in csv.DictReader(file)]
+    rows = [(row.get("id", ""), row.get("type", "").strip().lower()) for row in read_rows(path)]
     strange = sorted({kind for _, kind in rows} - {"train", "val", "test", "additional"})
     if strange or not rows:
         raise EchoAvatarError(

@@ -1,6 +1,5 @@
 """Recorded sounds that the avatar performs, and captured motion to compare with; each has a kind and a class."""
 
-import csv
 import itertools
 import re
 from collections import defaultdict
@@ -19,6 +18,7 @@ from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.evaluation.batch import animate_many
+from echoavatar_lab.foreign.csv_rows import read_rows
 from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES, split_of
 
 from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH
@@ -118,8 +118,7 @@ def joined(skeleton: Skeleton, chunks: Sequence[MotionChunk]) -> Motion:
 def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tuple[Path, str, str]]:
     """Path, kind and class of every sound."""
     if (manifest := folder / "manifest.csv").is_file():
-        with manifest.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+        rows = read_rows(manifest, ("path", "kind", "speaker_or_artist", "language_or_genre"))
         splits = [split_of(row["speaker_or_artist"], row.get("split", "dev")) for row in rows]
         heard = "dev" if "dev" in splits else "test"
         rows = [row for row, split in zip(rows, splits, strict=True) if split == heard]

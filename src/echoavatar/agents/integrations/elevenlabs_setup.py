@@ -16,6 +16,8 @@ Payload = dict[str, Any]
 BASE_URL = "https://api.elevenlabs.io"
 FORMATS = ("pcm_8000", "pcm_16000", "pcm_22050", "pcm_24000", "pcm_44100", "pcm_48000")
 TIMEOUT_S = 30.0
+MOST_PAGES = 100  # of a list
+MOST_LETTERS = 200  # of an id or a name
 
 
 class Plan(NamedTuple):
@@ -49,26 +51,26 @@ def carry_out(plan: Plan, *, api_key: str, agent_id: str = "", base_url: str = B
         EchoAvatarError: the service refused a request, or cannot be reached.
     """
     service = _Service(base_url, api_key)
-    known = {tool["tool_config"]["name"]: tool["id"] for tool in service.all("/v1/convai/tools", "tools")}
+    known = {_text(tool, "tool_config", "name"): _text(tool, "id") for tool in service.all("/v1/convai/tools", "tools")}
     ids, done = [], []
     for tool in plan.tools:
         name = tool["tool_config"]["name"]
         if name in known:
-            service.call("PATCH", f"/v1/convai/tools/{quote(known[name])}", tool)
+            service.call("PATCH", f"/v1/convai/tools/{quote(known[name], safe='')}", tool)
             ids.append(known[name])
         else:
-            ids.append(service.call("POST", "/v1/convai/tools", tool)["id"])
+            ids.append(_text(service.call("POST", "/v1/convai/tools", tool), "id"))
         done.append(f"{'updated' if name in known else 'created'} tool {name} ({ids[-1]})")
     agent = deepcopy(plan.agent)
     agent["conversation_config"]["agent"]["prompt"]["tool_ids"] = ids
     if not agent_id:
         found = service.all("/v1/convai/agents", "agents", search=agent["name"])
-        agent_id = next((one["agent_id"] for one in found if one["name"] == agent["name"]), "")
+        agent_id = next((_text(one, "agent_id") for one in found if one.get("name") == agent["name"]), "")
     if agent_id:
-        service.call("PATCH", f"/v1/convai/agents/{quote(agent_id)}", agent)
+        service.call("PATCH", f"/v1/convai/agents/{quote(agent_id, safe='')}", agent)
         done.append(f"updated agent {agent['name']} ({agent_id})")
     else:
-        agent_id = service.call("POST", "/v1/convai/agents/create", agent)["agent_id"]
+        agent_id = _text(service.call("POST", "/v1/convai/agents/create", agent), "agent_id")
         done.append(f"created agent {agent['name']} ({agent_id})")
     return agent_id, done
 
@@ -91,9 +93,20 @@ class _Service:
 
     def all(self, path: str, key: str, **query: str) -> Iterator[Payload]:
         """Every item of a list, page by page."""
-        while True:
+        for _ in range(MOST_PAGES):
             result = self.call("GET", f"{path}?{urlencode({**query, 'page_size': 100})}")
-            yield from (item for item in result.get(key, ()) if isinstance(item, dict))
+            items = result.get(key)
+            yield from (item for item in (items if isinstance(items, list) else ()) if isinstance(item, dict))
             if not result.get("has_more") or not result.get("next_cursor"):
                 return
-            query["cursor"] = result["next_cursor"]
+            query["cursor"] = str(result["next_cursor"])
+        raise EchoAvatarError(f"GET {path}: the list has more than {MOST_PAGES} pages; is it their service?")
+
+
+def _text(answer: Any, *keys: str) -> str:
+    """The text at these keys of an answer."""
+    for key in keys:
+        answer = answer.get(key) if isinstance(answer, dict) else None
+    if not isinstance(answer, str) or not 0 < len(answer) <= MOST_LETTERS or not answer.isprintable():
+        raise EchoAvatarError(f"the service names no usable {' '.join(keys)} of what it has; is it their service?")
+    return answer

@@ -47,6 +47,8 @@ def read_take(path: Path) -> Take:
         face = _face(stored) if "face" in stored else None
         audio = None
         if "audio" in stored and int(stored["sample_rate"]) == SAMPLE_RATE_HZ:
+            if stored["audio"].dtype.kind != "f":
+                raise ValueError(f"sound of type {stored['audio'].dtype}")
             audio = np.asarray(stored["audio"], np.float32)
             if audio.ndim != 1 or not np.isfinite(audio).all():
                 raise ValueError(f"sound of shape {audio.shape}, or with values that are not finite")

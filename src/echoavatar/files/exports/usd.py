@@ -32,19 +32,21 @@ def write_usd(path: Path, character: Character, take: Take) -> None:
         MotionError: the file cannot be written.
     """
     try:
-        from pxr import Sdf, UsdUtils
+        from pxr import Sdf, Tf, UsdUtils
     except ModuleNotFoundError as error:
         raise DependencyError(f"USD needs {error.name}: pip install 'echoavatar[usd]'") from error
     take = take.on_humanoid()
     suffix = path.suffix.lower()
     with tempfile.TemporaryDirectory() as folder:
         plain = Path(folder) / f"{path.stem}{'.usdc' if suffix == '.usdz' else suffix}"
-        stage = _stage(plain, character, take)
-        stage.GetRootLayer().Save()
-        ready = plain
-        if suffix == ".usdz":
-            ready = Path(folder) / path.name
-            UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(plain)), str(ready))
+        stage, ready = _stage(plain, character, take), plain
+        try:
+            stage.GetRootLayer().Save()
+            if suffix == ".usdz":
+                ready = Path(folder) / path.name
+                UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(plain)), str(ready))
+        except Tf.ErrorException as error:
+            raise MotionError(f"cannot write {path}: USD could not write to {folder}; free space there") from error
         with whole_file(path, error=MotionError) as partial:
             shutil.copyfile(ready, partial)
 

@@ -181,7 +181,8 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
 
 def open_sound(path: Path) -> InputContainer:
     """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
-    return av.open(str(path), metadata_errors="ignore", options=dict(_OPTIONS))
+    address = f"file:{path}"  # without it, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav
+    return av.open(address, metadata_errors="ignore", options=dict(_OPTIONS))
 
 
 def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:

@@ -13,6 +13,7 @@ from typing import NoReturn
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import BVH_BYTES, BVH_LINE, BVH_LINES, DEPTH, JOINTS, ROTATIONS, STILL_ROTATIONS, check_file
@@ -60,7 +61,10 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = 0.01) -> Motion:
         raise MotionError(
             f"{path}: {len(frames):,} frames of {len(joints):,} joints are more than {most:,} rotations; cut it"
         )
-    return _assemble(joints, frames, fps, metres_per_unit)
+    try:
+        return _assemble(joints, frames, fps, metres_per_unit)
+    except ValidationError as error:
+        raise MotionError(f"{path}: {error.errors()[0]['msg']}; repair the file") from error
 
 
 def write_bvh(

@@ -205,7 +205,7 @@ def _humanoid(document: dict[str, Any]) -> dict[str, int]:
 
 
 def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
-    names = [str(nodes[node].get("name", f"joint {node}")) for node in order]
+    names = [str(nodes[node].get("name") or f"joint {node}") for node in order]
     count = Counter(names)
     return tuple(f"{name} {k}" if count[name] > 1 else name for k, name in enumerate(names))
 

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -14,18 +15,21 @@ from pydantic import ValidationError
 
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.json_reader import read_object
-from echoavatar.limits import ARRAYS_ALWAYS, ARRAYS_BYTES, ARRAYS_PACKED, check_file
+from echoavatar.limits import ARRAYS_ALWAYS, ARRAYS_BYTES, ARRAYS_PACKED, TEXTS, check_file
 from echoavatar.whole_file import write_whole
 
 from ..arkit import LIVE_LINK_NAMES, to_live_link
 from ..kinematics.motion import Motion
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
 
+_MEANS_MORE = re.compile('^[=+@-]|[,;"]')  # in a table: the start of a formula, the end of a cell
+
 
 def write_csv(path: Path | str, motion: Motion) -> None:
     """Write one row per frame: seconds, root in metres, then w x y z of each joint's parent-relative quaternion."""
     head = ["time", "root.x", "root.y", "root.z"]
-    head += [f"{name}.{axis}" for name in motion.skeleton.names for axis in "wxyz"]
+    names = [_MEANS_MORE.sub("_", name) for name in motion.skeleton.names]
+    head += [f"{name}.{axis}" for name in names for axis in "wxyz"]
     times = np.arange(motion.frames)[:, None] / motion.fps
     table = np.concatenate([times, motion.root, motion.rotations.reshape(motion.frames, -1)], 1)
     row = ",".join(["%.6f"] * table.shape[1])
@@ -162,4 +166,6 @@ def array_of(data: bytes) -> np.ndarray:
     shape, _, dtype = read(file)
     if math.prod(shape) * dtype.itemsize > len(data) - file.tell():
         raise ValueError(f"the header says {shape}, and there is less")
+    if dtype.kind in "SU" and math.prod(shape) > TEXTS:  # each becomes an object of Python
+        raise ValueError(f"{math.prod(shape):,} texts, and at most {TEXTS:,} are read")
     return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)

@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from echoavatar.errors import MotionError
+from echoavatar.limits import ROTATIONS
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
+
+SLOWEST_HZ = 0.1  # of frames; slower ones would make a short file last for years
 
 
 class Pose(NamedTuple):
@@ -69,8 +72,8 @@ class Motion:
             )
         if not (np.isfinite(self.rotations).all() and np.isfinite(self.root).all()):
             raise MotionError("the motion holds values that are not finite; repair these frames or leave them out")
-        if not 0 < self.fps < 10_000:
-            raise MotionError(f"{self.fps} frames per second is not a frame rate; give one between 0 and 10,000")
+        if not SLOWEST_HZ <= self.fps < 10_000:
+            raise MotionError(f"{self.fps:g} frames per second is not a frame rate; give one of {SLOWEST_HZ} to 10,000")
 
     @classmethod
     def at_rest(cls, skeleton: Skeleton) -> "Motion":
@@ -115,9 +118,14 @@ def resample(motion: Motion, fps: float) -> Motion:
     """The same motion at another frame rate. It begins at the first frame and ends at or before the last.
 
     Frames at an instant that both rates share are copied exactly.
+
+    Raises:
+        MotionError: it has more frames than a motion may have.
     """
     ratio = frame_ratio(motion.fps, fps)
     count = int((motion.frames - 1) / ratio) + 1
+    if count * motion.skeleton.joints > ROTATIONS:
+        raise MotionError(f"{motion.seconds:.0f} s at {fps:g} frames per second are too many frames; cut the motion")
     steps = np.arange(count, dtype=np.int64) * ratio.numerator
     index = np.minimum(steps // ratio.denominator, motion.frames - 1)
     share = (steps % ratio.denominator) / ratio.denominator

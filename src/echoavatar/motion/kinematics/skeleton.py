@@ -4,6 +4,7 @@ The paper's motion tokenizer splits the body into three anatomical parts: lower 
 """
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,6 +17,8 @@ from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.limits import JOINTS
+
+_NAME = re.compile("[^\x00-\x1f\x7f-\x9f\u2028\u2029]{1,256}")  # it becomes part of a line in BVH and CSV
 
 
 class SkeletonConfig(Config):
@@ -42,6 +45,11 @@ class SkeletonConfig(Config):
             )
         if len(set(self.names)) != len(self.names):
             raise ValueError("joint names must be unique")
+        for name in self.names:
+            if not _NAME.fullmatch(name):
+                raise ValueError(
+                    f"{name[:80]!r} is no name of a joint: it has no letter, too many, or control characters"
+                )
         if not self.names or self.parents[0] != -1:
             raise ValueError("the first joint must be the root (parent -1)")
         for joint, parent in enumerate(self.parents[1:], start=1):

@@ -5,7 +5,6 @@ The table `gesture_units.csv` in or above a folder of motion lists them: `file`,
 people's. Units whose concept has no place in speech are left out.
 """
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import CONFIG_BYTES, check_file
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import Array, Controls
+from echoavatar_lab.foreign.csv_rows import read_rows
 
 TABLE = "gesture_units.csv"
 ACCENT = "accent"
@@ -85,13 +84,9 @@ def rows_of(table: Path) -> list[dict[str, str]]:
     """Rows of a table; [] if there is none.
 
     Raises:
-        MotionError: the table is too large.
+        MotionError: the table cannot be read.
     """
-    if not table.exists():
-        return []
-    check_file(table, CONFIG_BYTES, MotionError)
-    with table.open(encoding="utf-8", newline="") as text:
-        return list(csv.DictReader(text))
+    return read_rows(table, error=MotionError) if table.exists() else []
 
 
 def cut_out(controls: Controls, row: Row) -> Controls:

@@ -1,1 +1,1 @@
-"""Training of the codec. May import `models`, `training` and `echoavatar`."""
+"""Training of the codec. May import `models`, `foreign`, `training` and `echoavatar`."""

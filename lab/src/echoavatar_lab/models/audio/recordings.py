@@ -16,7 +16,6 @@ Decoded sound is kept as 16-bit arrays in a cache folder, so that any second of 
 the whole. `AudioPool` holds groups of recordings in memory and draws from them by weight.
 """
 
-import csv
 import hashlib
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -30,6 +29,7 @@ from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import read_audio
 from echoavatar.nn.kernels import user_cache
 from echoavatar.whole_file import make_output_folder, whole_file
+from echoavatar_lab.foreign.csv_rows import read_rows
 
 AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 MANIFEST = "manifest.csv"
@@ -139,20 +139,22 @@ def _opened(path: Path, size: int, changed: int) -> Int16[np.ndarray, " s"]:
 
 
 def _listed(manifest: Path) -> Iterator[RecordedFile]:
-    with manifest.open(encoding="utf-8", newline="") as file:
-        for number, row in enumerate(csv.DictReader(file), 2):
-            path, kind, voice, title, style, split = (row.get(name) or "" for name in _COLUMNS)
-            style = style.split(" [")[0]  # without notes on the excerpt
-            if kind not in ("speech", "music") or split not in ("train", "dev", "test"):
-                raise AudioError(
-                    f"{manifest}, line {number}: kind is {kind!r} and split {split!r}; write speech or music, and "
-                    "train, dev or test"
-                )
-            inside = manifest.parent / path
-            if not inside.is_file() or not inside.resolve().is_relative_to(manifest.parent.resolve()):
-                raise AudioError(f"{manifest}, line {number}: {path!r} is no file of this folder; mend the line")
+    for number, row in enumerate(read_rows(manifest, error=AudioError), 2):
+        path, kind, voice, title, style, split = (row.get(name, "") for name in _COLUMNS)
+        style = style.split(" [")[0]  # without notes on the excerpt
+        if kind not in ("speech", "music") or split not in ("train", "dev", "test"):
+            raise AudioError(
+                f"{manifest}, line {number}: kind is {kind!r} and split {split!r}; write speech or music, and "
+                "train, dev or test"
+            )
+        inside = manifest.parent / path
+        if not inside.is_file() or not inside.resolve().is_relative_to(manifest.parent.resolve()):
+            raise AudioError(f"{manifest}, line {number}: {path!r} is no file of this folder; mend the line")
+        try:
             seconds = float(row.get("seconds") or 0)
-            yield RecordedFile(inside, kind, voice, title, style, split_of(voice, split), seconds)  # type: ignore[arg-type]
+        except ValueError as error:
+            raise AudioError(f"{manifest}, line {number}: seconds: {error}") from error
+        yield RecordedFile(inside, kind, voice, title, style, split_of(voice, split), seconds)  # type: ignore[arg-type]
 
 
 def _found(folder: Path) -> Iterator[RecordedFile]:

@@ -9,6 +9,7 @@ LiveLinkFace, downsampled to 30fps".
 """
 
 import csv
+import io
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +18,15 @@ from typing import Self
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.errors import MotionError
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.limits import read_text
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder, whole_file
 
 _PCM = 32767.0
+TAKE_BYTES = 1 << 28  # of a take of Live Link Face: an hour has some 100 MB
 SPLITS = ("train", "test")
 
 
@@ -164,9 +167,9 @@ def pair_with_audio(
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """Header and (line, values) of a file; empty lines are dropped."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [(i, [value.strip() for value in row]) for i, row in enumerate(csv.reader(file), 1) if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        text = io.StringIO(read_text(path, "give a take of Live Link Face", largest=TAKE_BYTES), newline="")
+        lines = [(i, [value.strip() for value in row]) for i, row in enumerate(csv.reader(text), 1) if row]
+    except (EchoAvatarError, csv.Error) as error:
         raise MotionError(f"{path} cannot be read as CSV ({error}); give a take of Live Link Face") from error
     if not lines:
         raise MotionError(f"{path} is empty; give a take of Live Link Face")
