@@ -7,6 +7,7 @@ distributions of their own, which name the module in an entry point of the group
 
 import argparse
 import atexit
+import errno
 import gc
 import importlib
 import io
@@ -104,8 +105,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except BrokenPipeError:  # the reader of our output has ended, as `head` does
         if argv is None:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its end
+            _end_output()
         return 141
+    except OSError as error:
+        if error.errno not in DISK_IS_FULL:
+            raise
+        print(f"echoavatar: cannot write ({error.strerror}); free space or choose another place", file=sys.stderr)
+        if argv is None:
+            _end_output()
+        return 1
     except KeyboardInterrupt as stop:  # a training run states where it stopped, and the signal that ended it
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
         return int(getattr(stop, "code", 130))
@@ -113,6 +121,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 LETTERS = 1_000  # of an error
+DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def _end_output() -> None:
+    """Write no more to standard output, or Python complains at its end about what is left."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _shown(message: str) -> str:

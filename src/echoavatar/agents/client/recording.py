@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
+from echoavatar.whole_file import whole_file
 from echoavatar.wire.blobs import Pose, unpack_audio, unpack_pose
 from echoavatar.wire.messages import AudioFormat, Flush, Motion, Ready, ServerMessage, Sound, State
 
@@ -30,8 +31,12 @@ class Recording:
         return len(self.root) / FRAME_RATE_HZ
 
     def save(self, path: Path) -> None:
-        """Write everything, with the two rates, to an npz file."""
-        with path.open("wb") as file:
+        """Write everything, with the two rates, to an npz file.
+
+        Raises:
+            MotionError: the file cannot be written.
+        """
+        with whole_file(path, error=MotionError) as partial, partial.open("wb") as file:
             np.savez_compressed(
                 file,
                 names=np.array(self.names),
