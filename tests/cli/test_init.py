@@ -1,3 +1,4 @@
+import errno
 import io
 import logging
 import subprocess
@@ -83,6 +84,17 @@ def test_a_closed_pipe_is_no_traceback() -> None:
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert done.stderr == ""
     assert done.stdout.strip() in ("0", "141")  # 0 where `true` was slower
+
+
+def test_output_to_a_full_disk_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def fails(args: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(plot, "run", fails)
+    assert main(["plot", "runs/a", "-o", "a.png"]) == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "No space left" in told
 
 
 def test_no_two_services_share_a_port() -> None:

@@ -1,5 +1,6 @@
 """`echoavatar say` through a real server."""
 
+import errno
 import json
 from pathlib import Path
 
@@ -39,6 +40,21 @@ def test_errors_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.CaptureF
     ):
         assert main(["say", *words]) == 1
         assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_full_disk_is_one_line(
+    talk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*args: object, **more: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    with serving() as place:
+        assert main(["say", str(talk), "--server", place.address, "-o", str(tmp_path / "a.npz")]) == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "No space left" in told
+    assert [path.name for path in tmp_path.iterdir()] == ["talk.wav"]
 
 
 def test_sinks_show_the_motion_at_playback_speed(talk: Path, capsys: pytest.CaptureFixture[str]) -> None:

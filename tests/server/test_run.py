@@ -137,6 +137,19 @@ def test_a_few_pings_are_answered() -> None:
         caller.until(Motion)
 
 
+@pytest.mark.parametrize(
+    "more", ["Content-Length: 5\r\n", "Transfer-Encoding: chunked\r\n", "X: y\r\n" * 200, f"X: {'y' * 9_000}\r\n"]
+)
+def test_a_request_that_the_websockets_library_cannot_read_is_refused(more: str) -> None:
+    with serving() as server, socket.create_connection(address(server), timeout=5) as line:
+        line.sendall(
+            f"GET /v1/stream HTTP/1.1\r\nHost: {server.address}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n{more}\r\n".encode()
+        )
+        answer = b"".join(iter(lambda: line.recv(4_096), b""))
+        assert answer.startswith(b"HTTP/1.1 400")
+
+
 def test_empty_fragments_do_not_pile_up() -> None:
     with serving() as server, server.call(Hello()) as caller:
         with contextlib.suppress(OSError, ConnectionClosed):

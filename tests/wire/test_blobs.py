@@ -55,6 +55,14 @@ def test_bytes_that_do_not_fit_are_refused(frames: int) -> None:
         unpack_pose(motion)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_place_that_is_not_a_number_is_refused(value: float) -> None:
+    pose = random_pose(0)
+    pose.root[-1, 2] = value
+    with pytest.raises(ProtocolError, match="finite"):
+        unpack_pose(pack_pose(pose, at=0))
+
+
 def test_sound_survives_within_half_a_step() -> None:
     sound = np.linspace(-1, 1, 1001, dtype=np.float32)
     back = unpack_audio(pack_audio(sound), AudioFormat())

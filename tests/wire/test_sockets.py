@@ -1,6 +1,7 @@
 """Sockets of strangers: they may be many, silent, or never come to an end; a client is served all the same."""
 
 import ast
+import asyncio
 import contextlib
 import http.client
 import logging
@@ -12,8 +13,10 @@ import urllib.request
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from starlette.types import Message, Receive, Scope, Send
 from tests.server.fakes import FAST, RunningServer, serving
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -21,7 +24,7 @@ from websockets.sync.client import connect
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire import sockets
 from echoavatar.wire.messages import Hello, Motion
-from echoavatar.wire.sockets import ConnectionGuard, RepeatFilter, listen, raise_file_limit
+from echoavatar.wire.sockets import ConnectionGuard, RepeatFilter, RequestChecks, listen, raise_file_limit
 
 LIMIT = 40
 ROOT = Path(__file__).parents[2]
@@ -176,6 +179,25 @@ def test_a_websocket_of_a_foreign_name_is_refused() -> None:
     ):
         pass
     assert refused.value.response.status_code == 421
+
+
+async def test_a_request_that_a_stop_cuts_off_is_answered() -> None:
+    sent: list[Any] = []
+
+    async def hangs(scope: Scope, receive: Receive, send: Send) -> None:
+        await asyncio.sleep(60)
+
+    async def keep(message: Message) -> None:
+        sent.append(message)
+
+    async def receive() -> Message:
+        raise AssertionError
+
+    asked = asyncio.create_task(RequestChecks(hangs, None)({"type": "http", "headers": []}, receive, keep))
+    await asyncio.sleep(0)
+    asked.cancel()
+    await asked
+    assert [message.get("status") for message in sent] == [503, None]
 
 
 def test_the_file_limit_is_raised_where_it_may_be() -> None:

@@ -7,6 +7,7 @@ distributions of their own, which name the module in an entry point of the group
 
 import argparse
 import atexit
+import errno
 import gc
 import importlib
 import io
@@ -100,6 +101,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except EchoAvatarError as error:
         print(f"echoavatar: {one_line(error)}", file=sys.stderr)
+        if argv is None:
+            _end_output()
         return 1
     except ModuleNotFoundError as error:
         from .doctor import missing_package
@@ -110,12 +113,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     except BrokenPipeError:  # the reader of our output has ended, as `head` does
         if argv is None:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains at its end
+            _end_output()
         return 141
     except OSError as error:  # a full disk, a name that cannot be, no permission: wherever it happens
         _LOG.debug("where it happened", exc_info=True)
         remedy = "; check its name, space and permissions" if error.filename else ""
         print(f"echoavatar: {one_line(error)}{remedy}", file=sys.stderr)
+        if argv is None:
+            _end_output()
         return 1
     except KeyboardInterrupt as stop:  # a training run states where it stopped, and the signal that ended it
         print(f"echoavatar: {str(stop) or 'interrupted'}", file=sys.stderr)
@@ -125,6 +130,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 _LOG = logging.getLogger(__name__)
 _COMMANDS_A_TERMINAL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def _end_output() -> None:
+    """Write what is left of standard output; where that cannot be, drop it, or Python complains at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def printable(text: str) -> str:

@@ -1,6 +1,7 @@
 """The process: uvicorn with our limits, a shutdown that lets speech end, and logs as JSON (`serve --log json`).
 
-`GuardedWebSocket` bounds what the application never sees: control frames and fragments.
+`GuardedWebSocket` bounds what the application never sees: requests that cannot be read, control frames and
+fragments.
 """
 
 import asyncio
@@ -37,6 +38,14 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
         super().__init__(*args, **more)
         self.close_timeout = CLOSE_S
         self._allowance, self._counted_at = CONTROL_FRAMES_AT_ONCE, time.monotonic()
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes came, the whole request first; one that the websockets library cannot read is refused."""
+        super().data_received(data)
+        if not self.handshake_initiated:  # the library raises nothing, and would wait for ever
+            self.transport.write(b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\nContent-Length: 0\r\n\r\n")
+            self.close_sent = True
+            self.transport.close()
 
     async def send(self, message: Any) -> None:
         """Send, unless the client is gone: each write to a lost socket would be logged."""

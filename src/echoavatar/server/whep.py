@@ -213,6 +213,8 @@ class Viewer:
             self._patience.cancel()
         try:
             await self._peer.close()
+        except Exception as error:  # aiortc's ends of what a broken offer began fail in many ways
+            _LOG.info("a peer connection did not end well: %r", error)
         finally:
             await self.stream.close()
             self._on_end()

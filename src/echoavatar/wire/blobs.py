@@ -46,7 +46,7 @@ def unpack_pose(motion: Motion, *, joints: int = 52, curves: int = 52) -> Pose:
     """Unpack the frames of a motion message; quaternions are normalised.
 
     Raises:
-        ProtocolError: the bytes do not fit the number of frames.
+        ProtocolError: the bytes do not fit the number of frames, or a place is not finite.
     """
     frames = motion.frames
     sizes = (len(motion.rotations), len(motion.root), len(motion.face))
@@ -55,6 +55,8 @@ def unpack_pose(motion: Motion, *, joints: int = 52, curves: int = 52) -> Pose:
     xyzw = np.frombuffer(motion.rotations, "<i2").reshape(frames, joints, 4).astype(np.float32)
     xyzw /= np.maximum(np.linalg.norm(xyzw, axis=-1, keepdims=True), 1)
     root = np.frombuffer(motion.root, "<f4").reshape(frames, 3).astype(np.float32)
+    if not np.isfinite(root).all():
+        raise ProtocolError("bad_message", "motion whose root holds values that are not finite")
     face = None
     if motion.face:
         face = np.frombuffer(motion.face, "u1").reshape(frames, curves).astype(np.float32) / _FACE_SCALE

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import uvicorn
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from websockets.asyncio.server import Server as WebSocketServer
 from websockets.asyncio.server import ServerConnection
@@ -388,7 +388,7 @@ class GuardedConnection(ServerConnection):
 
 
 class RequestChecks:
-    """Refuses requests before the application sees them.
+    """Refuses requests before the application sees them, and answers those that a stop of the server cuts off.
 
     One that states its length twice gets 400, because a proxy may read it differently (request smuggling). One that
     names a host that is not ours gets 421: a page may point its own host name at this server (DNS rebinding) and would
@@ -401,7 +401,21 @@ class RequestChecks:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse, or pass the request on."""
         refusal = None if scope["type"] == "lifespan" else self._refusal(Headers(scope=scope))
-        await (refusal or self._app)(scope, receive, send)
+        if scope["type"] != "http":
+            await (refusal or self._app)(scope, receive, send)
+            return
+        has_begun = False
+
+        async def note(message: Message) -> None:
+            nonlocal has_begun
+            has_begun = True
+            await send(message)
+
+        try:
+            await (refusal or self._app)(scope, receive, note)
+        except asyncio.CancelledError:  # the server stops; uvicorn would answer 500 and log a traceback
+            if not has_begun:
+                await PlainTextResponse("the server stopped", 503, _REFUSAL_HEADERS)(scope, receive, send)
 
     def _refusal(self, headers: Headers) -> PlainTextResponse | None:
         if "transfer-encoding" in headers and "content-length" in headers:

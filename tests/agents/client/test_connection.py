@@ -1,22 +1,25 @@
 """The Python client against a real server."""
 
 import asyncio
+import contextlib
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import AsyncExitStack
 
+import msgspec
 import numpy as np
 import pytest
 from tests.agents.client.test_recording import READY
 from tests.server.fakes import RunningServer, serving
+from websockets.asyncio.server import ServerConnection, serve
 
 from echoavatar.agents.client import ConnectionLostError, Recorder, connect
 from echoavatar.agents.client.connection import Avatar, UtteranceQueue, stream_url
 from echoavatar.errors import EchoAvatarError
 from echoavatar.motion.stages.modes import MotionOptions
-from echoavatar.wire.codec import ProtocolError
-from echoavatar.wire.messages import ActionStatus, Audio, AudioFormat, BodyOptions, End, Flush, Sound
+from echoavatar.wire.codec import ProtocolError, encode
+from echoavatar.wire.messages import ActionStatus, Audio, AudioFormat, BodyOptions, End, Flush, Hello, Limits, Sound
 
 
 @pytest.fixture(scope="module")
@@ -117,6 +120,37 @@ async def test_a_lost_session_is_continued_by_a_new_one(server: RunningServer) -
 def _tear(avatar: Avatar) -> None:
     assert avatar._socket is not None
     avatar._socket.transport.abort()
+
+
+async def test_a_server_that_ends_each_session_at_once_is_not_stormed() -> None:
+    calls = 0
+
+    async def hang_up(socket: ServerConnection) -> None:
+        nonlocal calls
+        calls += 1
+        await socket.recv()
+        await socket.send(encode(READY))
+        await socket.close(1012)
+
+    async with serve(hang_up, "127.0.0.1", 0, compression=None) as liar:
+        port = next(iter(liar.sockets)).getsockname()[1]
+        async with connect(f"127.0.0.1:{port}") as avatar:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(0.7):
+                    async for _ in avatar:
+                        pass
+    assert 2 <= calls <= 4
+
+
+@pytest.mark.parametrize("seconds", [0.0, -5.0, float("nan")])
+async def test_pings_are_no_flood_whatever_the_server_asks_for(seconds: float) -> None:
+    sent: list[object] = []
+    avatar = Avatar("ws://127.0.0.1:9", Hello())
+    avatar.ready = msgspec.structs.replace(READY, limits=Limits(ping_seconds=seconds))
+    avatar.send = sent.append  # type: ignore[method-assign, assignment]
+    with contextlib.suppress(TimeoutError, TypeError):
+        await asyncio.wait_for(avatar.keep_alive(), 0.05)
+    assert not sent
 
 
 async def test_interrupt_act_and_music(server: RunningServer) -> None:

@@ -37,6 +37,8 @@ ODD = [
     '{"type":"session.updated","session":"none"}',
     '{"type":"session.created","session":{"tools":{"name":[]},"audio":[]}}',
     '{"type":"response.done","response":[[]]}',
+    '{"type":"response.done","response":{"id":[]}}',
+    '{"type":"response.output_item.done","item":{"type":"function_call","name":{},"call_id":"c"}}',
     '{"type":"response.output_item.done","item":{"type":"function_call","name":[],"call_id":{}}}',
     '{"type":"echoavatar.animation_body.delta"}',
     "no JSON at all",
@@ -50,7 +52,9 @@ ODD = [
 
 
 @pytest.mark.parametrize("tools", [False, True])
-async def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bool) -> None:
+async def test_every_event_passes_byte_for_byte_and_in_order_both_ways(
+    tools: bool, caplog: pytest.LogCaptureFixture
+) -> None:
     async def script(session: ScriptedSession) -> None:
         for text in ODD:
             await session.send_text(text)
@@ -75,6 +79,7 @@ async def test_every_event_passes_byte_for_byte_and_in_order_both_ways(tools: bo
             assert passed == [session.sent[0], *ODD, b"\x00\xff binary"]
             assert client.code == 4321
             assert client.websocket.close_reason == "that was all"
+    assert "could not be handled" not in caplog.text
 
 
 async def test_the_upstream_gets_the_clients_bytes() -> None:

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.typing import Subprotocol
 
 from echoavatar.agents.proxy import ProxySettings
+from echoavatar.agents.proxy.sidecar import AvatarSidecar
 from echoavatar.timing import ChunkSize
 from echoavatar.wire.blobs import unpack_pose
 from echoavatar.wire.codec import encode, subprotocol
@@ -299,3 +301,14 @@ async def test_the_users_voice_makes_the_avatar_listen() -> None:
         for part in np.array_split(voice, 10):
             await client.say("input_audio_buffer.append", audio=base64.b64encode(part.tobytes()).decode())
         await client.listen(lambda c: any(e["state"] == "listening" for e in c.of(BODY)))
+
+
+async def test_a_flood_of_events_leaves_the_event_loop_to_others() -> None:
+    sidecar = AvatarSidecar(ProxySettings("ws://127.0.0.1:9", avatar="127.0.0.1:9"), client=Mock(), upstream=Mock())
+    for _ in range(1_000):
+        sidecar.observe('{"type":"x"}', is_server=True)
+    reading = asyncio.create_task(sidecar._read())
+    for _ in range(10):
+        await asyncio.sleep(0)
+    assert 900 < len(sidecar._queue) < 1_000
+    reading.cancel()

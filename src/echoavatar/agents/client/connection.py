@@ -49,6 +49,8 @@ AHEAD_S = 30.0  # seconds of sound sent ahead of their motion; the server's queu
 KEPT_UTTERANCES = 4
 TIMEOUT_S = 10.0
 RECONNECT_ATTEMPTS = 6  # reconnecting; the pauses between attempts grow to one second
+STEADY_S = 5.0  # a connection that breaks sooner is not reopened at once
+LEAST_PING_S = 0.1  # whatever the server asks for
 _RECONNECT_CODES = (1006, 1011, 1012, CLOSE_CODES["too_slow"])  # after which reconnecting makes sense
 
 
@@ -202,6 +204,8 @@ class Avatar:
         self._socket: MessageSocket | None = None
         self._utterances = UtteranceQueue(hello.audio)
         self._requests = 0
+        self._opened_at = 0.0  # by the loop's clock
+        self._short_lived = 0  # connections in a row that broke soon after they were opened
 
     @property
     def received(self) -> int:
@@ -311,6 +315,7 @@ class Avatar:
                 ) from None  # its text may hold a password of the address or of a proxy
             raise
         self.ready, self.epoch = ready, ready.epoch
+        self._opened_at = asyncio.get_running_loop().time()
 
     async def _dial_websocket(self) -> MessageSocket:
         return await OneOrigin(
@@ -330,7 +335,7 @@ class Avatar:
     async def keep_alive(self) -> None:
         """Ping as often as the server asks for, until cancelled."""
         while True:
-            await asyncio.sleep(self.ready.limits.ping_seconds / 2)
+            await asyncio.sleep(max(LEAST_PING_S, self.ready.limits.ping_seconds / 2))
             await self.send(Ping())
 
     async def _reconnect(self, closed: ConnectionClosed) -> bool:
@@ -338,6 +343,10 @@ class Avatar:
         code = closed.rcvd.code if closed.rcvd else 1006
         if code not in _RECONNECT_CODES:
             return False
+        has_lasted = asyncio.get_running_loop().time() - self._opened_at > STEADY_S
+        self._short_lived = 0 if has_lasted else self._short_lived + 1
+        if self._short_lived > 1:
+            await asyncio.sleep(_pause(self._short_lived))
         changes: dict[str, Any] = {"resume": self.ready.resume, "played": self.received, "epoch": self.epoch}
         for attempt in range(RECONNECT_ATTEMPTS):
             self._hello = msgspec.structs.replace(self._hello, **changes)
@@ -352,7 +361,7 @@ class Avatar:
                     changes = {"resume": "", "played": 0, "epoch": None}
                 elif error.code != "overloaded" or attempt == RECONNECT_ATTEMPTS - 1:
                     raise
-            await asyncio.sleep(min(1.0, 0.1 * 2**attempt))
+            await asyncio.sleep(_pause(attempt))
         if self.ready.resumed:
             self._utterances.go_on(self.ready)
         else:
@@ -409,6 +418,11 @@ def stream_url(url: str) -> str:
         )
     path = parts.path if parts.path.strip("/") else "/v1/stream"
     return urlunsplit((schemes[parts.scheme], parts.netloc, path, "", ""))
+
+
+def _pause(attempt: int) -> float:
+    """Seconds before another attempt to connect."""
+    return min(1.0, 0.1 * 2.0 ** min(attempt, 10))
 
 
 def _pcm(samples: np.ndarray) -> bytes:

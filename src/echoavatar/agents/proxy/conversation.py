@@ -304,6 +304,7 @@ class Conversation:
 
     async def _send_chunks(self, item: SpeechItem, chunks: Iterable[Pcm], avatar: Avatar | None) -> None:
         for chunk in chunks:
+            await asyncio.sleep(0)  # an event may bring minutes of sound, and other conversations go on meanwhile
             if avatar is not None and item.cut is None:
                 item.seg = await avatar.speak(chunk, end=False)
 

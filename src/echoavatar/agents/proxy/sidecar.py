@@ -137,6 +137,7 @@ class AvatarSidecar:
 
     async def _read(self) -> None:
         while True:
+            await asyncio.sleep(0)  # a flood of events must not hold up other conversations
             while not self._queue:
                 self._filled.clear()
                 await self._filled.wait()

@@ -66,14 +66,14 @@ class ToolCalls:
         """Handle an event of the model and start the calls in it."""
         if event.type == "response.output_item.done" and inside(event.item, "type") == "function_call":
             self._begin(
-                inside(event.item, "call_id"),
-                inside(event.item, "name"),
+                _text(event.item, "call_id"),
+                _text(event.item, "name"),
                 inside(event.item, "arguments"),
                 event.response_id,
             )
         elif event.type == "response.function_call_arguments.done" and event.name:
             self._begin(event.call_id, event.name, event.arguments, event.response_id)
-        elif event.type == "response.done" and inside(event.response, "id") in self._running:
+        elif event.type == "response.done" and _text(event.response, "id") in self._running:
             task = asyncio.create_task(self._follow_up(event.response))
             self._following_up.add(task)
             task.add_done_callback(self._following_up.discard)
@@ -82,9 +82,9 @@ class ToolCalls:
         """The user took a turn."""
         self._follow_ups = 0
 
-    def _begin(self, call: Any, name: Any, arguments: Any, response: str | None) -> None:
+    def _begin(self, call: str | None, name: str | None, arguments: Any, response: str | None) -> None:
         avatar_names = {tool["name"] for tool in self.declared} - self._client_names
-        if not isinstance(call, str) or name not in avatar_names or call in self._answered:
+        if call is None or name is None or name not in avatar_names or call in self._answered:
             return
         self._answered.add(call)
         self._called.setdefault(response, []).append(name)
@@ -101,7 +101,7 @@ class ToolCalls:
 
     async def _follow_up(self, response: Any) -> None:
         """A response is complete: ask the model to continue if it made calls only, or needs a result."""
-        key = inside(response, "id")
+        key = _text(response, "id")
         tasks, names = self._running.pop(key, []), self._called.pop(key, [])
         await asyncio.gather(*tasks, return_exceptions=True)
         items = inside(response, "output")
@@ -120,4 +120,10 @@ class ToolCalls:
 
 
 def _names(tools: list[Any]) -> set[str]:
-    return {name for tool in tools if isinstance(name := inside(tool, "name"), str)}
+    return {name for tool in tools if (name := _text(tool, "name")) is not None}
+
+
+def _text(value: Any, key: str) -> str | None:
+    """A text in an object; None if it is not there, or of another type: a list cannot be looked up."""
+    found = inside(value, key)
+    return found if isinstance(found, str) else None

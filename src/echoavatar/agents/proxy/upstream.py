@@ -12,7 +12,7 @@ from echoavatar.errors import EchoAvatarError
 
 from ..client.connection import OneOrigin
 
-MAX_BYTES = 1 << 26  # of one event; vendors allow up to 15 MiB
+MAX_BYTES = 1 << 24  # of one event; vendors allow up to 15 MiB
 TIMEOUT_S = 15.0
 HANDSHAKE_TIMEOUT_S = TIMEOUT_S + 5.0  # of a client's handshake, which waits for the upstream's
 PING_S, PONG_S = 30.0, 120.0  # generous, because a slow reader answers pings late
