@@ -242,6 +242,7 @@ async def test_what_cannot_be_answered_is_refused_in_one_line_and_takes_no_rende
             "a session unnamed": (await asked(f"http://{server.address}/v1/whep", offer, authorization=key), 404),
             "no SDP": (await asked(own, b"hello", authorization=key), 400),
             "broken SDP": (await asked(own, offer[:900], authorization=key), 400),
+            "no name of a medium": (await asked(own, offer.replace(b"a=mid:0\r\n", b""), authorization=key), 400),
             "no video": (await asked(own, sound, authorization=key), 400),
             "another type": (await asked(own, offer, authorization=key, kind="text/plain"), 415),
             "no such view": (await asked(f"{own}?view=inside", offer, authorization=key), 400),

@@ -7,7 +7,6 @@ distributions of their own, which name the module in an entry point of the group
 
 import argparse
 import atexit
-import errno
 import gc
 import importlib
 import io
