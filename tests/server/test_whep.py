@@ -219,7 +219,8 @@ async def test_a_client_that_posts_and_deletes_offers_in_a_loop_is_told_to_wait(
 
 
 async def test_what_cannot_be_answered_is_refused_in_one_line_and_takes_no_renderer() -> None:
-    settings = dataclasses.replace(VIDEO, token="secret", lists_sessions=False)
+    often = ClientRates(offers=Rate(100, 6_000))
+    settings = dataclasses.replace(VIDEO, token="secret", lists_sessions=False, rates=often)
     with (
         serving(settings=settings, pipeline=Flasher()) as server,
         server.call(Hello(want=(), token="secret")) as caller,

@@ -34,6 +34,9 @@ def read_offer(text: str, address: str) -> str:
     if sum(line.startswith("m=") for line in lines) > MOST_MEDIA:
         raise EchoAvatarError(f"the SDP offer has more than {MOST_MEDIA} media")
     description = SessionDescription.parse("\r\n".join(lines) + "\r\n")
+    names = [medium.rtp.muxId for medium in description.media]
+    if not all(names) or len(set(names)) < len(names):  # aiortc finds out when it connects
+        raise EchoAvatarError("the SDP offer does not name each medium by a `mid` of its own")
     description.type = "offer"
     for medium in description.media:
         _shorten(medium)
