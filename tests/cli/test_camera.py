@@ -59,7 +59,11 @@ def test_ctrl_c_ends_a_stream_to_a_silent_server_at_once() -> None:
         silent.listen()
         silent.settimeout(60)
         address = f"rtmp://127.0.0.1:{silent.getsockname()[1]}/live2/very-secret-key"
-        words = [sys.executable, "-c", "import sys; from echoavatar.cli import main; sys.exit(main(sys.argv[1:]))"]
+        code = (  # shells ignore SIGINT for what they run in the background
+            "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+            "from echoavatar.cli import main; sys.exit(main(sys.argv[1:]))"
+        )
+        words = [sys.executable, "-c", code]
         words += ["camera", "-vv", "--size", "96x64", "--to", address]
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as camera:
             line, _ = silent.accept()
