@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from echoavatar.models.generator.linear import Precision
 
 DEVELOPERS = {
+    "neighbours": "how late an honest speaker is beside clients that misbehave",
     "post": "smoothing, root, feet and hands",
     "soak": "does a server stay whole and flat under load and faults",
     "train": "training steps against the machine's matrix rate",
