@@ -8,9 +8,12 @@ offer came from, which is right where no router lies between; elsewhere the brow
 import ipaddress
 from collections.abc import Iterator
 
-from aiortc.sdp import MediaDescription, SessionDescription
+from echoavatar.errors import DependencyError, EchoAvatarError
 
-from echoavatar.errors import EchoAvatarError
+try:
+    from aiortc.sdp import MediaDescription, SessionDescription
+except ImportError as error:
+    raise DependencyError("WebRTC needs aiortc; run: pip install 'echoavatar[video]'") from error
 
 MOST_BYTES = 65_536
 MOST_LINES = 512  # beside candidates
