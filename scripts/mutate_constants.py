@@ -33,11 +33,10 @@ FACTOR, DECIBELS = 5.0, 14.0
 
 CONSTANTS = {  # by file of the package
     "motion/stages/smoother": "STIFFNESS BEND:share LATE FASTEST",
-    "motion/stages/feet": "ENTER_HEIGHT LEAVE_HEIGHT LEAVE_SPEED FADE:share SETTLE:share LARGEST BACK STANDING_SPEED"
-    " STEPPING_SPEED CLEARANCE CLEAR RISE:share",
+    "motion/stages/feet": "ENTER_HEIGHT LEAVE_HEIGHT LEAVE_SPEED FADE:share SETTLE:share LARGEST LARGEST_ON_LEASH BACK"
+    " STANDING_SPEED STEPPING_SPEED CLEARANCE CLEAR RISE:share | motion/stages/test_feet motion/stages/test_modes",
     "motion/stages/ground": "RELEASE_HEIGHT",
     "motion/stages/leash": "NEAR:share EDGE:share PULL_SPEED LEAN",
-    "motion/stages/post": "LARGEST_ON_LEASH | motion/stages/test_modes",
     "motion/stages/modes": "STAND_LOWER SWAY SWAY_SECONDS[0] SWAY_SECONDS[1] RAMP_FRAMES",
     "motion/ik/hand_collisions": "CLEARANCE SHELL",
     "motion/inertial": "SHORTEST_S LONGEST_S FASTEST GREATEST_START ROOT_FASTEST FACE_SECONDS",

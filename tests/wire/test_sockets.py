@@ -9,6 +9,7 @@ import re
 import socket
 import ssl
 import time
+import tracemalloc
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import replace
@@ -75,6 +76,18 @@ def test_handshakes_that_stall_lock_nobody_out(monkeypatch: pytest.MonkeyPatch, 
         with urllib.request.urlopen(f"https://{server.address}/health", timeout=5, context=trust) as answer:
             assert answer.status == 200
         assert len(server.uvicorn.server_state.connections) <= LIMIT
+
+
+def test_a_handshake_that_stalls_holds_little_memory(certified: tuple[Path, Path]) -> None:
+    with serving(tls=certified) as server, contextlib.ExitStack() as stack:
+        tracemalloc.start()
+        stack.callback(tracemalloc.stop)
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(50):
+            stack.enter_context(socket.create_connection(address(server)))
+        while len(server.uvicorn.server_state.connections) < 50:
+            time.sleep(0.01)
+        assert tracemalloc.get_traced_memory()[0] - before < 50 * 100_000  # bytes
 
 
 def test_a_silent_socket_is_closed_and_so_is_a_request_that_never_ends(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -335,6 +335,8 @@ class GuardedHttp(H11Protocol):
 class GuardedTls(SSLProtocol):
     """TLS in front of HTTP, reporting to HTTP's guard until the handshake is over."""
 
+    max_size = 16 * 1024  # bytes of buffer, one TLS record; asyncio's own 256 KiB are 1 GB at `CONNECTIONS` sockets
+
     def __init__(self, http: GuardedHttp, context: ssl.SSLContext) -> None:
         loop = asyncio.get_running_loop()
         super().__init__(loop, http, context, None, server_side=True)  # type: ignore[arg-type]  # nobody waits for it

@@ -151,9 +151,13 @@ def handshakes(target: Target) -> None:
 
 def viewers(target: Target) -> None:
     """A viewer on each renderer of the server, for as long as it lasts."""
+    asyncio.run(_watch(target, viewers_of(target)))
+
+
+def viewers_of(target: Target) -> int:
+    """How many viewers the server draws for at once; 0 if it shows no video."""
     with urllib.request.urlopen(f"{target.address}/health", timeout=10) as answer:
-        count = json.loads(answer.read())["video"]["viewers"]
-    asyncio.run(_watch(target, count))
+        return int(json.loads(answer.read()).get("video", {}).get("viewers", 0))
 
 
 async def _watch(target: Target, count: int) -> None:

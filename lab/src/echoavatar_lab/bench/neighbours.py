@@ -31,7 +31,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.messages import Motion, Sound
 from echoavatar.wire.sockets import listen as listen_here
 
-from .hostile_clients import NEIGHBOURS, WITH_TLS, WITH_VIDEO, Target, attack, make_offer
+from .hostile_clients import NEIGHBOURS, WITH_TLS, WITH_VIDEO, Target, attack, make_offer, viewers_of
 
 BAR_S = 0.3  # lateness of the worst chunk
 START_S = 300.0  # for the server to load
@@ -112,6 +112,8 @@ def measure(name: str, target: Target, seconds: float) -> dict[str, Any]:
     """One row: the speaker beside one neighbour."""
     if name in WITH_VIDEO and not target.offer:
         return {"skipped": "needs aiortc; run: pip install 'echoavatar[video]'"}
+    if name in WITH_VIDEO and not viewers_of(target):
+        return {"skipped": "this server shows no video; start it with --video"}
     if name in WITH_TLS and not target.address.startswith("https"):
         return {"skipped": "this server speaks no TLS"}
 
@@ -123,6 +125,8 @@ def measure(name: str, target: Target, seconds: float) -> dict[str, Any]:
         work.start()
         try:
             yield
+            if work.exitcode:
+                raise EchoAvatarError(f"the neighbour {name!r} ended by itself; its error stands above")
         finally:
             work.kill()
             work.join()
@@ -177,15 +181,16 @@ def bench_neighbours(
         raise EchoAvatarError(f"there is no neighbour {min(unknown)!r}; choose from {', '.join(NEIGHBOURS)}")
     offer, rows = make_offer(), []
 
-    def row(name: str, address: str, key: str, trusted: str) -> None:
-        target = Target(address, key, "", trusted, offer)
+    def row(name: str, address: str, key: str, authority: str) -> None:
+        target = Target(address, key, "", authority, offer)
         rows.append({"neighbour": name, "server": address, **measure(name, target, seconds)})
         tell(rows[-1])
 
     if servers:
-        for name in names:
-            for address in servers:
-                row(name, _web(address), token, certificate)
+        with trusted(certificate):
+            for name in names:
+                for address in servers:
+                    row(name, _web(address), token, certificate)
         return rows
     key = secrets.token_urlsafe(8)
     plain = [name for name in names if name not in WITH_TLS]
@@ -202,7 +207,7 @@ def bench_neighbours(
 
 @contextmanager
 def certified() -> Iterator[tuple[Path, Path]]:
-    """A certificate for 127.0.0.1 and its key, made with the `openssl` program; this process trusts it."""
+    """A certificate for 127.0.0.1 and its key, made with the `openssl` program, which this process trusts."""
     with tempfile.TemporaryDirectory() as folder:
         certificate, key = Path(folder) / "certificate.pem", Path(folder) / "key.pem"
         command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=127.0.0.1"]
@@ -211,13 +216,20 @@ def certified() -> Iterator[tuple[Path, Path]]:
             subprocess.run(command, check=True, capture_output=True)
         except (OSError, subprocess.CalledProcessError) as error:
             raise EchoAvatarError(f"openssl made no certificate ({error}); leave the TLS neighbour out") from error
-        before = os.environ.get("SSL_CERT_FILE")
-        os.environ["SSL_CERT_FILE"] = str(certificate)
-        try:
+        with trusted(str(certificate)):
             yield certificate, key
-        finally:
-            os.environ.pop("SSL_CERT_FILE")
-            os.environ.update({"SSL_CERT_FILE": before} if before else {})
+
+
+@contextmanager
+def trusted(certificate: str) -> Iterator[None]:
+    """This process trusts the certificate of a file; an empty name changes nothing."""
+    before = os.environ.get("SSL_CERT_FILE")
+    os.environ.update({"SSL_CERT_FILE": certificate} if certificate else {})
+    try:
+        yield
+    finally:
+        os.environ.pop("SSL_CERT_FILE", None)
+        os.environ.update({"SSL_CERT_FILE": before} if before else {})
 
 
 def _web(address: str) -> str:

@@ -33,6 +33,7 @@ LEAVE_SPEED = 0.30  # metres per second, upwards
 FADE = 0.78  # share of a correction that remains after a frame in the air
 SETTLE = 0.35  # share of the height error that is removed per planted frame
 LARGEST = 0.12  # metres: the farthest that a foot is held from its decoded place
+LARGEST_ON_LEASH = 0.30  # the same in rows with a leash or in place
 BACK = 0.015  # metres from its decoded place at which a released foot may be planted again
 STANDING_SPEED, STEPPING_SPEED = 0.3, 0.8  # m/s, along the floor: below it a foot may be planted; above, it steps
 CLEARANCE = 0.045  # metres: height of a stepping foot

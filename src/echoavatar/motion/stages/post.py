@@ -20,7 +20,7 @@ from echoavatar.timing import FRAME_RATE_HZ
 from ..ik import BodyProfile, HandCollisions
 from ..kinematics import Skeleton
 from ..motion_chunk import MotionBatch
-from .feet import LARGEST, Feet, FeetState
+from .feet import LARGEST, LARGEST_ON_LEASH, Feet, FeetState
 from .ground import Ground, GroundState
 from .leash import Leash, LeashState
 from .modes import IdleLegs, ModesState
@@ -30,7 +30,6 @@ from .smoother import Smoother, SmootherState, SpeedLimit, SpeedLimitState
 OnStage = Callable[[str], None]
 POST_STAGES = ("pose", "smoother", "ground", "leash", "feet", "hands")
 SWITCHES = POST_STAGES[1:]
-LARGEST_ON_LEASH = 0.30  # metres a foot may be held from its decoded place in rows with a leash or in place
 _log = logging.getLogger(__name__)
 
 
