@@ -44,7 +44,7 @@ CONSTANTS = {  # by file of the package
     "motion/gaze": "RISE_S FALL_S HEAD_SHARE:share NECK_SHARE:share FARTHEST WELCOME BEHIND LOOK GLANCES:share",
     "motion/idle_motion": "BREATH BREATH_S INHALE:share SHIFT_EVERY_S SHIFT_S SHIFT_M LEAN_EVERY_S LEAN_S UPRIGHT:share"
     " LEAN SWAY_M LOOK_EVERY_S LOOK_S AHEAD:share LOOK_YAW LOOK_PITCH RISE_S FALL_S",
-    "engine/settling": "SILENCE STANDING DANCES DANCES_S RECENT_S AGAIN_S",
+    "engine/settling": "SILENCE STANDING DANCES DANCES_S RECENT_S AGAIN_S RESTING DANCE_RESTS_S TALK_RESTS_S",
     "engine/listener": "SOUND_DB:dB OVER_FLOOR_DB PAUSE_S TURN_S LEAST_SPEECH_S LEAST_GAP_S NOD_S NOD_SHARE:share",
     "engine/music": "DUCKED:share DUCK_S FADE_S AUDIBLE HOLD_FRAMES",
     "engine/pacing": "MARGIN_S PATIENCE_S | engine/test_pacing server/test_session",

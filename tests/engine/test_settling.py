@@ -6,7 +6,7 @@ import torch
 from tests.engine.fakes import FakePipeline, Heard
 
 from echoavatar.engine import Engine, Session
-from echoavatar.engine.settling import Settling, leg_speed
+from echoavatar.engine.settling import Settling, joint_speed
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import CHUNK_SAMPLES
@@ -14,16 +14,18 @@ from echoavatar.timing import CHUNK_SAMPLES
 LOUD, QUIET = np.full(CHUNK_SAMPLES, 0.1, np.float32), np.zeros(CHUNK_SAMPLES, np.float32)
 MUSIC, HUM = 0.1 * LOUD, 0.01 * LOUD  # soft music, and the noise of a room
 DANCING, STEPPING, STANDING = 60.0, 36.0, 8.0  # degrees per second
+LEGS = [f"{side}{part}" for side in ("left", "right") for part in ("UpperLeg", "LowerLeg")]
+ARMS = [name.replace("Leg", "Arm") for name in LEGS]
 
 
-def legs(degrees_per_second: float) -> MotionChunk:
-    """Hips and knees turn at that speed."""
+def limbs(legs: float, arms: float = 60.0) -> MotionChunk:
+    """Hips and knees turn at a speed, shoulders and elbows at another, degrees per second."""
     rotations = np.zeros((8, HUMANOID.joints, 4), np.float32)
     rotations[..., 0] = 1
-    half = np.radians(degrees_per_second) * np.arange(8) / 30 / 2
-    for side in ("left", "right"):
-        for part in ("UpperLeg", "LowerLeg"):
-            joint = HUMANOID.index(f"{side}{part}")
+    for names, speed in ((LEGS, legs), (ARMS, arms)):
+        half = np.radians(speed) * np.arange(8) / 30 / 2
+        for name in names:
+            joint = HUMANOID.index(name)
             rotations[:, joint, 0], rotations[:, joint, 1] = np.cos(half), np.sin(half)
     return MotionChunk(rotations, np.zeros((8, 3), np.float32))
 
@@ -32,13 +34,13 @@ def told(sounds: list[np.ndarray], speed: float) -> list[bool]:
     settling, answers = Settling(), []
     for chunk, sound in enumerate(sounds):
         answers.append(settling.must_forget(chunk, sound))
-        settling.made(chunk, sound, legs(speed), HUMANOID)
+        settling.made(chunk, sound, limbs(speed), HUMANOID)
     return answers
 
 
 @pytest.mark.parametrize("speed", [0, 5, 40, 300])
 def test_speed_of_legs_is_in_degrees_per_second(speed: float) -> None:
-    assert leg_speed(legs(speed), HUMANOID) == pytest.approx(speed, rel=1e-2)
+    assert joint_speed(limbs(speed), HUMANOID, LEGS) == pytest.approx(speed, rel=1e-2)
 
 
 DANCE = [LOUD] * 16
@@ -58,16 +60,16 @@ def test_soft_music_is_danced_to_and_the_noise_of_a_room_is_silence() -> None:
 def test_a_dance_that_stands_still_between_moves_is_a_dance() -> None:
     settling = Settling()
     for chunk, speed in enumerate([80] * 12 + [2] * 3):
-        settling.made(chunk, LOUD, legs(speed), HUMANOID)
+        settling.made(chunk, LOUD, limbs(speed), HUMANOID)
     assert settling.must_forget(15, QUIET)
-    settling.made(15, LOUD, legs(2), HUMANOID)
+    settling.made(15, LOUD, limbs(2), HUMANOID)
     assert not settling.must_forget(16, LOUD)
 
 
 def test_a_body_that_has_come_to_rest_is_left_alone() -> None:
     settling = Settling()
     for chunk, sound in enumerate([*DANCE, *[QUIET] * 3]):
-        settling.made(chunk, sound, legs(DANCING if sound is LOUD else STANDING), HUMANOID)
+        settling.made(chunk, sound, limbs(DANCING if sound is LOUD else STANDING), HUMANOID)
     assert not settling.must_forget(19, QUIET)
 
 
@@ -83,7 +85,7 @@ def test_sound_that_goes_on_breaks_nothing_off() -> None:
 def test_a_chunk_that_is_made_again_is_judged_again() -> None:
     settling = Settling()
     for chunk, sound in enumerate((*DANCE, QUIET, QUIET)):
-        settling.made(chunk, sound, legs(DANCING), HUMANOID)
+        settling.made(chunk, sound, limbs(DANCING), HUMANOID)
     assert settling.must_forget(16, QUIET)
     assert not settling.must_forget(16, LOUD)
     assert not settling.must_forget(17, QUIET)
@@ -99,23 +101,23 @@ class Dancer(FakePipeline):
         self.forgot += int(rows.sum())
 
     def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
-        return [legs(0 if self.forgot else 200) for _ in audio]
+        return [limbs(0 if self.forgot else 200) for _ in audio]
 
 
 def test_the_engine_makes_the_model_forget() -> None:
     dancer = Dancer()
     session = Engine(dancer).open_core()  # type: ignore[arg-type]
     session.push(np.concatenate(DANCE))
-    assert all(leg_speed(chunk, HUMANOID) > DANCING for chunk in Session(session))
+    assert all(joint_speed(chunk, HUMANOID, LEGS) > DANCING for chunk in Session(session))
     session.push(np.concatenate([QUIET, QUIET]))
-    assert all(leg_speed(chunk, HUMANOID) < 1 for chunk in Session(session))
+    assert all(joint_speed(chunk, HUMANOID, LEGS) < 1 for chunk in Session(session))
     assert dancer.forgot == 1
 
 
 def dancing(sounds: list[np.ndarray], speed: float) -> list[bool]:
     settling, answers = Settling(), []
     for chunk, sound in enumerate(sounds):
-        settling.made(chunk, sound, legs(speed), HUMANOID)
+        settling.made(chunk, sound, limbs(speed), HUMANOID)
         answers.append(settling.is_dancing(chunk))
     return answers
 
@@ -129,3 +131,47 @@ def test_who_dances_is_told_within_four_seconds_and_until_the_sound_has_gone() -
 
 def test_who_steps_while_talking_does_not_dance() -> None:
     assert not any(dancing([LOUD] * 24, STEPPING))
+
+
+def freed(sounds: list[np.ndarray], speed: float, arms: float, *, acts: bool = False) -> list[int]:
+    """The chunks before which the model must forget."""
+    settling, answers = Settling(), []
+    for chunk, sound in enumerate(sounds):
+        if settling.must_forget(chunk, sound, acts=acts):
+            answers.append(chunk)
+        settling.made(chunk, sound, limbs(speed, arms), HUMANOID)
+    return answers
+
+
+RESTING = 10.0  # degrees per second
+
+
+def test_a_dance_in_which_the_arms_rest_for_a_second_is_freed_and_again_while_they_rest() -> None:
+    assert freed([LOUD] * 30, DANCING, RESTING)[-4:] == [18, 21, 24, 27]
+
+
+def test_who_stands_in_sound_is_freed_after_nearly_three_seconds() -> None:
+    assert freed([LOUD] * 25, STANDING, RESTING) == [10, 20]
+
+
+def test_arms_that_move_or_act_or_rest_in_silence_or_between_phrases_are_left_alone() -> None:
+    assert not freed([LOUD] * 30, DANCING, 40.0)
+    assert not freed([LOUD] * 30, STANDING, RESTING, acts=True)
+    assert not freed([QUIET] * 30, STANDING, RESTING)
+    assert not freed([*[LOUD] * 9, QUIET] * 3, STANDING, RESTING)
+
+
+def test_a_dance_that_came_to_rest_is_one_until_the_music_has_ended() -> None:
+    settling = Settling()
+    for chunk in range(60):
+        settling.made(chunk, LOUD, limbs(DANCING) if chunk < 20 else limbs(STANDING, RESTING), HUMANOID)
+    assert settling.must_forget(59, LOUD)  # 39 chunks of rest, a multiple of three
+    settling.made(60, LOUD, limbs(STANDING, 60), HUMANOID)
+    for chunk in range(61, 64):
+        settling.made(chunk, LOUD, limbs(STANDING, RESTING), HUMANOID)
+    assert settling.must_forget(64, LOUD)
+    for chunk in range(64, 68):
+        settling.made(chunk, QUIET, limbs(STANDING, RESTING), HUMANOID)
+    for chunk in range(68, 71):
+        settling.made(chunk, LOUD, limbs(STANDING, RESTING), HUMANOID)
+    assert not settling.must_forget(71, LOUD)

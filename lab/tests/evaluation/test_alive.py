@@ -23,7 +23,7 @@ def test_a_whole_run(tiny_bundle: Path, tmp_path: Path) -> None:
     found = alive.report([takes], read_captured(captured(tmp_path)), 12)
     assert {"speech: English, female", "music: jazz", "speech, people", "speech, captured"} <= set(found.rows)
     assert found.rows["speech, people"]["hand_speed"] == 0.94
-    assert set(found.rows["silence"]) == {*alive.SHOWN, "stillest"}
+    assert set(found.rows["silence"]) == {*alive.SHOWN, "stillest", *alive.RESTING}
     assert found.frechet["speech"] > 0
     assert 0 <= found.told_apart["speech"] <= 1
     assert math.isnan(found.told_apart["music"])  # one captured dance

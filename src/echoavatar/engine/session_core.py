@@ -351,7 +351,9 @@ class SessionCore:
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
             members = self._actions.members(chunk, codes) if codes else None
-            forgets = "settling" in self._host.additions and self._settling.must_forget(chunk, heard.audio)
+            forgets = "settling" in self._host.additions and self._settling.must_forget(
+                chunk, heard.audio, acts=members is not None
+            )
             plan = ChunkPlan(heard.audio, members, forgets, undone)
             self._making = chunk, heard, plan
             return plan

@@ -1,13 +1,14 @@
-"""When to stop dancing: an abrupt end of the music, which the paper leaves open.
+"""When a session's model must forget its motion: it dances on in silence, or stands still in music.
 
-The model continues its own last seconds of motion, so a dance goes on for seconds into silence. When sound breaks off
-while the legs dance, the model's context is cleared; the body's position is kept. The model then goes on like a session
-that has stood through silence, and comes to rest. Gestures come to rest by themselves, and pauses in speech change
-nothing.
+The model continues its own last seconds of motion, so whatever they hold goes on: a dance for seconds into silence, and
+a rest for half a minute into music (the paper leaves both open). Then the model's context is cleared, and the body's
+position is kept. The model goes on like a session that has stood through silence: it comes to rest in silence, and
+dances to music within two seconds. Gestures come to rest by themselves, and pauses in speech change nothing.
 
 Decisions depend on the chunks heard and the motion made, so a session that goes back decides the same again.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,13 +23,18 @@ STANDING = 15.0  # degrees per second, mean over the legs' joints: a body that s
 DANCES, DANCES_S = 40.0, 4.0  # a mean speed over that time that only dances reach; steps while talking are under 38
 RECENT_S = 0.8  # of silence in which a dance still counts as one
 AGAIN_S = 0.8  # of silence after which the context of a dance that goes on is cleared again
+RESTING = 25.0  # degrees per second, mean over the arms' joints: arms that dance are faster
+DANCE_RESTS_S, TALK_RESTS_S = 0.8, 2.67  # of sound after which arms at rest are freed, in a dance and else
 KEPT = 64  # chunks that are remembered
 _LEGS = ("leftUpperLeg", "rightUpperLeg", "leftLowerLeg", "rightLowerLeg")
+_ARMS = ("leftUpperArm", "rightUpperArm", "leftLowerArm", "rightLowerArm")
 
 
 class _Chunk(NamedTuple):
     silent: int  # chunks of silence so far, this one included
     legs: float  # degrees per second
+    resting: int  # chunks of sound so far in which the arms rest, this one included
+    dances: bool  # whether the legs danced since the last silence
 
 
 class Settling:
@@ -36,25 +42,43 @@ class Settling:
 
     def __init__(self, chunk: ChunkSize = CHUNK) -> None:
         self._recent, self._again, self._dances = (chunk.within(span) for span in (RECENT_S, AGAIN_S, DANCES_S))
+        self._dance_rests, self._talk_rests = (chunk.within(span) for span in (DANCE_RESTS_S, TALK_RESTS_S))
         self._chunks: dict[int, _Chunk] = {}
 
-    def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"]) -> bool:
-        """Whether the chunk that comes next is silence that breaks off a dance, or in which the dance still goes on."""
-        silent = self._silent(chunk, audio)
+    def must_forget(self, chunk: int, audio: Float[np.ndarray, " s"], *, acts: bool = False) -> bool:
+        """Whether the chunk that comes next is silence in which a dance goes on, or sound in which the arms rest.
+
+        While an action runs (`acts`), arms rest because it asks for that.
+        """
+        silent, before = self._silent(chunk, audio), self._chunks.get(chunk - 1)
+        if before is None:
+            return False
+        if not silent:
+            most = self._dance_rests if before.dances else self._talk_rests
+            return not acts and before.resting % most == 0 < before.resting
         if silent % self._again != 1 or not self.is_dancing(chunk - silent):
             return False
-        return silent == 1 or self._chunks[chunk - 1].legs > STANDING
+        return silent == 1 or before.legs > STANDING
 
     def is_dancing(self, chunk: int) -> bool:
         """Whether the legs danced to sound in the last seconds up to this chunk, which was made."""
-        past = [self._chunks[at] for at in range(chunk - self._dances + 1, chunk + 1) if at in self._chunks]
-        mean = sum(each.legs for each in past) / self._dances
-        return mean > DANCES and past[-1].silent < self._recent
+        mean = self._legs(chunk, self._dances)
+        return mean > DANCES and chunk in self._chunks and self._chunks[chunk].silent < self._recent
 
     def made(self, chunk: int, audio: Float[np.ndarray, " s"], motion: MotionChunk, skeleton: Skeleton) -> None:
         """Note a chunk that was made."""
-        self._chunks[chunk] = _Chunk(self._silent(chunk, audio), leg_speed(motion, skeleton))
+        silent, before = self._silent(chunk, audio), self._chunks.get(chunk - 1, _Chunk(0, 0.0, 0, False))
+        rests = not silent and _ARMS[0] in skeleton.names and joint_speed(motion, skeleton, _ARMS) < RESTING
+        legs = joint_speed(motion, skeleton, _LEGS)
+        now = self._chunks[chunk] = _Chunk(silent, legs, before.resting + 1 if rests else 0, before.dances)
+        # Half the time tells a dance that comes to rest early; mistaken steps of a talk only free its arms sooner.
+        dances = silent < self._recent and (before.dances or self._legs(chunk, self._dances // 2 + 1) > DANCES)
+        self._chunks[chunk] = now._replace(dances=dances)
         self._chunks.pop(chunk - KEPT, None)
+
+    def _legs(self, chunk: int, count: int) -> float:
+        """Mean speed of the legs in so many chunks up to this one; what was not made counts as 0."""
+        return sum(self._chunks[at].legs for at in range(chunk - count + 1, chunk + 1) if at in self._chunks) / count
 
     def _silent(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
         if float(np.sqrt(np.mean(np.square(audio)))) > SILENCE:
@@ -63,11 +87,11 @@ class Settling:
         return 1 if before is None else before.silent + 1
 
 
-def leg_speed(motion: MotionChunk, skeleton: Skeleton) -> float:
-    """Mean rotation speed of hip and knee joints, degrees per second."""
-    legs = [skeleton.index(name) for name in _LEGS if name in skeleton.names]
-    rotations = motion.rotations[:, legs]
-    if len(rotations) < 2 or not legs:
+def joint_speed(motion: MotionChunk, skeleton: Skeleton, names: Sequence[str]) -> float:
+    """Mean rotation speed of these joints, degrees per second; 0 for a rig without them."""
+    joints = [skeleton.index(name) for name in names if name in skeleton.names]
+    rotations = motion.rotations[:, joints]
+    if len(rotations) < 2 or not joints:
         return 0.0
     now, then = rotations[1:], rotations[:-1]
     half = np.minimum(np.linalg.norm(now - then, axis=-1), np.linalg.norm(now + then, axis=-1))

@@ -32,6 +32,7 @@ from .metrics.liveliness import (
     SILENCE,
     SPEECH,
     STATISTICS,
+    arm_rests,
     body_points,
     jerk,
     liveliness,
@@ -43,8 +44,10 @@ from .takes import Sound, Take, joined, perform
 QUIET_TAKES = 3  # of silence, and of listening
 COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
 SHOWN = (*STATISTICS, "jerk", "turned_feet")  # of each window of a take
+RESTING = ("rest_s", "rest_share")  # of both arms; rows show the worst, since means over performances hide it
 _MADE, _CAPTURED = "#1f5fa8", "#8a8a8a"
 _STILLS, _STILL_SIZE = 12, (90, 130)
+WORST = 39 / 40  # of the windows are no worse
 QUARTERS = 4  # parts of a lone clip, of which the classifier holds out one after the other
 
 Statistics = dict[str, float]
@@ -109,7 +112,9 @@ def measure(take: Take, seconds: float) -> Measured:
     short, hop = int(COMPARED_S * fps), int(COMPARED_S * fps / 2)
     compared = [liveliness(points[at : at + short], fps) for at in range(0, len(points) - short + 1, hop)]
     whole = [
-        liveliness(part, fps) | {"jerk": jerk(part, fps), "turned_feet": float(turned.mean())}
+        liveliness(part, fps)
+        | {"jerk": jerk(part, fps), "turned_feet": float(turned.mean())}
+        | dict(zip(RESTING, arm_rests(part, fps), strict=True))
         for part, turned in zip(
             windows(points, fps, seconds), windows(turned_feet(take.motion), fps, seconds), strict=True
         )
@@ -236,11 +241,15 @@ def _parts(clips: Sequence[str]) -> Sequence[str]:
 
 
 def mean_statistics(measured: Iterable[Measured]) -> Statistics:
-    """Means over all windows; NaN where no window has a value. `stillest` is the largest share of `hands_still`."""
+    """Means over all windows; NaN where no window has a value.
+
+    `stillest` is the largest share of `hands_still`. Of `RESTING` it is the value that `WORST` of the windows keep to.
+    """
     rows = [row for one in measured for row in one.windows]
     columns = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in SHOWN}
     means = {name: float(np.mean(column)) if column else float("nan") for name, column in columns.items()}
-    return means | {"stillest": max(row["hands_still"] for row in rows)}
+    worst = {name: float(np.quantile([row[name] for row in rows], WORST, method="inverted_cdf")) for name in RESTING}
+    return means | {"stillest": max(row["hands_still"] for row in rows)} | worst
 
 
 def scatter(performances: Sequence[Sequence[Measured]]) -> Statistics:
@@ -251,7 +260,7 @@ def scatter(performances: Sequence[Sequence[Measured]]) -> Statistics:
 
 def as_text(found: AliveReport) -> str:
     """A table with a row for each kind, class and reference."""
-    columns = [*SHOWN, "stillest", "frechet", "told_apart"]
+    columns = [*SHOWN, "stillest", *RESTING, "frechet", "told_apart"]
     width = max(map(len, found.rows))
     lines = [" " * width + "".join(f"{name:>15}" for name in columns)]
     for label, row in found.rows.items():

@@ -17,6 +17,7 @@ from echoavatar_lab.evaluation.metrics.liveliness import (
     PEOPLE,
     POINTS,
     STATISTICS,
+    arm_rests,
     body_points,
     liveliness,
     windows,
@@ -79,6 +80,19 @@ def test_hands_at_work_need_both() -> None:
     assert both["hands_at_work"] == 1
     assert both["hand_speed"] == pytest.approx(0.614, rel=0.02)
     assert both["novelty"] == pytest.approx(0, abs=0.01)  # every second is like every other
+
+
+def test_a_rest_is_as_long_as_both_hands_are_slow() -> None:
+    """The left hand sways in seconds 5 to 15, the right one in 12 to 20: rests of 5 and 10 s, half the time."""
+    points = standing()
+    for side, begin, end in (("left", 5, 15), ("right", 12, 20)):
+        sways = (begin <= TIME) & (end > TIME)
+        points[sways, at(f"{side}Hand"), 2] += np.abs((TIME[sways] - begin) % 1 - 0.5) * 2 * ARM
+        points[sways, at(f"{side}Hand"), 2] -= ARM
+    longest, share = arm_rests(points, FPS)
+    assert longest == pytest.approx(10, abs=0.2)
+    assert share == pytest.approx(0.5, abs=0.02)
+    assert arm_rests(standing(), FPS) == (pytest.approx(30, abs=0.1), 1)
 
 
 def test_shoulders_trunk_hips_and_ankles() -> None:

@@ -38,6 +38,7 @@ POINTS = (
     *(side + bone for bone in ("UpperArm", "LowerArm", "Hand", "UpperLeg", "Foot") for side in ("left", "right")),
 )
 STILL, AT_WORK = 0.1, 0.35  # arm lengths a second
+RESTS = 0.55  # arm lengths a second, 0.3 m/s of a grown-up: arms under it hang or are held
 CUBE = 0.15  # arm lengths
 ROOM_S, APART_S = 20, 3
 HEAD_OVER_ANKLE_M = 1.5
@@ -100,6 +101,13 @@ def liveliness(points: Points, fps: float, *, apart_s: float = APART_S) -> dict[
         "hip_sway": hip_sway_cm(points, fps),
         "ankle_speed": float(np.mean([path_speed(ankle, fps) for ankle in np.moveaxis(foot_paths(points), 1, 0)])),
     }
+
+
+def arm_rests(points: Points, fps: float) -> tuple[float, float]:
+    """Longest time for which both wrists are slower than `RESTS`, seconds, and the share of the time that they are."""
+    rests = (np.stack([path_speed(hand, fps) for hand in np.moveaxis(hand_paths(points), 1, 0)]) < RESTS).all(0)
+    ends = np.flatnonzero(np.concatenate([[True], ~rests, [True]]))
+    return float((np.diff(ends) - 1).max() / fps), float(rests.mean())
 
 
 def foot_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
