@@ -1,14 +1,12 @@
 """Clients that misbehave beside an honest one (`echoavatar bench neighbours`), each until its process is ended."""
 
 import asyncio
-import json
 import os
 import secrets
 import socket
 import ssl
 import threading
 import time
-import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
 from http.client import HTTPConnection, HTTPException, HTTPSConnection
@@ -18,6 +16,7 @@ from urllib.parse import urlsplit
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect as dial
 
+from echoavatar import outgoing
 from echoavatar.agents.client import stream_url
 from echoavatar.wire.codec import encode, subprotocol
 from echoavatar.wire.messages import Action, Hello, Ping, Played
@@ -151,8 +150,7 @@ def handshakes(target: Target) -> None:
 
 def viewers(target: Target) -> None:
     """A viewer on each renderer of the server, for as long as it lasts."""
-    with urllib.request.urlopen(f"{target.address}/health", timeout=10) as answer:
-        count = json.loads(answer.read())["video"]["viewers"]
+    count = outgoing.ask(f"{target.address}/health")["video"]["viewers"]
     asyncio.run(_watch(target, count))
 
 
@@ -199,7 +197,8 @@ def _http(target: Target) -> HTTPConnection:
 def _socket(target: Target) -> Any:
     trust = ssl.create_default_context(cafile=target.certificate) if target.address.startswith("https") else None
     protocols: Any = [subprotocol("msgpack")]
-    return dial(stream_url(target.address), subprotocols=protocols, compression=None, ssl=trust)
+    url = stream_url(target.address)
+    return dial(url, subprotocols=protocols, compression=None, ssl=trust, proxy=outgoing.proxy_for(url))
 
 
 def _drain(line: Any) -> None:

@@ -38,12 +38,10 @@ on how frequent motion beats are and differs between the forms: compare scores o
 """
 
 import functools
-import getpass
-import tempfile
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numba
 import numpy as np
 from filelock import FileLock
 from jaxtyping import Float, Int, Shaped
@@ -51,6 +49,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import argrelextrema, find_peaks
 
 from echoavatar.errors import MotionError
+from echoavatar.nn.kernels import cache_folder
 from echoavatar.timing import FRAME_RATE_HZ
 
 EMAGE_RATE_HZ = 16_000
@@ -75,9 +74,12 @@ def _librosa() -> Any:
     """Import librosa with its compiled parts, one process at a time.
 
     The first import compiles and caches them. If several processes do that at once, numba leaves inconsistent files in
-    its cache, and every later process that reads them crashes (numba issue 10128).
+    its cache, and every later process that reads them crashes (numba issue 10128). They are cached where our kernels
+    are, because numba refuses to import them for a user without a home.
     """
-    with FileLock(Path(tempfile.gettempdir()) / f"echoavatar-librosa-{getpass.getuser()}.lock"):
+    folder = cache_folder()
+    numba.config.CACHE_DIR = numba.config.CACHE_DIR or str(folder)
+    with FileLock(folder / "librosa.lock"):
         import librosa.beat
         import librosa.onset
     return librosa
