@@ -64,7 +64,7 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
 class _Kept(caching.FunctionCache):  # type: ignore[misc]
     """Numba's cache of one kernel, in several folders: all of them are read, and the first that can be is written.
 
-    Numba's own refuses to import a kernel where it cannot write. Whatever is wrong with the files, kernels are compiled.
+    Numba's own refuses to import a kernel where it cannot write. Whatever is wrong with the files, it is compiled.
     """
 
     def __init__(self, function: Callable[..., Any], digest: str) -> None:

@@ -27,6 +27,7 @@ from echoavatar.wire.guard import check_origin, is_own_host
 from echoavatar.wire.sockets import serve_websockets, wrong_host
 
 from ..client.connection import quiet_logger
+from .conversation import Conversation
 from .sidecar import AvatarSidecar
 from .upstream import HANDSHAKE_TIMEOUT_S, MAX_BYTES, PING_S, PONG_S, ProxySettings, dial, refusal_headers, upstream_url
 
@@ -64,7 +65,7 @@ class Relay:
             host,
             port,
             files_each=FILES_OF_A_CLIENT,
-            noisy_logs=(_LOG.name, AvatarSidecar.__module__, quiet_logger().name),
+            noisy_logs=(_LOG.name, AvatarSidecar.__module__, Conversation.__module__, quiet_logger().name),
             process_request=self._process_request,
             select_subprotocol=self._subprotocol,
             compression=None,
