@@ -27,7 +27,7 @@ ENV NUMBA_CACHE_DIR=/tmp/numba
 # glibc gives freed blocks of 64 KB and more back at once, so that memory does not crawl up as sessions come and go.
 ENV MALLOC_ARENA_MAX=2 MALLOC_MMAP_THRESHOLD_=65536 MALLOC_TRIM_THRESHOLD_=65536 MALLOC_TOP_PAD_=65536
 USER avatar
-WORKDIR /home/avatar
+WORKDIR /
 EXPOSE 8765
 # SIGTERM lets sessions finish: give `docker stop` longer than --drain.
 STOPSIGNAL SIGTERM
