@@ -223,6 +223,14 @@ async def test_empty_sound_is_nothing_to_tell(caplog: pytest.LogCaptureFixture) 
     assert not caplog.records
 
 
+async def test_a_format_that_is_told_late_is_that_of_the_rest() -> None:
+    conversation = Conversation()
+    sent = Event("response.audio.delta", item_id="a", delta=base64.b64encode(bytes(8_000)).decode())
+    told = Event("session.updated", session={"output_audio_format": "g711_ulaw"})
+    await run([(0.0, sent), (0.0, told), (0.0, sent), (0.0, sent)], conversation=conversation)
+    assert [item.samples for item in conversation.items] == [4_000, pytest.approx(48_000, abs=2_000)]
+
+
 async def test_a_sample_may_be_cut_in_two() -> None:
     data = np.arange(6_400, dtype="<i2").tobytes()
     parts = [base64.b64encode(data[start : start + 1_001]).decode() for start in range(0, len(data), 1_001)]

@@ -21,6 +21,7 @@ def test_fields_of_no_concern_do_not_disturb() -> None:
     ("field", "data"),
     [
         ("AAE=", b"\0\1"), ("AAE", b"\0\1"), ("A\nAE=\r\n", b"\0\1"), ("-_8", b"\xfb\xff"), ("+/8=", b"\xfb\xff"),
+        ("data:audio/pcm;base64,AAE=", b"\0\1"),
         ("", b""), ("***", None), (None, None), ("AAEAA", None), (7, None), ("ä", None), ([0, 1], None),
     ],
 )  # fmt: skip

@@ -51,6 +51,7 @@ class SpeechItem:
     begun: float  # time by the loop's clock at which its first sound was forwarded
     chunk: ChunkSize = CHUNK  # chunk size of the avatar that receives it
     first: int = 0  # samples of the item that came before, in an earlier part of it
+    guess: Format | None = None  # the format, where nobody has told it yet
     seg: int = 0  # the avatar's number for it; 0: not sent yet
     samples: int = 0  # received so far
     is_ended: bool = False
@@ -285,8 +286,8 @@ class Conversation:
             self.miss(event.type, "its sound is not in base64")
         if not data:
             return
-        item = self.items.find(self._name(event), event.content_index)
-        if item is not None and item.cut is None and item.ran_dry(now) > STALL_S:
+        item, form = self.items.find(self._name(event), event.content_index), self._format["output"]
+        if item is not None and item.cut is None and (item.ran_dry(now) > STALL_S or item.guess not in (None, form)):
             await self._end(item, avatar)
         if item is None or (item.is_ended and item.cut is None):
             item = await self._begin(event, data, item, avatar, now)
@@ -312,6 +313,7 @@ class Conversation:
             begun=now,
             chunk=self._chunk,
             first=before.first + before.samples if before is not None else 0,
+            guess=None if self._response_format or "output" in self._told else form,
         )
         void, since = self._void
         if avatar is None or (item.response_id is not None and item.response_id == void and now < since + VOID_S):
@@ -346,7 +348,7 @@ class Conversation:
         playing = self.items.playing_at(now)
         if response is not None and playing is not None and playing.response_id not in (None, response):
             return
-        self._void = response or self._response or (playing and playing.response_id), now
+        self._void = response or self._response or (playing.response_id if playing else None), now
         self._unnamed += 1
         for item in self.items:
             if item.cut is None and not (item.is_ended and item.heard(now) >= item.samples):

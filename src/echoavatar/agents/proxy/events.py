@@ -70,7 +70,7 @@ def sound(field: Any) -> bytes | None:
         return None
     with suppress(binascii.Error, ValueError):
         return base64.b64decode(field, validate=True)
-    text = "".join(field.split()).translate(_FROM_URL_SAFE).rstrip("=")
+    text = "".join(field.rpartition(";base64,")[2].split()).translate(_FROM_URL_SAFE).rstrip("=")
     try:
         return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
     except (binascii.Error, ValueError):

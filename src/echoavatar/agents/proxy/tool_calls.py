@@ -93,7 +93,8 @@ class ToolCalls:
 
     async def _answer(self, call: str, name: str, arguments: Any) -> None:
         try:
-            answer = await self._do(name, read_object(arguments or "{}", "the arguments"))
+            is_object = isinstance(arguments, dict)  # others than OpenAI may send it as it is
+            answer = await self._do(name, arguments if is_object else read_object(arguments or "{}", "the arguments"))
         except EchoAvatarError as error:
             answer = {"status": "rejected", "reason": str(error)}
         item = {"type": "function_call_output", "call_id": call, "output": json.dumps(answer)}
