@@ -174,8 +174,8 @@ async def watch(url: str) -> tuple[Any, list[float]]:
     for kind in ("video", "audio"):
         peer.addTransceiver(kind, direction="recvonly")
     await peer.setLocalDescription(await peer.createOffer())
-    offer, kind = peer.localDescription.sdp.encode(), {"content-type": "application/sdp"}
-    answer = await asyncio.to_thread(lambda: outgoing.fetch(url, offer, headers=kind))
+    offer, headers = peer.localDescription.sdp.encode(), {"content-type": "application/sdp"}
+    answer = await asyncio.to_thread(lambda: outgoing.fetch(url, offer, headers=headers))
     await peer.setRemoteDescription(RTCSessionDescription(answer.decode(), "answer"))
     return peer, times
 

@@ -3,6 +3,7 @@
 import argparse
 import re
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -136,3 +137,11 @@ def test_a_file_with_the_token_is_not_committed_by_accident() -> None:
         pytest.skip("not a clone")
     for name in (".env", ".env.local"):
         assert subprocess.run(["git", "check-ignore", "-q", name], cwd=ROOT, check=False).returncode == 0, name
+
+
+@pytest.mark.slow
+def test_the_commands_run_with_the_settings_of_compose() -> None:
+    if subprocess.run(["unshare", "--mount", "true"], capture_output=True, check=False).returncode:
+        pytest.skip("no namespace may be made here")
+    done = subprocess.run([sys.executable, ROOT / "scripts" / "try_container.py"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
