@@ -38,6 +38,7 @@ on how frequent motion beats are and differs between the forms: compare scores o
 """
 
 import functools
+import os
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
@@ -48,6 +49,7 @@ from jaxtyping import Float, Int, Shaped
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import argrelextrema, find_peaks
 
+from echoavatar.cache import NOWHERE, user_caches
 from echoavatar.errors import MotionError
 from echoavatar.nn.kernels import cache_folder
 from echoavatar.timing import FRAME_RATE_HZ
@@ -75,10 +77,14 @@ def _librosa() -> Any:
 
     The first import compiles and caches them. If several processes do that at once, numba leaves inconsistent files in
     its cache, and every later process that reads them crashes (numba issue 10128). They are cached where our kernels
-    are, because numba refuses to import them for a user without a home.
+    are, because numba refuses to import them for a user without a home, and librosa does, too.
     """
     folder = cache_folder()
+    if folder == NOWHERE:
+        raise MotionError("librosa keeps compiled code, and nothing can be written here; set NUMBA_CACHE_DIR")
     numba.config.CACHE_DIR = numba.config.CACHE_DIR or str(folder)
+    if not user_caches():
+        os.environ["XDG_CACHE_HOME"] = str(folder)
     with FileLock(folder / "librosa.lock"):
         import librosa.beat
         import librosa.onset
