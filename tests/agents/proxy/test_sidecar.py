@@ -146,6 +146,7 @@ async def test_a_client_that_only_cancels_stops_the_avatar(caplog: pytest.LogCap
         await client.listen(is_there)
         await client.say("go")
         await client.listen(lambda c: len(c.of(FACE)) >= 4)
+        await asyncio.sleep(0.7)
         await client.say("response.cancel")
         await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
         assert client.passed == upstream.sessions[0].sent
@@ -154,7 +155,7 @@ async def test_a_client_that_only_cancels_stops_the_avatar(caplog: pytest.LogCap
         first, second = ([e for e in client.of(BODY) if e["item_id"] == name] for name in ("resp_1", "item_2"))
         assert [event["frame_index"] for event in second] == [0, 8, 16, 24]
         heard_s = (flush["at"] - first[0]["at"]) / 24_000
-        assert 0.5 < heard_s < 4.0
+        assert 0.5 < heard_s < 5.9
         assert heights(second[-1]) == pytest.approx(1 + heard_s, abs=0.05)
     assert not [record for record in caplog.records if "proxy" in record.name]
 
