@@ -294,11 +294,6 @@ async def test_telephone_sound_of_the_user_comes_as_24_khz() -> None:
     assert 22_000 < sum(len(message.pcm) // 2 for message in sent) <= 24_000
 
 
-# G.711: codes at both ends and in the middle, with their 16-bit samples
-MU = {0x00: -32_124, 0x7F: 0, 0x80: 32_124, 0xFF: 0, 0xF0: 120, 0x70: -120}
-A = {0xD5: 8, 0x55: -8, 0xAA: 32_256, 0x2A: -32_256, 0xC5: 264}
-
-
 def voice(item: str = "a", begun: float = 0.0) -> SpeechItem:
     return SpeechItem(item, "r", 0, 0, Decoder(), begun=begun)
 
@@ -358,25 +353,3 @@ def test_speech_is_silent_from_where_it_was_cut() -> None:
     one.add(np.ones(2 * CHUNK_SAMPLES, "<i2").tobytes())
     one.cut = CHUNK_SAMPLES + 100
     assert (one.speech(0).sum(), one.speech(1).sum(), one.speech(7).sum()) == (CHUNK_SAMPLES, 100, 0)
-
-
-@pytest.mark.parametrize(("kind", "table"), [("ulaw", MU), ("alaw", A)])
-def test_telephone_codes_are_those_of_the_standard(kind: str, table: dict[int, int]) -> None:
-    made = Decoder(kind, 24_000).push(bytes(table))
-    assert made.tolist() == list(table.values())
-
-
-def test_pcm_may_be_cut_anywhere() -> None:
-    samples = np.arange(-500, 500, dtype="<i2")
-    decoder, data = Decoder(), samples.tobytes()
-    parts = [decoder.push(data[start : start + 7]) for start in range(0, len(data), 7)]
-    np.testing.assert_array_equal(np.concatenate(parts), samples)
-
-
-def test_other_rates_come_to_24_khz_and_nothing_is_lost_at_the_end() -> None:
-    tone = (10_000 * np.sin(2 * np.pi * 440 * np.arange(8_000) / 8_000)).astype("<i2")
-    decoder = Decoder("pcm", 8_000)
-    made = np.concatenate([decoder.push(tone.tobytes()), decoder.push(b"", is_last=True)])
-    assert len(made) == 24_000
-    expected = 10_000 * np.sin(2 * np.pi * 440 * np.arange(24_000) / 24_000)
-    assert np.abs(made - expected)[500:-500].max() < 100
