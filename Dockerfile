@@ -19,16 +19,19 @@ FROM ${PYTHON}
 RUN apt-get update && apt-get install -y --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/* \
     && useradd --create-home --uid 1000 avatar
 COPY --from=build /venv /venv
-# Kernels are compiled on first use and cached where a read-only container can write.
-ENV PATH=/venv/bin:$PATH PYTHONUNBUFFERED=1 NUMBA_CACHE_DIR=/tmp/numba
+ENV PATH=/venv/bin:$PATH PYTHONUNBUFFERED=1
+# Compiles the kernels beside the package, where every user reads them, and fails where the avatar does not work.
+RUN echoavatar doctor
+# A processor unlike this one compiles its own, into the place that a read-only container can write.
+ENV NUMBA_CACHE_DIR=/tmp/numba
 # glibc gives freed blocks of 64 KB and more back at once, so that memory does not crawl up as sessions come and go.
 ENV MALLOC_ARENA_MAX=2 MALLOC_MMAP_THRESHOLD_=65536 MALLOC_TRIM_THRESHOLD_=65536 MALLOC_TOP_PAD_=65536
 USER avatar
-WORKDIR /home/avatar
+WORKDIR /
 EXPOSE 8765
 # SIGTERM lets sessions finish: give `docker stop` longer than --drain.
 STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=180s --retries=3 \
-    CMD ["python", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8765/health', timeout=2)"]
+    CMD ["python", "-c", "from echoavatar.outgoing import ask; ask('http://127.0.0.1:8765/health', seconds=2)"]
 ENTRYPOINT ["echoavatar", "serve", "--host", "0.0.0.0", "--port", "8765"]
 CMD ["--seats", "3"]

@@ -16,11 +16,12 @@ import statistics
 import subprocess
 import sys
 import time
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from echoavatar import outgoing
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 SIZE = {"width": 1280, "height": 720}
@@ -195,9 +196,9 @@ def server(url: str | None) -> Iterator[str]:
         end = time.monotonic() + START_S
         while True:
             try:
-                urllib.request.urlopen(own + "health", timeout=2).close()
+                outgoing.fetch(own + "health", seconds=2)
                 break
-            except OSError:
+            except outgoing.OutgoingError:
                 if process.poll() is not None or time.monotonic() > end:
                     sys.exit("the server did not start")
                 time.sleep(0.3)

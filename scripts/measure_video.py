@@ -17,7 +17,6 @@ import socket
 import subprocess
 import sys
 import time
-import urllib.request
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
@@ -25,6 +24,7 @@ from typing import Any, get_args
 
 import av
 
+from echoavatar import outgoing
 from echoavatar.agents.client import Avatar, connect, read_sound
 
 SPEECH = Path(__file__).parents[1] / "src/echoavatar/assets/speech.ogg"
@@ -129,9 +129,9 @@ async def measure(url: str, process: int, args: argparse.Namespace) -> None:
     """One session that speaks, alone and then with a viewer."""
     for _ in range(240):
         try:
-            await asyncio.to_thread(urllib.request.urlopen, f"{url}/health")
+            await asyncio.to_thread(outgoing.fetch, f"{url}/health")
             break
-        except OSError:
+        except outgoing.OutgoingError:
             await asyncio.sleep(0.5)
     samples, rate = read_sound(SPEECH)
     async with connect(url, rate=rate) as avatar:
@@ -174,9 +174,9 @@ async def watch(url: str) -> tuple[Any, list[float]]:
     for kind in ("video", "audio"):
         peer.addTransceiver(kind, direction="recvonly")
     await peer.setLocalDescription(await peer.createOffer())
-    offer = urllib.request.Request(url, peer.localDescription.sdp.encode(), {"content-type": "application/sdp"})
-    answer = await asyncio.to_thread(lambda: urllib.request.urlopen(offer).read().decode())
-    await peer.setRemoteDescription(RTCSessionDescription(answer, "answer"))
+    offer, headers = peer.localDescription.sdp.encode(), {"content-type": "application/sdp"}
+    answer = await asyncio.to_thread(lambda: outgoing.fetch(url, offer, headers=headers))
+    await peer.setRemoteDescription(RTCSessionDescription(answer.decode(), "answer"))
     return peer, times
 
 

@@ -10,11 +10,11 @@ import json
 import subprocess
 import sys
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from echoavatar import outgoing
 
 COMMAND = [sys.executable, "-m", "echoavatar"]
 WAIT_S = 180.0  # for a server: the first run on a machine compiles
@@ -88,12 +88,11 @@ def reach(address: str) -> None:
     until = time.monotonic() + WAIT_S
     while True:
         try:
-            urllib.request.urlopen(address, timeout=5).close()
+            outgoing.opened(address, seconds=5).close()
             return
-        except urllib.error.HTTPError:
-            return
-        except OSError:
-            pass
+        except outgoing.OutgoingError as error:
+            if error.status:
+                return
         if time.monotonic() > until:
             raise SystemExit(f"{address} does not answer")
         time.sleep(0.5)

@@ -379,6 +379,18 @@ def test_a_bundle_is_loaded_by_its_name_on_the_hub(mirror: Mirror, tiny_bundle: 
     assert len(mirror.asked) == asked
 
 
+def test_a_bundle_is_loaded_by_its_name_where_no_cache_can_be_written(
+    mirror: Mirror, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, content in everything(tiny_bundle).items():
+        mirror.add(name, content)
+    for place in ("/dev/null/cache", "~/.cache/huggingface/hub"):  # the second: a user without a home
+        monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_CACHE", place)
+        assert everything(our_hub.fetch("owner/name")) == everything(tiny_bundle)
+    with pytest.raises(EchoAvatarError, match="HF_HOME"):
+        pull("owner/name")
+
+
 def test_a_bundle_is_published_with_a_card(tiny_bundle, tmp_path, monkeypatch):
     sent = {}
     monkeypatch.setattr(huggingface_hub.HfApi, "create_repo", lambda self, name, **options: sent.update(options))

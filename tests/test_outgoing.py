@@ -4,6 +4,8 @@ import ast
 import asyncio
 import base64
 import json
+import os
+import re
 import socket
 import threading
 import time
@@ -361,6 +363,79 @@ def test_other_machines_are_asked_through_the_proxy(proxy: _Server, monkeypatch:
     assert KEY not in json.dumps(proxy.asked[1:])
 
 
+def test_websockets_to_other_machines_go_through_any_kind_of_proxy(
+    proxy: _Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(outgoing, "is_private", lambda host: host == "127.0.0.1")
+    for name in PROXIES:
+        monkeypatch.delenv(name)
+        monkeypatch.delenv(name.lower())
+    monkeypatch.setenv("ALL_PROXY", proxy.url.removeprefix("http://"))
+
+    async def go(*addresses: str) -> None:
+        for address in addresses:
+            with pytest.raises(EchoAvatarError) as raised:
+                async with connect(address):
+                    pass
+            said.append(str(raised.value))
+
+    said: list[str] = []
+    asyncio.run(go("ws://avatar.example", "https://avatar.example"))
+    assert [(how, path) for how, path, _ in proxy.asked] == [
+        ("CONNECT", "avatar.example:80"), ("CONNECT", "avatar.example:443"),
+    ]  # fmt: skip
+    with pytest.raises(OutgoingError, match="HTTP 502"):
+        ask("http://avatar.example/v1/tools")
+    monkeypatch.setenv("ALL_PROXY", "socks://me:secret@127.0.0.1:9")
+    asyncio.run(go("ws://avatar.example"))
+    with pytest.raises(OutgoingError) as refused:
+        ask("https://avatar.example/v1/tools")
+    for text in (said[-1], str(refused.value)):
+        assert "HTTPS_PROXY" in text
+        assert "secret" not in text
+
+
+@pytest.mark.parametrize(
+    ("url", "set_to", "expected"),
+    [
+        ("wss://a.example/x", {"HTTPS_PROXY": "http://p:1"}, "http://p:1"),
+        ("wss://a.example/x", {"HTTP_PROXY": "http://p:1"}, None),
+        ("ws://a.example/x", {"HTTP_PROXY": "http://p:1"}, "http://p:1"),
+        ("https://a.example", {"https_proxy": "p:1", "ALL_PROXY": "http://q:1"}, "http://p:1"),
+        ("https://a.example", {"ALL_PROXY": "http://q:1"}, "http://q:1"),
+        ("wss://a.example", {"SOCKS_PROXY": "http://q:1"}, "socks5h://q:1"),
+        ("wss://a.example:8443", {"HTTPS_PROXY": "http://p:1", "NO_PROXY": ".example"}, None),
+        ("wss://a.example:8443", {"HTTPS_PROXY": "http://p:1", "NO_PROXY": "a.example:8443"}, None),
+        ("wss://a.example:8443", {"HTTPS_PROXY": "http://p:1", "NO_PROXY": "a.example:443"}, "http://p:1"),
+        ("wss://a.example", {"HTTPS_PROXY": "http://p:1", "no_proxy": "*"}, None),
+        ("ws://me:pw@10.0.0.5:1/x", {"HTTP_PROXY": "http://p:1"}, None),
+        ("ws://[fd00::7]:1/x", {"HTTP_PROXY": "http://p:1"}, None),
+        ("ws://[fe80::7%25eth9]:1/x", {"HTTP_PROXY": "http://p:1"}, None),
+        ("http://printer.local", {"HTTP_PROXY": "http://p:1"}, None),
+        ("http://a.localhost:3000", {"HTTP_PROXY": "http://p:1"}, None),
+        ("http://LOCALHOST.:3000", {"HTTP_PROXY": "http://p:1"}, None),
+        ("ws://10.0.0.5", {"HTTP_PROXY": "http://p:1", outgoing.PROXY_PRIVATE: "1"}, "http://p:1"),
+        ("ws://10.0.0.5", {"HTTP_PROXY": "http://p:1", outgoing.PROXY_PRIVATE: "1", "NO_PROXY": "10.0.0.5"}, None),
+        ("ws://a.example", {}, None),
+    ],
+)
+def test_one_rule_says_which_proxy(
+    url: str, set_to: dict[str, str], expected: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in list(os.environ):
+        if name.lower().endswith("_proxy") or name == outgoing.PROXY_PRIVATE:
+            monkeypatch.delenv(name)
+    for name, value in set_to.items():
+        monkeypatch.setenv(name, value)
+    look_up = socket.getaddrinfo
+
+    def known(host: str, *rest: Any) -> Any:
+        return look_up("8.8.8.8" if host.endswith(".example") else host, *rest)
+
+    monkeypatch.setattr(socket, "getaddrinfo", known)
+    assert outgoing.proxy_for(url) == expected
+
+
 def test_a_websocket_follows_no_redirect() -> None:
     with serving(answering(200)) as other:
         place = other.url.replace("http", "ws")
@@ -413,7 +488,12 @@ CLIENT_MODULES = {"urllib.request", "http.client", "requests", "httpx", "httpx2"
 ALLOWED = {
     "src/echoavatar/outgoing.py": "the one client",
     "lab/src/echoavatar_lab/bench/hostile_clients.py": "attacks the server that it was given",
-    "lab/src/echoavatar_lab/bench/soak.py": "reads the metrics of the server that it has started, on this machine",
+    "src/echoavatar/server/tracing.py": "tells the collector's exporter which proxy is meant",
+}
+DIALLERS = {"connect", "unix_connect", "create_connection", "ws_connect"}
+MAY_DIAL = {
+    "src/echoavatar/agents/client/connection.py": "the one WebSocket",
+    "lab/src/echoavatar_lab/bench/hostile_clients.py": "from threads, through the same proxy",
 }
 
 
@@ -430,9 +510,39 @@ def _http_clients(path: Path) -> set[str]:
     return {name for name in found if any(name == one or name.startswith(f"{one}.") for one in CLIENT_MODULES)}
 
 
-def test_nothing_else_is_an_http_client() -> None:
+def _websockets_opened(source: str) -> set[str]:
+    """What opens WebSockets in a source: functions of `websockets` and the like, imported or called by their module."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and re.match(r"websockets?\b", node.module or "") and not node.level:
+            found |= DIALLERS & {alias.name for alias in node.names}
+            found |= {alias.name for alias in node.names if alias.name == "client"}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if re.match(r"(websockets?|aiohttp)\b", alias.name)}
+        elif isinstance(node, ast.Attribute) and node.attr == "ws_connect":
+            found.add(node.attr)
+    return found
+
+
+def _sources() -> dict[str, Path]:
     places = [ROOT / place for place in ("src", "lab/src", "studio/src", "tools/character/src", "integrations")]
     files = [path for place in places for path in place.rglob("*.py") if "tests" not in path.parts]
     assert len(files) > 400
-    found = {str(path.relative_to(ROOT)): names for path in files if (names := _http_clients(path))}
+    return {path.relative_to(ROOT).as_posix(): path for path in files}
+
+
+def test_nothing_else_is_an_http_client() -> None:
+    found = {name: clients for name, path in _sources().items() if (clients := _http_clients(path))}
     assert set(found) == set(ALLOWED), found
+
+
+def test_nothing_else_opens_a_websocket() -> None:
+    for bad in ("import websockets", "from websockets.sync.client import connect as c", "s.ws_connect('ws://x')",
+                "from websockets.asyncio import client", "from websocket import create_connection"):  # fmt: skip
+        assert _websockets_opened(bad), bad
+    found = {name: how for name, path in _sources().items() if (how := _websockets_opened(path.read_text("utf-8")))}
+    assert set(found) == set(MAY_DIAL), found
+    for name in MAY_DIAL:
+        source = (ROOT / name).read_text("utf-8")
+        assert "proxy=" in source, f"{name} names no proxy"
+        assert "outgoing.proxy_for" in source

@@ -21,6 +21,7 @@ from urllib.parse import quote, urljoin
 from tqdm import tqdm
 
 from echoavatar import outgoing
+from echoavatar.cache import first_writable
 from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
 from echoavatar.json_reader import read_object, read_object_file
 from echoavatar.limits import CONFIG_BYTES
@@ -73,6 +74,8 @@ def pull(
         commit, stated = _stated(_described(hub, name, revision), name)
         files = [file for file in stated if only is None or _matches(file.name, only)]
         storage = Path(hub.constants.HF_HUB_CACHE) / f"models--{name.replace('/', '--')}"
+        if output is None and hub.constants.HF_HUB_CACHE.startswith("~"):
+            raise EchoAvatarError(f"{name}: this user has no home folder to keep it in; set HF_HOME, or give a folder")
         root = output or Path(hub.constants.HF_HUB_CACHE)  # the cache may share a file between repositories
         folder = output or storage / "snapshots" / commit
         places = {  # of every file, and of its bytes, to which it is a link in the cache
@@ -109,11 +112,15 @@ def pull(
 def fetch(name: str) -> Path:
     """The folder of a model: from the hub's cache, or else fetched by `pull`."""
     try:
-        from huggingface_hub import snapshot_download
+        from huggingface_hub import constants, snapshot_download
 
         return Path(snapshot_download(name, local_files_only=True))
-    except (ImportError, OSError, ValueError):  # the client's "not in the cache" is one of these; `pull` explains
-        return pull(name).folder
+    except ImportError:
+        return pull(name).folder  # which says what to install
+    except (OSError, ValueError):  # the client's "not in the cache" is one of these
+        kept = Path(constants.HF_HUB_CACHE)
+        place = first_writable(kept)
+        return pull(name, None if place == kept else place / name).folder
 
 
 def _hub(name: str) -> Any:

@@ -1,13 +1,14 @@
 """The one HTTP client for what goes out: to language models, voices, the hub and avatar servers. Keys stay home.
 
 A request goes to the origin that was asked for and to no other; the whole exchange has a limit of seconds and of bytes;
-machines of private networks are never reached through a proxy; and no message shows a key, not even where the answer
+`proxy_for` says which proxy it goes through, WebSockets too; and no message shows a key, not even where the answer
 repeats it. Vendors' own clients are not ours to bind. Uses `json_reader` and `errors` only.
 """
 
 import http.client
 import ipaddress
 import json
+import os
 import re
 import socket
 import string
@@ -31,6 +32,15 @@ SHOWN_LETTERS = 200  # in a message, of what a server says to a refused request
 _READ_BYTES = 4_096  # of it that are read
 _PIECE = 8  # letters of a key in a row that are hidden
 _BLOCK = 1 << 16
+PROXY_PRIVATE = "ECHOAVATAR_PROXY_PRIVATE"  # environment: private machines are asked through the proxy, too
+HTTP_PROXIES_ONLY = "name an HTTP proxy in HTTPS_PROXY, or the host in NO_PROXY"
+_PROXIES = {  # names in the environment, without `_PROXY`, by scheme; the first that is set counts
+    "http": ("http", "all"),
+    "https": ("https", "all"),
+    "ws": ("ws", "socks", "https", "http", "all"),
+    "wss": ("wss", "socks", "https", "all"),
+}
+_LOCAL_NAMES = re.compile(r"(.+\.)?(localhost|local)\.?", re.IGNORECASE)  # whatever a resolver makes of them
 _SECRET_NAME = re.compile("auth|key|password|secret|sig|token", re.IGNORECASE)  # of headers and of a query's values
 _USER = re.compile(r"(\w://)\S*@")
 _QUERY = re.compile(r"(\w://[^\s?#]*)[?#]\S*")
@@ -149,6 +159,9 @@ def redacted(text: str, secrets: Iterable[str] = ()) -> str:
 
 def is_private(host: str) -> bool:
     """Whether a host is this machine, or one of a private network. Looks the name up."""
+    if _LOCAL_NAMES.fullmatch(host):
+        return True
+    host = host.partition("%")[0]  # without the network card
     try:
         found = {str(entry[4][0]).partition("%")[0] for entry in socket.getaddrinfo(host, None)}
     except (OSError, UnicodeError):
@@ -156,9 +169,22 @@ def is_private(host: str) -> bool:
     return any(not ipaddress.ip_address(address.removeprefix("::ffff:")).is_global for address in found)
 
 
-def is_proxied(url: str) -> bool:
-    """Whether an address is asked for through the proxy that the environment names, if it names one."""
-    return bool(urllib.request.getproxies()) and not is_private(urlsplit(url).hostname or "")
+def proxy_for(url: str) -> str | None:
+    """The address of the proxy through which a URL is asked for; None: directly. May look the host up.
+
+    The proxy is the one that the environment or the system names (`HTTPS_PROXY`, `ALL_PROXY` and so on). Hosts in
+    `NO_PROXY` are asked directly, and so are private ones, unless `ECHOAVATAR_PROXY_PRIVATE` is set.
+    """
+    parts, named = urlsplit(url), urllib.request.getproxies()
+    proxy = next((named[name] for name in _PROXIES.get(parts.scheme, ()) if named.get(name)), None)
+    host = parts.hostname or ""
+    if proxy is None or urllib.request.proxy_bypass(parts.netloc.rpartition("@")[2]):
+        return None
+    if not os.environ.get(PROXY_PRIVATE) and is_private(host):
+        return None
+    if proxy == named.get("socks") or proxy.startswith("socks:"):
+        return f"socks5h://{proxy.rpartition('://')[2]}"
+    return proxy if "://" in proxy else f"http://{proxy}"
 
 
 class _Clock:
@@ -207,7 +233,10 @@ class _Call:
 
     def send(self, body: Any, headers: Mapping[str, str], method: str | None) -> http.client.HTTPResponse:
         """Send it, and return the answer once its headers are there."""
-        proxies: dict[str, str] | None = None if is_proxied(self._url) else {}
+        proxy = proxy_for(self._url)
+        if proxy is not None and not proxy.startswith("http"):
+            raise OutgoingError(f"{self.shown} is behind the proxy {redacted(proxy)}; {HTTP_PROXIES_ONLY}")
+        proxies = {} if proxy is None else {urlsplit(self._url).scheme: proxy}
         opener = urllib.request.build_opener(urllib.request.ProxyHandler(proxies), _Timed(self.clock), _SameOrigin())
         opener.addheaders = [("user-agent", "echoavatar")]
         request = urllib.request.Request(self._url, body, dict(headers), method=method)

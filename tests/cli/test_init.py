@@ -1,9 +1,12 @@
 import errno
 import io
 import logging
+import os
 import subprocess
 import sys
+import tempfile
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -126,3 +129,32 @@ def test_no_name_commands_the_terminal() -> None:
     assert kept.getvalue().decode() == "red \\u001b[31m, \\u009b31m, back \\u202egpj, \\u000d\tUmlaut ä, 左\n"
     record = logging.LogRecord("a", logging.WARNING, "", 0, "%s is damaged", ("\x1b[2J.wav",), None)
     assert cli.LogFormat("%(message)s").format(record) == "\\u001b[2J.wav is damaged"
+
+
+def test_a_command_runs_where_the_current_folder_is_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert os.getcwd() == os.sep
+    told = capsys.readouterr()
+    assert "is gone" in told.err
+    assert told.out.startswith("echoavatar ")
+
+
+def test_without_any_temporary_folder_it_says_what_to_set(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(_: object) -> int:
+        monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [os.devnull])
+        monkeypatch.setattr(tempfile, "tempdir", None)
+        with tempfile.TemporaryDirectory():
+            return 0
+
+    monkeypatch.setattr("echoavatar.cli.doctor.run", run)
+    assert main(["doctor"]) == 1
+    assert "TMPDIR" in capsys.readouterr().err

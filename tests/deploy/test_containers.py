@@ -3,6 +3,7 @@
 import argparse
 import re
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -91,10 +92,24 @@ def test_ports_folders_and_variables_fit() -> None:
 
 
 def test_a_read_only_container_can_keep_what_it_compiles() -> None:
-    """Kernels are cached on disk; without a writable folder numba refuses to import them."""
+    """A processor for which the image holds no kernels compiles them where it can write."""
     assert SERVICE["read_only"]
     (kept,) = re.findall(r"NUMBA_CACHE_DIR=(\S+)", DOCKER)
     assert any(Path(kept).is_relative_to(folder) for folder in SERVICE["tmpfs"])
+
+
+def test_the_image_holds_its_kernels() -> None:
+    """`doctor` compiles them beside the package: as root, and before another place is named."""
+    final = DOCKER[DOCKER.rindex("FROM ") :]
+    compiled = final.index("RUN echoavatar doctor")
+    assert final.index("COPY --from=build") < compiled < final.index("NUMBA_CACHE_DIR") < final.index("USER ")
+    assert "NUMBA_CACHE_DIR" not in DOCKER[: DOCKER.rindex("FROM ")]
+
+
+def test_the_health_check_asks_no_proxy() -> None:
+    """Docker hands its own proxy to containers in HTTP_PROXY."""
+    assert "echoavatar.outgoing" in DOCKER[DOCKER.index("HEALTHCHECK") :]
+    assert "urlopen" not in DOCKER
 
 
 def test_the_gpu_is_reserved_and_used_by_a_build_that_knows_it() -> None:
@@ -122,3 +137,11 @@ def test_a_file_with_the_token_is_not_committed_by_accident() -> None:
         pytest.skip("not a clone")
     for name in (".env", ".env.local"):
         assert subprocess.run(["git", "check-ignore", "-q", name], cwd=ROOT, check=False).returncode == 0, name
+
+
+@pytest.mark.slow
+def test_the_commands_run_with_the_settings_of_compose() -> None:
+    if subprocess.run(["unshare", "--mount", "true"], capture_output=True, check=False).returncode:
+        pytest.skip("no namespace may be made here")
+    done = subprocess.run([sys.executable, ROOT / "scripts" / "try_container.py"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echoavatar.nn.kernels import fingerprint, kernel
+from echoavatar.nn import kernels
+from echoavatar.nn.kernels import compilations, fingerprint, kernel
 
 SCALE = 2.0
 
@@ -115,3 +116,59 @@ def test_an_argument_whose_class_moved_to_another_module_is_compiled_for_anew(tm
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
         assert done.stdout == "3.0\n"
         (tmp_path / f"{module}.py").unlink()
+
+
+def doubled(x):  # type: ignore[no-untyped-def]
+    return 2.0 * x
+
+
+NOWHERE = Path(os.devnull) / "cache"
+
+
+def made(folders: list[Path], written: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What a new process compiles that reads these folders and writes another."""
+    monkeypatch.setattr(kernels, "_folders", lambda: folders)
+    monkeypatch.setattr(kernels, "cache_folder", lambda: written)
+    one = kernel()(doubled)
+    with compilations() as names:
+        assert one(2.0) == 4.0
+    return names
+
+
+def test_a_kernel_needs_no_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert made([NOWHERE], NOWHERE, monkeypatch) == ["doubled"]
+    assert made([], NOWHERE, monkeypatch) == ["doubled"]
+
+
+def test_kernels_that_came_with_an_image_are_read_where_nothing_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    shipped, own = tmp_path / "shipped", tmp_path / "own"
+    assert made([shipped], shipped, monkeypatch) == ["doubled"]
+    before = {path: path.read_bytes() for path in shipped.rglob("*") if path.is_file()}
+    assert made([NOWHERE, own, shipped], NOWHERE, monkeypatch) == []
+    assert {path: path.read_bytes() for path in shipped.rglob("*") if path.is_file()} == before
+    assert not own.exists()
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("damage", [b"", b"no index", b"\x80\x04\x95"])
+def test_a_damaged_cache_is_compiled_anew(damage: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert made([tmp_path], tmp_path, monkeypatch) == ["doubled"]
+    for pattern in ("*.nbi", "*.nbc"):
+        (path,) = tmp_path.rglob(pattern)
+        path.write_bytes(damage)
+        assert made([tmp_path], tmp_path, monkeypatch) == ["doubled"]
+        assert made([tmp_path], tmp_path, monkeypatch) == []
+
+
+def test_the_folder_that_numba_is_told_is_taken_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "told"))
+    for place in (kernels._folders, kernels.cache_folder):
+        place.cache_clear()
+    try:
+        assert kernels.cache_folder() == kernels._folders()[0] == tmp_path / "told"
+        assert kernels.PACKAGE / "__pycache__" / "kernels" in kernels._folders()
+    finally:
+        for place in (kernels._folders, kernels.cache_folder):
+            place.cache_clear()

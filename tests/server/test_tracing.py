@@ -1,5 +1,7 @@
 import dataclasses
+import sys
 import time
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from opentelemetry.sdk.trace.export import SimpleSpanProcessor  # noqa: E402
 from opentelemetry.sdk.trace.export.in_memory_span_exporter import InMemorySpanExporter  # noqa: E402
 
 from echoavatar.engine import Engine  # noqa: E402
-from echoavatar.server.tracing import SessionTrace, Tracing  # noqa: E402
+from echoavatar.server.tracing import SessionTrace, Tracing, export_to  # noqa: E402
 from echoavatar.wire.messages import Hello, Interrupt, Motion  # noqa: E402
 
 
@@ -106,3 +108,26 @@ def test_spans_follow_a_wall_clock_that_is_set(monkeypatch: pytest.MonkeyPatch) 
     for span in kept.get_finished_spans():
         assert 0 <= length_s(span) < 60
         assert abs(span.end_time - ahead) < 60 * 10**9
+
+
+@pytest.mark.parametrize(("collector", "is_proxied"), [("http://127.0.0.1:4318", False), ("http://8.8.8.8:4318", True)])
+def test_a_collector_of_this_machine_is_not_asked_through_a_proxy(
+    collector: str, is_proxied: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("requests")
+    told: list[bool] = []
+
+    def exporter(address: str, session: Any) -> Any:
+        told.append(session.trust_env)
+        return InMemorySpanExporter()
+
+    name = "opentelemetry.exporter.otlp.proto.http.trace_exporter"  # a stand-in, also where it is installed
+    for end in range(2, len(name.split(".")) + 1):
+        monkeypatch.setitem(sys.modules, ".".join(name.split(".")[:end]), ModuleType(name))
+    monkeypatch.setattr(sys.modules[name], "OTLPSpanExporter", exporter, raising=False)
+    monkeypatch.setattr("opentelemetry.sdk.trace.export.BatchSpanProcessor", SimpleSpanProcessor)
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    monkeypatch.delenv("no_proxy", raising=False)
+    export_to(f"{collector}/v1/traces")
+    assert told == [is_proxied]

@@ -1,5 +1,7 @@
 import io
+import os
 import shutil
+import tempfile
 from types import SimpleNamespace
 
 import pytest
@@ -33,6 +35,14 @@ def test_nothing_and_too_much_are_refused():
     for text in ("", "  ", "a" * 601):
         with pytest.raises(EchoAvatarError, match="letters"):
             speak("espeak-ng", text)
+
+
+def test_without_a_temporary_folder_it_is_one_line(monkeypatch):
+    monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: [os.devnull])
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setitem(voice._COMMANDS, "parrot", ())
+    with pytest.raises(EchoAvatarError, match="parrot could not say that: .*temporary"):
+        speak("parrot", "hello")
 
 
 def test_a_program_that_fails_is_named(monkeypatch):

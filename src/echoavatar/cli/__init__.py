@@ -90,6 +90,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.set_threshold(50_000, 20, 20)  # fewer collections while they are made: a quarter second
     asked = next((word for word in words if not word.startswith("-")), "")
     try:
+        os.getcwd()
+    except OSError:  # torch's library would end the process
+        os.chdir(os.sep)
+        print(f"echoavatar: the current folder is gone; names are taken from {os.sep}", file=sys.stderr)
+    try:
         if (separate := " ".join(words[:2])) in SEPARATE:
             command_module(separate)  # raises where it is not installed
         args = build_parser([asked]).parse_args(words)
@@ -117,6 +122,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:  # a full disk, a name that cannot be, no permission: wherever it happens
         _LOG.debug("where it happened", exc_info=True)
         remedy = "; check its name, space and permissions" if error.filename else ""
+        if "temporary directory" in str(error):  # Python names the folders that it tried
+            remedy = "; set TMPDIR to a folder that can be written"
         print(f"echoavatar: {one_line(error)}{remedy}", file=sys.stderr)
         if argv is None:
             _end_output()

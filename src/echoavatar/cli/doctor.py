@@ -137,7 +137,11 @@ def _separate() -> list[Finding]:
         remark = added if is_there else f"absent, for {added}; pip install ./{name} in a clone of the repository"
         rows.append((OK if is_there else OPTIONAL, f"echoavatar-{name}", remark))
     if there["lab"]:
-        has_flite, has_fluidsynth = find_library("flite") is not None, shutil.which("fluidsynth") is not None
+        has_fluidsynth = shutil.which("fluidsynth") is not None
+        try:
+            has_flite = find_library("flite") is not None
+        except OSError:  # it may need a temporary file
+            has_flite = False
         speech = "speech for the corpus" if has_flite else "absent; our own voice is used instead"
         music = "music for the corpus" if has_fluidsynth else "absent; our own synthesiser is used"
         rows += [(OK if has_flite else OPTIONAL, "flite", speech)]
@@ -154,14 +158,21 @@ def _motion() -> list[Finding]:
         from echoavatar.animation import Animation
         from echoavatar.engine import animate
         from echoavatar.engine.pipeline import Pipeline, load_bundle
+        from echoavatar.motion.idle_motion import warm_up
         from echoavatar.timing import SAMPLE_RATE_HZ
 
         bundle = load_bundle("default")
         found = [(OK, what, f"loads; {bundle.parameters / 1e6:.1f} M parameters")]
-        what = "motion"
+        what, pipeline = "motion", Pipeline(bundle)
+        pipeline.warm_up()
+        warm_up(pipeline.skeleton)
         sound = 0.1 * np.sin(np.arange(SAMPLE_RATE_HZ) / 20).astype(np.float32)
-        done = animate(Pipeline(bundle), [sound])
+        done = animate(pipeline, [sound])
         found.append((OK, what, f"one second made in {done.seconds:.2f} s"))
+        try:
+            tempfile.gettempdir()
+        except OSError:
+            return [*found, (OPTIONAL, "files", "not tried: no folder for temporary files; set TMPDIR to one")]
         with tempfile.TemporaryDirectory() as folder:
             for suffix in (".glb", ".bvh", ".npz", ".csv", ".vrma"):
                 what, path = suffix, Path(folder) / f"motion{suffix}"

@@ -29,8 +29,8 @@ def config_path(environment: Mapping[str, str] = os.environ) -> Path:
     """The user's configuration file, which need not exist."""
     if named := environment.get(PREFIX + "CONFIG"):
         return _at_home(named)
-    base = environment.get("APPDATA") if os.name == "nt" else environment.get("XDG_CONFIG_HOME")
-    return _at_home(base or "~/.config") / "echoavatar" / "config.toml"
+    base = environment.get("APPDATA" if os.name == "nt" else "XDG_CONFIG_HOME", "")
+    return _at_home(base if os.path.isabs(base) else "~/.config") / "echoavatar" / "config.toml"
 
 
 def _at_home(path: str) -> Path:

@@ -17,20 +17,23 @@ The first call on a machine compiles, which takes seconds for a large kernel.
 
 import builtins
 import dis
+import functools
 import hashlib
 import inspect
 import os
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import CodeType, ModuleType
+from types import CodeType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numba
 import numpy as np
-from numba.core import event
+from numba.core import caching, event
+
+from echoavatar.cache import first_writable, user_caches
 
 PACKAGE = Path(__file__).parents[1]
 REORDERED = ("reassoc", "contract", "arcp", "nsz")  # sums may be reordered; infinities and NaN stay what they are
@@ -51,30 +54,56 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
     def compile_lazily(function: Callable[..., Any]) -> Any:
         function = inspect.unwrap(function)
         digest = fingerprint(function, [(name, _in_order(options[name])) for name in sorted(options)])
-        folder, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(cache_folder() / digest)
-        try:
-            made = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
-        finally:
-            numba.config.CACHE_DIR = folder
-        made.fingerprint = digest
-        _forget_the_unreadable(made._cache)
+        made = numba.njit(nogil=True, error_model="numpy", **options)(function)
+        made.fingerprint, made._cache = digest, _Kept(function, digest)
         return made
 
     return compile_lazily
 
 
-def _forget_the_unreadable(cache: Any) -> None:
-    """Compile anew where a cache's entries name the class of an argument that has since moved to another module."""
-    load = cache.load_overload
+class _Kept(caching.FunctionCache):  # type: ignore[misc]
+    """Numba's cache of one kernel, in several folders: all of them are read, and the first that can be is written.
 
-    def loaded(*asked: Any) -> Any:
-        try:
-            return load(*asked)
-        except (ImportError, AttributeError):
-            cache.flush()
-            return None
+    Numba's own refuses to import a kernel where it cannot write. Whatever is wrong with the files, it is compiled.
+    """
 
-    cache.load_overload = loaded
+    def __init__(self, function: Callable[..., Any], digest: str) -> None:
+        self._name, self._py_func, self._digest = repr(function), function, digest
+        self._within = Path(digest, caching._CacheLocator.get_suitable_cache_subpath(function.__code__.co_filename))
+        self._impl = _Entries(function)
+        self.enable()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The compiled function for these types; None if no folder has it."""
+        target_context.refresh()
+        for folder in _folders():
+            self._cache_file = self._file(folder)
+            try:
+                if (found := self._load_overload(sig, target_context)) is not None:
+                    return found
+            except Exception:  # damaged, unreadable, or it names the class of an argument that has moved since
+                with suppress(OSError):
+                    self._cache_file.flush()
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function."""
+        if self._impl.check_cachable(data):
+            with suppress(OSError):
+                (cache_folder() / self._within).mkdir(parents=True, exist_ok=True)
+                self._file(cache_folder()).save(self._index_key(sig, data.codegen), self._impl.reduce(data))
+
+    def _file(self, folder: Path) -> Any:
+        name = f"{self._py_func.__name__}.py{sys.version_info[0]}{sys.version_info[1]}{getattr(sys, 'abiflags', '')}"
+        return caching.IndexDataCacheFile(str(folder / self._within), name, self._digest)
+
+
+class _Entries(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    """How numba packs a compiled function; it does not look for a folder."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._lineno = function.__code__.co_firstlineno
+        self._locator = SimpleNamespace(_py_file=function.__code__.co_filename)
 
 
 def fingerprint(function: Callable[..., Any], options: object = None) -> str:
@@ -117,18 +146,18 @@ def compilations(first: Callable[[], object] = bool) -> Iterator[list[str]]:
         event.unregister("numba:compile", listener)
 
 
+@functools.cache
 def cache_folder() -> Path:
-    """Beside the package, or in the user's cache where the package cannot be written."""
-    beside = PACKAGE / "__pycache__"
-    if os.access(beside if beside.exists() else PACKAGE, os.W_OK):
-        return beside / "kernels"
-    return user_cache() / "kernels"
+    """Where compiled code is written: the first of `_folders` that can be, or a temporary one."""
+    return first_writable(*_folders())
 
 
-def user_cache() -> Path:
-    """The package's folder in the user's cache."""
-    base = os.environ.get("XDG_CACHE_HOME") or ("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")
-    return Path(base).expanduser() / "echoavatar"
+@functools.cache
+def _folders() -> list[Path]:
+    """Where compiled code may lie: in $NUMBA_CACHE_DIR, beside the package, in the user's cache."""
+    named = os.environ.get("NUMBA_CACHE_DIR")
+    places = [PACKAGE / "__pycache__", *user_caches()]
+    return [*([Path(named)] if named else []), *(place / "kernels" for place in places)]
 
 
 def _in_order(option: object) -> object:

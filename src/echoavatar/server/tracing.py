@@ -13,6 +13,7 @@ from opentelemetry import trace
 from opentelemetry.trace import Tracer
 
 from echoavatar.engine import Engine
+from echoavatar.outgoing import proxy_for
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 MOST_OPEN = 64  # chunks of a session that are scheduled and not shown, more than can be on their way
@@ -26,13 +27,16 @@ def export_to(address: str) -> Tracer:
     Raises:
         ModuleNotFoundError: the extra `traces` is not installed.
     """
+    import requests
     from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
     from opentelemetry.sdk.resources import Resource
     from opentelemetry.sdk.trace import TracerProvider
     from opentelemetry.sdk.trace.export import BatchSpanProcessor
 
+    session = requests.Session()
+    session.trust_env = proxy_for(address) is not None  # or it would ask a proxy for this machine, too
     provider = TracerProvider(resource=Resource.create({"service.name": "echoavatar"}))
-    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter(address)))
+    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter(address, session=session)))
     tracer: Tracer = provider.get_tracer("echoavatar")
     return tracer
 

@@ -42,15 +42,15 @@ def speak(voice: str, text: str) -> bytes:
     """
     if not text.strip() or len(text) > MAX_LETTERS:
         raise EchoAvatarError(f"text of {len(text)} letters; say something, in at most {MAX_LETTERS}")
-    with tempfile.TemporaryDirectory() as folder:
-        source, wav = Path(folder) / "text.txt", Path(folder) / "speech.wav"
-        source.write_text(text + "\n", "utf-8")
-        options = [option.format(text=source, wav=wav) for option in _COMMANDS[voice]]
-        try:
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            source, wav = Path(folder) / "text.txt", Path(folder) / "speech.wav"
+            source.write_text(text + "\n", "utf-8")
+            options = [option.format(text=source, wav=wav) for option in _COMMANDS[voice]]
             subprocess.run([voice, *options], check=True, capture_output=True, timeout=_SECONDS)
             return wav.read_bytes()
-        except (OSError, subprocess.SubprocessError) as error:
-            raise EchoAvatarError(f"{voice} could not say that: {error}") from error
+    except (OSError, subprocess.SubprocessError) as error:
+        raise EchoAvatarError(f"{voice} could not say that: {error}") from error
 
 
 def voice_route(manager: SessionManager) -> Route:

@@ -215,3 +215,23 @@ def test_the_rate_may_change() -> None:
     stream = SpeechResampler()
     stream.push(tone(0.1, 16_000), 16_000)
     assert len(stream.push(tone(0.1, 24_000), 24_000)) == 2_400
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3])
+@pytest.mark.parametrize("rate", [16_000, 24_000])
+def test_samples_come_in_pieces_of_any_length_and_with_any_number_of_channels(rate: int, channels: int) -> None:
+    """A service that passes on what it reads from a socket cuts samples in two."""
+    mono = tone(0.5, rate)
+    data = np.repeat(mono[:, None], channels, axis=1).astype("<i2").tobytes()
+    whole, pieces = SpeechResampler(), SpeechResampler()
+    expected = np.concatenate([whole.push(mono, rate), whole.flush()])
+    got = [pieces.push(data[start : start + 1_001], rate, channels) for start in range(0, len(data), 1_001)]
+    np.testing.assert_allclose(np.concatenate([*got, pieces.flush()]), expected, atol=3)
+
+
+def test_half_a_sample_is_not_kept_for_the_next_utterance() -> None:
+    for end in (SpeechResampler.flush, SpeechResampler.reset):
+        resampler = SpeechResampler()
+        resampler.push(b"\x01\x02\x03", 24_000)
+        end(resampler)
+        assert resampler.push(b"\x04\x00", 24_000).tolist() == [4]

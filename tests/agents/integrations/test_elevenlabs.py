@@ -152,12 +152,39 @@ def test_tools_are_called_by_the_agent() -> None:
     scene.converse(script)
 
 
-async def test_bytes_that_are_not_samples_are_refused() -> None:
+async def test_bytes_that_are_no_samples_are_told_once(caplog: pytest.LogCaptureFixture) -> None:
     audio = AsyncAvatarAudioInterface(engine(), sample_rate=24_000)
-    with pytest.raises(AudioError, match="pcm_24000"):
-        await audio.output(b"abc")
-    with pytest.raises(AudioError, match="16000"):
-        AsyncAvatarAudioInterface(engine(), sample_rate=12_345)
+    for data in (b"ID3" + bytes(100), b"ID3" + bytes(100), bytes(3)):
+        await audio.output(data)
+    (record,) = caplog.records
+    assert "pcm_24000" in record.getMessage()
+
+
+@pytest.mark.parametrize("form", [12_345, "mp3_44100_128", "pcm", "opus_48000_32", "ulaw_16001"])
+def test_a_format_that_is_none_of_samples_is_refused(form: int | str) -> None:
+    with pytest.raises(AudioError, match="ulaw_8000"):
+        AsyncAvatarAudioInterface(engine(), sample_rate=form)
+
+
+@pytest.mark.parametrize(("form", "data"), [("ulaw_8000", bytes(8_000)), ("pcm_16000", tone(1.0, 16_000).tobytes())])
+def test_speech_comes_in_any_pieces_and_in_telephone_codes(form: str, data: bytes) -> None:
+    said: list[int] = []
+
+    async def run() -> None:
+        audio = AsyncAvatarAudioInterface(engine(), sample_rate=form)
+
+        async def say(pcm: np.ndarray, rate: int) -> None:
+            said.append(len(pcm) * 24_000 // rate)
+
+        audio.bridge.say = say  # type: ignore[method-assign]
+        speaking = asyncio.create_task(audio._speak())
+        for start in range(0, len(data), 333):
+            await audio.output(data[start : start + 333])
+        await asyncio.sleep(0.1)
+        speaking.cancel()
+
+    asyncio.run(run())
+    assert sum(said) == pytest.approx(24_000, abs=50)
 
 
 def test_the_async_twin() -> None:

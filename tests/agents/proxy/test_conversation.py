@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from echoavatar.agents.proxy import conversation as room
-from echoavatar.agents.proxy.conversation import Conversation, Decoder, SpeechItem, SpeechItems
+from echoavatar.agents.proxy.conversation import Conversation, SpeechItem, SpeechItems
 from echoavatar.agents.proxy.events import Event
+from echoavatar.agents.voice_formats import Decoder
 from echoavatar.timing import CHUNK_SAMPLES, ChunkSize
 from echoavatar.wire.messages import Audio, Sound
 
@@ -42,8 +43,6 @@ async def test_an_item_without_its_end_ends_with_the_next_or_with_its_response()
     assert avatar.told == [("chunk", 6_400), ("chunk", 6_400), ("end", 0)]
     await conversation.on_server_event(Event("response.done", response={"id": "s"}), avatar, 0.2)  # type: ignore[arg-type]
     assert avatar.told[3:] == [("chunk", 6_400), ("end", 0)]
-    await conversation.on_server_event(delta(0.3, "b"), avatar, 0.3)  # type: ignore[arg-type]
-    assert len(avatar.told) == 5  # late sound of an item that has ended
 
 
 async def test_without_a_word_of_the_client_the_cut_is_where_playback_should_be(monkeypatch: Any) -> None:
@@ -65,6 +64,207 @@ async def test_without_a_word_of_the_client_the_cut_is_where_playback_should_be(
     truncate.audio_end_ms = 300
     await conversation.on_client_event(truncate, avatar, 10.7)  # type: ignore[arg-type]
     assert avatar.told[-1] == ("interrupt", 64_000 + 7_200)
+
+
+async def run(events: "list[tuple[float, Event]]", *, conversation: Conversation | None = None) -> Avatar:
+    """What the avatar is told by these events of the server, or of the client if the time is negative."""
+    avatar, talk = Avatar(), conversation or Conversation()
+    for now, event in events:
+        take = talk.on_client_event if now < 0 else talk.on_server_event
+        await take(event, avatar, abs(now))  # type: ignore[arg-type]
+    return avatar
+
+
+def speech(seconds: float, **fields: Any) -> Event:
+    """A delta with these fields only."""
+    event = delta(seconds)
+    return Event(event.type, delta=event.delta, **fields)
+
+
+NAMES: dict[str, list[Event]] = {
+    "by response": [speech(0.3, response_id="r"), Event("response.done", response={"id": "r"})],
+    "by response.created": [
+        Event("response.created", response={"id": "r"}), speech(0.3), Event("response.done", response={"id": "r"}),
+    ],
+    "by the item that was added": [
+        Event("response.output_item.added", item={"id": "i", "type": "message", "role": "assistant"}),
+        speech(0.3, response_id="r"), Event("response.output_item.done", item={"id": "i"}),
+    ],
+    "by nothing": [speech(0.3), Event("response.audio.done")],
+    "by a number": [
+        Event("response.audio.delta", item_id=7, delta=delta(0.3).delta), Event("response.audio.done", item_id=7),
+    ],
+    "sound in another field": [Event("response.audio.delta", audio=delta(0.3).delta), Event("response.done")],
+    "another name": [Event("response.speech.audio.delta", delta=delta(0.3).delta), Event("response.done", response={})],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("named", NAMES)
+async def test_an_item_is_known_by_whatever_names_it(named: str) -> None:
+    for turns in (1, 2):  # each time as a new item
+        avatar = await run([(0.1 * k, event) for k, event in enumerate(turns * NAMES[named])])
+        assert avatar.told == turns * [("chunk", 6_400), ("chunk", 6_400), ("end", 0)]
+
+
+async def test_sound_after_the_end_or_between_other_items_goes_on_with_its_item() -> None:
+    conversation = Conversation()
+    events = [speech(0.3, item_id="a"), speech(0.3, item_id="b"), speech(0.2, item_id="a")]
+    events += [Event("response.done"), speech(0.1, item_id="b")]
+    avatar = await run([(0.01, event) for event in events], conversation=conversation)
+    assert [size for kind, size in avatar.told if kind == "chunk"] == 5 * [6_400]
+    assert [(item.item_id, item.frame(0)) for item in conversation.items] == [("a", 0), ("b", 0), ("a", 9), ("b", 9)]
+    truncate = Event("conversation.item.truncate", item_id="a", audio_end_ms=400)
+    await conversation.on_client_event(truncate, avatar, 0.02)  # type: ignore[arg-type]
+    assert [item.cut for item in conversation.items] == [None, None, 2_400, 0]
+
+
+async def test_a_pause_of_the_server_moves_what_is_heard() -> None:
+    conversation = Conversation()
+    await run([(1.0, speech(0.5, item_id="a")), (1.8, speech(0.5, item_id="a"))], conversation=conversation)
+    (item,) = conversation.items
+    assert item.heard(2.0) == pytest.approx(24_000 * 0.7, abs=1)
+    await run([(9.0, speech(0.5, item_id="a"))], conversation=conversation)  # long after: the rest was shown
+    assert [item.first for item in conversation.items] == [0, 24_000]
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        (-1, Event("response.cancel")),
+        (-1, Event("response.cancel", response_id="r")),
+        (-1, Event("output_audio_buffer.clear")),
+        (1, Event("output_audio_buffer.cleared", response_id="r")),
+        (1, Event("response.cancelled", response={"id": "r"})),
+        (1, Event("response.done", response={"id": "r", "status": "cancelled"})),
+    ],
+)
+async def test_a_cancelled_response_ends_where_playback_should_be(
+    stop: tuple[int, Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "GRACE_S", 0.01)
+    side, event = stop
+    conversation = Conversation()
+    avatar = await run([(10.0, delta(2.0, response_id="r"))], conversation=conversation)
+    for chunk in range(7):
+        conversation.on_avatar_sound(Sound(at=64_000 + 6_400 * chunk, epoch=0, seg=1, pcm=b""))
+    take = conversation.on_client_event if side < 0 else conversation.on_server_event
+    await take(event, avatar, 10.5)  # type: ignore[arg-type]
+    await asyncio.sleep(0.05)
+    assert avatar.told[-1] == ("interrupt", 64_000 + 12_000)
+    said = len(avatar.told)
+    done = Event("response.done", response={"id": "r"})
+    for late in (delta(1.0, response_id="r"), delta(1.0, "c", response_id="r"), done):
+        await conversation.on_server_event(late, avatar, 10.6)  # type: ignore[arg-type]
+    truncate = Event("conversation.item.truncate", item_id="a", audio_end_ms=500)
+    await conversation.on_client_event(truncate, avatar, 10.7)  # type: ignore[arg-type]
+    assert len(avatar.told) == said
+    await conversation.on_server_event(delta(0.3, "b", response_id="s"), avatar, 10.8)  # type: ignore[arg-type]
+    assert avatar.told[said:] == [("chunk", 6_400)]
+
+
+async def test_the_client_that_cancels_and_truncates_is_believed() -> None:
+    conversation = Conversation()
+    avatar = await run([(10.0, delta(2.0, response_id="r"))], conversation=conversation)
+    conversation.on_avatar_sound(Sound(at=64_000, epoch=0, seg=1, pcm=b""))
+    for event in (Event("response.cancel"), Event("conversation.item.truncate", item_id="a", audio_end_ms=100)):
+        await conversation.on_client_event(event, avatar, 10.5)  # type: ignore[arg-type]
+    assert [told for told in avatar.told if told[0] == "interrupt"] == [("interrupt", 64_000 + 2_400)]
+    assert not conversation.is_cutting
+
+
+async def test_what_is_said_next_is_not_cut_with_what_was_cancelled() -> None:
+    """The next response may begin before the client's report could come."""
+    conversation = Conversation()
+    avatar = await run([(10.0, delta(2.0, response_id="r"))], conversation=conversation)
+    await run([(-10.5, Event("response.cancel"))], conversation=conversation)
+    await conversation.on_client_event(Event("response.cancel"), avatar, 10.5)  # type: ignore[arg-type]
+    for event in (Event("response.created", response={"id": "s"}), delta(0.3, "b", response_id="s")):
+        await conversation.on_server_event(event, avatar, 10.55)  # type: ignore[arg-type]
+    late = Event("conversation.item.truncate", item_id="a", audio_end_ms=100)
+    await conversation.on_client_event(late, avatar, 10.6)  # type: ignore[arg-type]
+    await asyncio.sleep(room.GRACE_S + 0.05)
+    assert avatar.told[-1] == ("chunk", 6_400)
+    assert [item.cut for item in conversation.items] == [12_000, None]
+
+
+async def test_another_response_is_cancelled() -> None:
+    conversation = Conversation()
+    avatar = await run([(10.0, delta(2.0, response_id="r"))], conversation=conversation)
+    await conversation.on_client_event(Event("response.cancel", response_id="other"), avatar, 10.5)  # type: ignore[arg-type]
+    done = Event("response.done", response={"id": "other", "status": "cancelled"})
+    await conversation.on_server_event(done, avatar, 10.5)  # type: ignore[arg-type]
+    assert not conversation.is_cutting
+    assert [item.cut for item in conversation.items] == [None]
+
+
+OPUS = Event("session.created", session={"output_audio_format": "opus"})
+UNREADABLE: dict[str, list[Event]] = {
+    "no base64": [Event("response.audio.delta", item_id="a", delta="***")],
+    "no text": [Event("response.audio.delta", item_id="a", delta={"data": "AAA="})],
+    "no sound": [Event("response.audio.delta", item_id="a")],
+    "another encoding": [OPUS, delta(0.3)],
+    "a file": [Event("response.audio.delta", item_id="a", delta=base64.b64encode(b"OggS" + bytes(9_000)).decode())],
+}
+
+
+@pytest.mark.parametrize("what", UNREADABLE)
+async def test_what_cannot_be_read_is_told_once(what: str, caplog: pytest.LogCaptureFixture) -> None:
+    conversation = Conversation()
+    avatar = await run([(0.0, event) for event in 3 * UNREADABLE[what]], conversation=conversation)
+    assert not [told for told in avatar.told if told[0] == "chunk"]
+    (record,) = caplog.records
+    assert UNREADABLE[what][-1].type in record.getMessage()
+    assert "pcm16" in record.getMessage()
+
+
+async def test_empty_sound_is_nothing_to_tell(caplog: pytest.LogCaptureFixture) -> None:
+    avatar = await run([(0.0, Event("response.audio.delta", item_id="a", delta=""))])
+    assert avatar.told == []
+    assert not caplog.records
+
+
+async def test_a_format_that_is_told_late_is_that_of_the_rest() -> None:
+    conversation = Conversation()
+    sent = Event("response.audio.delta", item_id="a", delta=base64.b64encode(bytes(8_000)).decode())
+    told = Event("session.updated", session={"output_audio_format": "g711_ulaw"})
+    await run([(0.0, sent), (0.0, told), (0.0, sent), (0.0, sent)], conversation=conversation)
+    assert [item.samples for item in conversation.items] == [4_000, pytest.approx(48_000, abs=2_000)]
+
+
+async def test_a_sample_may_be_cut_in_two() -> None:
+    data = np.arange(6_400, dtype="<i2").tobytes()
+    parts = [base64.b64encode(data[start : start + 1_001]).decode() for start in range(0, len(data), 1_001)]
+    avatar = await run([(0.0, Event("response.audio.delta", item_id="a", delta=part)) for part in parts])
+    assert avatar.told == [("chunk", 6_400)]
+
+
+async def seconds_of(events: "list[tuple[float, Event]]") -> float:
+    """Seconds that the avatar hears of 8,000 bytes from the server."""
+    conversation = Conversation()
+    sent = Event("response.audio.delta", item_id="a", delta=base64.b64encode(bytes(8_000)).decode())
+    await run([*events, (0.0, sent), (0.0, Event("response.audio.done", item_id="a"))], conversation=conversation)
+    return next(iter(conversation.items)).samples / 24_000
+
+
+@pytest.mark.parametrize(
+    ("events", "seconds"),
+    [
+        ([], 8_000 / 48_000),
+        ([(-1, Event("session.update", session={"output_audio_format": "g711_ulaw"}))], 1.0),
+        ([(-1, Event("response.create", response={"output_audio_format": "g711_alaw"})),
+          (0, Event("response.created", response={"id": "r"}))], 1.0),
+        ([(0, Event("session.created", session={"audio": {"output": {"format": {"type": "pcm", "rate": 16_000}}}})),
+          (-1, Event("session.update", session={"output_audio_format": "pcm16"}))], 0.25),
+        ([(-1, Event("session.update", session={"output_audio_format": "g711_ulaw"})),
+          (0, Event("session.updated", session={"output_audio_format": "pcm16"}))], 8_000 / 48_000),
+        ([(0, Event("session.updated", session={"output_audio_format": "g711_ulaw"})),
+          (0, Event("session.updated", session={"voice": "other"}))], 1.0),
+    ],
+)  # fmt: skip
+async def test_the_format_is_what_the_server_says_or_else_what_the_client_asked_for(
+    events: "list[tuple[float, Event]]", seconds: float
+) -> None:
+    assert await seconds_of(events) == pytest.approx(seconds, abs=0.001)
 
 
 async def test_a_session_that_is_not_cut_by_the_user_goes_on() -> None:
@@ -92,11 +292,6 @@ async def test_telephone_sound_of_the_user_comes_as_24_khz() -> None:
     sent = [message for kind, message in avatar.told if kind == "send"]
     assert all(isinstance(message, Audio) and message.speaker == "user" for message in sent)
     assert 22_000 < sum(len(message.pcm) // 2 for message in sent) <= 24_000
-
-
-# G.711: codes at both ends and in the middle, with their 16-bit samples
-MU = {0x00: -32_124, 0x7F: 0, 0x80: 32_124, 0xFF: 0, 0xF0: 120, 0x70: -120}
-A = {0xD5: 8, 0x55: -8, 0xAA: 32_256, 0x2A: -32_256, 0xC5: 264}
 
 
 def voice(item: str = "a", begun: float = 0.0) -> SpeechItem:
@@ -158,25 +353,3 @@ def test_speech_is_silent_from_where_it_was_cut() -> None:
     one.add(np.ones(2 * CHUNK_SAMPLES, "<i2").tobytes())
     one.cut = CHUNK_SAMPLES + 100
     assert (one.speech(0).sum(), one.speech(1).sum(), one.speech(7).sum()) == (CHUNK_SAMPLES, 100, 0)
-
-
-@pytest.mark.parametrize(("kind", "table"), [("ulaw", MU), ("alaw", A)])
-def test_telephone_codes_are_those_of_the_standard(kind: str, table: dict[int, int]) -> None:
-    made = Decoder(kind, 24_000).push(bytes(table))
-    assert made.tolist() == list(table.values())
-
-
-def test_pcm_may_be_cut_anywhere() -> None:
-    samples = np.arange(-500, 500, dtype="<i2")
-    decoder, data = Decoder(), samples.tobytes()
-    parts = [decoder.push(data[start : start + 7]) for start in range(0, len(data), 7)]
-    np.testing.assert_array_equal(np.concatenate(parts), samples)
-
-
-def test_other_rates_come_to_24_khz_and_nothing_is_lost_at_the_end() -> None:
-    tone = (10_000 * np.sin(2 * np.pi * 440 * np.arange(8_000) / 8_000)).astype("<i2")
-    decoder = Decoder("pcm", 8_000)
-    made = np.concatenate([decoder.push(tone.tobytes()), decoder.push(b"", is_last=True)])
-    assert len(made) == 24_000
-    expected = 10_000 * np.sin(2 * np.pi * 440 * np.arange(24_000) / 24_000)
-    assert np.abs(made - expected)[500:-500].max() < 100

@@ -1,6 +1,7 @@
 """The avatar beside the voice: its frames, interruptions, tools, and its failures."""
 
 import asyncio
+import base64
 import contextlib
 import json
 from typing import Any
@@ -28,8 +29,6 @@ LEVEL = 8_000 / 32_768
 
 def heights(event: dict[str, Any]) -> float:
     """How much the body has heard so far, in seconds of `tone`; see `tests.server.fakes.Body`."""
-    import base64
-
     blobs = {key: base64.b64decode(event[key]) for key in ("rotations", "root")}
     pose = unpack_pose(Motion(at=0, epoch=0, frames=event["frames"], face=b"", state="idle", **blobs), curves=52)
     return float(pose.root[-1, 1]) / 1e-5 / LEVEL / 24_000
@@ -127,6 +126,54 @@ async def test_speech_that_was_not_heard_leaves_no_trace_in_the_body(heard_ms: i
         place_of = {event["frame_index"]: event["at"] for event in client.of(BODY) if event["item_id"] == "item_1"}
         start = place_of[0]
         assert [flush["at"] - start for flush in flushes] == [pytest.approx(heard_ms * 24, abs=801)]
+
+
+async def push_to_talk(session: ScriptedSession) -> None:
+    """A server of another dialect: its sound names no item, and comes in lines of URL-safe base64 without padding."""
+    await session.until("go")
+    await session.send("response.created", response={"id": "resp_1"})
+    for start in range(0, 2 * 24_000 * 6, 4_801):  # samples are cut in two
+        data = base64.urlsafe_b64encode(tone(6.0)[start : start + 4_801]).decode().rstrip("=")
+        lines = "\n".join(data[at : at + 76] for at in range(0, len(data), 76))
+        await session.send_text(json.dumps({"type": "response.audio.delta", "response_id": "resp_1", "delta": lines}))
+    await session.until("response.cancel")
+    await session.send("response.done", response={"id": "resp_1", "status": "cancelled", "output": []})
+    await session.say(tone(1.0), item="item_2", response="resp_2")
+
+
+async def test_a_client_that_only_cancels_stops_the_avatar(caplog: pytest.LogCaptureFixture) -> None:
+    async with talking(push_to_talk) as (client, upstream, _):
+        await client.listen(is_there)
+        await client.say("go")
+        await client.listen(lambda c: len(c.of(FACE)) >= 4)
+        await asyncio.sleep(0.7)
+        await client.say("response.cancel")
+        await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
+        assert client.passed == upstream.sessions[0].sent
+        (flush,) = client.of(FLUSH)
+        assert flush["item_id"] == "resp_1", "an item without a name is called after its response"
+        first, second = ([e for e in client.of(BODY) if e["item_id"] == name] for name in ("resp_1", "item_2"))
+        assert [event["frame_index"] for event in second] == [0, 8, 16, 24]
+        heard_s = (flush["at"] - first[0]["at"]) / 24_000
+        assert 0.5 < heard_s < 5.9
+        assert heights(second[-1]) == pytest.approx(1 + heard_s, abs=0.05)
+    assert not [record for record in caplog.records if "proxy" in record.name]
+
+
+async def test_sound_that_cannot_be_read_passes_and_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    async def script(session: ScriptedSession) -> None:
+        await session.until("go")
+        for _ in range(5):
+            await session.send("response.output_audio.delta", item_id="a", delta="{not base64}")
+            await session.websocket.send(bytes(range(256)))
+        await session.say(tone(0.5), item="item_2", response="resp_2")
+
+    async with talking(script) as (client, _, _):
+        await client.listen(is_there)
+        await client.say("go")
+        await client.listen(lambda c: any(e["item_id"] == "item_2" for e in c.of(DONE)))
+    (record,) = [record for record in caplog.records if record.name.endswith("proxy.conversation")]
+    assert "response.output_audio.delta" in record.getMessage()
 
 
 async def test_interrupted_twice_in_a_row() -> None:

@@ -80,6 +80,12 @@ async def test_a_model_that_only_calls_is_not_asked_for_ever() -> None:
     assert session.kinds.count("response.create") == 3
 
 
+async def test_arguments_may_come_as_an_object() -> None:
+    session = FakeSession()
+    await session.response("send_action", words=True, arguments={"action": "wave"})
+    assert session.did == [("send_action", {"action": "wave"})]
+
+
 @pytest.mark.parametrize("arguments", ["[1", "[1]", '{"action": "\\ud800"}', "[" * 4500, 7])
 async def test_invalid_arguments_are_rejected(arguments: Any) -> None:
     session = FakeSession()

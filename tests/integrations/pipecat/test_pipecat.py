@@ -9,10 +9,12 @@ import pytest
 pytest.importorskip("pipecat", reason="pip install ./integrations/pipecat-echoavatar")
 pytest.importorskip("pipecat_echoavatar", reason="pip install ./integrations/pipecat-echoavatar")
 
+from loguru import logger
 from pipecat.frames.frames import (
     InputAudioRawFrame,
     InputTransportMessageFrame,
     InterruptionFrame,
+    OutputAudioRawFrame,
     OutputTransportMessageFrame,
     TTSAudioRawFrame,
     TTSStartedFrame,
@@ -59,6 +61,38 @@ def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> N
     ends = [k for k, frame in enumerate(down) if isinstance(frame, TTSStoppedFrame)]
     assert ends == [k for k in ends if k > chunks[-1]]
     assert len(ends) == 1
+
+
+def test_samples_that_a_service_cuts_in_two_and_beside_each_other_are_heard_whole() -> None:
+    said = np.frombuffer(tone(0.8), "<i2")
+    data = np.repeat(said[:, None], 2, axis=1).tobytes()
+    pieces = [
+        TTSAudioRawFrame(audio=data[k : k + 4_801], sample_rate=24_000, num_channels=2)
+        for k in range(0, len(data), 4_801)
+    ]
+    down, _ = asyncio.run(
+        run_test(
+            EchoAvatarProcessor(engine()),
+            frames_to_send=[TTSStartedFrame(), *pieces, TTSStoppedFrame(), SleepFrame(2.0)],
+            start_timeout=60,
+        )
+    )
+    heard = b"".join(frame.audio for frame in down if isinstance(frame, AvatarSpeechFrame))
+    np.testing.assert_allclose(np.frombuffer(heard, "<i2")[: len(said)], said, atol=1)
+    assert [frame for frame in down if isinstance(frame, TTSStoppedFrame)]
+
+
+def test_sound_that_is_not_called_speech_passes_and_is_told_once() -> None:
+    told: list[str] = []
+    sink = logger.add(told.append, level="WARNING", format="{message}")
+    beep = OutputAudioRawFrame(audio=tone(0.2), sample_rate=24_000, num_channels=1)
+    down, _ = asyncio.run(
+        run_test(EchoAvatarProcessor(engine()), frames_to_send=[beep, beep, SleepFrame(0.5)], start_timeout=60)
+    )
+    logger.remove(sink)
+    assert sum(type(frame) is OutputAudioRawFrame for frame in down) == 2
+    (line,) = [line for line in told if "TTSAudioRawFrame" in line]
+    assert "OutputAudioRawFrame" in line
 
 
 def test_frames_behind_speech_stay_behind_it() -> None:

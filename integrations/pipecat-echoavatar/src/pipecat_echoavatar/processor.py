@@ -14,7 +14,6 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from loguru import logger
 from pipecat.adapters.llm.schemas.function_schema import FunctionSchema
 from pipecat.frames.frames import (
@@ -22,6 +21,7 @@ from pipecat.frames.frames import (
     InputAudioRawFrame,
     InputTransportMessageFrame,
     InterruptionFrame,
+    OutputAudioRawFrame,
     OutputImageRawFrame,
     OutputTransportMessageFrame,
     OutputTransportMessageUrgentFrame,
@@ -81,6 +81,7 @@ class EchoAvatarProcessor(FrameProcessor):
         self._shot, self._character = video, character
         self._pictured: VideoSource | None = None
         self._has_failed = False
+        self._has_told = False  # of sound that is none of speech
         self._is_speaking = False
         self._register_event_handler("on_avatar_ready")
 
@@ -176,14 +177,18 @@ class EchoAvatarProcessor(FrameProcessor):
     # ---- internals
 
     async def _say(self, frame: TTSAudioRawFrame) -> None:
-        pcm = np.frombuffer(frame.audio, "<i2").reshape(-1, frame.num_channels)[:, 0]
         if not self._is_speaking:
             self._is_speaking = True
             await self.start_ttfb_metrics()
-        self._pending.add(frame, len(pcm) * SAMPLE_RATE_HZ // frame.sample_rate)
-        await self._attempt(self.bridge.say(pcm, frame.sample_rate))
+        self._pending.add(frame, frame.num_frames * SAMPLE_RATE_HZ // frame.sample_rate)
+        await self._attempt(self.bridge.say(frame.audio, frame.sample_rate, frame.num_channels))
 
     async def _follow(self, frame: Frame) -> None:
+        if isinstance(frame, OutputAudioRawFrame) and not self._has_told:
+            self._has_told = True
+            logger.warning(
+                f"{self}: the avatar does not move to a {type(frame).__name__}; push TTSAudioRawFrame for speech"
+            )
         if isinstance(frame, TTSStoppedFrame):
             self._is_speaking = False
             seg = await self._attempt(self.bridge.end())
@@ -205,8 +210,7 @@ class EchoAvatarProcessor(FrameProcessor):
 
     async def _notice(self, frame: SystemFrame) -> None:
         if isinstance(frame, InputAudioRawFrame) and self._listens:
-            pcm = np.frombuffer(frame.audio, "<i2").reshape(-1, frame.num_channels)[:, 0]
-            await self._attempt(self.bridge.hear_user(pcm, frame.sample_rate))
+            await self._attempt(self.bridge.hear_user(frame.audio, frame.sample_rate, frame.num_channels))
         elif isinstance(frame, RTVIClientMessageFrame):
             if frame.type == "echoavatar":
                 await self._greet()

@@ -1,14 +1,12 @@
 """Clients that misbehave beside an honest one (`echoavatar bench neighbours`), each until its process is ended."""
 
 import asyncio
-import json
 import os
 import secrets
 import socket
 import ssl
 import threading
 import time
-import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
 from http.client import HTTPConnection, HTTPException, HTTPSConnection
@@ -18,6 +16,7 @@ from urllib.parse import urlsplit
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect as dial
 
+from echoavatar import outgoing
 from echoavatar.agents.client import stream_url
 from echoavatar.wire.codec import encode, subprotocol
 from echoavatar.wire.messages import Action, Hello, Ping, Played
@@ -156,8 +155,7 @@ def viewers(target: Target) -> None:
 
 def viewers_of(target: Target) -> int:
     """How many viewers the server draws for at once; 0 if it shows no video."""
-    with urllib.request.urlopen(f"{target.address}/health", timeout=10) as answer:
-        return int(json.loads(answer.read()).get("video", {}).get("viewers", 0))
+    return int(outgoing.ask(f"{target.address}/health").get("video", {}).get("viewers", 0))
 
 
 async def _watch(target: Target, count: int) -> None:
@@ -203,7 +201,8 @@ def _http(target: Target) -> HTTPConnection:
 def _socket(target: Target) -> Any:
     trust = ssl.create_default_context(cafile=target.certificate) if target.address.startswith("https") else None
     protocols: Any = [subprotocol("msgpack")]
-    return dial(stream_url(target.address), subprotocols=protocols, compression=None, ssl=trust)
+    url = stream_url(target.address)
+    return dial(url, subprotocols=protocols, compression=None, ssl=trust, proxy=outgoing.proxy_for(url))
 
 
 def _drain(line: Any) -> None:

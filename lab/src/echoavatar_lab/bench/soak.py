@@ -14,7 +14,6 @@ import os
 import random
 import threading
 import time
-import urllib.request
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -25,10 +24,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from websockets.asyncio.client import ClientConnection, connect
+from websockets.asyncio.client import ClientConnection
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 
 from echoavatar import engine as engines
+from echoavatar import outgoing
+from echoavatar.agents.client.connection import open_websocket
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app, serve
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
@@ -119,7 +120,7 @@ class _Client:
     async def run(self) -> None:
         while True:
             with suppress(ConnectionClosed, OSError, TimeoutError, InvalidHandshake):
-                async with _dial(self._url) as socket:
+                async with await _dial(self._url) as socket:
                     await self._live(socket)
             await asyncio.sleep(0.2)
 
@@ -180,7 +181,7 @@ async def _visit(url: str, seen: Counter[str], number: int) -> None:
     for turn in itertools.count(1000 * number):
         watcher = Watcher()
         with suppress(ConnectionClosed, OSError, TimeoutError, InvalidHandshake):
-            async with _dial(url) as socket:
+            async with await _dial(url) as socket:
                 await socket.send(encode(Hello(seed=1000 + turn)))
                 await socket.send(encode(Audio(seg=1, start=0, pcm=pack_audio(np.full(SAMPLE_RATE_HZ, 0.1)))))
                 while watcher.next < VISIT:
@@ -190,8 +191,8 @@ async def _visit(url: str, seen: Counter[str], number: int) -> None:
         await asyncio.sleep(0.1)
 
 
-def _dial(url: str) -> connect:
-    return connect(url, subprotocols=[subprotocol("msgpack")], compression=None, open_timeout=30)  # type: ignore[list-item]
+async def _dial(url: str) -> ClientConnection:
+    return await open_websocket(url, subprotocols=[subprotocol("msgpack")], open_timeout=30)
 
 
 async def _soak(
@@ -245,8 +246,7 @@ def bench_soak(
             progress(seconds / 60)
 
         asyncio.run(_soak(url, clients, visitors, seen, 60 * minutes, look))
-        with urllib.request.urlopen(f"{address}/metrics", timeout=30) as answer:
-            metrics = answer.read().decode()
+        metrics = outgoing.fetch(f"{address}/metrics").decode()
     finally:
         process.terminate()
         process.join(20)

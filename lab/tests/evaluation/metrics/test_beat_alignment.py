@@ -73,6 +73,18 @@ def test_a_second_process_that_reads_the_cache_finds_the_same_beats(tmp_path: Pa
     assert last.returncode == 0
 
 
+@pytest.mark.slow
+def test_a_user_without_a_home_finds_beats(tmp_path: Path) -> None:
+    script = (
+        "import os, pwd; os.environ.pop('HOME', None); pwd.getpwuid = {}.__getitem__\n"
+        "import numpy as np; from echoavatar_lab.evaluation.metrics.beat_alignment import music_beats\n"
+        "x = np.zeros(192_000, np.float32); x[::12_000] = 1; print(len(music_beats(x, 24_000)))"
+    )
+    surroundings = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "XDG_CACHE_HOME": "", "HOME": "/"}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=surroundings)
+    assert int(done.stdout) > 10, done.stderr
+
+
 def test_score_follows_the_formula() -> None:
     """One event, one beat a sigma away: exp(-1/2); a second event on the beat: the mean."""
     assert hit_rate(np.array([1.0]), np.array([1.06]), 0.06) == pytest.approx(np.exp(-0.5))

@@ -14,11 +14,12 @@ from urllib.parse import urlsplit, urlunsplit
 
 import msgspec
 import numpy as np
+from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.client import connect as connect_websocket
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from echoavatar import outgoing
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.blobs import pack_audio
 from echoavatar.wire.codec import ProtocolError, decode_server, encode, subprotocol
@@ -160,15 +161,28 @@ def quiet_logger() -> logging.Logger:
     return logger
 
 
-class OneOrigin(connect_websocket):
-    """Connects a WebSocket; follows no redirects, because the library would send keys and tokens to the other host."""
-
-    def __init__(self, url: str, **options: Any) -> None:
-        super().__init__(url, logger=quiet_logger(), **options)
-
+class _OneOrigin(connect_websocket):
     def process_redirect(self, exc: Exception) -> Exception:
-        """Raise the redirect."""
+        """Raise the redirect: the library would send keys and tokens to the other host."""
         return exc
+
+
+async def open_websocket(url: str, **options: Any) -> ClientConnection:
+    """Connect a WebSocket: through the proxy that `outgoing.proxy_for` names, to this origin only, and logging nothing.
+
+    `options` are those of the library. May raise, besides its errors:
+
+    Raises:
+        DependencyError: the proxy is one of SOCKS.
+    """
+    proxy = await asyncio.to_thread(outgoing.proxy_for, url)
+    try:
+        return await _OneOrigin(url, proxy=proxy, compression=None, logger=quiet_logger(), **options)
+    except ImportError as error:
+        raise DependencyError(
+            f"{outgoing.redacted(url)} is behind a SOCKS proxy: pip install 'python-socks[asyncio]', "
+            f"or {outgoing.HTTP_PROXIES_ONLY}"
+        ) from error
 
 
 class MessageSocket(Protocol):
@@ -318,13 +332,8 @@ class Avatar:
         self._opened_at = asyncio.get_running_loop().time()
 
     async def _dial_websocket(self) -> MessageSocket:
-        return await OneOrigin(
-            self._url,
-            subprotocols=[subprotocol("msgpack")],
-            compression=None,
-            max_size=MAX_MESSAGE_BYTES,
-            open_timeout=TIMEOUT_S,
-            proxy=True if await asyncio.to_thread(outgoing.is_proxied, self._url) else None,
+        return await open_websocket(
+            self._url, subprotocols=[subprotocol("msgpack")], max_size=MAX_MESSAGE_BYTES, open_timeout=TIMEOUT_S
         )
 
     async def close(self) -> None:

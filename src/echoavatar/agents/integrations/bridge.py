@@ -41,6 +41,7 @@ LEAD_S = 0.25  # a chunk is released this long before it is due: less than the l
 REPORT_S = 0.2
 REPLY_TIMEOUT_S = 5.0  # a healthy server answers sooner
 _POLL_S = 0.01
+Speech = np.ndarray | bytes | bytearray | memoryview  # int16, channels beside each other; bytes may end in a sample
 
 
 class SpeechResampler:
@@ -48,10 +49,21 @@ class SpeechResampler:
 
     def __init__(self) -> None:
         self._rate = SAMPLE_RATE_HZ
+        self._rest = b""  # the beginning of a sample
         self._stream: Any = None
 
-    def push(self, pcm: Shaped[np.ndarray, " s"], rate: int) -> Shaped[np.ndarray, " t"]:
-        """Resample a block; some of its samples may come out with the next block."""
+    def push(self, pcm: Speech, rate: int, channels: int = 1) -> Shaped[np.ndarray, " t"]:
+        """Resample a block; some of its samples may come out with the next block.
+
+        A service that passes on what it reads cuts samples in two, and then the next block has the other half.
+        """
+        if isinstance(pcm, bytes | bytearray | memoryview):
+            data, size = self._rest + bytes(pcm), 2 * channels
+            whole = len(data) // size * size
+            self._rest = data[whole:]
+            pcm = np.frombuffer(data[:whole], "<i2")
+        if channels > 1:
+            pcm = np.asarray(pcm.reshape(-1, channels).mean(axis=1), np.int16)
         if rate != self._rate:
             self._rate, self._stream = rate, None
             if rate != SAMPLE_RATE_HZ:
@@ -60,7 +72,7 @@ class SpeechResampler:
 
     def flush(self) -> Shaped[np.ndarray, " t"]:
         """The rest of the stream; the next block starts another one."""
-        rest = np.zeros(0, np.int16)
+        rest, self._rest = np.zeros(0, np.int16), b""
         if self._stream is not None:
             rest = self._stream.resample_chunk(rest, last=True)
             self._stream.clear()
@@ -68,6 +80,7 @@ class SpeechResampler:
 
     def reset(self) -> None:
         """Drop samples that have not come out yet."""
+        self._rest = b""
         if self._stream is not None:
             self._stream.clear()
 
@@ -144,10 +157,10 @@ class AvatarBridge:
 
     # ---- input
 
-    async def say(self, pcm: Shaped[np.ndarray, " s"], rate: int) -> int:
-        """Speak int16 mono samples at any rate; returns the utterance's number. The utterance continues until `end`."""
+    async def say(self, pcm: Speech, rate: int, channels: int = 1) -> int:
+        """Speak samples at any rate; returns the utterance's number. The utterance continues until `end`."""
         self._is_speaking = self._has_unreleased_speech = True
-        self._seg = await self._session.speak(self._agent_resampler.push(pcm, rate), end=False)
+        self._seg = await self._session.speak(self._agent_resampler.push(pcm, rate, channels), end=False)
         return self._seg
 
     async def end(self) -> int:
@@ -176,9 +189,9 @@ class AvatarBridge:
             return await asyncio.wait_for(asyncio.shield(self._pending_flush), REPLY_TIMEOUT_S)
         return None
 
-    async def hear_user(self, pcm: Shaped[np.ndarray, " s"], rate: int) -> None:
-        """Let the avatar listen to the user: int16 mono at any rate."""
-        samples = self._user_resampler.push(pcm, rate)
+    async def hear_user(self, pcm: Speech, rate: int, channels: int = 1) -> None:
+        """Let the avatar listen to the user, at any rate."""
+        samples = self._user_resampler.push(pcm, rate, channels)
         if len(samples):
             start, self._user_samples = self._user_samples, self._user_samples + len(samples)
             pcm_bytes = samples.astype("<i2").tobytes()

@@ -1,13 +1,13 @@
 """ElevenLabs agents with a body: audio interfaces that put an avatar between the agent and the loudspeaker.
 
-The SDK hands bytes to an audio interface without their rate, which is a setting of the agent. So the caller states it
-(`sample_rate`), and bytes that cannot be 16-bit samples are refused. The SDK does not report the end of an utterance
-either; a pause in the bytes marks it.
+The SDK hands bytes to an audio interface without their format, which is a setting of the agent. So the caller states it
+(`sample_rate`). The SDK does not report the end of an utterance either; a pause in the bytes marks it.
 """
 
 import asyncio
 import inspect
 import json
+import logging
 import threading
 from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
@@ -21,6 +21,7 @@ from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.messages import BodyOptions
 
+from ..voice_formats import READABLE, Decoder, is_file, named_format
 from .backend import find_backend
 from .bridge import AvatarBridge
 from .playback import AvatarChunk, Event
@@ -30,6 +31,7 @@ DEVICE_RATE = 16_000  # rate of the SDK's own interfaces, in both directions
 PAUSE_S = 0.3  # without new bytes for this long, the utterance is over
 RATES = (8_000, 16_000, 22_050, 24_000, 44_100, 48_000)
 _Result = TypeVar("_Result")
+_LOG = logging.getLogger(__name__)
 
 
 try:
@@ -45,7 +47,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         self,
         where: str | Path | Engine = "default",
         *,
-        sample_rate: int,
+        sample_rate: int | str,
         device: Any = None,
         on_event: Callable[[Event], None] | None = None,
         token: str = "",
@@ -53,7 +55,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         body: BodyOptions | None = None,
         page_port: int | None = None,
     ) -> None:
-        """Create the interface; `sample_rate` is that of the agent's output format, such as 16000 for `pcm_16000`.
+        """Create the interface; `sample_rate` is the agent's output format, such as `ulaw_8000`, or the rate of PCM.
 
         `where` is a server's address, or a bundle's name or folder, or an engine, which then runs here; `page_port`
         serves its page. `device` is the microphone and loudspeaker: an audio interface of the SDK's kind, sync or
@@ -61,12 +63,17 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         `BodyOptions(leash_m=0.5)`, keeps the avatar near its place.
 
         Raises:
-            AudioError: ElevenLabs has no such rate.
+            AudioError: ElevenLabs has no such format, or it is not one of samples.
         """
-        if sample_rate not in RATES:
-            raise AudioError(f"sample_rate {sample_rate} is not supported; give one of {', '.join(map(str, RATES))}")
+        self._kind, rate = named_format(f"pcm_{sample_rate}" if isinstance(sample_rate, int) else sample_rate)
+        if rate not in RATES or str(rate) not in str(sample_rate) or self._kind not in READABLE:
+            raise AudioError(
+                f"sample_rate {sample_rate!r} is not supported; give ulaw_8000, or one of {', '.join(map(str, RATES))}"
+            )
         self.bridge = AvatarBridge(find_backend(where, token=token, port=page_port), seed=seed, body=body)
-        self._rate, self._device, self._on_event = sample_rate, device, on_event
+        self._rate, self._device, self._on_event = rate, device, on_event
+        self._decoder = Decoder(self._kind)
+        self._has_told = False  # of bytes that are a file
         self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")
         self._bytes: asyncio.Queue[bytes] = asyncio.Queue()
         self._tasks: list[asyncio.Task[None]] = []
@@ -131,21 +138,17 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         await self.bridge.close()
 
     async def output(self, audio: bytes) -> None:
-        """Take speech of the agent; returns at once.
-
-        Raises:
-            AudioError: the bytes end in half a sample, so they are not 16-bit PCM.
-        """
-        if len(audio) % 2:
-            raise AudioError(
-                f"{len(audio)} bytes are not whole 16-bit samples; set the agent's output format to pcm_{self._rate}"
-            )
+        """Take speech of the agent; returns at once."""
+        if is_file(audio) and not self._has_told:
+            self._has_told = True
+            _LOG.warning("the agent sends files, not samples; set its output format to pcm_%d", self._rate)
         self._bytes.put_nowait(audio)
 
     async def interrupt(self) -> None:
         """Stop speaking at once: the user spoke."""
         while not self._bytes.empty():
             self._bytes.get_nowait()
+        self._decoder = Decoder(self._kind)  # without the first half of a sample
         if self._device is not None:
             await _maybe(self._device.interrupt())
             self._down.clear()
@@ -167,7 +170,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
                 if not self._has_failed:
                     await self._try(self.bridge.end())
                 audio = await self._bytes.get()
-            pcm = np.frombuffer(audio, "<i2")
+            pcm = self._decoder.push(audio)
             if self._has_failed or not await self._try(self.bridge.say(pcm, self._rate)):
                 await self._play(pcm, self._rate)  # the voice continues without the avatar
 

@@ -17,13 +17,12 @@ from multiprocessing.connection import Connection
 from typing import NamedTuple
 
 import numpy as np
-from websockets.asyncio.client import connect
 from websockets.asyncio.server import ServerConnection
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.sockets import serve_websockets
 
-from ..client.connection import quiet_logger
+from ..client.connection import open_websocket, quiet_logger
 from .relay import Relay
 from .upstream import ProxySettings
 
@@ -100,7 +99,7 @@ async def _listen(urls: list[str], seconds: float) -> ProxyReport:
 
     async def one(route: str, url: str) -> None:
         nonlocal frames
-        async with connect(url, compression=None, max_size=None, logger=quiet_logger()) as websocket:
+        async with await open_websocket(url, max_size=None) as websocket:
             await websocket.send(json.dumps({"type": "route", "route": route}))
             async for message in websocket:
                 now = time.perf_counter_ns()

@@ -8,75 +8,35 @@ anyway, so nothing is delayed by this.
 Playback happens in the client, where the proxy cannot see it. The avatar's playhead follows the wall clock and is never
 ahead of playback, because motion cannot exist before its sound. How much was heard is known from three sources: the
 time at which sound was forwarded (a client plays it as it arrives), `conversation.item.truncate`, and
-`echoavatar.played` from clients that know the proxy.
+`echoavatar.played` from clients that know the proxy. Who only cancels a response tells none: what was due is cut.
+
+A server may leave out what names an item; then its response does, or a name of ours. Sound that comes after the end of
+its item, or of another one between, goes on with the item: as a further `SpeechItem` that begins at `first`.
 """
 
 import asyncio
+import logging
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from math import inf
 
 import numpy as np
-import soxr
-from jaxtyping import Int16, UInt8
 
-from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
+from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 from echoavatar.wire.messages import Audio, Sound
 
 from ..client import Avatar
-from .events import AUDIO_DELTA, AUDIO_DONE, SESSION, Event, audio_format, inside, interrupts, sound
+from ..voice_formats import READABLE, Decoder, Format, Pcm, is_file
+from .events import AUDIO_DELTA, AUDIO_DONE, CUTS, PARTS_DONE, SESSION, Event, audio_format, inside, interrupts, sound
 
-Pcm = Int16[np.ndarray, " _s"]  # blocks of any length, also beside each other
+_LOG = logging.getLogger(__name__)
 STALL_S = 0.5  # an item that receives no sound for longer than this is no longer playing
 KEPT_CHUNKS = 32  # of speech already shown, to separate music from speech when motion is remade
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
+VOID_S = 2.0  # what comes of a response after it was cut off was on its way
 TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
 USER_BLOCK = 24_000  # samples in one message
-
-
-class Decoder:
-    """Decodes one stream of one format."""
-
-    def __init__(self, kind: str = "pcm", rate: int = SAMPLE_RATE_HZ) -> None:
-        self._kind = kind
-        self._rest = b""  # an incomplete sample at the end of the last block
-        self._stream = None
-        if rate != SAMPLE_RATE_HZ:
-            self._stream = soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16", quality="HQ")
-
-    def push(self, data: bytes, *, is_last: bool = False) -> Pcm:
-        """Decode the next bytes; `is_last` also flushes the resampler."""
-        if self._kind == "pcm":
-            data = self._rest + data
-            whole = len(data) // 2 * 2
-            self._rest = data[whole:]
-            samples = np.frombuffer(data[:whole], "<i2")
-        else:
-            samples = _TABLES[self._kind][np.frombuffer(data, np.uint8)]
-        if self._stream is None:
-            return samples
-        made: Pcm = self._stream.resample_chunk(samples, last=is_last)
-        return made
-
-
-def _ulaw(code: UInt8[np.ndarray, " n"]) -> Pcm:
-    """Mu-law: 8 segments of 16 steps, inverted bits, bias 33 at 14 bits."""
-    code = ~code
-    segment, step = (code >> 4) & 7, code & 15
-    size = (((2 * step.astype(np.int32) + 33) << segment) - 33) * 4
-    return np.where(code & 128, -size, size).astype(np.int16)
-
-
-def _alaw(code: UInt8[np.ndarray, " n"]) -> Pcm:
-    """A-law: the first two segments are linear; every other bit is inverted."""
-    code = code ^ 0x55
-    segment, step = ((code >> 4) & 7).astype(np.int32), (code & 15).astype(np.int32)
-    size = np.where(segment == 0, 2 * step + 1, (2 * step + 33) << np.maximum(segment - 1, 0)) * 8
-    return np.where(code & 128, size, -size).astype(np.int16)
-
-
-_CODES = np.arange(256, dtype=np.uint8)
-_TABLES = {"ulaw": _ulaw(_CODES), "alaw": _alaw(_CODES)}
 
 
 @dataclass(eq=False)
@@ -90,6 +50,8 @@ class SpeechItem:
     decoder: Decoder
     begun: float  # time by the loop's clock at which its first sound was forwarded
     chunk: ChunkSize = CHUNK  # chunk size of the avatar that receives it
+    first: int = 0  # samples of the item that came before, in an earlier part of it
+    guess: Format | None = None  # the format, where nobody has told it yet
     seg: int = 0  # the avatar's number for it; 0: not sent yet
     samples: int = 0  # received so far
     is_ended: bool = False
@@ -142,6 +104,10 @@ class SpeechItem:
         """Samples heard by now, if the sound is played as it arrives."""
         return max(0, min(round((now - self.begun) * SAMPLE_RATE_HZ), self.samples))
 
+    def ran_dry(self, now: float) -> float:
+        """Seconds since the sound that has come was over, if it is played as it arrives; negative before."""
+        return now - self.begun - self.samples / SAMPLE_RATE_HZ
+
     def clock_at(self, sample: int) -> int | None:
         """The avatar's clock of a sample; None if it is not known."""
         chunk, offset = divmod(max(0, sample), self.chunk.samples)
@@ -164,7 +130,7 @@ class SpeechItem:
 
     def frame(self, chunk: int) -> int:
         """The number of a chunk's first frame, counted from the start of the item."""
-        return chunk * self.chunk.frames
+        return self.first // SAMPLES_PER_FRAME + chunk * self.chunk.frames
 
 
 class SpeechItems:
@@ -188,10 +154,17 @@ class SpeechItems:
             item.begun = max(item.begun, before.begun + before.samples / SAMPLE_RATE_HZ)
         self._items.append(item)
 
-    def find(self, item_id: str | None, content_index: int = 0) -> SpeechItem | None:
-        """Find an item by its id."""
+    def find(self, item_id: str | None, content_index: int = 0, sample: float = inf) -> SpeechItem | None:
+        """Find an item by its id; of its parts the last, or the one with this sample."""
         wanted = item_id, content_index
-        return next((item for item in reversed(self._items) if (item.item_id, item.content_index) == wanted), None)
+        return next(
+            (
+                item
+                for item in reversed(self._items)
+                if (item.item_id, item.content_index) == wanted and item.first <= sample
+            ),
+            None,
+        )
 
     def of(self, seg: int) -> SpeechItem | None:
         """Find an item by the avatar's utterance number."""
@@ -200,10 +173,8 @@ class SpeechItems:
     def playing_at(self, now: float) -> SpeechItem | None:
         """The item that is playing at the time `now`, if sound is played as it arrives."""
         for item in self._items:
-            if item.cut is None and item.begun <= now:
-                over = now - item.begun - item.samples / SAMPLE_RATE_HZ
-                if over < (0 if item.is_ended else STALL_S):
-                    return item
+            if item.cut is None and item.begun <= now and item.ran_dry(now) < (0 if item.is_ended else STALL_S):
+                return item
         return None
 
     def forget(self) -> None:
@@ -219,12 +190,20 @@ class Conversation:
     def __init__(self) -> None:
         self.items = SpeechItems()
         self._chunk = CHUNK
-        self._format = {"input": ("pcm", SAMPLE_RATE_HZ), "output": ("pcm", SAMPLE_RATE_HZ)}
-        self._response_format: tuple[str, int] | None = None
+        self._format: dict[str, Format] = dict.fromkeys(("input", "output"), ("pcm", SAMPLE_RATE_HZ))
+        self._told: set[str] = set()  # whose format the server has told
+        self._response_format: Format | None = None
+        self._asked_format: Format | None = None  # by the client for the next response
+        self._response: str | None = None  # the newest response
+        self._void: tuple[str | None, float] = None, 0.0  # the response that was cut off, and when
+        self._item: str | None = None  # what the server last called an item of the model's
+        self._unnamed = 0  # number of the item for which nobody has a name
         self._user_interrupts = True
-        self._user_decoder: tuple[tuple[str, int], Decoder] | None = None
+        self._user_decoder: tuple[Format, Decoder] | None = None
         self._user_segment, self._user_sent = 0, 0
         self._pending_cut: asyncio.Task[None] | None = None
+        self._cut_at: int | None = None  # where that will cut
+        self._has_missed = False  # something that could not be read, and the log says so
 
     # ---- the avatar's session
 
@@ -250,48 +229,99 @@ class Conversation:
 
     async def on_server_event(self, event: Event, avatar: Avatar | None, now: float) -> None:
         """Handle an event of the model."""
-        if event.type in AUDIO_DELTA:
+        kind = event.type
+        if kind.endswith(AUDIO_DELTA):
             await self._speak(event, avatar, now)
-        elif event.type in AUDIO_DONE:
-            await self._end(self.items.find(event.item_id, event.content_index or 0), avatar)
-        elif event.type == "response.created":
-            self._response_format = audio_format(event.response, "output")
-        elif event.type == "response.done":
+        elif kind.endswith(AUDIO_DONE) or kind in PARTS_DONE:
+            await self._end(self.items.find(self._name(event), event.content_index), avatar)
+            self._unnamed += 1
+        elif kind == "response.created":
+            self._response_format = audio_format(event.response, "output") or self._asked_format
+            self._asked_format = None
+            self._response, self._item, self._void = event.response_id, None, (None, 0.0)
+            self._unnamed += 1
+        elif kind in ("response.output_item.added", "conversation.item.created", "conversation.item.added"):
+            if inside(event.item, "role") != "user" and inside(event.item, "type") in ("message", None):
+                self._item = event.item_id
+        elif kind in ("response.done", *CUTS):
+            if kind in CUTS or inside(event.response, "status") == "cancelled":
+                await self._cut(avatar, now, event.response_id)
             for item in self.items:
-                if item.response_id == inside(event.response, "id"):
+                if event.response_id is None or item.response_id in (None, event.response_id):
                     await self._end(item, avatar)
-        elif event.type in SESSION:
+            self._unnamed += 1
+        elif kind in SESSION:
             self._update_session(event.session)
-        elif event.type == "input_audio_buffer.speech_started" and self._user_interrupts:
-            self._cut_all(avatar, now)
+        elif kind == "input_audio_buffer.speech_started" and self._user_interrupts:
+            await self._cut(avatar, now)
 
-    def _update_session(self, session: object) -> None:
-        for direction in ("input", "output"):
-            self._format[direction] = audio_format(session, direction) or self._format[direction]
+    def miss(self, what: str, why: str) -> None:
+        """Log what could not be read, once a conversation."""
+        if not self._has_missed:
+            self._has_missed = True
+            _LOG.warning(
+                "the avatar does not move to %.60r: %s; let the voice agent send pcm16, g711_ulaw or g711_alaw in "
+                "base64, and say in its session which",
+                what,
+                why,
+            )
+
+    def _update_session(self, session: object, *, is_wish: bool = False) -> None:
+        for way in ("input", "output"):
+            found = audio_format(session, way)
+            if found is not None and not (is_wish and way in self._told and found[0] == self._format[way][0]):
+                self._format[way] = found
+            if found is not None and not is_wish:
+                self._told.add(way)
         user_interrupts = interrupts(session)
         self._user_interrupts = self._user_interrupts if user_interrupts is None else user_interrupts
 
+    def _name(self, event: Event) -> str:
+        """What the item of an event is called."""
+        return event.item_id or self._item or event.response_id or self._response or f"echoavatar_item_{self._unnamed}"
+
     async def _speak(self, event: Event, avatar: Avatar | None, now: float) -> None:
-        data = sound(event.delta)
-        if not data or event.item_id is None:
+        data = sound(event.audio if event.delta is None else event.delta)
+        if data is None:
+            self.miss(event.type, "its sound is not in base64")
+        if not data:
             return
-        item = self.items.find(event.item_id, event.content_index or 0)
-        if item is None:
-            await self._end(self.items.newest, avatar)
-            item = SpeechItem(
-                item_id=event.item_id,
-                response_id=event.response_id,
-                output_index=event.output_index or 0,
-                content_index=event.content_index or 0,
-                decoder=Decoder(*(self._response_format or self._format["output"])),
-                begun=now,
-                chunk=self._chunk,
-            )
-            if avatar is None:
-                item.cut = 0  # the avatar missed its beginning, so it does not move to this item at all
-            self.items.begin(item)
-        if item.cut is None and not item.is_ended:
+        item, form = self.items.find(self._name(event), event.content_index), self._format["output"]
+        if item is not None and item.cut is None and (item.ran_dry(now) > STALL_S or item.guess not in (None, form)):
+            await self._end(item, avatar)
+        if item is None or (item.is_ended and item.cut is None):
+            item = await self._begin(event, data, item, avatar, now)
+        if item is not None and item.cut is None:
+            item.begun += max(0.0, item.ran_dry(now))
             await self._send_chunks(item, item.add(data), avatar)
+
+    async def _begin(
+        self, event: Event, data: bytes, before: SpeechItem | None, avatar: Avatar | None, now: float
+    ) -> SpeechItem | None:
+        """The item that begins with an event, or goes on after its end; None if its format cannot be read."""
+        form = self._response_format or self._format["output"]
+        if form[0] not in READABLE or is_file(data):
+            self.miss(event.type, f"its sound is {form[0] if form[0] not in READABLE else 'a file'}, not samples")
+            return None
+        await self._end(self.items.newest, avatar)
+        item = SpeechItem(
+            item_id=self._name(event),
+            response_id=event.response_id or self._response,
+            output_index=event.output_index,
+            content_index=event.content_index,
+            decoder=Decoder(*form),
+            begun=now,
+            chunk=self._chunk,
+            first=before.first + before.samples if before is not None else 0,
+            guess=None if self._response_format or "output" in self._told else form,
+        )
+        void, since = self._void
+        if avatar is None or (item.response_id is not None and item.response_id == void and now < since + VOID_S):
+            item.cut = 0  # the avatar missed its beginning, or it is on its way since the response was cut off
+        else:
+            await self._finish_cut(avatar)
+        self.items.begin(item)
+        return item
 
     async def _end(self, item: SpeechItem | None, avatar: Avatar | None) -> None:
         if item is None or item.is_ended:
@@ -310,22 +340,37 @@ class Conversation:
 
     # ---- interruptions
 
-    def _cut_all(self, avatar: Avatar | None, now: float) -> None:
-        """The user speaks, so the model stops. The client may report what was heard; otherwise an estimate is used."""
-        item = self.items.playing_at(now)
-        for other in self.items:
-            if other.cut is None and not (other.is_ended and other.heard(now) >= other.samples):
-                other.cut = other.heard(now)
-        if item is None or avatar is None:
+    async def _cut(self, avatar: Avatar | None, now: float, response: str | None = None) -> None:
+        """The model stops: the user speaks, or a response is cancelled (this one, if it is named).
+
+        The client may report what was heard; otherwise what was due by now, if sound is played as it arrives, counts.
+        """
+        playing = self.items.playing_at(now)
+        if response is not None and playing is not None and playing.response_id not in (None, response):
             return
-        at = item.clock_at(item.heard(now))
+        self._void = response or self._response or (playing.response_id if playing else None), now
+        self._unnamed += 1
+        for item in self.items:
+            if item.cut is None and not (item.is_ended and item.heard(now) >= item.samples):
+                item.cut = item.heard(now)
+        if playing is None or avatar is None:
+            return
+        await self._finish_cut(avatar)
+        self._cut_at = playing.clock_at(playing.heard(now))
 
         async def cut_at_estimate() -> None:
             await asyncio.sleep(GRACE_S)
             self._pending_cut = None
-            await avatar.interrupt(at)
+            await avatar.interrupt(self._cut_at)
 
         self._pending_cut = asyncio.create_task(cut_at_estimate())
+
+    async def _finish_cut(self, avatar: Avatar) -> None:
+        """Wait no longer for the client's report: the model speaks again."""
+        if self._pending_cut is not None:
+            self._pending_cut.cancel()
+            self._pending_cut = None
+            await avatar.interrupt(self._cut_at)
 
     @property
     def is_cutting(self) -> bool:
@@ -334,13 +379,19 @@ class Conversation:
 
     async def _truncate(self, event: Event, avatar: Avatar | None) -> None:
         """The client reports how much of an item was heard."""
-        item = self.items.find(event.item_id, event.content_index or 0)
-        if item is None or event.audio_end_ms is None:
+        if event.audio_end_ms is None:
             return
         heard = max(0, round(event.audio_end_ms * SAMPLE_RATE_HZ / 1000))
-        estimate, item.cut = item.cut, heard
+        item = self.items.find(event.item_id, event.content_index, heard)
+        if item is None:
+            return
+        heard -= item.first
         items = list(self.items)
-        for later in items[items.index(item) + 1 :]:  # they will not be heard either
+        following = items[items.index(item) + 1 :]
+        if item.cut is not None and self._pending_cut is None and any(later.cut is None for later in following):
+            return  # it was cut at the estimate, and the model speaks again
+        estimate, item.cut = item.cut, heard
+        for later in following:  # they will not be heard either
             later.cut = 0 if later.cut is None else later.cut
         if self._pending_cut is not None:
             self._pending_cut.cancel()
@@ -357,19 +408,28 @@ class Conversation:
     async def on_client_event(self, event: Event, avatar: Avatar | None, now: float) -> None:
         """Handle an event of the client."""
         if event.type == "input_audio_buffer.append":
-            await self._send_user_audio(sound(event.audio), avatar)
+            await self._send_user_audio(event, avatar)
         elif event.type == "conversation.item.truncate":
             await self._truncate(event, avatar)
+        elif event.type in CUTS:
+            await self._cut(avatar, now, event.response_id)
+        elif event.type == "session.update":
+            self._update_session(event.session, is_wish=True)
+        elif event.type == "response.create":
+            self._asked_format = audio_format(event.response, "output")
         elif event.type == "echoavatar.played" and event.audio_end_ms is not None:
-            item = self.items.find(event.item_id, event.content_index or 0)
+            item = self.items.find(event.item_id, event.content_index)
             if item is not None:
-                item.begun = now - event.audio_end_ms / 1000
+                item.begun = now - event.audio_end_ms / 1000 + item.first / SAMPLE_RATE_HZ
 
-    async def _send_user_audio(self, data: bytes, avatar: Avatar | None) -> None:
+    async def _send_user_audio(self, event: Event, avatar: Avatar | None) -> None:
         """Pass on the user's voice: the avatar looks at the speaker and nods."""
+        data, form = sound(event.audio), self._format["input"]
+        if data is None or form[0] not in READABLE:
+            self.miss(event.type, f"its sound is {'not in base64' if data is None else form[0]}")
+            return
         if not data or avatar is None:
             return
-        form = self._format["input"]
         if self._user_decoder is None or self._user_decoder[0] != form:
             self._user_decoder = (form, Decoder(*form))
         samples = self._user_decoder[1].push(data)

@@ -1,13 +1,15 @@
-"""The fields of Realtime events that the avatar needs; everything else is ignored, and so are malformed events.
+"""The fields of Realtime events that the avatar needs, in the dialects of OpenAI, Azure, Alibaba, xAI and others.
 
-Event names of the present protocol (`response.output_audio.delta`) and of its first version (`response.audio.delta`),
-which other servers still use, are both known.
+Names are those of the present protocol (`response.output_audio.delta`) and of its first version
+(`response.audio.delta`), which others still use. A field of an unexpected type counts as absent.
 """
 
 import base64
 import binascii
 import json
 from collections.abc import Callable
+from contextlib import suppress
+from math import isfinite
 from typing import Any
 
 import msgspec
@@ -15,28 +17,40 @@ import msgspec
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_json
 
-AUDIO_DELTA = ("response.output_audio.delta", "response.audio.delta")
-AUDIO_DONE = ("response.output_audio.done", "response.audio.done")
+from ..voice_formats import Format, named_format
+
+AUDIO_DELTA, AUDIO_DONE = "audio.delta", "audio.done"  # ends of their names
+PARTS_DONE = ("response.content_part.done", "response.output_item.done")
 SESSION = ("session.created", "session.updated")
+CUTS = ("response.cancel", "output_audio_buffer.clear", "response.cancelled", "output_audio_buffer.cleared")
+_FROM_URL_SAFE = str.maketrans("-_", "+/")
 
 
 class Event(msgspec.Struct):
-    """One event; absent fields are None."""
+    """One event; absent fields are None, absent indices 0."""
 
     type: str
-    item_id: str | None = None
-    response_id: str | None = None
-    output_index: int | None = None
-    content_index: int | None = None
+    item_id: Any = None  # text
+    response_id: Any = None  # text
+    output_index: Any = 0  # a whole number
+    content_index: Any = 0  # a whole number
     delta: Any = None  # base64 in audio events
     audio: Any = None  # base64, sent by the client
-    audio_end_ms: float | None = None
-    call_id: str | None = None
-    name: str | None = None
+    audio_end_ms: Any = None  # a number
+    call_id: Any = None  # text
+    name: Any = None  # text
     arguments: Any = None
     session: Any = None
     response: Any = None
     item: Any = None
+
+    def __post_init__(self) -> None:
+        self.item_id = identity(self.item_id) or identity(inside(self.item, "id"))
+        self.response_id = identity(self.response_id) or identity(inside(self.response, "id"))
+        self.call_id, self.name = identity(self.call_id), identity(self.name)
+        self.output_index = round(_number(self.output_index) or 0)
+        self.content_index = round(_number(self.content_index) or 0)
+        self.audio_end_ms = _number(self.audio_end_ms)
 
 
 _DECODER = msgspec.json.Decoder(Event)
@@ -50,14 +64,28 @@ def read(message: str | bytes) -> Event | None:
         return None
 
 
-def sound(field: Any) -> bytes:
-    """Decode a base64 field; empty if it is malformed."""
+def sound(field: Any) -> bytes | None:
+    """Decode a base64 field, also URL-safe, in lines, or without padding; None if it is none of these."""
     if not isinstance(field, str):
-        return b""
-    try:
+        return None
+    with suppress(binascii.Error, ValueError):
         return base64.b64decode(field, validate=True)
+    text = "".join(field.rpartition(";base64,")[2].split()).translate(_FROM_URL_SAFE).rstrip("=")
+    try:
+        return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
     except (binascii.Error, ValueError):
-        return b""
+        return None
+
+
+def identity(value: Any) -> str | None:
+    """A name of something: text, or a number as text."""
+    return str(value) if isinstance(value, str | int) and not isinstance(value, bool) and value != "" else None
+
+
+def _number(value: Any) -> float | None:
+    with suppress(TypeError, ValueError, OverflowError):
+        return number if isfinite(number := float(value)) else None
+    return None
 
 
 def inside(value: Any, *path: str) -> Any:
@@ -69,22 +97,22 @@ def inside(value: Any, *path: str) -> Any:
     return value
 
 
-def audio_format(session: Any, direction: str) -> tuple[str, int] | None:
+def audio_format(session: Any, direction: str) -> Format | None:
     """Encoding and rate of a session's `input` or `output`; None if the session does not specify them.
 
-    The present protocol has `audio.output.format.type`, the first version `output_audio_format`.
+    The present protocol has `audio.output.format.type`, the first version `output_audio_format`. Azure states the rate
+    beside it (`input_audio_sampling_rate`), and Alibaba's speech has `response_format` and `sample_rate`.
     """
     form = inside(session, "audio", direction, "format") or inside(session, f"{direction}_audio_format")
-    rate = inside(form, "rate")
+    if form is None and direction == "output":
+        form = inside(session, "response_format")
     kind = inside(form, "type") if isinstance(form, dict) else form
-    match kind:
-        case "audio/pcmu" | "g711_ulaw":
-            return "ulaw", 8_000
-        case "audio/pcma" | "g711_alaw":
-            return "alaw", 8_000
-        case "audio/pcm" | "pcm16":
-            return "pcm", rate if isinstance(rate, int) and 8_000 <= rate <= 192_000 else 24_000
-    return None
+    places = [(form, "rate"), (form, "sample_rate"), (session, f"{direction}_audio_sampling_rate")]
+    places += [(session, f"{direction}_audio_sample_rate"), (session, "sample_rate")]
+    rate = next((found for place, key in places if (found := inside(place, key)) is not None), None)
+    if not isinstance(kind, str):
+        kind = "pcm" if rate is not None else ""
+    return named_format(kind, rate) if kind else None
 
 
 def interrupts(session: Any) -> bool | None:
@@ -103,7 +131,7 @@ def tools_of(session: Any) -> list[Any] | None:
 
 def is_for_us(message: str | bytes) -> bool:
     """Whether a client's event is addressed to the proxy."""
-    if len(message) > 4_096 or not isinstance(message, str) or '"echoavatar.' not in message:
+    if len(message) > 4_096 or not _holds(message, '"echoavatar.'):
         return False
     event = read(message)
     return event is not None and event.type.startswith("echoavatar.")
@@ -111,7 +139,7 @@ def is_for_us(message: str | bytes) -> bool:
 
 def with_tools(message: str | bytes, add: Callable[[list[Any]], list[Any]]) -> str | bytes:
     """A client's `session.update` with its tools extended by `add`; any other message unchanged."""
-    if not isinstance(message, str) or '"session.update"' not in message:
+    if not _holds(message, '"session.update"'):
         return message
     try:
         event = read_json(message, "the event")
@@ -121,4 +149,10 @@ def with_tools(message: str | bytes, add: Callable[[list[Any]], list[Any]]) -> s
     if inside(event, "type") != "session.update" or own is None:
         return message
     event["session"]["tools"] = add(own)
-    return json.dumps(event)
+    text = json.dumps(event)
+    return text if isinstance(message, str) else text.encode()
+
+
+def _holds(message: str | bytes, word: str) -> bool:
+    """Whether a message, in a frame of text or of bytes, has a word in it."""
+    return word in message if isinstance(message, str) else word.encode() in message

@@ -17,15 +17,17 @@ from websockets.asyncio.client import ClientConnection
 from websockets.asyncio.connection import Connection
 from websockets.asyncio.server import Server, ServerConnection
 from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
+from echoavatar.errors import DependencyError
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin, is_own_host
 from echoavatar.wire.sockets import serve_websockets, wrong_host
 
 from ..client.connection import quiet_logger
+from .conversation import Conversation
 from .sidecar import AvatarSidecar
 from .upstream import HANDSHAKE_TIMEOUT_S, MAX_BYTES, PING_S, PONG_S, ProxySettings, dial, refusal_headers, upstream_url
 
@@ -63,7 +65,7 @@ class Relay:
             host,
             port,
             files_each=FILES_OF_A_CLIENT,
-            noisy_logs=(_LOG.name, AvatarSidecar.__module__, quiet_logger().name),
+            noisy_logs=(_LOG.name, AvatarSidecar.__module__, Conversation.__module__, quiet_logger().name),
             process_request=self._process_request,
             select_subprotocol=self._subprotocol,
             compression=None,
@@ -109,9 +111,10 @@ class Relay:
         except TimeoutError as error:
             _LOG.warning("%s", error)
             return _http_response(HTTPStatus.GATEWAY_TIMEOUT, str(error))
-        except (OSError, InvalidHandshake) as error:
-            _LOG.warning("the upstream cannot be reached: %s", type(error).__name__)
-            return _http_response(HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {type(error).__name__}")
+        except (OSError, WebSocketException, DependencyError) as error:
+            why = error if isinstance(error, DependencyError) else type(error).__name__
+            _LOG.warning("the upstream cannot be reached: %s", why)
+            return _http_response(HTTPStatus.BAD_GATEWAY, f"the upstream cannot be reached: {why}")
         closing = asyncio.create_task(self._close_upstream(client))
         self._closing.add(closing)
         closing.add_done_callback(self._closing.discard)

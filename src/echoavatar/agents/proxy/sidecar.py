@@ -145,6 +145,8 @@ class AvatarSidecar:
             self._queued_bytes -= len(message)
             event = read(message)
             if event is None:
+                if is_server:
+                    self._conversation.miss(repr(message[:40]), "it is no event")
                 continue
             try:
                 await (self._on_server_event(event) if is_server else self._on_client_event(event))
@@ -158,7 +160,7 @@ class AvatarSidecar:
         await self._conversation.on_server_event(event, self._avatar, now)
         if not self._settings.tools:
             return
-        if event.type == "session.created":
+        if event.type in ("session.created", "conversation.created"):  # xAI sends the second only
             self._tool_calls.on_session(event.session, is_first=True)
             await self._tool_calls.offer()
         elif event.type == "input_audio_buffer.speech_started":

@@ -39,10 +39,10 @@ class ToolCalls:
         self._follow_ups = 0
 
     def on_session(self, session: Any, *, is_first: bool = False) -> None:
-        """Note which tools the client has: from `session.created` (`is_first`) or from a client's update."""
+        """Note which tools the client has: from the server's first event (`is_first`) or from a client's update."""
         tools = tools_of(session)
-        if is_first and isinstance(session, dict):
-            self._session_type, self._is_begun = session.get("type"), True
+        if is_first:
+            self._session_type, self._is_begun = inside(session, "type") or self._session_type, True
         if tools is not None:
             self._client_tools = tools
         self._client_names = _names(self._client_tools)
@@ -93,7 +93,8 @@ class ToolCalls:
 
     async def _answer(self, call: str, name: str, arguments: Any) -> None:
         try:
-            answer = await self._do(name, read_object(arguments or "{}", "the arguments"))
+            is_object = isinstance(arguments, dict)  # others than OpenAI may send it as it is
+            answer = await self._do(name, arguments if is_object else read_object(arguments or "{}", "the arguments"))
         except EchoAvatarError as error:
             answer = {"status": "rejected", "reason": str(error)}
         item = {"type": "function_call_output", "call_id": call, "output": json.dumps(answer)}

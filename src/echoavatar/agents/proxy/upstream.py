@@ -1,6 +1,5 @@
 """The settings of a proxy, and its connection to the voice agent: address, the client's own credentials and query."""
 
-import asyncio
 from collections.abc import Iterable
 from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
@@ -10,7 +9,7 @@ from websockets.asyncio.client import ClientConnection
 from echoavatar import outgoing
 from echoavatar.errors import EchoAvatarError
 
-from ..client.connection import OneOrigin
+from ..client.connection import open_websocket
 
 MAX_BYTES = 1 << 24  # of one event; vendors allow up to 15 MiB
 TIMEOUT_S = 15.0
@@ -82,22 +81,19 @@ async def dial(url: str, headers: Iterable[tuple[str, str]], subprotocols: Itera
     Raises:
         InvalidStatus: the upstream refused or redirects; the exception has its response.
         TimeoutError: the upstream does not answer.
-        OSError, InvalidHandshake: no server answers there, or it is not a WebSocket server.
+        OSError, WebSocketException, DependencyError: no server answers there, or it is not a WebSocket server.
     """
     offered = list(subprotocols)
-    connecting = OneOrigin(
-        url,
-        additional_headers=forwarded_headers(headers),
-        user_agent_header=None,
-        subprotocols=offered or None,
-        compression=None,  # it would add delay to every event
-        max_size=MAX_BYTES,
-        open_timeout=TIMEOUT_S,
-        ping_interval=PING_S,
-        ping_timeout=PONG_S,
-        proxy=True if await asyncio.to_thread(outgoing.is_proxied, url) else None,
-    )
     try:
-        return await connecting
+        return await open_websocket(
+            url,
+            additional_headers=forwarded_headers(headers),
+            user_agent_header=None,
+            subprotocols=offered or None,
+            max_size=MAX_BYTES,
+            open_timeout=TIMEOUT_S,
+            ping_interval=PING_S,
+            ping_timeout=PONG_S,
+        )
     except TimeoutError as error:
         raise TimeoutError(f"the upstream did not answer within {TIMEOUT_S:g} s") from error

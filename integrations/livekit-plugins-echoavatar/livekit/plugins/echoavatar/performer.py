@@ -10,7 +10,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
 from livekit import rtc
 from livekit.agents.voice.avatar import AudioReceiver, AudioSegmentEnd
 
@@ -111,8 +110,7 @@ class Performer:
             self._segments.append(Segment())
         segment = self._segments[-1]
         segment.seconds += frame.duration
-        pcm = np.frombuffer(frame.data, np.int16).reshape(-1, frame.num_channels)[:, 0]
-        segment.seg = await self.bridge.say(pcm, frame.sample_rate)
+        segment.seg = await self.bridge.say(bytes(frame.data), frame.sample_rate, frame.num_channels)
 
     async def _end(self) -> None:
         if self._is_open:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
+from echoavatar.cache import user_cache
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.json_reader import read_json
 from echoavatar.motion.formats import read_bvh
@@ -24,9 +25,8 @@ from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.kinematics.motion import align_signs, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import known_bones
-from echoavatar.nn.kernels import user_cache
 from echoavatar.timing import FRAME_RATE_HZ
-from echoavatar.whole_file import make_output_folder, write_whole
+from echoavatar.whole_file import write_whole
 from echoavatar_lab.corpora.controls import Array, Controls, concatenated, facing, moved, spans_of, wander
 
 from .animated import SUFFIXES, read_animated
@@ -110,8 +110,11 @@ def open_library(path: Path) -> CapturedLibrary:
     if path.is_dir():
         kept = user_cache() / f"captured-{_digest(path)}.npz"
         if not kept.exists():
-            make_output_folder(kept.parent)
-            read_folder(path).save(kept)
+            library = read_folder(path)
+            try:
+                library.save(kept)
+            except MotionError:  # no cache can be written
+                return library
         path = kept
     try:
         stored = arrays_of(path, MotionError)

@@ -38,19 +38,20 @@ on how frequent motion beats are and differs between the forms: compare scores o
 """
 
 import functools
-import getpass
-import tempfile
+import os
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
+import numba
 import numpy as np
 from filelock import FileLock
 from jaxtyping import Float, Int, Shaped
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import argrelextrema, find_peaks
 
+from echoavatar.cache import NOWHERE, user_caches
 from echoavatar.errors import MotionError
+from echoavatar.nn.kernels import cache_folder
 from echoavatar.timing import FRAME_RATE_HZ
 
 EMAGE_RATE_HZ = 16_000
@@ -75,9 +76,16 @@ def _librosa() -> Any:
     """Import librosa with its compiled parts, one process at a time.
 
     The first import compiles and caches them. If several processes do that at once, numba leaves inconsistent files in
-    its cache, and every later process that reads them crashes (numba issue 10128).
+    its cache, and every later process that reads them crashes (numba issue 10128). They are cached where our kernels
+    are, because numba refuses to import them for a user without a home, and librosa does, too.
     """
-    with FileLock(Path(tempfile.gettempdir()) / f"echoavatar-librosa-{getpass.getuser()}.lock"):
+    folder = cache_folder()
+    if folder == NOWHERE:
+        raise MotionError("librosa keeps compiled code, and nothing can be written here; set NUMBA_CACHE_DIR")
+    numba.config.CACHE_DIR = numba.config.CACHE_DIR or str(folder)
+    if not user_caches():
+        os.environ["XDG_CACHE_HOME"] = str(folder)
+    with FileLock(folder / "librosa.lock"):
         import librosa.beat
         import librosa.onset
     return librosa

@@ -25,9 +25,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int16
 
+from echoavatar.cache import user_cache
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.io import read_audio
-from echoavatar.nn.kernels import user_cache
 from echoavatar.whole_file import make_output_folder, whole_file
 from echoavatar_lab.foreign.csv_rows import read_rows
 

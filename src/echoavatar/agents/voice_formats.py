@@ -1,0 +1,89 @@
+"""The sound formats in which voice agents send speech: what their names mean, and their samples at 24 kHz."""
+
+import re
+
+import numpy as np
+import soxr
+from jaxtyping import Int16, UInt8
+
+from echoavatar.timing import SAMPLE_RATE_HZ
+
+Pcm = Int16[np.ndarray, " _s"]  # blocks of any length, also beside each other
+Format = tuple[str, int]  # encoding and rate; an encoding that is none of `READABLE` keeps its own name
+READABLE = ("pcm", "ulaw", "alaw")
+_NAMES = {  # parts of the names that vendors use
+    "ulaw": ("ulaw", "mulaw", "mu-law", "pcmu"),
+    "alaw": ("alaw", "a-law", "pcma"),
+    "": ("f32", "float", "s24", "s32"),
+    "pcm": ("pcm", "l16", "linear16", "s16", "raw"),
+}
+_FILES = (b"RIFF", b"OggS", b"ID3", b"fLaC", b"\x1aE\xdf\xa3")  # how files begin that hold sound in other encodings
+
+
+def named_format(name: str, rate: object = None) -> Format:
+    """The format of a name such as `pcm16`, `pcm16_8000hz`, `audio/pcmu` or `ulaw_8000`.
+
+    `rate` counts before one in the name. Without any, telephone codes have 8,000 and PCM has 24,000.
+    """
+    low = name.lower()
+    kind = next((kind for kind, parts in _NAMES.items() if any(part in low for part in parts)), "") or low
+    in_name = re.search(r"(?<!\d)\d{4,6}(?!\d)", low)
+    usual = SAMPLE_RATE_HZ if kind == "pcm" else 8_000
+    for asked in (rate, in_name and in_name[0]):
+        try:
+            number = float(asked)  # type: ignore[arg-type]
+        except (TypeError, ValueError):
+            continue
+        if 8_000 <= number <= 192_000:
+            return kind, int(number)
+    return kind, usual
+
+
+def is_file(data: bytes) -> bool:
+    """Whether sound begins as a file of another format does."""
+    return data.startswith(_FILES)
+
+
+class Decoder:
+    """Decodes one stream of one format."""
+
+    def __init__(self, kind: str = "pcm", rate: int = SAMPLE_RATE_HZ) -> None:
+        self._kind = kind
+        self._rest = b""  # an incomplete sample at the end of the last block
+        self._stream = None
+        if rate != SAMPLE_RATE_HZ:
+            self._stream = soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16", quality="HQ")
+
+    def push(self, data: bytes, *, is_last: bool = False) -> Pcm:
+        """Decode the next bytes; `is_last` also flushes the resampler."""
+        if self._kind == "pcm":
+            data = self._rest + data
+            whole = len(data) // 2 * 2
+            self._rest = data[whole:]
+            samples = np.frombuffer(data[:whole], "<i2")
+        else:
+            samples = _TABLES[self._kind][np.frombuffer(data, np.uint8)]
+        if self._stream is None:
+            return samples
+        made: Pcm = self._stream.resample_chunk(samples, last=is_last)
+        return made
+
+
+def _ulaw(code: UInt8[np.ndarray, " n"]) -> Pcm:
+    """Mu-law: 8 segments of 16 steps, inverted bits, bias 33 at 14 bits."""
+    code = ~code
+    segment, step = (code >> 4) & 7, code & 15
+    size = (((2 * step.astype(np.int32) + 33) << segment) - 33) * 4
+    return np.where(code & 128, -size, size).astype(np.int16)
+
+
+def _alaw(code: UInt8[np.ndarray, " n"]) -> Pcm:
+    """A-law: the first two segments are linear; every other bit is inverted."""
+    code = code ^ 0x55
+    segment, step = ((code >> 4) & 7).astype(np.int32), (code & 15).astype(np.int32)
+    size = np.where(segment == 0, 2 * step + 1, (2 * step + 33) << np.maximum(segment - 1, 0)) * 8
+    return np.where(code & 128, size, -size).astype(np.int16)
+
+
+_CODES = np.arange(256, dtype=np.uint8)
+_TABLES = {"ulaw": _ulaw(_CODES), "alaw": _alaw(_CODES)}
