@@ -8,6 +8,7 @@ import asyncio
 import logging
 import secrets
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
@@ -267,12 +268,13 @@ class VideoDesk:
         session = asked_session(self._manager, request, dict(request.path_params))
         (character, shot), offer = self._wish(request), await read_body(request, MOST_BYTES)
         client = client_of(request.scope)
-        await self._make_room(client)
-        if not self.free:
+        if not (self.free or self._giving_way(client)):
             retry = {"retry-after": str(RETRY_S)}
             return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
         await self._manager.clients.check("offers", client)
         text = await self._read(offer.decode("utf-8", "replace"), request.client.host if request.client else "")
+        if not self.free and (viewer := self._giving_way(client)):
+            await viewer.close()
         name, answer = await self._answer(session, character, shot, text, client)
         return Response(answer, 201, {"location": f"/v1/whep/{name}"}, "application/sdp")
 
@@ -291,16 +293,21 @@ class VideoDesk:
         background = query.get("background", "studio")[:40]
         return character, Shot(settings.video_size, view, background, renderer=settings.video_renderer)
 
-    async def _make_room(self, client: str) -> None:
-        """If all renderers are taken, end the viewer that has tried to connect for longest.
+    def _giving_way(self, client: str) -> Viewer | None:
+        """The viewer that ends if all renderers are taken and a client asks for one.
 
-        It must be another client's, and the one who asks must have none that tries: so nobody keeps a place from
-        others by offers that are never followed up.
+        It is the one that has tried to connect for longest, or else the newest of the client that has most, if those
+        are two more than the asking client has. The latter must have none that tries. So nobody keeps places from
+        others, neither by offers that are never followed up nor by many viewers.
         """
-        if self.free or any(viewer.waits and viewer.client == client for viewer in self._viewers.values()):
-            return
-        if (slow := next((viewer for viewer in self._viewers.values() if viewer.is_patient), None)) is not None:
-            await slow.close()
+        viewers = list(self._viewers.values())
+        if any(viewer.waits and viewer.client == client for viewer in viewers):
+            return None
+        if slow := next((viewer for viewer in viewers if viewer.is_patient), None):
+            return slow
+        shares = Counter(viewer.client for viewer in viewers)
+        newest = max(reversed(viewers), key=lambda viewer: shares[viewer.client], default=None)
+        return newest if newest is not None and shares[newest.client] > shares[client] + 1 else None
 
     async def _read(self, offer: str, address: str) -> str:
         """The part of an offer that is used here."""

@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from echoavatar.checkpoint import check_numbers
 from echoavatar.errors import CheckpointError
 from echoavatar.json_reader import read_object
 from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file
@@ -74,13 +75,15 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
     if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
         raise CheckpointError(f"{path}: {key!r} is no table of tensors; is it a file of the release?")
     for name, value in want_few(path, tensors).items():
-        if value.is_complex() or not value.numel():
-            raise CheckpointError(f"{path}: {str(name)[:80]} holds no real numbers; download it again")
+        if not value.numel():
+            raise CheckpointError(f"{path}: {str(name)[:80]} holds no numbers; download it again")
         if value.numel() * value.element_size() > value.untyped_storage().nbytes():
             raise CheckpointError(
                 f"{path}: {str(name)[:80]} {list(value.shape)} is larger than its numbers; download it again"
             )
-    return {str(name): value for name, value in tensors.items()}
+    found = {str(name): value for name, value in tensors.items()}
+    check_numbers(path, found)
+    return found
 
 
 CountedT = TypeVar("CountedT", bound=Sized)

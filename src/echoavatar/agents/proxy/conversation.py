@@ -31,7 +31,7 @@ STALL_S = 0.5  # an item that receives no sound for longer than this is no longe
 KEPT_CHUNKS = 32  # of speech already shown, to separate music from speech when motion is remade
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
 TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
-USER_BLOCK = 24_000  # samples in one message
+BLOCK_BYTES = 48_000  # of sound that are decoded at once: an event may bring minutes, and others go on meanwhile
 
 
 class Decoder:
@@ -290,8 +290,9 @@ class Conversation:
             if avatar is None:
                 item.cut = 0  # the avatar missed its beginning, so it does not move to this item at all
             self.items.begin(item)
-        if item.cut is None and not item.is_ended:
-            await self._send_chunks(item, item.add(data), avatar)
+        for block in _blocks(data):
+            if item.cut is None and not item.is_ended:
+                await self._send_chunks(item, item.add(block), avatar)
 
     async def _end(self, item: SpeechItem | None, avatar: Avatar | None) -> None:
         if item is None or item.is_ended:
@@ -304,7 +305,7 @@ class Conversation:
 
     async def _send_chunks(self, item: SpeechItem, chunks: Iterable[Pcm], avatar: Avatar | None) -> None:
         for chunk in chunks:
-            await asyncio.sleep(0)  # an event may bring minutes of sound, and other conversations go on meanwhile
+            await asyncio.sleep(0)
             if avatar is not None and item.cut is None:
                 item.seg = await avatar.speak(chunk, end=False)
 
@@ -372,10 +373,13 @@ class Conversation:
         form = self._format["input"]
         if self._user_decoder is None or self._user_decoder[0] != form:
             self._user_decoder = (form, Decoder(*form))
-        samples = self._user_decoder[1].push(data)
-        for start in range(0, len(samples), USER_BLOCK):
-            block = samples[start : start + USER_BLOCK]
-            await avatar.send(
-                Audio(seg=self._user_segment, start=self._user_sent, pcm=block.astype("<i2").tobytes(), speaker="user")
-            )
-            self._user_sent += len(block)
+        for block in _blocks(data):
+            await asyncio.sleep(0)
+            samples = self._user_decoder[1].push(block)
+            pcm = samples.astype("<i2").tobytes()
+            await avatar.send(Audio(seg=self._user_segment, start=self._user_sent, pcm=pcm, speaker="user"))
+            self._user_sent += len(samples)
+
+
+def _blocks(data: bytes) -> Iterator[bytes]:
+    return (data[at : at + BLOCK_BYTES] for at in range(0, len(data), BLOCK_BYTES))

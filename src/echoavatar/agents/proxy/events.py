@@ -18,6 +18,8 @@ from echoavatar.json_reader import read_json
 AUDIO_DELTA = ("response.output_audio.delta", "response.audio.delta")
 AUDIO_DONE = ("response.output_audio.done", "response.audio.done")
 SESSION = ("session.created", "session.updated")
+MOST_BYTES = 1 << 22  # of an event that is read, a minute of sound: reading holds up other conversations
+MOST_VALUES = 1 << 16  # in it
 
 
 class Event(msgspec.Struct):
@@ -43,9 +45,11 @@ _DECODER = msgspec.json.Decoder(Event)
 
 
 def read(message: str | bytes) -> Event | None:
-    """Parse an event; None if it is not one."""
+    """Parse an event; None if it is not one, or is too large: it passes, and the avatar does not hear of it."""
     try:
-        return _DECODER.decode(message)
+        raw = message.encode() if isinstance(message, str) else message
+        is_large = len(raw) > MOST_BYTES or sum(map(raw.count, (b",", b"[", b"{"))) > MOST_VALUES
+        return None if is_large else _DECODER.decode(raw)
     except (msgspec.DecodeError, UnicodeError, RecursionError):
         return None
 
@@ -114,7 +118,7 @@ def with_tools(message: str | bytes, add: Callable[[list[Any]], list[Any]]) -> s
     if not isinstance(message, str) or '"session.update"' not in message:
         return message
     try:
-        event = read_json(message, "the event")
+        event = read_json(message, "the event", most=MOST_BYTES, most_values=MOST_VALUES)
     except EchoAvatarError:
         return message
     own = tools_of(inside(event, "session"))

@@ -23,7 +23,7 @@ from ..client import Avatar, RemoteTools, connect
 from . import avatar_events
 from .avatar_events import EventWriter
 from .conversation import Conversation
-from .events import Event, inside, is_for_us, read, with_tools
+from .events import MOST_BYTES, Event, inside, is_for_us, read, with_tools
 from .tool_calls import ToolCalls
 from .upstream import ProxySettings
 
@@ -145,6 +145,8 @@ class AvatarSidecar:
             self._queued_bytes -= len(message)
             event = read(message)
             if event is None:
+                if len(message) > MOST_BYTES:
+                    _LOG.warning("an event of %d bytes passed unread, so the avatar does not hear it", len(message))
                 continue
             try:
                 await (self._on_server_event(event) if is_server else self._on_client_event(event))
