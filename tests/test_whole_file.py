@@ -108,7 +108,5 @@ def test_every_file_of_a_checkpoint_is_flushed_renamed_and_its_folder_flushed(
     monkeypatch.setattr(secrets, "token_hex", lambda _: "0")
     checkpoint.save(tmp_path, config=Config(), weights={"a": torch.zeros(1)}, card={})
     names = ("model.safetensors", "config.json", "card.json")
-    wanted = [
-        (("flush", ".0.partial"), ("rename", name), ("flush", tmp_path.name)) for name in names
-    ]
+    wanted = [(("flush", ".0.partial"), ("rename", name), ("flush", tmp_path.name)) for name in names]
     assert calls == [call for file in wanted for call in file]

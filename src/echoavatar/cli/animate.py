@@ -160,7 +160,9 @@ def _readable(sound: Path) -> Iterator[Path]:
             while block := sys.stdin.buffer.read(1 << 20):
                 file.write(block)
                 if file.tell() > STDIN_BYTES:
-                    raise EchoAvatarError(f"standard input has more than {STDIN_BYTES:,} bytes; give the sound as a file")
+                    raise EchoAvatarError(
+                        f"standard input has more than {STDIN_BYTES:,} bytes; give the sound as a file"
+                    )
         yield kept
 
 

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import anyio
+import anyio.lowlevel
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.errors import EchoAvatarError
@@ -180,7 +181,7 @@ class Connection:
         """Take sound. That of the user is judged here, on the event loop, so others get their turn after each second."""
         for part in split_audio(message, self._form) if message.speaker == "user" else (message,):
             session.hear(part)
-            await anyio.sleep(0)
+            await anyio.lowlevel.checkpoint()
 
     async def _play(self, session: ServerSession, message: Music) -> None:
         tracks = self._manager.tracks

@@ -24,7 +24,6 @@ from echoavatar.wire.messages import (
     ActionState,
     ActionStatus,
     Audio,
-    AudioFormat,
     AvatarState,
     End,
     Flush,
@@ -47,7 +46,6 @@ if TYPE_CHECKING:
     from .tracing import SessionTrace
 
 _LOG = logging.getLogger(__name__)
-Samples = Float[np.ndarray, " s"]
 MOST_FLUSHES = 64  # that are kept for clients that resume
 KEPT_S = 8.0  # of sent motion and sound, kept for clients that join or resume
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
