@@ -78,9 +78,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
             async for message in avatar:
                 left -= LEAST_BYTES * (1 + getattr(message, "frames", 0)) + len(getattr(message, "pcm", b""))
                 if left < 0:
-                    raise EchoAvatarError(
-                        f"{redacted(args.server)} sends more than this sound needs; try another server"
-                    )
+                    raise EchoAvatarError(f"{redacted(args.server)} sends more than this sound needs; try another")
                 recorder.take(message)
                 if recorder.end >= wanted:
                     wanted = recorder.end + 24_000

@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import time
 from typing import Any
 
 import numpy as np
@@ -180,3 +181,28 @@ def test_other_rates_come_to_24_khz_and_nothing_is_lost_at_the_end() -> None:
     assert len(made) == 24_000
     expected = 10_000 * np.sin(2 * np.pi * 440 * np.arange(24_000) / 24_000)
     assert np.abs(made - expected)[500:-500].max() < 100
+
+
+async def test_minutes_of_sound_in_one_event_leave_the_event_loop_to_others() -> None:
+    """Of the model, by which the avatar speaks, and of the user at a telephone's rate."""
+    conversation, turns = Conversation(), [0.0]
+
+    async def other() -> None:
+        while True:
+            began = time.thread_time()
+            await asyncio.sleep(0)
+            turns.append(time.thread_time() - began)
+
+    watching = asyncio.create_task(other())
+    await asyncio.sleep(0)
+    avatar: Any = Avatar()
+    await conversation.on_server_event(delta(45.0), avatar, 0.0)
+    session = {"input_audio_format": "g711_ulaw"}
+    await conversation.on_server_event(Event("session.created", session=session), avatar, 0.0)
+    loud = base64.b64encode(bytes(360_000)).decode()
+    await conversation.on_client_event(Event("input_audio_buffer.append", audio=loud), avatar, 0.0)
+    watching.cancel()
+    assert len(turns) > 100
+    assert max(turns) < 0.05
+    sent = [message for what, message in avatar.told if what == "send"]
+    assert sum(len(message.pcm) for message in sent) == pytest.approx(2 * 3 * 360_000, rel=0.01)
