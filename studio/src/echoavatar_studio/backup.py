@@ -80,6 +80,7 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
                 _restore_rows(session, whole, counts, path)
                 if not store.is_sqlite:
                     _go_on_counting(session)
+                note(session, "studio", "restored", detail=path.name)
                 for name in whole.namelist():
                     if name.startswith("media/"):
                         _unpack(whole, name, media, unpacked)
@@ -146,7 +147,6 @@ def _restore_rows(session: Session, whole: zipfile.ZipFile, counts: dict[str, in
             _check_row(stored["table"], stored["row"])
             session.execute(insert(tables[stored["table"]]).values(**stored["row"]))
             counts[stored["table"]] = counts.get(stored["table"], 0) + 1
-    note(session, "studio", "restored", detail=path.name)
 
 
 def _go_on_counting(session: Session) -> None:
