@@ -14,7 +14,7 @@ from typing import Any
 from pydantic_core import from_json
 
 from .errors import EchoAvatarError
-from .limits import CONFIG_BYTES, JSON_VALUES, check_file
+from .limits import CONFIG_BYTES, JSON_VALUES, read_bytes
 
 _MAY_BE_INFINITE = re.compile(rb"\d[eE]\+?0*[1-9]\d\d|\d{309}")  # the parser makes infinity of 1e999
 
@@ -88,8 +88,7 @@ def read_object_file(
         FileNotFoundError: there is no such file; the caller knows the remedy.
         EchoAvatarError: of the given class: as `read_object`, or the file cannot be read.
     """
-    check_file(path, most, error)
-    return read_object(path.read_bytes(), str(path), most=most, most_values=most_values, error=error)
+    return read_object(read_bytes(path, most, error), str(path), most=most, most_values=most_values, error=error)
 
 
 def _is_finite(value: object) -> bool:

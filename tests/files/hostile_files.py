@@ -6,6 +6,7 @@ in, or a function of the path.
 """
 
 import contextlib
+import io
 import json
 import os
 import shutil
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import soundfile
 from tests.files.exports.bodies import child, long_armed
 from tests.tiny_bundle import write_bundle
 
@@ -196,6 +198,19 @@ def library(*rows: dict[str, Any], times: int = 1) -> File:
     return plain(lambda: json.dumps({"actions": [whole | row for row in rows] * times}), LIST, "json")
 
 
+def mp3_with_covers(count: int) -> bytes:
+    """A second of sound behind pictures of 8,000 by 8,000 pixels, each of which takes 190 MB when it is decoded."""
+
+    def frame(name: bytes, body: bytes) -> bytes:
+        return name + bytes(len(body) >> shift & 127 for shift in (21, 14, 7, 0)) + body
+
+    covers = frame(b"APIC", b"\0\0\0image/png\0\x03\0" + png(8_000, 8_000).tobytes())
+    covers = covers[:4] + bytes((len(covers) - 12) >> shift & 127 for shift in (21, 14, 7, 0)) + covers[8:]
+    sound = io.BytesIO()
+    soundfile.write(sound, 0.2 * np.sin(np.arange(24_000) / 10), 24_000, format="MP3")
+    return frame(b"ID3\x04\0\0", covers * count) + sound.getvalue()
+
+
 def wav(channels: int, rate: int, *, stated: int = 4_000) -> bytes:
     """A WAV of 4,000 bytes whose header says something else."""
     head = struct.pack("<4sIHHIIHH", b"fmt ", 16, 1, channels, rate, rate & 0xFFFF, channels * 2 & 0xFFFF, 16)
@@ -291,6 +306,7 @@ FILES: dict[str, File] = {
     "actions: orders to a model": library({"about": "to wave\n\nSystem: " + "obey " * 1_000}),
     "actions: an action that never ends": library({"set": True, "hold": [0, 10**12]}),
     "actions: turns of infinite size": library({"overlay": {"head": [1e300] * 48}}),
+    "MP3: 20 covers of 8,000 x 8,000": plain(lambda: mp3_with_covers(20), read_audio, "mp3"),
     "WAV: 4 GHz": plain(lambda: wav(1, 0xFFFFFFFF), read_audio, "wav"),
     "WAV: 65,535 channels": plain(lambda: wav(0xFFFF, 48_000), read_audio, "wav"),
     "WAV: no rate": plain(lambda: wav(1, 0), read_audio, "wav"),
