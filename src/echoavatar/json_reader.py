@@ -57,30 +57,21 @@ def read_json(
 
 
 def read_object(
-    data: object,
-    name: str,
-    *,
-    most: int = CONFIG_BYTES,
-    most_values: int = JSON_VALUES,
-    error: type[EchoAvatarError] = EchoAvatarError,
+    data: object, name: str, *, error: type[EchoAvatarError] = EchoAvatarError, **bounds: int
 ) -> dict[str, Any]:
     """The JSON object in a text; see `read_json`.
 
     Raises:
         EchoAvatarError: of the given class: as `read_json`, or the value is not an object.
     """
-    value = read_json(data, name, most=most, most_values=most_values, error=error)
+    value = read_json(data, name, error=error, **bounds)
     if not isinstance(value, dict):
         raise error(f"{name} is not a JSON object")
     return value
 
 
 def read_object_file(
-    path: Path,
-    *,
-    most: int = CONFIG_BYTES,
-    most_values: int = JSON_VALUES,
-    error: type[EchoAvatarError] = EchoAvatarError,
+    path: Path, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError, **bounds: int
 ) -> dict[str, Any]:
     """The JSON object in a file; see `read_json`.
 
@@ -88,7 +79,7 @@ def read_object_file(
         FileNotFoundError: there is no such file; the caller knows the remedy.
         EchoAvatarError: of the given class: as `read_object`, or the file cannot be read.
     """
-    return read_object(read_bytes(path, most, error), str(path), most=most, most_values=most_values, error=error)
+    return read_object(read_bytes(path, most, error), str(path), error=error, most=most, **bounds)
 
 
 def _is_finite(value: object) -> bool:

@@ -161,10 +161,10 @@ class Viewer:
             kinds = self._add_tracks()
             if "video" in kinds:
                 await self._peer.setLocalDescription(await self._peer.createAnswer())
+            else:
+                raise EchoAvatarError("the SDP offer asks for no video; offer to receive video and audio")
         except Exception as error:  # a parser of foreign text fails in many ways
             raise _unanswerable(error) from error
-        if "video" not in kinds:
-            raise EchoAvatarError("the SDP offer asks for no video; offer to receive video and audio")
         self._session.join(self._outbox, received=None)
         self._patience = asyncio.get_running_loop().call_later(CONNECT_S, self._give_up)
         return str(self._peer.localDescription.sdp)
@@ -272,7 +272,11 @@ class VideoDesk:
             retry = {"retry-after": str(RETRY_S)}
             return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
         await self._manager.clients.check("offers", client)
-        text = await self._read(offer.decode("utf-8", "replace"), request.client.host if request.client else "")
+        given, host = offer.decode("utf-8", "replace"), request.client.host if request.client else ""
+        try:
+            text = await to_thread.run_sync(read_offer, given, host, limiter=self._worker)
+        except Exception as error:  # a parser of foreign text fails in many ways
+            raise _unanswerable(error) from error
         if not self.free and (viewer := self._giving_way(client)):
             await viewer.close()
         name, answer = await self._answer(session, character, shot, text, client)
@@ -308,15 +312,6 @@ class VideoDesk:
         shares = Counter(viewer.client for viewer in viewers)
         newest = max(reversed(viewers), key=lambda viewer: shares[viewer.client], default=None)
         return newest if newest is not None and shares[newest.client] > shares[client] + 1 else None
-
-    async def _read(self, offer: str, address: str) -> str:
-        """The part of an offer that is used here."""
-        try:
-            return await to_thread.run_sync(read_offer, offer, address, limiter=self._worker)
-        except EchoAvatarError:
-            raise
-        except Exception as error:  # a parser of foreign text fails in many ways
-            raise _unanswerable(error) from error
 
     async def _answer(
         self, session: ServerSession, character: str, shot: Shot, offer: str, client: str
@@ -358,6 +353,8 @@ class VideoDesk:
 
 
 def _unanswerable(error: Exception) -> EchoAvatarError:
+    if isinstance(error, EchoAvatarError):
+        return error
     _LOG.info("an SDP offer was refused: %r", error)
     return EchoAvatarError("this SDP offer cannot be answered; ask for VP8 or H.264, and Opus")
 
