@@ -82,9 +82,9 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
             raise CheckpointError(
                 f"{path}: {str(name)[:80]} {list(value.shape)} is larger than its numbers; download it again"
             )
-    found = {str(name): value for name, value in tensors.items()}
-    check_numbers(path, found)
-    return found
+    named = {str(name): value for name, value in tensors.items()}
+    check_numbers(path, named)
+    return named
 
 
 CountedT = TypeVar("CountedT", bound=Sized)
