@@ -1,11 +1,14 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from echoavatar import limits
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError, EchoAvatarError
+from echoavatar.json_reader import read_object_file
 from echoavatar.limits import BVH_BYTES, CONFIG_BYTES, GLB_BYTES, check_file, read_text
 from echoavatar.motion.formats.bvh import read_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
@@ -56,3 +59,32 @@ def test_text_is_read_from_regular_files_of_utf_8(tmp_path: Path) -> None:
             read_text(wrong, "write it", error=CheckpointError)
     with pytest.raises(CheckpointError, match="not a regular file"):
         read_text(tmp_path / "pipe", "write it", error=CheckpointError)
+
+
+def to_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def to_more(path: Path) -> None:
+    path.write_bytes(bytes(1_000))
+
+
+def to_zeros(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("change", [to_pipe, to_more, to_zeros])
+def test_a_file_that_is_exchanged_after_the_check_is_refused_too(
+    change: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check_and_change(path: Path, *rest: Any) -> None:
+        check_file(path, *rest)
+        change(path)
+
+    monkeypatch.setattr(limits, "check_file", check_and_change)
+    path = tmp_path / "a"
+    path.write_bytes(b"{}")
+    with pytest.raises(EchoAvatarError, match=r"not a regular file|1,000 bytes, and at most 999"):
+        read_object_file(path, most=999)

@@ -7,16 +7,15 @@ import json
 import os
 import re
 import socket
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.http_server import Act, HttpServer, running
 from tests.server.fakes import serving as running_server
 from websockets.exceptions import InvalidHandshake
 
@@ -30,55 +29,14 @@ from echoavatar.server.companion import ChatModel, ToolAccess
 
 ROOT = Path(__file__).parents[1]
 KEY = "sk-Very/Secret+Key=0123456789"
-Act = Callable[[Any], None]
 
 
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    asked: list[tuple[str, str, dict[str, str]]]
-
-    def handle_error(self, *_: object) -> None: ...  # clients hang up here
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.server_port}"
-
-
-@contextmanager
-def serving(act: Act) -> Iterator[_Server]:
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"  # WebSockets know no other
-
-        def do_GET(self) -> None:
-            server.asked.append((self.command, self.path, {k.lower(): v for k, v in self.headers.items()}))
-            self.rfile.read(int(self.headers.get("content-length", 0)))
-            act(self)
-
-        do_POST = do_PATCH = do_CONNECT = do_GET  # noqa: N815
-
-        def log_message(self, *_: object) -> None: ...
-
-    server = _Server(("127.0.0.1", 0), Handler)
-    server.asked = []
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
-    thread.start()
-    try:
-        yield server
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+def serving(act: Act) -> AbstractContextManager[HttpServer]:
+    return running(HttpServer(act))
 
 
 def answering(status: int, body: bytes = b"{}", **headers: str) -> Act:
-    def act(handler: Any) -> None:
-        handler.send_response(status)
-        for name, value in {"content-length": str(len(body)), **headers}.items():
-            handler.send_header(name, value)
-        handler.end_headers()
-        handler.wfile.write(body)
-
-    return act
+    return lambda handler: handler.answer(status, body, **headers)
 
 
 def chat(url: str) -> object:
@@ -302,7 +260,7 @@ PROXIES = ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY", "WS_PROXY", "WSS_PROXY")
 
 
 @pytest.fixture
-def proxy(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Server]:
+def proxy(monkeypatch: pytest.MonkeyPatch) -> Iterator[HttpServer]:
     with serving(answering(502)) as proxy:
         for name in PROXIES:
             monkeypatch.setenv(name, proxy.url)
@@ -312,7 +270,7 @@ def proxy(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Server]:
         yield proxy
 
 
-def test_this_machine_is_never_asked_through_a_proxy(proxy: _Server) -> None:
+def test_this_machine_is_never_asked_through_a_proxy(proxy: HttpServer) -> None:
     with serving(answering(200, b'{"a": 1}')) as server:
         for host in ("127.0.0.1", "localhost", "127.1", "0x7f000001"):
             assert ask(f"http://{host}:{server.server_port}/") == {"a": 1}
@@ -353,7 +311,7 @@ def test_public_hosts(host: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert not outgoing.is_private(host)
 
 
-def test_other_machines_are_asked_through_the_proxy(proxy: _Server, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_machines_are_asked_through_the_proxy(proxy: HttpServer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outgoing, "is_private", lambda host: host == "127.0.0.1")
     with pytest.raises(OutgoingError, match="HTTP 502"):
         ask("http://model.example/v1", headers={"x-key": KEY})
@@ -364,7 +322,7 @@ def test_other_machines_are_asked_through_the_proxy(proxy: _Server, monkeypatch:
 
 
 def test_websockets_to_other_machines_go_through_any_kind_of_proxy(
-    proxy: _Server, monkeypatch: pytest.MonkeyPatch
+    proxy: HttpServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(outgoing, "is_private", lambda host: host == "127.0.0.1")
     for name in PROXIES:

@@ -1,6 +1,7 @@
 """A file is there completely or not at all, and a failure is told in one line."""
 
 import os
+import secrets
 from pathlib import Path
 
 import pytest
@@ -39,14 +40,34 @@ def test_text_is_utf_8_with_the_line_ends_given(tmp_path: Path) -> None:
     assert (tmp_path / "b").read_bytes() == b"\x00\r\n"
 
 
-@pytest.mark.parametrize("name", ["nowhere/a.txt", "file/a.txt", "folder", "folder/.."])
+@pytest.mark.parametrize("name", ["nowhere/a.txt", "file/a.txt", "folder", "folder/..", "pipe", "zero"])
 def test_a_place_that_cannot_be_written_is_told_in_one_line(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zero").symlink_to("/dev/zero")
     said = rf"^cannot write .*{name} \([^()]+; [0-9,]+ MB free\); make room or choose another place, and run it again$"
     with pytest.raises(MotionError, match=said):
         write_whole(tmp_path / name, b"", error=MotionError)
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder"]
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder", "pipe", "zero"]
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_the_longest_name_of_a_file_is_one(tmp_path: Path) -> None:
+    write_whole(tmp_path / ("a" * 255), "long")
+    assert (tmp_path / ("a" * 255)).read_text() == "long"
+
+
+def test_nobody_can_put_a_link_where_the_new_file_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with whole_file(tmp_path / "a") as one, whole_file(tmp_path / "a") as other:
+        assert {len(place.name) for place in (one, other)} == {len(one.name)} == {25}
+        assert one != other  # 64 random bits
+    (tmp_path / "victim").write_text("kept")
+    monkeypatch.setattr(secrets, "token_hex", lambda _: "0")
+    (tmp_path / ".0.partial").symlink_to(tmp_path / "victim")
+    with pytest.raises(EchoAvatarError, match="File exists"):
+        write_whole(tmp_path / "b", "overwritten")
+    assert (tmp_path / "victim").read_text() == "kept"
 
 
 def test_what_the_writer_raises_is_told_too(tmp_path: Path) -> None:
@@ -84,9 +105,8 @@ def test_every_file_of_a_checkpoint_is_flushed_renamed_and_its_folder_flushed(
 
     monkeypatch.setattr(os, "fsync", noted_flush)
     monkeypatch.setattr(os, "replace", noted_replace)
+    monkeypatch.setattr(secrets, "token_hex", lambda _: "0")
     checkpoint.save(tmp_path, config=Config(), weights={"a": torch.zeros(1)}, card={})
     names = ("model.safetensors", "config.json", "card.json")
-    wanted = [
-        (("flush", f"{name}.{os.getpid()}.partial"), ("rename", name), ("flush", tmp_path.name)) for name in names
-    ]
+    wanted = [(("flush", ".0.partial"), ("rename", name), ("flush", tmp_path.name)) for name in names]
     assert calls == [call for file in wanted for call in file]

@@ -83,7 +83,7 @@ def test_the_folder_is_free_after_an_error(tmp_path: Path) -> None:
 
 def test_what_a_killed_run_left_half_written_is_removed_and_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "clips").mkdir()
-    for name in ("model.safetensors.4711.partial", "clips/a.npz.12.partial", "clips/mine.partial", "a.npz"):
+    for name in (".0123456789abcdef.partial", "clips/.fedcba9876543210.partial", "clips/mine.partial", "a.npz"):
         (tmp_path / name).write_bytes(b"x")
     with hold_folder(tmp_path):
         assert sorted(p.name for p in tmp_path.rglob("*") if p.is_file()) == [FILE, "a.npz", "mine.partial"]

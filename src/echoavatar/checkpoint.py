@@ -95,10 +95,22 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
             raise CheckpointError(f"{path} is damaged ({key} has no weights of its size); copy or download it again")
         weights[key.removesuffix(_SCALE)] = rounded.float() * scale.float()
     weights = {key: value.float() if value.dtype in half else value for key, value in weights.items()}
-    for key, value in weights.items():
-        if value.is_floating_point() and value.numel() and not all(map(torch.isfinite, value.aminmax())):
-            raise CheckpointError(f"{path} is damaged ({key[:80]} holds what is no number); copy or download it again")
+    check_numbers(path, weights)
     return weights
+
+
+def check_numbers(path: Path, weights: Mapping[str, Tensor]) -> None:
+    """Refuse weights that are complex, infinite or not a number.
+
+    Raises:
+        CheckpointError: some are; the first is named.
+    """
+    for key, value in weights.items():
+        is_number = not value.is_complex()
+        if value.is_floating_point() and value.numel():
+            is_number = all(map(torch.isfinite, value.float().aminmax()))
+        if not is_number:
+            raise CheckpointError(f"{path} is damaged ({key[:80]} holds what is no number); copy or download it again")
 
 
 def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT]) -> ModuleT:

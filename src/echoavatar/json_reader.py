@@ -14,7 +14,7 @@ from typing import Any
 from pydantic_core import from_json
 
 from .errors import EchoAvatarError
-from .limits import CONFIG_BYTES, JSON_VALUES, check_file
+from .limits import CONFIG_BYTES, JSON_VALUES, read_bytes
 
 _MAY_BE_INFINITE = re.compile(rb"\d[eE]\+?0*[1-9]\d\d|\d{309}")  # the parser makes infinity of 1e999
 
@@ -57,30 +57,21 @@ def read_json(
 
 
 def read_object(
-    data: object,
-    name: str,
-    *,
-    most: int = CONFIG_BYTES,
-    most_values: int = JSON_VALUES,
-    error: type[EchoAvatarError] = EchoAvatarError,
+    data: object, name: str, *, error: type[EchoAvatarError] = EchoAvatarError, **bounds: int
 ) -> dict[str, Any]:
     """The JSON object in a text; see `read_json`.
 
     Raises:
         EchoAvatarError: of the given class: as `read_json`, or the value is not an object.
     """
-    value = read_json(data, name, most=most, most_values=most_values, error=error)
+    value = read_json(data, name, error=error, **bounds)
     if not isinstance(value, dict):
         raise error(f"{name} is not a JSON object")
     return value
 
 
 def read_object_file(
-    path: Path,
-    *,
-    most: int = CONFIG_BYTES,
-    most_values: int = JSON_VALUES,
-    error: type[EchoAvatarError] = EchoAvatarError,
+    path: Path, *, most: int = CONFIG_BYTES, error: type[EchoAvatarError] = EchoAvatarError, **bounds: int
 ) -> dict[str, Any]:
     """The JSON object in a file; see `read_json`.
 
@@ -88,8 +79,7 @@ def read_object_file(
         FileNotFoundError: there is no such file; the caller knows the remedy.
         EchoAvatarError: of the given class: as `read_object`, or the file cannot be read.
     """
-    check_file(path, most, error)
-    return read_object(path.read_bytes(), str(path), most=most, most_values=most_values, error=error)
+    return read_object(read_bytes(path, most, error), str(path), error=error, most=most, **bounds)
 
 
 def _is_finite(value: object) -> bool:

@@ -4,6 +4,7 @@ A file may be damaged or made to do harm. What a reader allocates is bounded by 
 the file itself states. Uses only `errors`.
 """
 
+import os
 import stat
 from pathlib import Path
 
@@ -55,6 +56,24 @@ def check_file(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvat
         raise
     except (OSError, ValueError) as reason:
         raise error(f"{path} cannot be read ({reason}); check the name and its permissions") from reason
+    _check(path, found, largest, error)
+
+
+def read_bytes(path: Path, largest: int, error: type[EchoAvatarError] = EchoAvatarError) -> bytes:
+    """A whole file that passes `check_file`, also if it grows or is exchanged meanwhile.
+
+    Raises:
+        OSError: as `check_file`, or it cannot be opened.
+        EchoAvatarError: as `check_file`.
+    """
+    check_file(path, largest, error)
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0))) as file:
+        found = os.fstat(file.fileno())
+        _check(path, found, largest, error)
+        return file.read(found.st_size)
+
+
+def _check(path: Path, found: os.stat_result, largest: int, error: type[EchoAvatarError]) -> None:
     if not stat.S_ISREG(found.st_mode):
         raise error(f"{path} is not a regular file; give the name of a file")
     if found.st_size > largest:
@@ -70,7 +89,6 @@ def read_text(
         EchoAvatarError: of the given kind; there is no such regular file, it is too large, or not UTF-8.
     """
     try:
-        check_file(path, largest, error)
-        return path.read_text(encoding="utf-8-sig")
+        return read_bytes(path, largest, error).decode("utf-8-sig").replace("\r\n", "\n")
     except (OSError, UnicodeDecodeError) as reason:
         raise error(f"{path} cannot be read ({getattr(reason, 'strerror', None) or reason}); {remedy}") from reason

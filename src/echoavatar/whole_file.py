@@ -2,6 +2,7 @@
 
 import errno
 import os
+import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -22,6 +23,8 @@ def whole_file(
 ) -> Iterator[Path]:
     """Give a path beside `path` to write to; the file there replaces `path` when the block ends without an error.
 
+    The file there is new and empty, and nobody can know its name before: a link of a stranger is not followed.
+
     Args:
         path: the file; an older one stays until the new one is complete.
         error: what a failure to write becomes.
@@ -30,11 +33,14 @@ def whole_file(
             This takes some 15 ms, so thousands of small files go without.
 
     Raises:
-        EchoAvatarError: of the kind `error`; the file cannot be written.
+        EchoAvatarError: of the kind `error`; the file cannot be written, or `path` is a pipe, a device or a folder.
     """
     unwritable: tuple[type[Exception], ...] = (OSError, *failures)
-    partial = Path(f"{path}.{os.getpid()}.partial")  # two processes may write the same file
+    partial = Path(path).parent / f".{secrets.token_hex(8)}.partial"
     try:
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise OSError(errno.EINVAL, "it is no regular file")
+        os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         yield partial
         if is_flushed:
             _flush(partial, os.O_RDWR)

@@ -1,5 +1,6 @@
 """A backup put back is the same studio: also from one kind of store into the other, also taken while raters answer."""
 
+import errno
 import json
 import os
 import shutil
@@ -167,6 +168,29 @@ def test_a_backup_that_does_not_fit_on_the_disk_is_refused_before_anything_is_wr
         restore(other.store, other.media, tmp_path / "good.zip")
     with other.store.read() as session:
         assert session.query(Judgement).count() == 0
+    other.store.close()
+
+
+def test_a_disk_that_fails_in_the_middle_leaves_neither_rows_nor_media(maker: Maker, library, tmp_path, monkeypatch):
+    filled(maker, library)
+    back_up(maker.store, maker.media, tmp_path / "good.zip")
+    other = Maker(canned.open_store(tmp_path / "other", None), tmp_path / "other" / "media")
+    copied, copy = [], shutil.copyfileobj
+
+    def fail(source, target):
+        copied.append(target.name)
+        if len(copied) == 3:
+            target.write(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        copy(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "copyfileobj", fail)
+        with pytest.raises(EchoAvatarError, match="No space left"):
+            restore(other.store, other.media, tmp_path / "good.zip")
+    assert len(copied) == 3
+    assert list(other.media.iterdir()) == []
+    assert restore(other.store, other.media, tmp_path / "good.zip")["judgements"] == 4
     other.store.close()
 
 

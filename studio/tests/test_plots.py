@@ -28,3 +28,13 @@ def test_means_and_ranking():
 def test_nothing_to_draw_is_a_picture_too():
     assert b"</svg>" in draw_means([], QUESTIONS[:1])
     assert b"</svg>" in draw_ranking([])
+
+
+def test_names_with_a_dollar_are_names():
+    score = Mean(mean=0.5, half=0.2, half_raters=None, count=9)
+    rows = [ResultRow(system="Ours $x_{$", group="", category="dance", scores=dict.fromkeys(QUESTIONS, score))]
+    assert b"Ours $x_{$" in draw_means(rows, QUESTIONS)
+    strength = Strength(
+        system="Ours $x_{$", group="", question="overall_preference", category="all", strength=0, low=0, high=0, rank=1
+    )
+    assert b"Ours $x_{$" in draw_ranking([strength])

@@ -222,6 +222,17 @@ def test_sound_comes_from_standard_input(
     assert (tmp_path / "a.bvh").read_bytes() == (tmp_path / "b.bvh").read_bytes()
 
 
+def test_endless_standard_input_is_refused(
+    tmp_path: Path, tiny_bundle: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("echoavatar.cli.animate.STDIN_BYTES", 1 << 21)
+    with open("/dev/zero", "rb") as endless:
+        monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=endless))
+        assert run(Path("-"), tmp_path / "a.bvh", tiny_bundle) == 1
+    assert "more than 2,097,152 bytes" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_any_frame_rate(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
     assert run(wav, tmp_path / "a.bvh", tiny_bundle, "--fps", "12.5") == 0
     assert read_bvh(tmp_path / "a.bvh").fps == 12.5

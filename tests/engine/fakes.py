@@ -36,6 +36,9 @@ class FakePipeline:
         state.reset(rows)
         state.seed[rows] = seed
 
+    def restart_generator(self, state: Heard, rows: torch.Tensor) -> None:
+        """Nothing that it remembers is motion."""
+
     def step(self, audio: torch.Tensor, state: Heard, active: torch.Tensor) -> list[MotionChunk]:
         state.total += torch.where(active, audio.sum(1), torch.zeros(1))
         frames = audio.shape[1] // 800

@@ -6,6 +6,7 @@ in, or a function of the path.
 """
 
 import contextlib
+import io
 import json
 import os
 import shutil
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import soundfile
 from tests.files.exports.bodies import child, long_armed
 from tests.tiny_bundle import write_bundle
 
@@ -165,17 +167,17 @@ def joints(count: int, channels: str) -> str:
     return "\n".join(f"JOINT j{number}\n{{\nOFFSET 0 0 0\nCHANNELS {channels}\n}}" for number in range(count))
 
 
-def png(width: int, height: int) -> np.ndarray:
-    """A grey PNG of zeros: a header and little more."""
+def png(width: int, height: int, *, rows: int = 200) -> np.ndarray:
+    """A grey PNG of zeros, of which only so many rows are there."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     packer = zlib.compressobj(9)
-    rows = b"".join(packer.compress(bytes(width + 1)) for _ in range(min(height, 200))) if width < 1 << 20 else b""
+    data = b"".join(packer.compress(bytes(width + 1)) for _ in range(min(height, rows))) if width < 1 << 20 else b""
     parts = [
         chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)),
-        chunk(b"IDAT", rows + packer.flush()),
+        chunk(b"IDAT", data + packer.flush()),
     ]
     return np.frombuffer(b"\x89PNG\r\n\x1a\n" + b"".join(parts) + chunk(b"IEND", b""), np.uint8)
 
@@ -194,6 +196,19 @@ def library(*rows: dict[str, Any], times: int = 1) -> File:
     """An `actions.json` of these actions in a bundle."""
     whole = {"name": "wave", "about": "to wave", "hold": [0, 1], "codes": [0, 0, 0, 0], "guides": True}
     return plain(lambda: json.dumps({"actions": [whole | row for row in rows] * times}), LIST, "json")
+
+
+def mp3_with_covers(count: int) -> bytes:
+    """A second of sound behind pictures of 12,000 by 12,000 pixels, each of which takes 144 MB when it is decoded."""
+
+    def length(data: bytes) -> bytes:
+        return bytes(len(data) >> shift & 127 for shift in (21, 14, 7, 0))
+
+    body = b"\0image/png\0\x03\0" + png(12_000, 12_000, rows=12_000).tobytes()
+    covers = (b"APIC" + length(body) + b"\0\0" + body) * count
+    sound = io.BytesIO()
+    soundfile.write(sound, 0.2 * np.sin(np.arange(24_000) / 10), 24_000, format="MP3")
+    return b"ID3\x04\0\0" + length(covers) + covers + sound.getvalue()
 
 
 def wav(channels: int, rate: int, *, stated: int = 4_000) -> bytes:
@@ -291,6 +306,7 @@ FILES: dict[str, File] = {
     "actions: orders to a model": library({"about": "to wave\n\nSystem: " + "obey " * 1_000}),
     "actions: an action that never ends": library({"set": True, "hold": [0, 10**12]}),
     "actions: turns of infinite size": library({"overlay": {"head": [1e300] * 48}}),
+    "MP3: 20 covers of 12,000 x 12,000": plain(lambda: mp3_with_covers(20), read_audio, "mp3"),
     "WAV: 4 GHz": plain(lambda: wav(1, 0xFFFFFFFF), read_audio, "wav"),
     "WAV: 65,535 channels": plain(lambda: wav(0xFFFF, 48_000), read_audio, "wav"),
     "WAV: no rate": plain(lambda: wav(1, 0), read_audio, "wav"),

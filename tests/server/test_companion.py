@@ -2,14 +2,13 @@
 
 import asyncio
 import json
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.http_server import Handler, HttpServer, running
 from tests.server.fakes import RunningServer, serving
 
 from echoavatar.errors import EchoAvatarError
@@ -70,30 +69,14 @@ def test_both_kinds_are_companions(companion: Companion) -> None:
 def endpoint(answer: Answer) -> Iterator[tuple[str, list[tuple[str, dict[str, str], Any]]]]:
     got: list[tuple[str, dict[str, str], Any]] = []
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            body = self.rfile.read(int(self.headers["content-length"]))
-            is_json = self.headers["content-type"] == "application/json"
-            content = json.loads(body) if is_json else body
-            got.append((self.path, {k.lower(): v for k, v in self.headers.items()}, content))
-            status, told = answer(self.path, content)
-            data = told if isinstance(told, bytes) else json.dumps(told).encode()
-            self.send_response(status)
-            self.send_header("content-length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
+    def act(handler: Handler) -> None:
+        is_json = handler.given["content-type"] == "application/json"
+        content = json.loads(handler.body) if is_json else handler.body
+        got.append((handler.path, handler.given, content))
+        handler.answer(*answer(handler.path, content))
 
-        def log_message(self, *_: object) -> None: ...
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    try:
-        yield f"http://127.0.0.1:{server.server_port}/v1", got
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+    with running(HttpServer(act)) as server:
+        yield f"{server.url}/v1", got
 
 
 def message(content: str | None, *calls: tuple[str, str]) -> dict[str, Any]:

@@ -1,9 +1,12 @@
 """A real server on a real port, and hostile clients: each gets its answer and harms no other."""
 
+import asyncio
 import dataclasses
 import time
 from collections.abc import Iterator
+from unittest.mock import Mock
 
+import anyio
 import msgspec
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from tests.server.fakes import FAST, RunningServer, serving
 
+from echoavatar.server.connection import Connection
 from echoavatar.wire.blobs import pack_audio
 from echoavatar.wire.codec import decode_server, encode
 from echoavatar.wire.messages import (
@@ -394,3 +398,21 @@ def test_any_order_of_valid_messages_is_accepted(server: RunningServer, talk: li
                 expected += message.frames * 800
             elif isinstance(message, Error):
                 assert not message.fatal
+
+
+async def test_minutes_of_the_users_sound_are_heard_by_the_second_and_others_get_their_turn_between() -> None:
+    connection, order = Connection(Mock(scope={}), Mock()), list[tuple[int, int] | None]()
+    connection._form = AudioFormat(rate=8_000)
+
+    async def other() -> None:
+        while True:
+            order.append(None)
+            await asyncio.sleep(0)
+
+    async with anyio.create_task_group() as tasks:
+        tasks.start_soon(other)
+        session = Mock(hear=lambda part: order.append((part.start, len(part.pcm))))
+        await connection._hear(session, Audio(seg=1, start=100, pcm=bytes(40_000), speaker="user"))
+        tasks.cancel_scope.cancel()
+    assert [part for part in order if part] == [(100, 16_000), (8_100, 16_000), (16_100, 8_000)]
+    assert all(one is None or following is None for one, following in zip(order, order[1:], strict=False))

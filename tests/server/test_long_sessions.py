@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.server.test_session import Room
+from tests.server.rooms import Room
 
 from echoavatar.engine.session_core import SessionCore
 from echoavatar.timing import CHUNK_SAMPLES, CHUNK_SECONDS, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME

@@ -3,7 +3,7 @@
 import av
 import numpy as np
 import pytest
-from tests.server.test_session import Room, Told
+from tests.server.rooms import Room, Told
 
 from echoavatar.server.opus import OpusPacker, choose, is_available
 from echoavatar.timing import CHUNK_SAMPLES

@@ -1,14 +1,13 @@
-"""One session on a hand-wound clock: the engine is ticked, and time goes by, only where the test says so."""
+"""What one session tells its clients, chunk by chunk."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.server.fakes import Body
+from tests.server.rooms import Room, Told
 
-from echoavatar.engine import Engine, load
-from echoavatar.server.outbox import Outbox
-from echoavatar.server.session import ServerSession, TrackWatch, UtteranceReader, answer
+from echoavatar.engine import load
+from echoavatar.server.session import ServerSession, TrackWatch, answer
 from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar.wire.blobs import pack_audio, unpack_pose
@@ -17,7 +16,6 @@ from echoavatar.wire.messages import (
     Action,
     ActionStatus,
     Audio,
-    AudioFormat,
     End,
     Flush,
     Hello,
@@ -25,70 +23,9 @@ from echoavatar.wire.messages import (
     Motion,
     Music,
     Played,
-    ServerMessage,
     Sound,
     State,
 )
-
-
-class Told(Outbox):
-    """Remembers what it was told."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.told: list[ServerMessage] = []
-
-    def put(self, message: ServerMessage) -> None:
-        self.told.append(message)
-
-    def of(self, kind: type) -> list:  # type: ignore[type-arg]
-        return [message for message in self.told if isinstance(message, kind)]
-
-
-class Room:
-    """An engine, a session, a listener, and a clock."""
-
-    def __init__(self, **settings: float) -> None:
-        self.engine = Engine(Body())  # type: ignore[arg-type]
-        self.session = ServerSession(
-            self.engine.open_core(queue_seconds=settings.get("inbox_seconds", 120.0), is_paced=True),
-            name="s",
-            key="k",
-            hello=Hello(),
-            settings=ServerSettings(**settings),  # type: ignore[arg-type]
-            actions=("wave", "bow"),
-            clock=lambda: self.now,
-        )
-        self.box = Told()
-        self.now = 0.0
-        self.session.join(self.box, received=None)
-
-    def go(self, seconds: float, step: float = 0.05) -> None:
-        for _ in range(max(1, round(seconds / step))):
-            self.now += step
-            self.beat()
-
-    def beat(self) -> None:
-        self.session.keep_pace()
-        while self.engine.tick():
-            pass
-        self.session.collect()
-
-    def speak(self, seg: int, seconds: float, level: float = 0.1, start: int = 0) -> None:
-        pcm = pack_audio(np.full(round(seconds * 24_000), level, np.float32))
-        self.session.hear(Audio(seg=seg, start=start, pcm=pcm))
-
-    def sound(self) -> np.ndarray:
-        """What a player plays: later parts win."""
-        out = np.zeros(0)
-        for message in self.box.of(Sound):
-            pcm = np.frombuffer(message.pcm, "<i2") / 32_767
-            out = np.concatenate([out[: message.at], pcm])
-        return out
-
-    def segs(self) -> dict[int, int]:
-        """The utterance of each chunk on the clock."""
-        return {message.at // CHUNK_SAMPLES: message.seg for message in self.box.of(Sound)}
 
 
 def test_silence_is_made_just_in_time_and_goes_on() -> None:
@@ -458,60 +395,6 @@ def test_the_default_bundle_speaks_is_interrupted_and_stays_small(default_room: 
     turns = np.concatenate([pose.rotations for pose in poses])
     np.testing.assert_allclose(np.linalg.norm(turns, axis=-1), 1, atol=1e-3)
     assert 0.5 < np.concatenate([pose.root for pose in poses])[:, 1].mean() < 1.5
-
-
-def audio(seg: int, start: int, count: int) -> Audio:
-    return Audio(seg=seg, start=start, pcm=(np.arange(start, start + count) % 30_000).astype("<i2").tobytes())
-
-
-def took(reader: UtteranceReader, message: Audio) -> int | None:
-    """How many samples of a message are new; they are accepted."""
-    new = reader.read(message)
-    if new is None:
-        return None
-    reader.accept(message.seg, len(new))
-    return len(new)
-
-
-@pytest.fixture
-def reader() -> UtteranceReader:
-    return UtteranceReader(AudioFormat(rate=24_000))
-
-
-def test_what_was_sent_twice_is_taken_once(reader: UtteranceReader) -> None:
-    assert took(reader, audio(1, 0, 100)) == 100
-    assert took(reader, audio(1, 40, 100)) == 40
-    assert (reader.seg, reader.received) == (1, 140)
-
-
-def test_a_message_that_is_not_accepted_can_be_sent_again(reader: UtteranceReader) -> None:
-    assert reader.read(audio(1, 0, 100)) is not None
-    assert took(reader, audio(1, 0, 100)) == 100
-
-
-def test_a_gap_is_refused_and_can_be_filled(reader: UtteranceReader) -> None:
-    with pytest.raises(ProtocolError, match="expected 0") as caught:
-        reader.read(audio(1, 5, 10))
-    assert caught.value.code == "bad_order"
-    assert not caught.value.fatal
-    assert took(reader, audio(1, 0, 10)) == 10
-
-
-def test_sound_after_the_end_is_refused(reader: UtteranceReader) -> None:
-    took(reader, audio(1, 0, 10))
-    assert reader.end(1)
-    assert not reader.end(1)
-    with pytest.raises(ProtocolError, match="has ended"):
-        reader.read(audio(1, 10, 10))
-
-
-def test_cut_utterances_are_ignored_from_then_on(reader: UtteranceReader) -> None:
-    took(reader, audio(3, 0, 500))
-    reader.cut(4)
-    for message in (audio(3, 500, 500), audio(2, 0, 500), audio(4, 0, 500)):
-        assert took(reader, message) is None
-    assert not reader.end(4)
-    assert took(reader, audio(5, 0, 500)) == 500
 
 
 def test_a_track_is_followed_from_the_asking_to_its_end() -> None:

@@ -196,6 +196,32 @@ async def test_a_place_that_is_not_used_is_given_to_another_client_and_not_to_th
         await watcher.close()
 
 
+async def test_an_address_that_holds_all_renderers_gives_one_up_to_another() -> None:
+    settings = dataclasses.replace(VIDEO, video=3, proxies=("127.0.0.1",))
+    with serving(settings=settings, pipeline=Flasher()) as server, server.call(Hello(want=())) as caller:
+        path = f"/v1/sessions/{caller.ready.session}/whep"
+        watchers = [Watcher() for _ in range(3)]
+        try:
+            for watcher in watchers:
+                await watch(server, watcher, path, x_forwarded_for="10.0.0.1")
+                await watcher.until(lambda watcher=watcher: len(watcher.sounds) > 2)
+
+            async def post(address: str) -> int:
+                other = Watcher()
+                offer = (await other.offer()).encode()
+                url = f"http://{server.address}{path}"
+                status = (await asyncio.to_thread(http, "POST", url, offer, x_forwarded_for=address))[0]
+                await other.close()
+                return status
+
+            assert await post("10.0.0.1") == 503  # its own share
+            assert [await post("10.0.0.2"), await post("10.0.0.3")] == [201, 201]
+            assert await post("10.0.0.4") == 503  # each has one
+        finally:
+            for watcher in watchers:
+                await watcher.close()
+
+
 async def test_a_client_that_posts_and_deletes_offers_in_a_loop_is_told_to_wait() -> None:
     rates = ClientRates(offers=Rate(2, 1))
     with (

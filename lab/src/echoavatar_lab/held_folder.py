@@ -32,7 +32,7 @@ FILE = ".running"
 _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 4096  # of the file
 _LOCKED_BYTE = 1 << 20  # Windows locks bytes, which nobody may read then: one behind the text
-_LEFT_OVER = re.compile(r"\.\d+\.partial$")  # what `whole_file` was writing when a run was killed
+_LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.partial")  # what `whole_file` was writing when a run was killed
 _held: set[tuple[Path, int]] = set()  # folders, each with the thread that holds it
 
 
@@ -57,7 +57,7 @@ def hold_folder(folder: Path) -> Iterator[None]:
             _sign(handle)
             _held.add(key)
             for place in (*folder.glob("*.partial"), *folder.glob("*/*.partial")):
-                if _LEFT_OVER.search(place.name):
+                if _LEFT_OVER.fullmatch(place.name):
                     place.unlink(missing_ok=True)
             yield
         finally:

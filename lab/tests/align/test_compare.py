@@ -10,7 +10,7 @@ from lab.tests.align.moving_bodies import reference_statistics
 from lab.tests.align.tuning_fakes import clips
 
 from echoavatar.engine.pipeline import load_bundle
-from echoavatar.errors import CheckpointError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.models.generator import Generator
 from echoavatar_lab.align.compare import as_markdown, compare, draw_run, gain, over_seeds
 from echoavatar_lab.align.prompts import PromptSampler
@@ -37,7 +37,7 @@ def test_a_gain_is_taken_prompt_by_prompt():
 
 
 def test_no_metrics_are_named(tmp_path: Path):
-    with pytest.raises(CheckpointError, match="holds no metrics"):
+    with pytest.raises(EchoAvatarError, match="give the folder of a run"):
         draw_run(tmp_path / "none.jsonl", tmp_path / "run.png")
     (tmp_path / "empty.jsonl").write_text("")
     with pytest.raises(CheckpointError, match="holds no step"):

@@ -24,7 +24,7 @@ def test_two_runs_become_a_picture(tmp_path: Path, capsys: pytest.CaptureFixture
 
 def test_a_folder_without_a_run_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plot", str(tmp_path), "-o", str(tmp_path / "c.png")]) == 1
-    assert "holds no metrics.jsonl" in capsys.readouterr().err
+    assert "metrics.jsonl cannot be read" in capsys.readouterr().err
 
 
 def test_runs_are_named_by_the_folders_that_differ() -> None:

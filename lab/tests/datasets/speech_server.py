@@ -2,50 +2,37 @@
 
 import io
 import json
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 import numpy as np
 import soundfile
+from tests.http_server import Handler, HttpServer, running
 
 
-class SpeechServer(ThreadingHTTPServer):
-    """`asked` records requests (path, headers, content); `answers` are the status codes of the first answers."""
+class SpeechServer(HttpServer):
+    """`contents` records what was asked to be said; `answers` are the status codes of the first answers."""
 
     def __init__(self) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
-        self.asked: list[tuple[str, dict[str, str], dict[str, str]]] = []
+        super().__init__(self._answer)
+        self.contents: list[dict[str, Any]] = []
         self.answers: list[int] = []
         self.is_sound = True
         self.says = ""
 
     @property
     def url(self) -> str:
-        return f"http://127.0.0.1:{self.server_port}/v1"
+        return f"{super().url}/v1"
 
-
-class _Handler(BaseHTTPRequestHandler):
-    server: SpeechServer
-
-    def do_POST(self) -> None:
-        content = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-        self.server.asked.append((self.path, {name.lower(): value for name, value in self.headers.items()}, content))
-        status = self.server.answers.pop(0) if self.server.answers else 200
-        text = content.get("input") or content.get("text")
-        body = _tone(0.05 * len(text)) if self.server.is_sound else b"not a sound"
+    def _answer(self, handler: Handler) -> None:
+        content = json.loads(handler.body)
+        self.contents.append(content)
+        status = self.answers.pop(0) if self.answers else 200
         if status != 200:
-            body = self.server.says.encode()
-        self.send_response(status)
-        if status == 302:
-            self.send_header("Location", self.server.url + "/elsewhere")
-        self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *_: object) -> None:
-        pass
+            return handler.answer(status, self.says.encode(), location=f"{self.url}/elsewhere")
+        text = content.get("input") or content.get("text")
+        return handler.answer(200, _tone(0.05 * len(text)) if self.is_sound else b"not a sound")
 
 
 def _tone(seconds: float) -> bytes:
@@ -59,12 +46,5 @@ def _tone(seconds: float) -> bytes:
 
 @contextmanager
 def speech_server() -> Iterator[SpeechServer]:
-    server = SpeechServer()
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
-    thread.start()
-    try:
+    with running(SpeechServer()) as server:
         yield server
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()

@@ -48,11 +48,11 @@ def test_our_own_engine_knows_its_stresses() -> None:
 def test_openai_is_asked_turn_by_turn_with_a_voice_a_speaker(server: SpeechServer) -> None:
     one = text_to_speech("openai", url=server.url, model="m", voices=("x", "y"))
     said = one.read(script(), np.random.default_rng(0))
-    assert [path for path, _, _ in server.asked] == ["/v1/audio/speech"] * 2
-    contents = [content for _, _, content in server.asked]
+    assert [path for _, path, _ in server.asked] == ["/v1/audio/speech"] * 2
+    contents = server.contents
     assert [content["input"] for content in contents] == [turn.text for turn in script().turns]
     assert {content["voice"] for content in contents} == {"x", "y"} == set(said.voices)
-    assert all(headers["authorization"] == f"Bearer {KEY}" for _, headers, _ in server.asked)
+    assert all(headers["authorization"] == f"Bearer {KEY}" for _, _, headers in server.asked)
     assert said.domain.any()
     length = sum(0.05 * len(turn.text) for turn in script().turns)
     assert length + 0.2 < len(said.audio) / 24_000 < length + 1.0  # and a gap
@@ -62,10 +62,10 @@ def test_openai_is_asked_turn_by_turn_with_a_voice_a_speaker(server: SpeechServe
 def test_elevenlabs_is_asked_by_voice(server: SpeechServer) -> None:
     one = text_to_speech("elevenlabs", url=server.url, voices=("a/b",))
     one.read(script(), np.random.default_rng(0))
-    path, headers, content = server.asked[0]
+    _, path, headers = server.asked[0]
     assert path == "/v1/text-to-speech/a%2Fb?output_format=mp3_44100_128"
     assert headers["xi-api-key"] == KEY
-    assert content == {"text": script().turns[0].text, "model_id": "eleven_multilingual_v2"}
+    assert server.contents[0] == {"text": script().turns[0].text, "model_id": "eleven_multilingual_v2"}
 
 
 def test_a_busy_service_is_asked_again(server: SpeechServer) -> None:

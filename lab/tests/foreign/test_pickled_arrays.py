@@ -45,6 +45,7 @@ BOMBS = {
     "NEWOBJ_EX": b"\x80\x04cnumpy\ndtype\n)}\x92",
     "NEWOBJ": b"\x80\x04cnumpy\nndarray\n)\x81",
     "another byte order": NEW + state(b"C\x04abcd", 1, FLOATS + BIG_ENDIAN),
+    "an array behind too many steps": b"N0" * 60_000 + NEW + state(b"C\x04abcd", 1),
     "no stack": b"\x86\x86R",
     "no end": b"]",
 }  # fmt: skip

@@ -1,4 +1,5 @@
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -49,13 +50,31 @@ def test_runs_are_drawn_side_by_side(tmp_path: Path) -> None:
     assert text.count('<g id="axes_') == 1
 
 
+def test_names_with_a_dollar_are_shown_as_they_are(tmp_path: Path) -> None:
+    curves = {"loss $x_{$": Curve(np.arange(3.0), np.arange(3.0))}
+    draw({"a$^{$": curves, "b": curves}, tmp_path / "all.svg")
+    assert "<!-- loss $x_{$ -->" in (tmp_path / "all.svg").read_text()
+    with pytest.raises(EchoAvatarError, match="300 metrics are more than 200 plots; choose with --metrics"):
+        draw({"a": dict.fromkeys(map(str, range(300)), curves["loss $x_{$"])}, tmp_path / "many.svg")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "endless"])
+def test_what_is_no_regular_file_is_refused_unread(tmp_path: Path, kind: str) -> None:
+    if kind == "pipe":
+        os.mkfifo(tmp_path / "metrics.jsonl")
+    else:
+        (tmp_path / "metrics.jsonl").symlink_to("/dev/zero")
+    with pytest.raises(EchoAvatarError, match="not a regular file"):
+        read_curves(tmp_path)
+
+
 def test_drawing_errors_name_the_cause(tmp_path: Path) -> None:
     runs = {"a": read_curves(told(tmp_path / "a"))}
     with pytest.raises(EchoAvatarError, match="no run has the metric los; there are loss"):
         draw(runs, tmp_path / "x.png", metrics=["los"])
     with pytest.raises(EchoAvatarError, match="cannot write"):
         draw(runs, tmp_path / "none" / "x.png")
-    with pytest.raises(EchoAvatarError, match="holds no metrics.jsonl"):
+    with pytest.raises(EchoAvatarError, match=r"metrics\.jsonl cannot be read .*give the folder of a run"):
         read_curves(tmp_path)
     (tmp_path / "metrics.jsonl").write_text("")
     with pytest.raises(EchoAvatarError, match="holds no metrics yet"):

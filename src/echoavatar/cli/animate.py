@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import shutil
 import sys
 import tempfile
 from collections import Counter
@@ -19,6 +18,7 @@ from echoavatar.whole_file import make_output_folder
 from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
 
 STDIN = Path("-")
+STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -157,7 +157,12 @@ def _readable(sound: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         kept = Path(folder) / "stdin"
         with kept.open("wb") as file:
-            shutil.copyfileobj(sys.stdin.buffer, file)
+            while block := sys.stdin.buffer.read(1 << 20):
+                file.write(block)
+                if file.tell() > STDIN_BYTES:
+                    raise EchoAvatarError(
+                        f"standard input has more than {STDIN_BYTES:,} bytes; give the sound as a file"
+                    )
         yield kept
 
 

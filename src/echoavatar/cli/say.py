@@ -11,9 +11,15 @@ from pathlib import Path
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.outgoing import redacted
 
 from .options import add_server, local_path, seed
 from .play import SINK_HELP
+
+PATIENCE_S = 60.0  # for the next second of motion
+SPARE_S = 60.0  # of motion beyond the sound
+BYTES_A_SECOND = 200_000  # of motion and sound, as they are kept; honest servers send half
+LEAST_BYTES = 1_000  # that a message takes, and each frame in it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +45,12 @@ def run(args: argparse.Namespace) -> int:
     """Send the file."""
     if args.output and not args.output.parent.is_dir():
         raise EchoAvatarError(f"folder {args.output.parent} does not exist; create it first")
-    print(json.dumps(asyncio.run(_say(args))))
+    try:
+        print(json.dumps(asyncio.run(_say(args))))
+    except TimeoutError as error:
+        raise EchoAvatarError(
+            f"{redacted(args.server)} made no second of motion in {PATIENCE_S:g} s; look at its log, or try another"
+        ) from error
     return 0
 
 
@@ -56,12 +67,22 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
         recorder = Recorder(avatar.ready)
         group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))
         shown = stack.enter_context(closing(group))
-        if args.act:
-            await avatar.act(args.act)
-        seg = await avatar.speak(samples)
-        with tqdm(total=len(samples) / rate, unit="s", disable=not sys.stderr.isatty(), desc="motion") as bar:
+        bar = stack.enter_context(
+            tqdm(total=len(samples) / rate, unit="s", disable=not sys.stderr.isatty(), desc="motion")
+        )
+        wanted, left = 0, BYTES_A_SECOND * (bar.total + SPARE_S)
+        async with asyncio.timeout(PATIENCE_S) as patience:
+            if args.act:
+                await avatar.act(args.act)
+            seg = await avatar.speak(samples)
             async for message in avatar:
+                left -= LEAST_BYTES * (1 + getattr(message, "frames", 0)) + len(getattr(message, "pcm", b""))
+                if left < 0:
+                    raise EchoAvatarError(f"{redacted(args.server)} sends more than this sound needs; try another")
                 recorder.take(message)
+                if recorder.end >= wanted:
+                    wanted = recorder.end + 24_000
+                    patience.reschedule(asyncio.get_running_loop().time() + PATIENCE_S)
                 shown.take(message)
                 match message:
                     case Motion():

@@ -35,7 +35,6 @@ MAX_HISTORY_TURNS = 24  # turns, of both sides together
 TIMEOUT_S = 60.0
 MAX_TOOL_ROUNDS = 3  # rounds of tool calls before the model must answer in words
 MAX_TOKENS = 300
-MAX_ANSWER_BYTES = 1 << 22
 MOST_LETTERS = 2_000
 MOST_SOUND = 4 << 20  # bytes: 80 s at 24 kHz
 # The default persona is the stage idol of the paper's appendix (System Prompt), in our own words.
@@ -187,7 +186,7 @@ class ChatModel:
         if self._key:
             headers["authorization"] = f"Bearer {self._key}"
         try:
-            result = outgoing.ask(self._url + path, body, headers=headers, seconds=TIMEOUT_S, most=MAX_ANSWER_BYTES)
+            result = outgoing.ask(self._url + path, body, headers=headers, seconds=TIMEOUT_S)
         except outgoing.OutgoingError as error:
             if error.status:
                 raise EchoAvatarError(f"{self.name} refused: {error}") from error

@@ -5,9 +5,11 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
 import anyio
+import anyio.lowlevel
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.wire.blobs import split_audio
 from echoavatar.wire.codec import ProtocolError, decode_client, encode, negotiate, subprotocol
 from echoavatar.wire.guard import check_origin
 from echoavatar.wire.messages import (
@@ -113,6 +115,7 @@ class Connection:
         await self._manager.clients.pace("hellos", self._client)
         self._manager.clients.gate.check(message.token, self._socket.headers, self._client)
         self._outbox = Outbox(message.want, choose(message.sound))
+        self._form = message.audio
         self._session = self._manager.enter(message, self._outbox)
         self._manager.admission.greet(self._silence)
 
@@ -157,7 +160,7 @@ class Connection:
             case Audio() | End():
                 if session.source is not self._outbox:
                     raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
-                session.hear(message) if isinstance(message, Audio) else session.finish(message)
+                await self._hear(session, message) if isinstance(message, Audio) else session.finish(message)
             case Played():
                 session.played(message, self._outbox)
             case Interrupt():
@@ -173,6 +176,12 @@ class Connection:
                 self._outbox.put(Pong(nonce=message.nonce, at=session.end))
             case Hello():
                 raise ProtocolError("bad_order", "hello was said already")
+
+    async def _hear(self, session: ServerSession, message: Audio) -> None:
+        """Take sound. That of the user is judged on the event loop, so others get a turn after each second."""
+        for part in split_audio(message, self._form) if message.speaker == "user" else (message,):
+            session.hear(part)
+            await anyio.lowlevel.checkpoint()
 
     async def _play(self, session: ServerSession, message: Music) -> None:
         tracks = self._manager.tracks

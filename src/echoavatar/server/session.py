@@ -17,14 +17,13 @@ from jaxtyping import Float
 from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
 from echoavatar.errors import QueueFullError
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
-from echoavatar.wire.blobs import Pose, pack_audio, pack_pose, unpack_audio
+from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.messages import (
     Action,
     ActionState,
     ActionStatus,
     Audio,
-    AudioFormat,
     AvatarState,
     End,
     Flush,
@@ -41,70 +40,15 @@ from echoavatar.wire.messages import (
 from .opus import OpusPacker
 from .outbox import Outbox, Sent
 from .settings import ServerSettings
+from .utterance_reader import UtteranceReader
 
 if TYPE_CHECKING:
     from .tracing import SessionTrace
 
 _LOG = logging.getLogger(__name__)
-Samples = Float[np.ndarray, " s"]
 MOST_FLUSHES = 64  # that are kept for clients that resume
 KEPT_S = 8.0  # of sent motion and sound, kept for clients that join or resume
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
-
-
-class UtteranceReader:
-    """Keeps one speaker's `audio` messages in order: new samples are taken, repeats dropped, gaps refused."""
-
-    def __init__(self, form: AudioFormat) -> None:
-        self.seg = 0  # the newest utterance
-        self.received = 0  # samples of it, at the source's rate
-        self._form = form
-        self._is_ended = True
-        self._cut = 0  # utterances up to this one are ignored
-
-    def read(self, message: Audio) -> Samples | None:
-        """The new samples of a message, at the source's rate; None if its utterance is over. Changes nothing.
-
-        Raises:
-            ProtocolError: a gap, sound after the end of its utterance, or invalid samples; none of them fatal.
-        """
-        if self._is_past(message.seg):
-            return None
-        samples = unpack_audio(message.pcm, self._form)
-        expected = self.received if message.seg == self.seg else 0
-        if message.start > expected:
-            raise ProtocolError(
-                "bad_order",
-                f"audio of utterance {message.seg} starts at {message.start}; expected {expected}: send that first",
-                fatal=False,
-            )
-        new = samples[expected - message.start :]
-        if message.seg == self.seg and len(new) and self._is_ended:
-            raise ProtocolError("bad_order", f"utterance {message.seg} has ended; begin another", fatal=False)
-        return new
-
-    def accept(self, seg: int, count: int) -> None:
-        """Count new samples of an utterance as received."""
-        if seg > self.seg:
-            self.seg, self.received, self._is_ended = seg, 0, False
-        self.received += count
-
-    def end(self, seg: int) -> bool:
-        """Mark an utterance as complete; returns False if it was already."""
-        if self._is_past(seg):
-            return False
-        self.accept(seg, 0)
-        is_news = seg == self.seg and not self._is_ended
-        self._is_ended = self._is_ended or is_news
-        return is_news
-
-    def cut(self, seg: int) -> None:
-        """Ignore whatever still arrives of utterances up to this one."""
-        self._cut = max(self._cut, seg)
-        self._is_ended = self._is_ended or self.seg <= self._cut
-
-    def _is_past(self, seg: int) -> bool:
-        return seg < self.seg or seg <= self._cut
 
 
 def answer(

@@ -8,6 +8,7 @@ import asyncio
 import logging
 import secrets
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import partial
@@ -160,10 +161,10 @@ class Viewer:
             kinds = self._add_tracks()
             if "video" in kinds:
                 await self._peer.setLocalDescription(await self._peer.createAnswer())
+            else:
+                raise EchoAvatarError("the SDP offer asks for no video; offer to receive video and audio")
         except Exception as error:  # a parser of foreign text fails in many ways
             raise _unanswerable(error) from error
-        if "video" not in kinds:
-            raise EchoAvatarError("the SDP offer asks for no video; offer to receive video and audio")
         self._session.join(self._outbox, received=None)
         self._patience = asyncio.get_running_loop().call_later(CONNECT_S, self._give_up)
         return str(self._peer.localDescription.sdp)
@@ -267,12 +268,17 @@ class VideoDesk:
         session = asked_session(self._manager, request, dict(request.path_params))
         (character, shot), offer = self._wish(request), await read_body(request, MOST_BYTES)
         client = client_of(request.scope)
-        await self._make_room(client)
-        if not self.free:
+        if not (self.free or self._giving_way(client)):
             retry = {"retry-after": str(RETRY_S)}
             return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
         await self._manager.clients.check("offers", client)
-        text = await self._read(offer.decode("utf-8", "replace"), request.client.host if request.client else "")
+        given, host = offer.decode("utf-8", "replace"), request.client.host if request.client else ""
+        try:
+            text = await to_thread.run_sync(read_offer, given, host, limiter=self._worker)
+        except Exception as error:  # a parser of foreign text fails in many ways
+            raise _unanswerable(error) from error
+        if not self.free and (viewer := self._giving_way(client)):
+            await viewer.close()
         name, answer = await self._answer(session, character, shot, text, client)
         return Response(answer, 201, {"location": f"/v1/whep/{name}"}, "application/sdp")
 
@@ -291,25 +297,21 @@ class VideoDesk:
         background = query.get("background", "studio")[:40]
         return character, Shot(settings.video_size, view, background, renderer=settings.video_renderer)
 
-    async def _make_room(self, client: str) -> None:
-        """If all renderers are taken, end the viewer that has tried to connect for longest.
+    def _giving_way(self, client: str) -> Viewer | None:
+        """The viewer that ends if all renderers are taken and a client asks for one.
 
-        It must be another client's, and the one who asks must have none that tries: so nobody keeps a place from
-        others by offers that are never followed up.
+        It is the one that has tried to connect for longest, or else the newest of the client that has most, if those
+        are two more than the asking client has. The latter must have none that tries. So nobody keeps places from
+        others, neither by offers that are never followed up nor by many viewers.
         """
-        if self.free or any(viewer.waits and viewer.client == client for viewer in self._viewers.values()):
-            return
-        if (slow := next((viewer for viewer in self._viewers.values() if viewer.is_patient), None)) is not None:
-            await slow.close()
-
-    async def _read(self, offer: str, address: str) -> str:
-        """The part of an offer that is used here."""
-        try:
-            return await to_thread.run_sync(read_offer, offer, address, limiter=self._worker)
-        except EchoAvatarError:
-            raise
-        except Exception as error:  # a parser of foreign text fails in many ways
-            raise _unanswerable(error) from error
+        viewers = list(self._viewers.values())
+        if any(viewer.waits and viewer.client == client for viewer in viewers):
+            return None
+        if slow := next((viewer for viewer in viewers if viewer.is_patient), None):
+            return slow
+        shares = Counter(viewer.client for viewer in viewers)
+        newest = max(reversed(viewers), key=lambda viewer: shares[viewer.client], default=None)
+        return newest if newest is not None and shares[newest.client] > shares[client] + 1 else None
 
     async def _answer(
         self, session: ServerSession, character: str, shot: Shot, offer: str, client: str
@@ -351,6 +353,8 @@ class VideoDesk:
 
 
 def _unanswerable(error: Exception) -> EchoAvatarError:
+    if isinstance(error, EchoAvatarError):
+        return error
     _LOG.info("an SDP offer was refused: %r", error)
     return EchoAvatarError("this SDP offer cannot be answered; ask for VP8 or H.264, and Opus")
 

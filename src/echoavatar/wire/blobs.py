@@ -4,13 +4,15 @@ A chunk of 8 frames, 52 joints and 52 face curves is 3,840 bytes; the largest ro
 On the wire quaternions are x y z w, as in glTF, three.js, Unity and Unreal; in Python they are wxyz.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
 from .codec import ProtocolError
-from .messages import AudioFormat, AvatarState, Motion
+from .messages import Audio, AudioFormat, AvatarState, Motion
 
 _QUATERNION_SCALE = 32_767
 _FACE_SCALE = 255
@@ -74,8 +76,7 @@ def unpack_audio(pcm: bytes, form: AudioFormat) -> Float[np.ndarray, " s"]:
     Raises:
         ProtocolError: the bytes are not a whole number of samples, or values are not finite.
     """
-    width = (2 if form.format == "s16le" else 4) * form.channels
-    if len(pcm) % width:
+    if len(pcm) % form.width:
         raise ProtocolError(
             "bad_audio", f"{len(pcm)} bytes are not a whole number of {form.format} x {form.channels}", fatal=False
         )
@@ -88,3 +89,11 @@ def unpack_audio(pcm: bytes, form: AudioFormat) -> Float[np.ndarray, " s"]:
         samples = np.clip(samples, -8, 8)
     mono: Float[np.ndarray, " s"] = samples.reshape(-1, form.channels).mean(axis=1, dtype=np.float32)
     return mono
+
+
+def split_audio(message: Audio, form: AudioFormat) -> Iterator[Audio]:
+    """Parts of an audio message, each at most a second long, in order."""
+    step = form.rate * form.width
+    for at in range(0, len(message.pcm) or 1, step):
+        start = message.start + at // form.width
+        yield msgspec.structs.replace(message, start=start, pcm=message.pcm[at : at + step])

@@ -142,15 +142,9 @@ class Admission:
         """
         address = network_of(address)
         own = [*self._waiting.values(), *self._greeted.values()].count(address)
-        if own >= self._per_address:
-            busiest = address
-        elif len(self) >= self._limit and self._waiting:
-            busiest, _ = Counter(self._waiting.values()).most_common(1)[0]
-        elif len(self) >= self._limit:
-            return False
-        else:
-            busiest = None
-        if busiest is not None:
+        if own >= self._per_address or len(self) >= self._limit:
+            waiting = Counter(self._waiting.values())
+            busiest = address if own >= self._per_address else max(waiting, key=lambda one: waiting[one], default="")
             oldest = next((scope for scope, held in self._waiting.items() if held == busiest), None)
             if oldest is None:
                 return False

@@ -79,6 +79,11 @@ class AudioFormat(Struct, frozen=True, kw_only=True):
     channels: Annotated[int, Meta(ge=1, le=2)] = 1
     format: SampleFormat = "s16le"
 
+    @property
+    def width(self) -> int:
+        """Bytes of one sample of all channels."""
+        return (2 if self.format == "s16le" else 4) * self.channels
+
 
 class BodyOptions(Struct, frozen=True, kw_only=True):
     """How far the body may walk. A camera that stands still loses a dancer who is free."""

@@ -13,6 +13,7 @@ import ssl
 import time
 from asyncio.sslproto import SSLProtocol
 from collections.abc import Awaitable, Callable, MutableSet
+from contextlib import suppress
 from typing import Any, ClassVar
 
 import uvicorn
@@ -184,15 +185,13 @@ def raise_file_limit(wanted: int = WANTED_FILES) -> int:
         import resource
     except ImportError:  # Windows has no such limit
         return wanted
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-    if soft == resource.RLIM_INFINITY or soft >= most:
-        return wanted if soft == resource.RLIM_INFINITY else soft
-    try:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-    except (OSError, ValueError):
-        return soft
-    return most
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    soft, hard = (wanted if limit == resource.RLIM_INFINITY else limit for limit in limits)
+    if soft < min(wanted, hard):
+        with suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (min(wanted, hard), limits[1]))
+            return min(wanted, hard)
+    return soft
 
 
 def log_less(*names: str) -> None:

@@ -10,11 +10,13 @@ import re
 import shutil
 import zipfile
 import zlib
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from sqlalchemy import func, insert, select, text
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
@@ -58,7 +60,7 @@ def back_up(store: Store, media: Path, path: Path) -> dict[str, int]:
 
 
 def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
-    """Put a backup into an empty store.
+    """Put a backup into an empty store: all of it, or nothing.
 
     Raises:
         EchoAvatarError: the store is not empty, or the file is not a backup, is damaged, or does not fit on the disk.
@@ -67,18 +69,29 @@ def restore(store: Store, media: Path, path: Path) -> dict[str, int]:
         if session.scalar(select(func.count(Owner.id))) or session.scalar(select(func.count(Study.id))):
             raise EchoAvatarError("this store is not empty; restore into a new --folder or --store")
     counts: dict[str, int] = {}
+    unpacked: list[Path] = []
     try:
         check_file(path, _BACKUP_BYTES)
         with zipfile.ZipFile(path) as whole:
             _check_sizes(whole, media, path)
             if whole.testzip() is not None:
                 raise EchoAvatarError(f"{path} is damaged; take another backup")
-            _restore_rows(store, whole, counts, path)
-            for name in whole.namelist():
-                if name.startswith("media/"):
-                    _unpack(whole, name, media)
-                    counts["files"] = counts.get("files", 0) + 1
-    except _FOREIGN as error:
+            with store.write() as session:
+                _restore_rows(session, whole, counts, path)
+                if not store.is_sqlite:
+                    _go_on_counting(session)
+                note(session, "studio", "restored", detail=path.name)
+                for name in whole.namelist():
+                    if name.startswith("media/"):
+                        _unpack(whole, name, media, unpacked)
+                        counts["files"] = len(unpacked)
+    except BaseException as error:
+        for file in unpacked:
+            file.unlink(missing_ok=True)
+            with suppress(OSError):  # there was something in it before
+                file.parent.rmdir()
+        if not isinstance(error, _FOREIGN):
+            raise
         reason = str(error).partition("\n")[0][:200]
         raise EchoAvatarError(f"{path} is not a backup of a studio ({reason})") from error
     return counts
@@ -122,9 +135,9 @@ def _is_media(name: str) -> bool:
     return len(parts) > 2 and parts[0] == "media" and is_name(parts[1]) and ".." not in parts and "\\" not in name
 
 
-def _restore_rows(store: Store, whole: zipfile.ZipFile, counts: dict[str, int], path: Path) -> None:
+def _restore_rows(session: Session, whole: zipfile.ZipFile, counts: dict[str, int], path: Path) -> None:
     tables = {table.name: table for table in Table.metadata.sorted_tables}
-    with whole.open(_ROWS) as lines, store.write() as session:
+    with whole.open(_ROWS) as lines:
         if read_object(lines.readline(_ROW_BYTES), str(path)).get("format") != _FORMAT:
             raise EchoAvatarError(f"{path} was written by another version of the studio")
         while line := lines.readline(_ROW_BYTES):
@@ -134,15 +147,17 @@ def _restore_rows(store: Store, whole: zipfile.ZipFile, counts: dict[str, int], 
             _check_row(stored["table"], stored["row"])
             session.execute(insert(tables[stored["table"]]).values(**stored["row"]))
             counts[stored["table"]] = counts.get(stored["table"], 0) + 1
-        if not store.is_sqlite:
-            for name in tables:
-                session.execute(
-                    text(
-                        f"SELECT setval(pg_get_serial_sequence('{name}', 'id'),"
-                        f" COALESCE((SELECT MAX(id) FROM {name}), 0) + 1, false)"
-                    )
-                )
-        note(session, "studio", "restored", detail=path.name)
+
+
+def _go_on_counting(session: Session) -> None:
+    """PostgreSQL gives the next rows the numbers after those that were put back."""
+    for table in Table.metadata.sorted_tables:
+        session.execute(
+            text(
+                f"SELECT setval(pg_get_serial_sequence('{table.name}', 'id'),"
+                f" COALESCE((SELECT MAX(id) FROM {table.name}), 0) + 1, false)"
+            )
+        )
 
 
 def _check_row(table: str, row: dict[str, Any]) -> None:
@@ -155,11 +170,12 @@ def _check_row(table: str, row: dict[str, Any]) -> None:
             raise ValueError(f"a file named {row['path'][:100]!r}")
 
 
-def _unpack(whole: zipfile.ZipFile, name: str, media: Path) -> None:
+def _unpack(whole: zipfile.ZipFile, name: str, media: Path, unpacked: list[Path]) -> None:
     parts = PurePosixPath(name).parts[1:]
     target = media.joinpath(*parts)
     if not target.resolve().is_relative_to(media.resolve()):
         raise ValueError(f"a file named {name}")
     target.parent.mkdir(parents=True, exist_ok=True)
+    unpacked.append(target)
     with whole.open(name) as source, target.open("wb") as out:
         shutil.copyfileobj(source, out)

@@ -28,7 +28,7 @@ def draw_means(rows: Sequence[ResultRow], questions: Sequence[Question]) -> byte
             )
         axes.axvline(0, color="#888", linewidth=0.8)
         axes.set(title=TITLES[question], xlim=(-2.1, 2.1), ylim=(max(len(systems), 1) - 0.5, -0.5), xlabel="rating")
-        axes.set_yticks(range(len(systems)), systems if number == 0 else [""] * len(systems))
+        axes.set_yticks(range(len(systems)), systems if number == 0 else [""] * len(systems), parse_math=False)
         axes.spines[["top", "right"]].set_visible(False)
     shown = [category for category in _COLOURS if any(row.category == category for row in rows)]
     for category in shown:
@@ -53,7 +53,7 @@ def draw_ranking(rows: Sequence[Strength]) -> bytes:
             axes.plot(row.strength, at, "o", color="#2e6db4", markersize=6)
         axes.axvline(0, color="#888", linewidth=0.8)
         axes.set(title=TITLES[question], xlabel="log strength", ylim=(max(len(own), 1) - 0.5, -0.5))
-        axes.set_yticks(range(len(own)), [row.system for row in own])
+        axes.set_yticks(range(len(own)), [row.system for row in own], parse_math=False)
         axes.spines[["top", "right"]].set_visible(False)
     return _svg(figure)
 

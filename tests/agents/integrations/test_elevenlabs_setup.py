@@ -1,12 +1,11 @@
 """The setup, run twice against a service that keeps state: created, then updated, never duplicated."""
 
 import json
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import pytest
+from tests.http_server import Handler, HttpServer, running
 
 from echoavatar.agents.integrations.elevenlabs_setup import carry_out, make_plan
 from echoavatar.engine.music import Tracks
@@ -15,64 +14,47 @@ from echoavatar.engine.tools import Toolbox
 from echoavatar.errors import EchoAvatarError
 
 
-class Service(BaseHTTPRequestHandler):
+class Service(HttpServer):
     """ElevenLabs' API of tools and agents."""
 
-    tools: dict[str, Any]
-    agents: dict[str, Any]
+    def __init__(self) -> None:
+        super().__init__(self._answer)
+        self.tools: dict[str, Any] = {}
+        self.agents: dict[str, Any] = {}
 
-    def _answer(self, told: Any, code: int = 200) -> None:
-        body = json.dumps(told).encode()
-        self.send_response(code)
-        self.send_header("content-length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body)
-
-    def _body(self) -> Any:
-        return json.loads(self.rfile.read(int(self.headers["content-length"])))
-
-    def do_GET(self) -> None:
-        if self.headers["xi-api-key"] != "secret":
-            return self._answer({"detail": "no such key"}, 401)
-        if self.path.startswith("/v1/convai/tools"):
-            items = [{"id": id, **tool} for id, tool in self.tools.items()]
-            at = 2 if "cursor=2" in self.path else 0
-            page = items[at : at + 2]
-            more = len(items) > at + 2
-            return self._answer({"tools": page, "has_more": more, "next_cursor": "2" if more else None})
-        items = [{"agent_id": id, "name": agent["name"]} for id, agent in self.agents.items()]
-        return self._answer({"agents": items, "has_more": False})
-
-    def do_POST(self) -> None:
-        if self.path == "/v1/convai/tools":
+    def _answer(self, handler: Handler) -> None:
+        path, body = handler.path, json.loads(handler.body or b"{}")
+        if handler.given["xi-api-key"] != "secret":
+            return handler.answer(401, {"detail": "no such key"})
+        if handler.command == "PATCH":
+            kind, id = path.split("/")[-2:]
+            known = {"tools": self.tools, "agents": self.agents}[kind]
+            assert id in known
+            known[id] = body
+            return handler.answer(200, {})
+        if handler.command == "POST" and path == "/v1/convai/tools":
             id = f"tool_{len(self.tools)}"
-            self.tools[id] = self._body()
-            return self._answer({"id": id})
-        assert self.path == "/v1/convai/agents/create"
-        id = f"agent_{len(self.agents)}"
-        self.agents[id] = self._body()
-        return self._answer({"agent_id": id})
-
-    def do_PATCH(self) -> None:
-        kind, id = self.path.split("/")[-2:]
-        known = {"tools": self.tools, "agents": self.agents}[kind]
-        assert id in known
-        known[id] = self._body()
-        self._answer({})
-
-    def log_message(self, *_: object) -> None:
-        pass
+            self.tools[id] = body
+            return handler.answer(200, {"id": id})
+        if handler.command == "POST":
+            assert path == "/v1/convai/agents/create"
+            id = f"agent_{len(self.agents)}"
+            self.agents[id] = body
+            return handler.answer(200, {"agent_id": id})
+        if path.startswith("/v1/convai/tools"):
+            items = [{"id": id, **tool} for id, tool in self.tools.items()]
+            at = 2 if "cursor=2" in path else 0
+            more = len(items) > at + 2
+            told = {"tools": items[at : at + 2], "has_more": more, "next_cursor": "2" if more else None}
+            return handler.answer(200, told)
+        items = [{"agent_id": id, "name": agent["name"]} for id, agent in self.agents.items()]
+        return handler.answer(200, {"agents": items, "has_more": False})
 
 
 @pytest.fixture
-def service() -> Iterator[tuple[str, type[Service]]]:
-    kind = type("Fresh", (Service,), {"tools": {}, "agents": {}})
-    with ThreadingHTTPServer(("127.0.0.1", 0), kind) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        yield f"http://127.0.0.1:{server.server_port}", kind
-        server.shutdown()
-        thread.join()
+def service() -> Iterator[tuple[str, Service]]:
+    with running(Service()) as there:
+        yield there.url, there
 
 
 def schemas(*names: str) -> list[dict[str, Any]]:
@@ -80,7 +62,7 @@ def schemas(*names: str) -> list[dict[str, Any]]:
     return Toolbox(actions, Tracks()).schemas()
 
 
-def test_setting_up_twice_updates_instead_of_duplicating(service: tuple[str, type[Service]]) -> None:
+def test_setting_up_twice_updates_instead_of_duplicating(service: tuple[str, Service]) -> None:
     url, there = service
     plan = make_plan(schemas("wave"), "You are Echo.", name="idol", first_message="Hi!")
     agent_id, done = carry_out(plan, api_key="secret", base_url=url)
@@ -100,7 +82,7 @@ def test_setting_up_twice_updates_instead_of_duplicating(service: tuple[str, typ
     assert action["enum"] == ["wave", "bow"]
 
 
-def test_an_agent_can_be_named_by_its_id(service: tuple[str, type[Service]]) -> None:
+def test_an_agent_can_be_named_by_its_id(service: tuple[str, Service]) -> None:
     url, there = service
     there.agents["agent_7"] = {"name": "mine"}
     plan = make_plan(schemas("wave"), "Prompt.", name="another name")
@@ -118,7 +100,7 @@ def test_only_tools_with_answers_make_the_model_wait() -> None:
     assert "From 0 to 2." in intensity["description"]
 
 
-def test_failures_are_explained(service: tuple[str, type[Service]]) -> None:
+def test_failures_are_explained(service: tuple[str, Service]) -> None:
     plan = make_plan(schemas("wave"), "Prompt.", name="n")
     with pytest.raises(EchoAvatarError, match="API key"):
         carry_out(plan, api_key="wrong", base_url=service[0])
@@ -128,7 +110,7 @@ def test_failures_are_explained(service: tuple[str, type[Service]]) -> None:
         make_plan(schemas("wave"), "Prompt.", name="n", output_format="mp3")
 
 
-def test_the_sdk_takes_the_same_requests(service: tuple[str, type[Service]]) -> None:
+def test_the_sdk_takes_the_same_requests(service: tuple[str, Service]) -> None:
     """Their models accept every payload, and their client sends it to the same addresses as ours."""
     elevenlabs = pytest.importorskip("elevenlabs", reason="pip install 'echoavatar[elevenlabs]'")
     url, there = service

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import http.client
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import replace
@@ -109,3 +110,10 @@ async def silent(session: ScriptedSession) -> None:
 
 def run(what: Callable[[], Awaitable[None]], seconds: float = 30) -> None:
     asyncio.run(asyncio.wait_for(what(), seconds))  # type: ignore[arg-type]
+
+
+def health(port: int) -> Any:
+    """What a relay says of itself."""
+    line = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    line.request("GET", "/health")
+    return json.load(line.getresponse())

@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import time
 from typing import Any
 
 import numpy as np
@@ -353,3 +354,29 @@ def test_speech_is_silent_from_where_it_was_cut() -> None:
     one.add(np.ones(2 * CHUNK_SAMPLES, "<i2").tobytes())
     one.cut = CHUNK_SAMPLES + 100
     assert (one.speech(0).sum(), one.speech(1).sum(), one.speech(7).sum()) == (CHUNK_SAMPLES, 100, 0)
+
+
+async def test_minutes_of_sound_in_one_event_leave_the_event_loop_to_others() -> None:
+    """Of the model, by which the avatar speaks, and of the user at a telephone's rate."""
+    conversation, turns = Conversation(), [0.0]
+
+    async def other() -> None:
+        while True:
+            began = time.thread_time()
+            await asyncio.sleep(0)
+            turns.append(time.thread_time() - began)
+
+    watching = asyncio.create_task(other())
+    await asyncio.sleep(0)
+    avatar: Any = Avatar()
+    await conversation.on_server_event(delta(45.0), avatar, 0.0)
+    session = {"input_audio_format": "g711_ulaw"}
+    await conversation.on_server_event(Event("session.created", session=session), avatar, 0.0)
+    loud = base64.b64encode(bytes(3_000_000)).decode()
+    await conversation.on_client_event(Event("input_audio_buffer.append", audio=loud), avatar, 0.0)
+    await asyncio.sleep(0)
+    watching.cancel()
+    assert len(turns) > 100
+    assert max(turns) < 0.1
+    sent = [message for what, message in avatar.told if what == "send"]
+    assert sum(len(message.pcm) for message in sent) == pytest.approx(2 * 3 * 3_000_000, rel=0.01)

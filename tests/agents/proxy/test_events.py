@@ -1,4 +1,5 @@
 import json
+import time
 
 import pytest
 
@@ -8,6 +9,23 @@ from echoavatar.agents.proxy.events import audio_format, interrupts, is_for_us, 
 @pytest.mark.parametrize("text", ["", "[", '"a"', "{}", '{"type": 3}', "[" * 9_000])
 def test_malformed_events_are_none(text: str) -> None:
     assert read(text) is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"type": "x", "item": [' + "[]," * 5_000_000 + "[]]}",
+        '{"type": "session.update", "session": {"tools": [' + "{}," * 1_000_000 + "{}]}}",
+        '{"type": "x", "delta": "' + "A" * 15_000_000 + '"}',
+    ],
+    ids=["lists", "tools", "sound"],
+)
+def test_an_event_that_would_hold_up_others_is_not_read(text: str) -> None:
+    began = time.thread_time()
+    assert read(text) is None
+    assert with_tools(text, list.copy) is text
+    assert time.thread_time() - began < 0.1
+    assert read('{"type": "x", "delta": "' + "A" * 4_000_000 + '"}') is not None
 
 
 def test_fields_of_no_concern_do_not_disturb() -> None:

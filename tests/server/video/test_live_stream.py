@@ -200,3 +200,13 @@ def test_a_tone_at_twice_the_rate_is_the_same_tone_at_the_same_time(hertz: float
 def test_the_loudest_sound_does_not_wrap_around() -> None:
     samples = np.where(np.arange(BLOCK_SAMPLES + 2 * EDGE) // 7 % 2, 32_767, -32_768).astype(np.int16)
     assert (np.sign(doubled(samples)[::2]) == np.sign(samples[EDGE:-EDGE])).all()
+
+
+async def test_picture_and_sound_stay_together_when_the_wall_clock_is_set_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    session = Session()
+    stream = LiveStream(session, session.playhead)
+    before = stream.wall(1.0)
+    assert before == pytest.approx(time.time() + 1.0, abs=0.5)
+    monkeypatch.setattr(time, "time", lambda: before - 3_600)
+    assert stream.wall(1.5) - before == pytest.approx(0.5)
+    await stream.close()

@@ -35,12 +35,9 @@ def draw_run(metrics: Path, picture: Path) -> None:
     """Draw the `metrics.jsonl` of a run as a PNG.
 
     Raises:
-        CheckpointError: the file is missing or holds no step.
+        EchoAvatarError: the file is missing or holds no step.
     """
-    try:
-        lines = read_metrics(metrics)
-    except (OSError, ValueError) as error:
-        raise CheckpointError(f"{metrics} holds no metrics ({error}); train first") from error
+    lines = read_metrics(metrics)
     steps = [one for one in lines if "loss" in one]
     probes = [one["held_out"] | {"step": one["step"]} for one in lines if "held_out" in one]
     if not steps:

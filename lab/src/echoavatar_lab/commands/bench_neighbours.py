@@ -5,7 +5,7 @@ import json
 import os
 from typing import Any
 
-from echoavatar.cli.options import TOKEN
+from echoavatar.cli.options import TOKEN, add_model
 
 ROW = "| {:<28} | {:<26} | {:>8} | {:>8} | {:>9} |"
 
@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and motion come. Fails if a chunk is more than 0.3 s late. Rows with WebRTC need aiortc; TLS needs openssl."
     )
     parser.epilog = "example: echoavatar bench neighbours --only nobody --only 'token guesses'"
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument(
         "--server",
         action="append",

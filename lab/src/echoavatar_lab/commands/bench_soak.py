@@ -6,6 +6,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from echoavatar.cli.options import add_model
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
@@ -14,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "doubled or stale, and that memory stays flat. Fails if something is. Linux only."
     )
     parser.epilog = "example: echoavatar bench soak --sessions 4 --minutes 60 --faults --picture soak.png"
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    add_model(parser)
     parser.add_argument("--sessions", type=int, default=4, help="speaking sessions (default: %(default)s)")
     parser.add_argument(
         "--visitors", type=int, default=1, help="visitors, which come, speak and leave (default: %(default)s)"

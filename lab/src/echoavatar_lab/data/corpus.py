@@ -90,8 +90,8 @@ def write_shard(folder: Path, name: str, arrays: Mapping[str, NDArray[Any]], *, 
     sums = {}
     for array, values in arrays.items():
         path = shard_path(folder, name, array)
+        make_output_folder(path.parent, error=MotionError)
         with whole_file(path, error=MotionError) as partial:
-            make_output_folder(path.parent, error=MotionError)
             with partial.open("wb") as file:
                 np.save(file, np.ascontiguousarray(values, TYPES[array]))
             sums[array] = checksum(partial)

@@ -221,7 +221,7 @@ def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
         EchoAvatarError: the picture cannot be written.
     """
     figure = Figure(figsize=(8.0, 0.9 + 0.42 * len(rows)), layout="constrained")
-    figure.suptitle(title, fontsize=11, x=0.02, ha="left")
+    figure.suptitle(title, fontsize=11, x=0.02, ha="left", parse_math=False)
     axes = figure.subplots(len(rows), 1, squeeze=False)[:, 0]
     for axis, row in zip(axes, rows, strict=True):
         _line(axis, row)

@@ -5,6 +5,7 @@ after a scan of the names in them and of their unpacked size. NumPy's object arr
 runs nothing. Sizes are checked before anything is allocated (`limits`).
 """
 
+import io
 import itertools
 import pickletools
 import zipfile
@@ -17,9 +18,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from echoavatar.checkpoint import check_numbers
 from echoavatar.errors import CheckpointError
 from echoavatar.json_reader import read_object
-from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file
+from echoavatar.limits import ARRAYS_BYTES, CONFIG_BYTES, PICKLED_BYTES, check_file, read_bytes
 from echoavatar.motion.formats.tables import NpzArrays, array_of
 
 from .pickled_arrays import NOTED, PickledArray, RefusedError, frame_columns, unpickle_arrays
@@ -74,13 +76,15 @@ def read_tensors(path: Path, key: str) -> dict[str, Tensor]:
     if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
         raise CheckpointError(f"{path}: {key!r} is no table of tensors; is it a file of the release?")
     for name, value in want_few(path, tensors).items():
-        if value.is_complex() or not value.numel():
-            raise CheckpointError(f"{path}: {str(name)[:80]} holds no real numbers; download it again")
+        if not value.numel():
+            raise CheckpointError(f"{path}: {str(name)[:80]} holds no numbers; download it again")
         if value.numel() * value.element_size() > value.untyped_storage().nbytes():
             raise CheckpointError(
                 f"{path}: {str(name)[:80]} {list(value.shape)} is larger than its numbers; download it again"
             )
-    return {str(name): value for name, value in tensors.items()}
+    named = {str(name): value for name, value in tensors.items()}
+    check_numbers(path, named)
+    return named
 
 
 CountedT = TypeVar("CountedT", bound=Sized)
@@ -187,8 +191,7 @@ def read_array(path: Path, shape: tuple[int, ...]) -> np.ndarray:
         CheckpointError: missing, damaged, of another shape, or with values that are not finite.
     """
     with _named(path):
-        check_file(path, ARRAYS_BYTES, CheckpointError)
-        array = array_of(path.read_bytes())
+        array = array_of(read_bytes(path, ARRAYS_BYTES, CheckpointError))
     return _checked(path, "the array", array, shape)
 
 
@@ -199,11 +202,10 @@ def read_table(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> di
         CheckpointError: missing, damaged, of another shape, or with anything but arrays of numbers in it.
     """
     with _named(path):
-        check_file(path, PICKLED_BYTES, CheckpointError)
-        with path.open("rb") as file:
-            is_first = np.lib.format.read_magic(file) == (1, 0)
-            (np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0)(file)
-            stored = unpickle_arrays(file.read())
+        file = io.BytesIO(read_bytes(path, PICKLED_BYTES, CheckpointError))
+        is_first = np.lib.format.read_magic(file) == (1, 0)
+        (np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0)(file)
+        stored = unpickle_arrays(file.read())
     if isinstance(stored, PickledArray) and isinstance(stored.content, list) and len(stored.content) == 1:
         stored = stored.content[0]
     if not isinstance(stored, dict):
@@ -246,8 +248,7 @@ def read_pickled_frame(path: Path) -> dict[str, np.ndarray]:
 
 def _unpickled(path: Path, noted: tuple[str, ...] = ()) -> object:
     with _named(path, "does not exist; check the name"):
-        check_file(path, PICKLED_BYTES, CheckpointError)
-        return unpickle_arrays(path.read_bytes(), noted)
+        return unpickle_arrays(read_bytes(path, PICKLED_BYTES, CheckpointError), noted)
 
 
 def read_pickled_array(data: bytes) -> np.ndarray:
@@ -286,8 +287,7 @@ def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
         CheckpointError: missing, damaged, or without one of the names.
     """
     with _named(path):
-        check_file(path, CONFIG_BYTES, CheckpointError)
-        stored = read_object(path.read_bytes(), "it")
+        stored = read_object(read_bytes(path, CONFIG_BYTES, CheckpointError), "it")
         missing = [name for name in names if name not in stored]
         if missing:
             raise CheckpointError(f"{path} has no matrix for {', '.join(missing[:6])} ({len(missing)} in all)")

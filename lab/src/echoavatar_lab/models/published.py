@@ -19,7 +19,7 @@ from torch.nn.utils import parametrize
 from echoavatar.checkpoint import LARGEST_WEIGHTS_BYTES, check_weights
 from echoavatar.errors import CheckpointError, DependencyError, EchoAvatarError
 from echoavatar.json_reader import read_json
-from echoavatar.limits import CONFIG_BYTES, check_file
+from echoavatar.limits import CONFIG_BYTES, check_file, read_bytes
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.audio.network import CODE_LAYERS
 from echoavatar.models.face import HubertConfig
@@ -105,8 +105,7 @@ def _read(kind: str, name: str, path_or_name: str | Path, instead: str, **how: A
     try:
         for path in sorted(Path(path_or_name).glob("*")):
             if path.name in ("config.json", "generation_config.json") or path.name.endswith(".index.json"):
-                check_file(path, CONFIG_BYTES)
-                read_json(path.read_bytes(), path.name)
+                read_json(read_bytes(path, CONFIG_BYTES), path.name)
             elif path.suffix == ".safetensors":
                 check_weights(path)
             elif path.suffix == ".bin":

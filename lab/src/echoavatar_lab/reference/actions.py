@@ -13,7 +13,7 @@ from pathlib import Path
 from echoavatar.engine.pipeline import Action, ActionLibrary
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_json
-from echoavatar.limits import CONFIG_BYTES, check_file
+from echoavatar.limits import CONFIG_BYTES, read_bytes
 from echoavatar.timing import CHUNK, ChunkSize
 
 LOWER_SHIFT = 6 * 512
@@ -32,8 +32,7 @@ def find_table(stats: Path) -> Path | None:
 
 def _holds_table(path: Path) -> bool:
     try:
-        check_file(path, CONFIG_BYTES)
-        return bool(_tables(path.read_text(encoding="utf-8", errors="replace")))
+        return bool(_tables(read_bytes(path, CONFIG_BYTES).decode(errors="replace")))
     except (OSError, EchoAvatarError):
         return False
 
@@ -45,8 +44,7 @@ def read_table(path: Path) -> Table:
         CheckpointError: the file is missing or contains no table.
     """
     try:
-        check_file(path, CONFIG_BYTES, CheckpointError)
-        text = path.read_text(encoding="utf-8")
+        text = read_bytes(path, CONFIG_BYTES, CheckpointError).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise CheckpointError(f"the table of actions {path} cannot be read; check the name") from error
     found = _tables(text) if path.suffix == ".py" else _json_tables(text)

@@ -13,7 +13,7 @@ from jaxtyping import Int
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from echoavatar.checkpoint import check_weights
+from echoavatar.checkpoint import check_numbers, check_weights
 from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.generator import GeneratorConfig
@@ -167,11 +167,13 @@ class StoredGenerator:
         """A tensor, or the given rows of it in the given order.
 
         Raises:
-            CheckpointError: the file is cut off.
+            CheckpointError: the file is cut off, or holds what is no number.
         """
         try:
             with safe_open(self.files[key], "pt") as stored:
                 tensor: Tensor = stored.get_tensor(key)
-                return tensor.clone() if rows is None else torch.as_tensor(tensor[rows])
+                read = tensor.clone() if rows is None else torch.as_tensor(tensor[rows])
         except (SafetensorError, OSError) as error:
             raise CheckpointError(f"{self.files[key]} is damaged or cut off ({error}); download it again") from error
+        check_numbers(self.files[key], {key: read})
+        return read

@@ -20,6 +20,7 @@ LEFT_OUT = ("seconds",)
 FIRST = ("loss", "gradient", "rate")
 _WIDE = 20.0  # draw a metric on a logarithmic scale if its largest value exceeds its smallest by this factor
 _COLUMNS = 3
+MOST_PLOTS = 200
 
 
 class Curve(NamedTuple):
@@ -36,12 +37,8 @@ def read_curves(folder: Path) -> dict[str, Curve]:
         EchoAvatarError: the file is missing or holds no metrics.
     """
     path = folder / FILE if folder.is_dir() else folder
-    try:
-        lines = read_metrics(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise EchoAvatarError(f"{folder} holds no {FILE} ({error}); give the folder of a run") from error
     found: dict[str, list[tuple[float, float]]] = {}
-    for told in lines:
+    for told in read_metrics(path):
         step = float(told.pop("step"))
         for name, value in _flat(told):
             found.setdefault(name, []).append((step, value))
@@ -84,6 +81,8 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
     if unknown := [name for name in metrics if name not in known]:
         raise EchoAvatarError(f"no run has the metric {unknown[0]}; there are {', '.join(known)}")
     shown = list(metrics) or known
+    if len(shown) > MOST_PLOTS:
+        raise EchoAvatarError(f"{len(shown):,} metrics are more than {MOST_PLOTS} plots; choose with --metrics")
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure = Figure(figsize=(4.2 * columns, 0.5 + 2.5 * rows), layout="constrained")
@@ -93,7 +92,10 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
     for axis, name in zip(axes.flat, shown, strict=False):
         _plot(axis, name, {run: curves[name] for run, curves in runs.items() if name in curves}, list(runs))
     lines = [axes[0, 0].plot([], [], color=_colour(at), lw=2)[0] for at in range(len(runs))]
-    figure.legend(lines, list(runs), loc="outside upper left", ncols=min(len(runs), 4), fontsize=8, frameon=False)
+    ncols = min(len(runs), 4)
+    legend = figure.legend(lines, list(runs), loc="outside upper left", ncols=ncols, fontsize=8, frameon=False)
+    for text in legend.get_texts():
+        text.set_parse_math(False)
     save_figure(figure, path, dpi=120)
 
 
@@ -124,7 +126,7 @@ def _plot(axis: Any, name: str, curves: Mapping[str, Curve], runs: Sequence[str]
             axis.plot(curve.steps, smoothed(curve.values, max(5, len(curve.values) // 30)), color=colour, lw=1.6)
     if is_wide(list(curves.values())):
         axis.set_yscale("log")
-    axis.set_title(name, fontsize=9, loc="left")
+    axis.set_title(name, fontsize=9, loc="left", parse_math=False)
     axis.tick_params(labelsize=7, length=2)
     axis.grid(alpha=0.25, lw=0.5)
     for side in ("top", "right"):

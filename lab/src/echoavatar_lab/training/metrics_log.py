@@ -10,9 +10,11 @@ from pydantic_core import to_json
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.json_reader import read_object
+from echoavatar.limits import read_text
 from echoavatar.whole_file import write_whole
 
 FILE = "metrics.jsonl"
+MOST_BYTES = 1 << 29  # a million lines of a run
 
 
 class MetricsLog:
@@ -71,9 +73,13 @@ def want_trackers(trackers: Sequence[str]) -> None:
 
 
 def read_metrics(path: Path) -> list[dict[str, Any]]:
-    """The lines of a `metrics.jsonl`, without one that was cut off when the run was killed."""
+    """The lines of a `metrics.jsonl`, without one that was cut off when the run was killed.
+
+    Raises:
+        EchoAvatarError: there is no such file, or it cannot be read.
+    """
     found = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in read_text(path, "give the folder of a run", largest=MOST_BYTES).splitlines():
         with suppress(EchoAvatarError):
             told = read_object(line, FILE)
             found += [told] if isinstance(told.get("step"), int | float) else []

@@ -1,6 +1,7 @@
 """Motion keyed by animators, from files made here: where the arms are in known poses, and how keys are joined."""
 
 import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,47 @@ def test_a_damaged_file_is_named(tmp_path: Path):
             read_animated(tmp_path / name)
     with pytest.raises(MotionError, match="no bone"):
         read_animated(vmd(tmp_path / "b.vmd", [("センター", 0, (0, 0, 0, 1), STRAIGHT)]))
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        [("頭", 600_000, (0, 0, 0, 1), STRAIGHT)],  # 200 bytes for five hours of 52 joints
+        [("頭", 0xFFFFFFFF, (0, 0, 0, 1), STRAIGHT)],
+        [("頭", 0, (np.nan, 0, 0, 1), STRAIGHT)],
+        [("頭", 0, (np.inf, 0, 0, 1), STRAIGHT), ("頭", 9, (0, 0, 0, 1), STRAIGHT)],
+    ],
+)
+def test_a_hostile_vmd_is_refused_in_little_memory(keys: list[Key], tmp_path: Path):
+    tracemalloc.start()
+    try:
+        with pytest.raises(MotionError):
+            read_animated(vmd(tmp_path / "a.vmd", keys))
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "curve",
+    ['fps="0"><Key frame="1" value="0"/>', 'fps="25"><Key frame="1e999" value="0"/>',
+     'fps="nan"><Key frame="1" value="0"/>', 'fps="25"><Key frame="0" value="1e999"/>'],
+)  # fmt: skip
+def test_a_hostile_qianim_is_refused(curve: str, tmp_path: Path):
+    (tmp_path / "a.qianim").write_text(
+        f'<Animation><ActuatorCurve actuator="HeadYaw" {curve}</ActuatorCurve></Animation>'
+    )
+    with pytest.raises(MotionError):
+        read_animated(tmp_path / "a.qianim")
+
+
+def test_a_header_that_states_more_keys_than_there_are_is_refused_at_once(tmp_path: Path):
+    path = vmd(tmp_path / "a.vmd", [("頭", 0, (0, 0, 0, 1), STRAIGHT)])
+    data = bytearray(path.read_bytes())
+    data[50:54] = b"\xff" * 4
+    path.write_bytes(data)
+    with pytest.raises(MotionError, match="cannot be read as .vmd"):
+        read_animated(path)
 
 
 def test_peppers_arms_point_ahead_at_zero_and_hang_at_ninety_degrees(tmp_path: Path):

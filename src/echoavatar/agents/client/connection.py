@@ -74,7 +74,7 @@ class UtteranceQueue:
         self.seg = 0  # number of the newest utterance
         self.received = 0  # clock up to which sound has been received
         self._form = form
-        self._width = (2 if form.format == "s16le" else 4) * form.channels
+        self._width = form.width
         self._utterances: deque[Utterance] = deque()
         self._sent_s = 0.0
         self._received_sound: dict[int, tuple[int, int]] = {}  # by clock: utterance, number of samples

@@ -36,7 +36,7 @@ KEPT_CHUNKS = 32  # of speech already shown, to separate music from speech when 
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
 VOID_S = 2.0  # what comes of a response after it was cut off was on its way
 TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
-USER_BLOCK = 24_000  # samples in one message
+BLOCK_BYTES = 48_000  # of sound that are decoded at once: an event may bring minutes, and others go on meanwhile
 
 
 @dataclass(eq=False)
@@ -293,7 +293,9 @@ class Conversation:
             item = await self._begin(event, data, item, avatar, now)
         if item is not None and item.cut is None:
             item.begun += max(0.0, item.ran_dry(now))
-            await self._send_chunks(item, item.add(data), avatar)
+        for block in _blocks(data):
+            if item is not None and item.cut is None and not item.is_ended:
+                await self._send_chunks(item, item.add(block), avatar)
 
     async def _begin(
         self, event: Event, data: bytes, before: SpeechItem | None, avatar: Avatar | None, now: float
@@ -334,7 +336,7 @@ class Conversation:
 
     async def _send_chunks(self, item: SpeechItem, chunks: Iterable[Pcm], avatar: Avatar | None) -> None:
         for chunk in chunks:
-            await asyncio.sleep(0)  # an event may bring minutes of sound, and other conversations go on meanwhile
+            await asyncio.sleep(0)
             if avatar is not None and item.cut is None:
                 item.seg = await avatar.speak(chunk, end=False)
 
@@ -432,10 +434,13 @@ class Conversation:
             return
         if self._user_decoder is None or self._user_decoder[0] != form:
             self._user_decoder = (form, Decoder(*form))
-        samples = self._user_decoder[1].push(data)
-        for start in range(0, len(samples), USER_BLOCK):
-            block = samples[start : start + USER_BLOCK]
-            await avatar.send(
-                Audio(seg=self._user_segment, start=self._user_sent, pcm=block.astype("<i2").tobytes(), speaker="user")
-            )
-            self._user_sent += len(block)
+        for block in _blocks(data):
+            await asyncio.sleep(0)
+            samples = self._user_decoder[1].push(block)
+            pcm = samples.astype("<i2").tobytes()
+            await avatar.send(Audio(seg=self._user_segment, start=self._user_sent, pcm=pcm, speaker="user"))
+            self._user_sent += len(samples)
+
+
+def _blocks(data: bytes) -> Iterator[bytes]:
+    return (data[at : at + BLOCK_BYTES] for at in range(0, len(data), BLOCK_BYTES))

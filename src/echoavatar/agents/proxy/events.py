@@ -24,6 +24,8 @@ PARTS_DONE = ("response.content_part.done", "response.output_item.done")
 SESSION = ("session.created", "session.updated")
 CUTS = ("response.cancel", "output_audio_buffer.clear", "response.cancelled", "output_audio_buffer.cleared")
 _FROM_URL_SAFE = str.maketrans("-_", "+/")
+MOST_BYTES = 1 << 22  # of an event that is read, a minute of sound: reading holds up other conversations
+MOST_VALUES = 1 << 16  # in it
 
 
 class Event(msgspec.Struct):
@@ -57,9 +59,11 @@ _DECODER = msgspec.json.Decoder(Event)
 
 
 def read(message: str | bytes) -> Event | None:
-    """Parse an event; None if it is not one."""
+    """Parse an event; None if it is not one, or is too large: it passes, and the avatar does not hear of it."""
     try:
-        return _DECODER.decode(message)
+        raw = message.encode() if isinstance(message, str) else message
+        is_large = len(raw) > MOST_BYTES or sum(map(raw.count, (b",", b"[", b"{"))) > MOST_VALUES
+        return None if is_large else _DECODER.decode(raw)
     except (msgspec.DecodeError, UnicodeError, RecursionError):
         return None
 
@@ -142,7 +146,7 @@ def with_tools(message: str | bytes, add: Callable[[list[Any]], list[Any]]) -> s
     if not _holds(message, '"session.update"'):
         return message
     try:
-        event = read_json(message, "the event")
+        event = read_json(message, "the event", most=MOST_BYTES, most_values=MOST_VALUES)
     except EchoAvatarError:
         return message
     own = tools_of(inside(event, "session"))

@@ -23,7 +23,7 @@ from ..client import Avatar, RemoteTools, connect
 from . import avatar_events
 from .avatar_events import EventWriter
 from .conversation import Conversation
-from .events import Event, inside, is_for_us, read, with_tools
+from .events import MOST_BYTES, Event, inside, is_for_us, read, with_tools
 from .tool_calls import ToolCalls
 from .upstream import ProxySettings
 
@@ -146,7 +146,8 @@ class AvatarSidecar:
             event = read(message)
             if event is None:
                 if is_server:
-                    self._conversation.miss(repr(message[:40]), "it is no event")
+                    large = len(message) > MOST_BYTES
+                    self._conversation.miss(repr(message[:40]), "it is too large" if large else "it is no event")
                 continue
             try:
                 await (self._on_server_event(event) if is_server else self._on_client_event(event))

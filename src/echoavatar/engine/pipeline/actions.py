@@ -18,8 +18,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import CheckpointError, EchoAvatarError
-from echoavatar.json_reader import read_object
-from echoavatar.limits import ACTIONS, CONFIG_BYTES, OVERLAYS, check_file
+from echoavatar.json_reader import read_object_file
+from echoavatar.limits import ACTIONS, OVERLAYS
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.timing import CHUNK, ChunkSize
 from echoavatar.whole_file import write_whole
@@ -176,9 +176,8 @@ class ActionLibrary(Mapping[str, Action]):
         path = folder / FILE
         if not path.exists():
             return cls()
-        check_file(path, CONFIG_BYTES, CheckpointError)
         try:
-            rows = read_object(path.read_bytes(), str(path))["actions"]
+            rows = read_object_file(path)["actions"]
             _check_sizes(rows)
             actions = [Action.from_json(row, chunk) for row in rows]
         except (ValueError, LookupError, TypeError, EchoAvatarError) as error:

@@ -5,6 +5,8 @@ Any rate, channel count and number format is converted, while it streams, with e
 
 import logging
 from collections.abc import Iterator
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ import av
 import numpy as np
 import soundfile
 import soxr
+from av.codec import Codec
+from av.codec.codec import UnknownCodecError
 from av.container import InputContainer
 from jaxtyping import Float, Shaped
 
@@ -118,7 +122,7 @@ _CONTAINERS = (
 )
 _OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
 _LARGEST_BYTES = 1 << 40
-LONGEST_S = 6 * 3600  # of sound that is read whole: two gigabytes
+LONGEST_S = 3600  # of sound that is read whole: twice 350 MB while its pieces are joined
 
 _LOG = logging.getLogger(__name__)
 
@@ -134,7 +138,7 @@ def read_audio(path: Path | str) -> Mono:
     for piece in stream_audio(path):
         left -= len(piece)
         if left < 0:
-            raise AudioError(f"{path} has more than {LONGEST_S // 3600} hours of sound; cut it")
+            raise AudioError(f"{path} has more than {LONGEST_S // 60} minutes of sound; cut it")
         pieces.append(piece)
     return np.concatenate(pieces)
 
@@ -182,7 +186,17 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
 def open_sound(path: Path) -> InputContainer:
     """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
     address = f"file:{path}"  # without it, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav
-    return av.open(address, metadata_errors="ignore", options=dict(_OPTIONS))
+    return av.open(address, metadata_errors="ignore", options={**_OPTIONS, "codec_whitelist": _sound_decoders()})
+
+
+@lru_cache(maxsize=1)
+def _sound_decoders() -> str:
+    """Names of what decodes sound. A cover's picture would be decoded too, for its size, whatever memory it takes."""
+    found = []
+    for name in av.codecs_available:
+        with suppress(UnknownCodecError):  # it only encodes
+            found += [name] if Codec(name, "r").type == "audio" else []
+    return ",".join(found)
 
 
 def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:

@@ -73,6 +73,7 @@ class LiveStream:
         self._source, self._playhead, self._rate = source, playhead, rate
         self._far, self._late = far_s * SAMPLE_RATE_HZ, late_s
         self._began: float | None = None
+        self._began_wall: float | None = None
         self._anchor: tuple[int, int] | None = None  # a block, and the sample of the session that it begins with
         self._block = self._picture = -1  # newest that were handed out
         self._drawing: asyncio.Task[Picture] | None = None
@@ -81,8 +82,13 @@ class LiveStream:
         self._thread = ThreadPoolExecutor(1, "video", initializer=_give_way)
 
     def wall(self, seconds: float) -> float:
-        """The time, in seconds of `time.time`, at which a moment of the stream is shown and heard."""
-        return time.time() + seconds - self._now()
+        """The time, in seconds since 1970, at which a moment of the stream is shown and heard.
+
+        It goes by one look at the wall clock: picture and sound stay together when that clock is set.
+        """
+        if self._began_wall is None:
+            self._began_wall = time.time() - self._now()
+        return self._began_wall + seconds
 
     @property
     def place(self) -> int:

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import CONFIG_BYTES, ROTATIONS, check_file
+from echoavatar.limits import CONFIG_BYTES, STILL_ROTATIONS, read_bytes
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from echoavatar.timing import FRAME_RATE_HZ
@@ -43,9 +43,8 @@ def read_animated(path: Path) -> Motion:
         MotionError: the file is missing, too large or damaged, or moves no bone that we know.
     """
     try:
-        check_file(path, CONFIG_BYTES, MotionError)
-        turns = _vmd(path.read_bytes()) if path.suffix == ".vmd" else _qianim(path.read_bytes())
-    except (OSError, ValueError, TypeError, IndexError, struct.error, ElementTree.ParseError) as error:
+        turns = (_vmd if path.suffix == ".vmd" else _qianim)(read_bytes(path, CONFIG_BYTES, MotionError))
+    except (OSError, ArithmeticError, ValueError, TypeError, IndexError, struct.error, ElementTree.ParseError) as error:
         raise MotionError(f"{path} cannot be read as {path.suffix} ({str(error)[:80]})") from error
     if not turns:
         raise MotionError(f"{path} moves no bone that we know")
@@ -121,7 +120,7 @@ def _bezier(t: Array, first: Array, second: Array) -> Array:
 def _frames(last_s: float) -> int:
     """Frames up to the last key."""
     frames = round(last_s * FRAME_RATE_HZ) + 1
-    if not 0 < frames * HUMANOID.joints <= ROTATIONS:
+    if not 0 < frames * HUMANOID.joints <= STILL_ROTATIONS:  # a single key may say that it is years away
         raise ValueError(f"the last key is at {last_s:.0f} s")
     return frames
 

@@ -129,10 +129,9 @@ def _opened(path: Path, size: int, changed: int) -> Int16[np.ndarray, " s"]:
     if not kept.is_file():
         samples = to_int16(read_audio(path))
         try:
-            with whole_file(kept) as partial:
-                make_output_folder(kept.parent)
-                with partial.open("wb") as file:
-                    np.save(file, samples)
+            make_output_folder(kept.parent)
+            with whole_file(kept) as partial, partial.open("wb") as file:
+                np.save(file, samples)
         except EchoAvatarError:  # no cache can be written
             return samples
     return np.asarray(np.load(kept, mmap_mode="r", allow_pickle=False))
