@@ -11,7 +11,7 @@ from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar
 
-SOUNDS = (".wav", ".flac", ".mp3", ".ogg", ".m4a", ".mov", ".mp4")
+VIDEOS = (".mov", ".mp4")  # with the sound in them
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +85,8 @@ def _read(args: argparse.Namespace) -> int:
 
 
 def _sound_of(path: Path) -> Path:
-    for suffix in SOUNDS:
-        if (sound := path.with_suffix(suffix)).exists():
-            return sound
+    from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
+
+    if sound := sound_named(path.with_suffix(""), (*SOUND_SUFFIXES, *VIDEOS)):
+        return sound
     raise EchoAvatarError(f"no sound beside it; put {path.stem}.wav (or .mov) into {path.parent}")

@@ -39,7 +39,7 @@ class Event(msgspec.Struct):
     item: Any = None
 
 
-_DECODER = msgspec.json.Decoder(Event)
+_DECODER = msgspec.json.Decoder(Event, strict=False)  # 0.0 is a whole number, as some servers write it
 
 
 def read(message: str | bytes) -> Event | None:
@@ -83,7 +83,8 @@ def audio_format(session: Any, direction: str) -> tuple[str, int] | None:
         case "audio/pcma" | "g711_alaw":
             return "alaw", 8_000
         case "audio/pcm" | "pcm16":
-            return "pcm", rate if isinstance(rate, int) and 8_000 <= rate <= 192_000 else 24_000
+            is_rate = isinstance(rate, int | float) and 8_000 <= rate <= 192_000 and rate == int(rate)
+            return "pcm", int(rate) if is_rate else 24_000
     return None
 
 

@@ -1,0 +1,226 @@
+"""Sound files, opened by their content: the parts that were put one after another, their tracks, the decoded pieces.
+
+Whatever ffmpeg's libraries read (PyAV). A name is never taken for an address, and no file makes another one be read.
+"""
+
+import logging
+import mmap
+import re
+from collections.abc import Iterator, Sequence
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import av
+import numpy as np
+from av.container import InputContainer
+from jaxtyping import Float
+
+from echoavatar.errors import AudioError
+from echoavatar.limits import check_file
+
+SOUND_SUFFIXES = (
+    *(".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".aif", ".aifc", ".aiff", ".amr", ".au", ".caf"),
+    *(".mka", ".oga", ".w64", ".weba", ".wma"),
+)  # of files in a folder that are taken for sound; a file that is named may have any
+# Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are
+# texts that name other files or addresses, which would be opened.
+_CONTAINERS = (
+    "aac,ac3,aiff,amr,ape,asf,au,avi,avr,caf,dsf,dts,eac3,flac,flv,g722,gsm,iff,ircam,loas,matroska,webm,mov,mp4,3gp"
+    ",3g2,mp3,mpeg,mpegts,mpc,mpc8,mxf,nistsphere,nut,oga,ogg,opus,paf,pvf,rm,sox,tak,tta,voc,w64,wav,wv"
+)
+_OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
+_LARGEST_BYTES = 1 << 40
+_MOST_PARTS = 4_096  # of one file
+_MOST_FAULTS = 100  # of a track, one after another
+_BEGINS = {  # of files without an index, by their first four letters
+    b"FORM": re.compile(rb"FORM....AIF[FC]", re.DOTALL),
+    b"RIFF": re.compile(rb"RIFF....WAVE(?=[A-Za-z]{3}[A-Za-z ])", re.DOTALL),
+    b"fLaC": re.compile(rb"fLaC[\x00\x80]\x00\x00\x22"),
+}
+_STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
+_USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
+_LOG = logging.getLogger(__name__)
+
+
+class Form(NamedTuple):
+    """What may change within a file."""
+
+    rate: int  # samples per second
+    channels: tuple[str, ...]  # their roles, such as FL, FR, FC, LFE
+
+
+class Piece(NamedTuple):
+    """Some tens of milliseconds of one track."""
+
+    track: int
+    form: Form
+    samples: Float[np.ndarray, "s c"]  # about -1..1
+
+
+def check_sound(path: Path) -> None:
+    """Refuse what is no file with sound in it, before it is opened.
+
+    Raises:
+        AudioError: there is nothing, a folder, no regular file, or nothing in it.
+    """
+    if path.is_dir():
+        raise AudioError(f"{path} is a folder; name a sound file in it")
+    try:
+        check_file(path, _LARGEST_BYTES, AudioError)
+    except FileNotFoundError:
+        raise AudioError(f"{path} does not exist; check the path") from None
+    if path.stat().st_size == 0:
+        raise AudioError(f"{path} is empty (0 bytes); copy or record it again")
+
+
+def sound_named(path: Path, suffixes: Sequence[str] = SOUND_SUFFIXES) -> Path | None:
+    """The sound whose path without its suffix this is: .wav, .WAV and .Wav alike; None if there is none."""
+    written = (form for suffix in suffixes for form in (suffix, suffix.upper(), suffix.title()))
+    return next((found for form in written if (found := path.with_name(path.name + form)).is_file()), None)
+
+
+def open_sound(path: Path, part: range | None = None) -> InputContainer:
+    """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
+    # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
+    source: Any = f"file:{path}" if part is None else _Part(path, part)
+    return av.open(source, metadata_errors="ignore", options=dict(_OPTIONS))
+
+
+def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> Iterator[Piece]:
+    """All pieces of one track, or of every track as they come; damage is passed over, and with `is_told` in the log.
+
+    Raises:
+        AudioError: it is not sound, has no track of sound, or cannot be read.
+    """
+    parts = _parts(path)
+    for number, part in enumerate(parts):
+        try:
+            with open_sound(path, part if part.start or len(parts) > 1 else None) as container:
+                if not container.streams.audio:
+                    raise AudioError(f"{path} has no sound track; choose a file with sound")
+                yield from _pieces(container, path, track, is_told)
+        except av.FFmpegError as error:
+            if number == 0:
+                raise AudioError(f"{path} {_what_it_is(path, error)}") from error
+            if is_told:
+                _LOG.warning("%s: part %d cannot be read (%s) and is left out", path, number + 1, error.strerror)
+
+
+def _pieces(container: InputContainer, path: Path, track: int | None, is_told: bool) -> Iterator[Piece]:
+    tracks = {stream.index: number for number, stream in enumerate(container.streams.audio)}
+    converters: dict[tuple[int, Form], av.AudioResampler] = {}
+    packets, faults = container.demux(container.streams.audio), 0
+    while faults <= _MOST_FAULTS:
+        try:
+            packet = next(packets, None)
+            if packet is None:
+                return
+            number = tracks[packet.stream.index]
+            frames = packet.decode() if track in (None, number) else []
+        except av.FFmpegError as error:
+            if is_told:
+                _LOG.warning("%s is damaged (%s); decoding what is there", path, error.strerror)
+            is_told, faults = False, faults + 1
+            continue
+        for frame in frames:
+            assert isinstance(frame, av.AudioFrame)
+            faults = 0
+            form = Form(frame.sample_rate, _roles(frame.layout))
+            # Packed samples: PyAV reads beyond the list of planes where there are more than eight.
+            if (number, form) not in converters:
+                converters[number, form] = av.AudioResampler("flt", frame.layout, frame.sample_rate)
+            for converted in converters[number, form].resample(frame):
+                yield Piece(number, form, converted.to_ndarray().reshape(converted.samples, -1))
+
+
+def _roles(layout: av.AudioLayout) -> tuple[str, ...]:
+    """The roles of channels; where the file does not say them, 2, 6 or 8 are those that WAV and FLAC mean."""
+    roles = tuple(channel.name for channel in layout.channels)
+    return _USUAL_ROLES.get(len(roles), roles) if set(roles) == {"NONE"} else roles
+
+
+class _Part:
+    """A file within a file, with the three methods that PyAV asks for."""
+
+    def __init__(self, path: Path, part: range) -> None:
+        self.name = str(path)  # tells PyAV the suffix
+        self._file, self._part, self._at = path.open("rb"), part, 0
+
+    def read(self, size: int) -> bytes:
+        self._file.seek(self._part.start + self._at)
+        data = self._file.read(max(0, min(size, len(self._part) - self._at)))
+        self._at += len(data)
+        return data
+
+    def seek(self, to: int, whence: int = 0) -> int:
+        self._at = max(0, to + (0, self._at, len(self._part))[whence])
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _parts(path: Path) -> list[range]:
+    """The sounds that were pasted one after another, as bytes of the file; ffmpeg's readers end with the first."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        first, begins = _after_tag(data), iter(())
+        kind = data[first : first + 4]
+        if kind == b"OggS":
+            begins = _ogg_begins(data, first)
+        elif data[first + 4 : first + 8] == b"ftyp":
+            begins = _mp4_begins(data, first)
+        elif kind in _BEGINS:
+            begins = (found.start() for found in _BEGINS[kind].finditer(data, first))
+        else:
+            first = 0
+        starts = sorted({first, *islice(begins, _MOST_PARTS)})
+        return [range(start, end) for start, end in pairwise([*starts, len(data)])]
+
+
+def _after_tag(data: mmap.mmap) -> int:
+    """Where the sound begins behind an ID3 tag, which may hold a large picture."""
+    if data[:3] != b"ID3" or len(data) < 10:
+        return 0
+    return 10 + sum((byte & 127) << shift for byte, shift in zip(data[6:10], (21, 14, 7, 0), strict=True))
+
+
+def _ogg_begins(data: mmap.mmap, at: int) -> Iterator[int]:
+    """Where the first pages of streams follow pages of others: the links of a chain."""
+    is_first = False
+    while (at := data.find(b"OggS", at)) >= 0:
+        was_first, is_first = is_first, bool(data[at + 5 : at + 6] > b"\1" and data[at + 5] & 2)
+        if is_first and not was_first:
+            yield at
+        lengths = data[at + 27 : at + 27 + data[at + 26]] if at + 26 < len(data) else b""
+        at += 27 + len(lengths) + sum(lengths)
+
+
+def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
+    while len(head := data[at : at + 16]) == 16:
+        if head[4:8] == b"ftyp":
+            yield at
+        size = int.from_bytes(head[:4]) if head[:4] != b"\0\0\0\1" else int.from_bytes(head[8:])
+        if size < 8:  # 0: to the end
+            return
+        at += size
+
+
+def _what_it_is(path: Path, error: av.FFmpegError) -> str:
+    """What can be said of a file that no reader opens."""
+    with path.open("rb") as file:
+        begin = file.read(1024)
+    text = begin.decode("utf-8", "ignore").lstrip("\ufeff \t\r\n")
+    if text.lower().startswith(("<!doctype html", "<html")):
+        return "is a web page and no sound; download the sound itself"
+    if not re.search(rb"[\x00-\x08\x0e-\x1a]", begin) and len(text) > 0.9 * len(begin):
+        return f"is text and no sound (it begins with {' '.join(text[:60].split())!r}); download the sound itself"
+    if begin[4:8] == b"ftyp":
+        return f"is an MP4 that is cut off or damaged ({error.strerror}); copy it again, whole"
+    return (
+        f"is not a sound file that ffmpeg's libraries can read ({error.strerror}); "
+        "convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"
+    )
