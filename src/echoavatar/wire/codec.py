@@ -18,7 +18,6 @@ from .messages import (
     ServerMessage,
 )
 
-
 TOO_LARGE = f"a message has at most {MAX_MESSAGE_BYTES:,} bytes; send long sound as several `audio` messages"
 
 

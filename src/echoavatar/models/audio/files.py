@@ -33,7 +33,10 @@ _OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
 _LARGEST_BYTES = 1 << 40
 _MOST_PARTS = 4_096  # of one file
 _MOST_FAULTS = 100  # of a track, one after another
+_STATE_LENGTH = ("aiff", "flac", "mov")  # of others FFmpeg guesses it
+_BROKEN, _UNKNOWN = 0.95, 0.05  # shares of the length that a file states: it breaks off; it knew no length
 _BEGINS = {  # of files without an index, by their first four letters
+    b"\x1aE\xdf\xa3": re.compile(rb"\x1aE\xdf\xa3.{1,60}?(?:webm|matroska)", re.DOTALL),
     b"FORM": re.compile(rb"FORM....AIF[FC]", re.DOTALL),
     b"RIFF": re.compile(rb"RIFF....WAVE(?=[A-Za-z]{3}[A-Za-z ])", re.DOTALL),
     b"fLaC": re.compile(rb"fLaC[\x00\x80]\x00\x00\x22"),
@@ -84,7 +87,8 @@ def open_sound(path: Path, part: range | None = None) -> InputContainer:
     """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
     # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
     source: Any = f"file:{path}" if part is None else _Part(path, part)
-    return av.open(source, metadata_errors="ignore", options=dict(_OPTIONS))
+    opened: InputContainer = av.open(source, metadata_errors="ignore", options=dict(_OPTIONS))
+    return opened
 
 
 def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> Iterator[Piece]:
@@ -93,29 +97,34 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
     Raises:
         AudioError: it is not sound, has no track of sound, or cannot be read.
     """
-    parts = _parts(path)
+    parts, piece = _parts(path), None
     for number, part in enumerate(parts):
         try:
             with open_sound(path, part if part.start or len(parts) > 1 else None) as container:
                 if not container.streams.audio:
                     raise AudioError(f"{path} has no sound track; choose a file with sound")
-                yield from _pieces(container, path, track, is_told)
+                for piece in _pieces(container, path, part, track, is_told):
+                    yield piece
         except av.FFmpegError as error:
             if number == 0:
-                raise AudioError(f"{path} {_what_it_is(path, error)}") from error
+                failure = f"is not a sound file that ffmpeg's libraries can read ({error.strerror})"
+                raise AudioError(f"{path} {_what_it_is(path, failure)}") from error
             if is_told:
                 _LOG.warning("%s: part %d cannot be read (%s) and is left out", path, number + 1, error.strerror)
+    if piece is None:
+        raise AudioError(f"{path} {_what_it_is(path, 'holds no sound that can be decoded')}")
 
 
-def _pieces(container: InputContainer, path: Path, track: int | None, is_told: bool) -> Iterator[Piece]:
+def _pieces(container: InputContainer, path: Path, part: range, track: int | None, is_told: bool) -> Iterator[Piece]:
     tracks = {stream.index: number for number, stream in enumerate(container.streams.audio)}
+    stated = [_stated_roles(stream) for stream in container.streams.audio]
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
-    packets, faults = container.demux(container.streams.audio), 0
+    packets, faults, seconds = container.demux(container.streams.audio), 0, 0.0
     while faults <= _MOST_FAULTS:
         try:
             packet = next(packets, None)
             if packet is None:
-                return
+                break
             number = tracks[packet.stream.index]
             frames = packet.decode() if track in (None, number) else []
         except av.FFmpegError as error:
@@ -126,18 +135,50 @@ def _pieces(container: InputContainer, path: Path, track: int | None, is_told: b
         for frame in frames:
             assert isinstance(frame, av.AudioFrame)
             faults = 0
-            form = Form(frame.sample_rate, _roles(frame.layout))
+            form = Form(frame.sample_rate, _roles(frame.layout, stated[number]))
             # Packed samples: PyAV reads beyond the list of planes where there are more than eight.
             if (number, form) not in converters:
                 converters[number, form] = av.AudioResampler("flt", frame.layout, frame.sample_rate)
+            seconds += 0 if number else frame.samples / frame.sample_rate
             for converted in converters[number, form].resample(frame):
                 yield Piece(number, form, converted.to_ndarray().reshape(converted.samples, -1))
+    if is_told and (share := _share(container, path, part, seconds)) < _BROKEN:
+        _LOG.warning("%s breaks off: %.0f %% of what it announces is there", path, 100 * share)
 
 
-def _roles(layout: av.AudioLayout) -> tuple[str, ...]:
+def _share(container: InputContainer, path: Path, part: range, seconds: float) -> float:
+    """The part of a sound that is there, where the file says how long it is; programs that do not know write 2 GB."""
+    first, share = container.streams.audio[0], 1.0
+    if container.format.name == "wav":
+        with path.open("rb") as file:
+            file.seek(part.start)
+            share = len(part) / (8 + int.from_bytes(file.read(8)[4:], "little"))
+    elif container.format.name.startswith(_STATE_LENGTH) and first.duration and first.time_base:
+        share = seconds / float(first.duration * first.time_base)
+    return share if share > _UNKNOWN else 1.0
+
+
+def _stated_roles(stream: av.AudioStream) -> tuple[str, ...]:
+    """The roles of a track's channels as its file orders them.
+
+    PyAV frees the list of an order of the file's own (CAF, MOV) once for each frame, which ends the process. So such a
+    list is taken from the decoder, which then counts the channels only.
+    """
+    if (context := stream.codec_context) is None:  # a codec that nobody knows
+        return ()
+    layout = context.layout
+    roles = tuple(channel.name for channel in layout.channels)
+    if re.search(r"channels \(|ambisonic", layout.name):
+        context.layout = f"{len(roles)}C"
+    return roles
+
+
+def _roles(layout: av.AudioLayout, stated: tuple[str, ...]) -> tuple[str, ...]:
     """The roles of channels; where the file does not say them, 2, 6 or 8 are those that WAV and FLAC mean."""
     roles = tuple(channel.name for channel in layout.channels)
-    return _USUAL_ROLES.get(len(roles), roles) if set(roles) == {"NONE"} else roles
+    if set(roles) != {"NONE"}:
+        return roles
+    return stated if len(stated) == len(roles) and set(stated) != {"NONE"} else _USUAL_ROLES.get(len(roles), roles)
 
 
 class _Part:
@@ -167,16 +208,16 @@ class _Part:
 def _parts(path: Path) -> list[range]:
     """The sounds that were pasted one after another, as bytes of the file; ffmpeg's readers end with the first."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        first, begins = _after_tag(data), iter(())
+        first = _after_tag(data)
         kind = data[first : first + 4]
         if kind == b"OggS":
             begins = _ogg_begins(data, first)
         elif data[first + 4 : first + 8] == b"ftyp":
             begins = _mp4_begins(data, first)
         elif kind in _BEGINS:
-            begins = (found.start() for found in _BEGINS[kind].finditer(data, first))
+            begins = map(re.Match[bytes].start, _BEGINS[kind].finditer(data, first))
         else:
-            first = 0
+            first, begins = 0, iter([0])
         starts = sorted({first, *islice(begins, _MOST_PARTS)})
         return [range(start, end) for start, end in pairwise([*starts, len(data)])]
 
@@ -209,8 +250,8 @@ def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
         at += size
 
 
-def _what_it_is(path: Path, error: av.FFmpegError) -> str:
-    """What can be said of a file that no reader opens."""
+def _what_it_is(path: Path, failure: str) -> str:
+    """What can be said of a file in which there is no sound, and the remedy."""
     with path.open("rb") as file:
         begin = file.read(1024)
     text = begin.decode("utf-8", "ignore").lstrip("\ufeff \t\r\n")
@@ -219,8 +260,5 @@ def _what_it_is(path: Path, error: av.FFmpegError) -> str:
     if not re.search(rb"[\x00-\x08\x0e-\x1a]", begin) and len(text) > 0.9 * len(begin):
         return f"is text and no sound (it begins with {' '.join(text[:60].split())!r}); download the sound itself"
     if begin[4:8] == b"ftyp":
-        return f"is an MP4 that is cut off or damaged ({error.strerror}); copy it again, whole"
-    return (
-        f"is not a sound file that ffmpeg's libraries can read ({error.strerror}); "
-        "convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"
-    )
+        return f"{failure}: an MP4 that is cut off or damaged; copy it again, whole"
+    return f"{failure}; convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"

@@ -154,9 +154,8 @@ def stream_audio(path: Path | str) -> Iterator[Mono]:
             yield resampler.push(plan.mixes[piece.form](piece.samples) if form in plan.mixes else piece.samples)
         except AudioError as error:
             raise AudioError(f"{path}: {error}") from error
-    if resampler is None:
-        raise AudioError(f"{path} holds no sound that can be decoded; record it again, or convert it to WAV")
-    yield resampler.flush()
+    if resampler is not None:
+        yield resampler.flush()
 
 
 def _measured(path: Path) -> Plan:

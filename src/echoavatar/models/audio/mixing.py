@@ -17,8 +17,8 @@ from .files import Form, Piece
 _KEPT = 10 ** (-3.2 / 10)  # of the loudest channel's power, in an even mix that is good enough: two voices, one a side
 _ABOUT = 0.8  # of the loudest channel's power is as loud
 _SILENT = 1e-4  # of the loudest power: -40 dB
-_CANCELLED = 0.06  # a channel, of the power that channels have together, where they go against each other
-_MOST_CANCELLED = 0.05  # of a recording's energy
+_CANCELLED = 0.2  # a channel, of the power that channels have together, where they go against each other
+_MOST_CANCELLED = 0.1  # of a recording's energy
 _OPPOSED = -0.5  # correlation with the loudest channel
 _RUMBLE = ("LFE", "LFE2")  # left out
 _WEIGHTS = {"FC": 1.0, "FL": 0.7, "FR": 0.7}  # around a centre, where speech is
@@ -43,7 +43,7 @@ class Mix(NamedTuple):
 
     def __call__(self, samples: Float[np.ndarray, "s c"]) -> Float[np.ndarray, " s"]:
         """Mix down."""
-        return samples @ self.weights - np.float32(self.offset)
+        return np.asarray(samples @ self.weights - self.offset, np.float32)
 
 
 class Plan(NamedTuple):
@@ -160,13 +160,15 @@ def _mix(form: Form, sums: _Sums, gain: float, notes: list[str]) -> Mix:
 def _weights(form: Form, sums: _Sums, notes: list[str]) -> Float[np.ndarray, " c"]:
     """Weights of the channels, with which the mix is as loud as the loudest one."""
     covariance, count = sums.covariance, len(form.channels)
-    is_rumble = np.isin(form.channels, _RUMBLE)
-    powers = np.where(is_rumble, 0, np.diag(covariance))
+    is_heard = ~np.isin(form.channels, _RUMBLE)
+    is_heard |= not np.diag(covariance)[is_heard].any()
+    powers = np.where(is_heard, np.diag(covariance), 0)
     best = int(np.argmax(powers >= _ABOUT * powers.max()))
     if count == 1 or powers[best] <= 0 or sums.count < _SHORTEST_S * form.rate:
         return np.full(count, 1 / count)
     loudest = f"number {best + 1}" if form.channels[best] == "NONE" else form.channels[best]
-    alone, even = np.eye(count)[best], ~is_rumble / np.sum(~is_rumble)
+    alone: Float[np.ndarray, " c"] = np.eye(count)[best]
+    even: Float[np.ndarray, " c"] = is_heard / np.sum(is_heard)
     if sums.cancelled > _MOST_CANCELLED * sums.energies.sum():
         notes.append(f"its channels are opposed and would cancel in a mix; {loudest} alone is taken")
         return alone
@@ -174,7 +176,7 @@ def _weights(form: Form, sums: _Sums, notes: list[str]) -> Float[np.ndarray, " c
         return even
     correlation = covariance[best] / np.sqrt(np.maximum(powers * powers[best], 1e-30))
     is_taken = (powers > _SILENT * powers[best]) & (correlation > _OPPOSED)
-    weights = is_taken.astype(np.float64)
+    weights: Float[np.ndarray, " c"] = is_taken.astype(np.float64)
     if "FC" in form.channels and is_taken[form.channels.index("FC")]:
         weights *= [_WEIGHTS.get(role, _OTHER_WEIGHT) for role in form.channels]
     power = float(weights @ covariance @ weights)
@@ -182,4 +184,5 @@ def _weights(form: Form, sums: _Sums, notes: list[str]) -> Float[np.ndarray, " c
         notes.append(f"of its {count} channels, {loudest} alone holds the sound and is taken")
         return alone
     notes.append(f"its {count} channels are mixed by their levels, because an even mix would be too quiet")
-    return weights * math.sqrt(powers[best] / power)
+    weights *= math.sqrt(powers[best] / power)
+    return weights
