@@ -72,13 +72,14 @@ class Batch:
         """Of a single file, errors pass as they are."""
         self._is_single = count == 1
         self._rows: list[tuple[str, str, str]] = []
-        self._failed = 0
+        self.made, self._failed = 0, 0
 
     @contextmanager
     def each(self, name: object, became: object = "made") -> Iterator[None]:
         """A context in which one file is made; an error that the user can put right ends it and not the batch."""
         try:
             yield
+            self.made += 1
             self._rows.append((str(name), str(became), ""))
         except (EchoAvatarError, OSError) as error:
             if self._is_single:
