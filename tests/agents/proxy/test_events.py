@@ -28,6 +28,8 @@ def test_broken_sound_is_no_sound(field: object, data: bytes) -> None:
         ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 24000}}}}, ("pcm", 24_000)),
         ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 16000}}}}, ("pcm", 16_000)),
         ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": "fast"}}}}, ("pcm", 24_000)),
+        ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 48000.0}}}}, ("pcm", 48_000)),
+        ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 16000.5}}}}, ("pcm", 24_000)),
         ({"audio": {"output": {"format": {"type": "audio/pcmu"}}}}, ("ulaw", 8_000)),
         ({"output_audio_format": "g711_alaw"}, ("alaw", 8_000)),
         ({"output_audio_format": "pcm16"}, ("pcm", 24_000)),
