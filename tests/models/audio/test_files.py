@@ -63,6 +63,25 @@ def test_files_pasted_together_are_heard_to_the_end(tmp_path: Path, kind: str) -
     is_talk(read_audio(joined(tmp_path / f"both.{kind}", first, second, first)), 3)
 
 
+def test_pasted_mp3_with_covers_and_equal_rates_is_whole_and_not_called_damaged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A cover between two pieces is half a megabyte of noise to a decoder of MP3."""
+    pieces = [
+        encode(tmp_path / f"{k}.mp3", "libmp3lame", talk(rate), rate) for k, rate in enumerate((44_100, 44_100, 22_050))
+    ]
+    tagged(pieces[1], 500_000)
+    pieces[2].write_bytes(pieces[2].read_bytes() + b"TAG" + bytes(125))
+    is_talk(read_audio(joined(tmp_path / "all.mp3", *pieces, pieces[0])), 4, tolerance_s=0.03)
+    assert not caplog.records
+
+
+def test_noise_before_an_mp3_is_passed_over(tmp_path: Path) -> None:
+    sound = encode(tmp_path / "1.mp3", "libmp3lame", talk(44_100), 44_100).read_bytes()
+    (tmp_path / "a.mp3").write_bytes(np.random.default_rng(0).bytes(3_000) + sound)
+    is_talk(read_audio(tmp_path / "a.mp3"))
+
+
 @pytest.mark.parametrize("sizes", [(0, 0), (0xFFFFFFFF, 0xFFFFFFFF), (36, 0), (0x7FFFFFFF, 0x7FFFFFDB)])
 def test_a_wav_that_was_streamed_knows_no_length(
     tmp_path: Path, sizes: tuple[int, int], caplog: pytest.LogCaptureFixture

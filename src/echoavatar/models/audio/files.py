@@ -31,7 +31,7 @@ _CONTAINERS = (
 )
 _OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
 _LARGEST_BYTES = 1 << 40
-_MOST_PARTS = 4_096  # of one file
+_MOST_PARTS = 1_000  # of one file
 _MOST_FAULTS = 100  # of a track, one after another
 _STATE_LENGTH = ("aiff", "flac", "mov")  # of others FFmpeg guesses it
 _BROKEN, _UNKNOWN = 0.95, 0.05  # shares of the length that a file states: it breaks off; it knew no length
@@ -43,6 +43,7 @@ _BEGINS = {  # of files without an index, by their first four letters
 }
 _STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
 _USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
+_TAG = re.compile(rb"ID3[\x02-\x04]\0[\x00\x40\x80\xc0][\x00-\x7f]{4}")
 _LOG = logging.getLogger(__name__)
 
 
@@ -97,7 +98,7 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
     Raises:
         AudioError: it is not sound, has no track of sound, or cannot be read.
     """
-    parts, piece = _parts(path), None
+    parts, piece, failure = _parts(path), None, "holds no sound that can be decoded"
     for number, part in enumerate(parts):
         try:
             with open_sound(path, part if part.start or len(parts) > 1 else None) as container:
@@ -106,13 +107,12 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
                 for piece in _pieces(container, path, part, track, is_told):
                     yield piece
         except av.FFmpegError as error:
-            if number == 0:
+            if len(parts) == 1:
                 failure = f"is not a sound file that ffmpeg's libraries can read ({error.strerror})"
-                raise AudioError(f"{path} {_what_it_is(path, failure)}") from error
-            if is_told:
+            elif is_told:
                 _LOG.warning("%s: part %d cannot be read (%s) and is left out", path, number + 1, error.strerror)
     if piece is None:
-        raise AudioError(f"{path} {_what_it_is(path, 'holds no sound that can be decoded')}")
+        raise AudioError(f"{path} {_what_it_is(path, failure)}")
 
 
 def _pieces(container: InputContainer, path: Path, part: range, track: int | None, is_told: bool) -> Iterator[Piece]:
@@ -128,9 +128,10 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
             number = tracks[packet.stream.index]
             frames = packet.decode() if track in (None, number) else []
         except av.FFmpegError as error:
-            if is_told:
+            faults += 1
+            if is_told and faults > (container.format.name == "mp3"):  # the first frame of a pasted MP3 may need others
                 _LOG.warning("%s is damaged (%s); decoding what is there", path, error.strerror)
-            is_told, faults = False, faults + 1
+                is_told = False
             continue
         for frame in frames:
             assert isinstance(frame, av.AudioFrame)
@@ -216,17 +217,26 @@ def _parts(path: Path) -> list[range]:
             begins = _mp4_begins(data, first)
         elif kind in _BEGINS:
             begins = map(re.Match[bytes].start, _BEGINS[kind].finditer(data, first))
-        else:
-            first, begins = 0, iter([0])
+        else:  # MP3 and AAC have no beginning, but tags with pictures may stand between the pieces
+            first, begins = 0, _tag_begins(data)
         starts = sorted({first, *islice(begins, _MOST_PARTS)})
         return [range(start, end) for start, end in pairwise([*starts, len(data)])]
 
 
-def _after_tag(data: mmap.mmap) -> int:
+def _after_tag(data: mmap.mmap, at: int = 0) -> int:
     """Where the sound begins behind an ID3 tag, which may hold a large picture."""
-    if data[:3] != b"ID3" or len(data) < 10:
-        return 0
-    return 10 + sum((byte & 127) << shift for byte, shift in zip(data[6:10], (21, 14, 7, 0), strict=True))
+    if not _TAG.match(data, at):
+        return at
+    return at + 10 + sum(byte << shift for byte, shift in zip(data[at + 6 : at + 10], (21, 14, 7, 0), strict=True))
+
+
+def _tag_begins(data: mmap.mmap) -> Iterator[int]:
+    """Where a tag, or several in a row, stand before sound."""
+    end = -1
+    for found in _TAG.finditer(data):
+        if found.start() > end:
+            yield found.start()
+        end = max(end, _after_tag(data, found.start()))
 
 
 def _ogg_begins(data: mmap.mmap, at: int) -> Iterator[int]:
