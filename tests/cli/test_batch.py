@@ -39,7 +39,7 @@ def test_one_bad_sound_of_three_stops_no_other(
     rows = table(told.out)
     assert set(rows) == {path.name for path in sounds}
     assert rows[sounds[bad].name][0] == "failed"
-    assert "is text and no sound" in rows[sounds[bad].name][1]
+    assert "is not a sound file but text" in rows[sounds[bad].name][1]
     assert sum(row[0].endswith(".npz") for row in rows.values()) == 2
     assert told.out.splitlines()[-1] == "1 of 3 failed"
     assert told.err.count("no credit") == 1

@@ -144,5 +144,5 @@ def test_say_refuses_what_animate_refuses(what: str, tmp_path: Path, capsys: pyt
         assert main(words) == 1
         told.append(capsys.readouterr().err)
     assert told[0] == told[1]
-    assert {"nan": "sample 1 ", "text": "is text", "film without sound": "no sound track"}[what] in told[0]
+    assert {"nan": "sample 1 ", "text": "but text", "film without sound": "no sound track"}[what] in told[0]
     assert told[0].count("\n") == 1

@@ -155,8 +155,8 @@ def test_a_file_is_read_by_its_content_whatever_it_is_called(
 
 
 REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
-    "an error of an API": (lambda: b'{"error": {"message": "quota exceeded"}}', "is text .*quota exceeded"),
-    "a page": (lambda: b"\n<!DOCTYPE html>\n<html><title>404</title></html>", "is a web page"),
+    "an error of an API": (lambda: b'{"error": {"message": "quota exceeded"}}', "but text .*quota exceeded"),
+    "a page": (lambda: b"\n<!DOCTYPE html>\n<html><title>404</title></html>", "but a web page"),
     "raw samples": (lambda: (TWO * 32_767).astype("<i2").tobytes(), "raw samples need their rate"),
     "an archive": (lambda: b"PK\3\4" + bytes(range(256)) * 20, "is not a sound file"),
     "an MP4 without its end": (lambda: b"\0\0\0\x18ftypM4A \0\0\0\0M4A isom" + bytes(4_000), "cut off or damaged"),

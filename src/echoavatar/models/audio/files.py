@@ -266,9 +266,9 @@ def _what_it_is(path: Path, failure: str) -> str:
         begin = file.read(1024)
     text = begin.decode("utf-8", "ignore").lstrip("\ufeff \t\r\n")
     if text.lower().startswith(("<!doctype html", "<html")):
-        return "is a web page and no sound; download the sound itself"
+        return "is not a sound file but a web page; download the sound itself"
     if not re.search(rb"[\x00-\x08\x0e-\x1a]", begin) and len(text) > 0.9 * len(begin):
-        return f"is text and no sound (it begins with {' '.join(text[:60].split())!r}); download the sound itself"
+        return f"is not a sound file but text (it begins with {' '.join(text[:60].split())!r}); download the sound itself"
     if begin[4:8] == b"ftyp":
         return f"{failure}: an MP4 that is cut off or damaged; copy it again, whole"
     return f"{failure}; convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"
