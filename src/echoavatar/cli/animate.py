@@ -66,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.files.exports import check_output, read_rig
     from echoavatar.files.exports.formats import FILMS, SUFFIXES
     from echoavatar.models.audio import stream_audio
+    from echoavatar.models.audio.files import check_sound
     from echoavatar.motion.stages.modes import MotionOptions
 
     places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound")
@@ -75,6 +76,8 @@ def run(args: argparse.Namespace) -> int:
     rig = None if args.rig is None else read_rig(args.rig)
     character = load_character(args.character)
     _check_film(args, places)
+    if len(args.audio) == 1 and args.audio != [STDIN]:
+        check_sound(args.audio[0])  # before the model is loaded
     if args.in_place and "leash" in args.without:
         raise EchoAvatarError(
             "--in-place needs the stage `leash`, which --without leash leaves out; drop one of the two"

@@ -92,6 +92,21 @@ def test_a_wav_that_was_streamed_knows_no_length(
     assert not caplog.records
 
 
+@pytest.mark.parametrize(
+    ("form", "field", "skipped", "unknown"),
+    [("AU", b".snd", 4, b"\xff" * 4), ("CAF", b"data", 0, b"\xff" * 8), ("FLAC", b"fLaC", 18, bytes(4))],
+)
+def test_other_streamed_files_know_no_length(
+    tmp_path: Path, form: str, field: bytes, skipped: int, unknown: bytes
+) -> None:
+    soundfile.write(tmp_path / "a", TWO, 24_000, format=form)
+    content = bytearray((tmp_path / "a").read_bytes())
+    place = content.index(field) + 4 + skipped
+    content[place : place + len(unknown)] = unknown
+    (tmp_path / "a").write_bytes(content)
+    is_talk(read_audio(tmp_path / "a"))
+
+
 @pytest.mark.parametrize("kind", ["wav", "flac", "mp3", "ogg", "aac"])
 def test_a_large_cover_before_the_sound_is_passed_over(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"a.{kind}"

@@ -63,10 +63,10 @@ class Piece(NamedTuple):
 
 
 def check_sound(path: Path) -> None:
-    """Refuse what is no file with sound in it, before it is opened.
+    """Refuse at once what is no file with sound in it: its first piece is decoded.
 
     Raises:
-        AudioError: there is nothing, a folder, no regular file, or nothing in it.
+        AudioError: there is nothing, a folder, no regular file, or no sound in it.
     """
     if path.is_dir():
         raise AudioError(f"{path} is a folder; name a sound file in it")
@@ -76,6 +76,7 @@ def check_sound(path: Path) -> None:
         raise AudioError(f"{path} does not exist; check the path") from None
     if path.stat().st_size == 0:
         raise AudioError(f"{path} is empty (0 bytes); copy or record it again")
+    next(decoded(path))
 
 
 def sound_named(path: Path, suffixes: Sequence[str] = SOUND_SUFFIXES) -> Path | None:
