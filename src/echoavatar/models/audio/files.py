@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 import av
 import numpy as np
@@ -85,11 +85,10 @@ def sound_named(path: Path, suffixes: Sequence[str] = SOUND_SUFFIXES) -> Path | 
     return next((found for form in written if (found := path.with_name(path.name + form)).is_file()), None)
 
 
-def open_sound(path: Path, part: range | None = None) -> InputContainer:
+def open_sound(path: Path, part: "_Part | None" = None) -> InputContainer:
     """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
     # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
-    source: Any = f"file:{path}" if part is None else _Part(path, part)
-    opened: InputContainer = av.open(source, metadata_errors="ignore", options=dict(_OPTIONS))
+    opened: InputContainer = av.open(part or f"file:{path}", "r", metadata_errors="ignore", options=dict(_OPTIONS))
     return opened
 
 
@@ -102,7 +101,10 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
     parts, piece, failure = _parts(path), None, "holds no sound that can be decoded"
     for number, part in enumerate(parts):
         try:
-            with open_sound(path, part if part.start or len(parts) > 1 else None) as container:
+            with (
+                path.open("rb") as file,
+                open_sound(path, _Part(file, part) if part.start or len(parts) > 1 else None) as container,
+            ):
                 if not container.streams.audio:
                     raise AudioError(f"{path} has no sound track; choose a file with sound")
                 for piece in _pieces(container, path, part, track, is_told):
@@ -186,9 +188,9 @@ def _roles(layout: av.AudioLayout, stated: tuple[str, ...]) -> tuple[str, ...]:
 class _Part:
     """A file within a file, with the three methods that PyAV asks for."""
 
-    def __init__(self, path: Path, part: range) -> None:
-        self.name = str(path)  # tells PyAV the suffix
-        self._file, self._part, self._at = path.open("rb"), part, 0
+    def __init__(self, file: BinaryIO, part: range) -> None:
+        self.name = file.name  # tells PyAV the suffix
+        self._file, self._part, self._at = file, part, 0
 
     def read(self, size: int) -> bytes:
         self._file.seek(self._part.start + self._at)
@@ -202,9 +204,6 @@ class _Part:
 
     def tell(self) -> int:
         return self._at
-
-    def close(self) -> None:
-        self._file.close()
 
 
 def _parts(path: Path) -> list[range]:
@@ -265,11 +264,11 @@ def _what_it_is(path: Path, failure: str) -> str:
     """What can be said of a file in which there is no sound, and the remedy."""
     with path.open("rb") as file:
         begin = file.read(1024)
-    text = begin.decode("utf-8", "ignore").lstrip("\ufeff \t\r\n")
+    text = begin.decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
     if text.lower().startswith(("<!doctype html", "<html")):
         return "is not a sound file but a web page; download the sound itself"
-    if not re.search(rb"[\x00-\x08\x0e-\x1a]", begin) and len(text) > 0.9 * len(begin):
-        return f"is not a sound file but text (it begins with {' '.join(text[:60].split())!r}); download the sound itself"
+    if not re.search(r"[\0-\x08\x0e-\x1a]", text) and text.count("\ufffd") < 2:  # one letter may be cut
+        return f"is not a sound file but text ({' '.join(text[:60].split())!r}); download the sound itself"
     if begin[4:8] == b"ftyp":
         return f"{failure}: an MP4 that is cut off or damaged; copy it again, whole"
     return f"{failure}; convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"
