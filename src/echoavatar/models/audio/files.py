@@ -43,6 +43,7 @@ _BEGINS = {  # of files without an index, by their first four letters
 }
 _STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
 _USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
+_FRAME = re.compile(rb"\xff[\xe0-\xff]")
 _TAG = re.compile(rb"ID3[\x02-\x04]\0[\x00\x40\x80\xc0][\x00-\x7f]{4}")
 _LOG = logging.getLogger(__name__)
 
@@ -217,8 +218,10 @@ def _parts(path: Path) -> list[range]:
             begins = _mp4_begins(data, first)
         elif kind in _BEGINS:
             begins = map(re.Match[bytes].start, _BEGINS[kind].finditer(data, first))
-        else:  # MP3 and AAC have no beginning, but tags with pictures may stand between the pieces
+        elif _FRAME.match(data, first):  # MP3 and AAC have no beginning, but tags with pictures may stand in between
             first, begins = 0, _tag_begins(data)
+        else:
+            return [range(len(data))]
         starts = sorted({first, *islice(begins, _MOST_PARTS)})
         return [range(start, end) for start, end in pairwise([*starts, len(data)])]
 
