@@ -27,10 +27,11 @@ def encode(
     layout: str = "mono",
     container: str | None = None,
     bit_rate: int = 128_000,
+    options: dict[str, str] | None = None,
 ) -> Path:
     """Write samples (s) or (s, channels), or a track for each array in a list."""
     tracks = [samples] if isinstance(samples, np.ndarray) else samples
-    with av.open(f"file:{path}", "w", format=container) as file:
+    with av.open(f"file:{path}", "w", format=container, options=options or {}) as file:
         streams = [file.add_stream(codec, rate=rate, layout=layout) for _ in tracks]
         for stream in streams:
             stream.bit_rate = bit_rate

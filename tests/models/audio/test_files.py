@@ -42,6 +42,17 @@ def test_rate_and_channels_may_change_half_way(
     is_talk(read_audio(joined(tmp_path / f"both{suffix}", first, second)), 2)
 
 
+@pytest.mark.parametrize("rates", [(24_000, 44_100), (44_100, 48_000), (48_000, 44_100, 16_000, 48_000)])
+def test_pieces_without_any_tag_are_told_apart_by_their_frames(tmp_path: Path, rates: tuple[int, ...]) -> None:
+    """As text to speech sends MP3: frames and nothing else; here every other piece is stereo."""
+    pieces = []
+    for number, rate in enumerate(rates):
+        sound, layout = (stereo(rate), "stereo") if number % 2 else (talk(rate), "mono")
+        path, bare = tmp_path / f"{number}.mp3", {"write_xing": "0", "id3v2_version": "0"}
+        pieces.append(encode(path, "libmp3lame", sound, rate, layout=layout, options=bare))
+    is_talk(read_audio(joined(tmp_path / "all.mp3", *pieces)), len(rates))
+
+
 def pair(folder: Path, kind: str) -> tuple[Path, Path]:
     """Two files of a kind, whose rates and channels differ."""
     first, second = folder / f"1.{kind}", folder / f"2.{kind}"

@@ -10,6 +10,7 @@ from tests.models.audio.sounds import encode, level_db, talk
 
 from echoavatar.errors import AudioError
 from echoavatar.models.audio import read_audio
+from echoavatar.models.audio.io import mixed
 
 TALK, RATE = talk(48_000), 48_000
 NOISE = np.random.default_rng(0).standard_normal((len(TALK), 8)).astype(np.float32)
@@ -184,6 +185,16 @@ def test_half_a_minute_of_silence_changes_nothing(tmp_path: Path, caplog: pytest
     sound = heard(tmp_path, np.concatenate([np.zeros(30 * RATE, np.float32), TALK]))
     assert level_db(sound[30 * 24_000 :]) == pytest.approx(level_db(TALK), abs=0.1)
     assert not caplog.records
+
+
+def test_samples_are_measured_like_a_file(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    opposed = np.stack([TALK, -TALK], 1)
+    for samples in (opposed, (opposed * 32_767).astype(np.int16)):
+        assert level_db(mixed(samples, rate=RATE)) == pytest.approx(level_db(TALK), abs=0.1)
+        assert "opposed" in said(caplog)
+        caplog.clear()
+    assert np.array_equal(mixed(TALK, rate=RATE), TALK)
+    assert not len(mixed(TALK[:0], rate=RATE))
 
 
 def test_each_part_of_a_pasted_file_has_its_own_mix(tmp_path: Path) -> None:

@@ -183,7 +183,12 @@ def _roles(layout: av.AudioLayout, stated: tuple[str, ...]) -> tuple[str, ...]:
     roles = tuple(channel.name for channel in layout.channels)
     if set(roles) != {"NONE"}:
         return roles
-    return stated if len(stated) == len(roles) and set(stated) != {"NONE"} else _USUAL_ROLES.get(len(roles), roles)
+    return stated if len(stated) == len(roles) and set(stated) != {"NONE"} else usual_roles(len(roles))
+
+
+def usual_roles(channels: int) -> tuple[str, ...]:
+    """The roles of so many channels where nothing else is said."""
+    return _USUAL_ROLES.get(channels, ("NONE",) * channels)
 
 
 class _Part:

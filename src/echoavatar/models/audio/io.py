@@ -16,7 +16,7 @@ from echoavatar.errors import AudioError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import whole_file
 
-from .files import Form, check_sound, decoded
+from .files import Form, Piece, check_sound, decoded, usual_roles
 from .mixing import Measurement, Plan
 
 Mono = Float[np.ndarray, " s"]
@@ -109,6 +109,7 @@ class StreamResampler:
         return out
 
 
+_BLOCK = 1024  # samples that are measured together
 LONGEST_S = 6 * 3600  # of sound that is read whole: two gigabytes
 
 _LOG = logging.getLogger(__name__)
@@ -158,6 +159,23 @@ def stream_audio(path: Path | str) -> Iterator[Mono]:
         yield resampler.flush()
 
 
+def mixed(samples: Shaped[np.ndarray, "..."], *, rate: int) -> Mono:
+    """A whole recording as `as_mono`, at its own rate, but measured like a file: see `stream_audio`.
+
+    Raises:
+        AudioError: as `as_mono`.
+    """
+    if not len(as_mono(samples, rate=rate)):
+        return np.zeros(0, np.float32)
+    scaled, measurement = _scaled(samples).reshape(len(samples), -1), Measurement()
+    form = Form(rate, usual_roles(scaled.shape[1]))
+    for start in range(0, len(scaled), _BLOCK):
+        measurement.add(Piece(0, form, scaled[start : start + _BLOCK]))
+    plan = measurement.plan()
+    _say(plan, "the sound")
+    return plan.mixes[form](scaled)
+
+
 def _measured(path: Path) -> Plan:
     """What to do with a file; the longest that is read whole is measured, of others the beginning."""
     measurement, left = Measurement(), float(LONGEST_S)
@@ -167,9 +185,13 @@ def _measured(path: Path) -> Plan:
         if left < 0:
             break
     plan = measurement.plan()
-    for note in plan.notes:
-        _LOG.warning("%s: %s", path, note)
+    _say(plan, path)
     return plan
+
+
+def _say(plan: Plan, what: object) -> None:
+    for note in plan.notes:
+        _LOG.warning("%s: %s", what, note)
 
 
 def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> None:
