@@ -25,7 +25,8 @@ from typing import Any, get_args
 import av
 
 from echoavatar import outgoing
-from echoavatar.agents.client import Avatar, connect, read_sound
+from echoavatar.agents.client import Avatar, connect
+from echoavatar.models.audio import read_audio
 
 SPEECH = Path(__file__).parents[1] / "src/echoavatar/assets/speech.ogg"
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -133,8 +134,8 @@ async def measure(url: str, process: int, args: argparse.Namespace) -> None:
             break
         except outgoing.OutgoingError:
             await asyncio.sleep(0.5)
-    samples, rate = read_sound(SPEECH)
-    async with connect(url, rate=rate) as avatar:
+    samples = read_audio(SPEECH)
+    async with connect(url) as avatar:
         reading = asyncio.ensure_future(drain(avatar))
         for _ in range(5):
             await avatar.speak(samples)

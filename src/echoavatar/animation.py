@@ -27,7 +27,7 @@ from echoavatar.files.avatar.page import PageClip, page_text
 from echoavatar.files.avatar.video import Shot, View, default_size
 from echoavatar.files.exports import Rig, Take, read_rig, write_take
 from echoavatar.models.audio import stream_audio
-from echoavatar.models.audio.io import StreamResampler
+from echoavatar.models.audio.io import StreamResampler, mixed
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 
@@ -128,7 +128,7 @@ def animate(
 
 def _resampled(samples: Float[np.ndarray, "..."], rate: int) -> Float[np.ndarray, " s"]:
     stream = StreamResampler(rate)
-    return np.concatenate([stream.push(np.asarray(samples)), stream.flush()])
+    return np.concatenate([stream.push(mixed(np.asarray(samples), rate=rate)), stream.flush()])
 
 
 @functools.lru_cache(maxsize=1)

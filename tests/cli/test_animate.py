@@ -193,6 +193,14 @@ def test_outputs_that_cannot_be_are_refused_before_any_work(
     assert complaint in capsys.readouterr().err
 
 
+def test_what_is_no_sound_is_told_before_the_model_is_loaded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.wav").write_text("<html>not found</html>")
+    assert run(tmp_path / "a.wav", tmp_path / "a.bvh", Path("never-loaded")) == 1
+    assert "a.wav is not a sound file but a web page" in capsys.readouterr().err
+
+
 def test_several_sounds_go_into_a_folder(wav: Path, tmp_path: Path, tiny_bundle: Path) -> None:
     second = tmp_path / "second.wav"
     second.write_bytes(wav.read_bytes())

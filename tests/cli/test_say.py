@@ -9,17 +9,21 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 import soundfile
 from tests.agents.client.test_recording import READY, motion
+from tests.models.audio.sounds import encode, joined, level_db, tagged, with_sizes
+from tests.models.audio.sounds import talk as speech
 from tests.server.fakes import serving
 from tests.server.sinks.receiving import Receiver
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
 from echoavatar.cli import main
-from echoavatar.wire.codec import encode
+from echoavatar.models.audio import read_audio
+from echoavatar.wire import codec
 from echoavatar.wire.messages import Sound
 
 
@@ -73,18 +77,18 @@ def silence(socket: ServerConnection) -> None:
 
 def endless_motion(socket: ServerConnection) -> None:
     for at in itertools.count(step=6_400):
-        socket.send(encode(motion(at, 0.0)))
+        socket.send(codec.encode(motion(at, 0.0)))
 
 
 def motion_in_one_place(socket: ServerConnection) -> None:
     while True:
-        socket.send(encode(motion(0, 0.0)))
+        socket.send(codec.encode(motion(0, 0.0)))
         time.sleep(0.02)
 
 
 def empty_sounds(socket: ServerConnection) -> None:
     for at in itertools.count():
-        socket.send(encode(Sound(at=at, epoch=0, seg=0, pcm=b"")))
+        socket.send(codec.encode(Sound(at=at, epoch=0, seg=0, pcm=b"")))
 
 
 @pytest.mark.parametrize(
@@ -106,7 +110,7 @@ def test_a_server_that_never_ends_is_left(
     def answer(socket: ServerConnection) -> None:
         with contextlib.suppress(ConnectionClosed):
             socket.recv()
-            socket.send(encode(READY))
+            socket.send(codec.encode(READY))
             lie(socket)
             time.sleep(3)
 
@@ -131,3 +135,79 @@ def test_sinks_show_the_motion_at_playback_speed(talk: Path, capsys: pytest.Capt
     assert report["work_seconds"] > 0.9
     clocks = [pose["clock"] for pose in poses if pose["type"] == "pose"]
     assert clocks == sorted(clocks)
+
+
+def wav(path: Path, channels: np.ndarray, rate: int = 24_000, subtype: str = "PCM_16") -> Path:
+    soundfile.write(path, channels, rate, format="WAV", subtype=subtype)
+    return path
+
+
+def two_rates(folder: Path) -> Path:
+    first = encode(folder / "1.mp3", "libmp3lame", speech(44_100, 1), 44_100)
+    both = np.stack([speech(48_000, 1)] * 2, 1)
+    return joined(folder / "a.mp3", first, encode(folder / "2.mp3", "libmp3lame", both, 48_000, layout="stereo"))
+
+
+def chain(folder: Path) -> Path:
+    for name in "12":
+        soundfile.write(folder / f"{name}.ogg", speech(24_000, 1), 24_000)
+    return joined(folder / "a.ogg", folder / "1.ogg", folder / "2.ogg")
+
+
+KINDS: dict[str, Callable[[Path], Path]] = {
+    "AAC": lambda folder: encode(folder / "a.aac", "aac", speech(44_100), 44_100, container="adts"),
+    "M4A": lambda folder: encode(folder / "a.m4a", "aac", speech(44_100), 44_100, container="mp4"),
+    "WebM": lambda folder: encode(folder / "a.webm", "libopus", speech(48_000), 48_000),
+    "two rates in one MP3": two_rates,
+    "chained Ogg": chain,
+    "WAV of size 0": lambda folder: with_sizes(wav(folder / "a.wav", speech(24_000)), 0, 0),
+    "WAV of size -1": lambda folder: with_sizes(wav(folder / "a.wav", speech(24_000)), 0xFFFFFFFF, 0xFFFFFFFF),
+    "a name with a colon": lambda folder: wav(folder / "10:30.WAV", speech(24_000)),
+    "a cover in front": lambda folder: tagged(wav(folder / "a.wav", speech(24_000)), 500_000),
+    "opposed channels": lambda folder: wav(folder / "a.wav", np.stack([speech(24_000), -speech(24_000)], 1)),
+    "a silent first track": lambda folder: encode(
+        folder / "a.mp4", "aac", [0 * speech(48_000), speech(48_000)], 48_000
+    ),
+    "telephone": lambda folder: wav(folder / "a.wav", speech(8_000), 8_000, "ALAW"),
+    "louder than 1": lambda folder: wav(folder / "a.wav", 10 * speech(24_000), subtype="FLOAT"),
+    "192 kHz": lambda folder: wav(folder / "a", speech(192_000), 192_000, "PCM_24"),
+}
+
+
+def test_say_hears_what_animate_hears(tmp_path: Path) -> None:
+    """The same files by the one reader: all of each, at the same level."""
+    with serving(seats=2) as place:
+        for kind, make in KINDS.items():
+            folder = tmp_path / kind
+            folder.mkdir()
+            path = make(folder)
+            assert main(["say", str(path), "--server", place.address, "-o", str(folder / "say.npz"), "-q"]) == 0, kind
+            with np.load(folder / "say.npz") as saved:
+                said = saved["audio"]
+            wanted = read_audio(path)
+            energy = np.sum(np.square(np.clip(wanted, -1, 1), dtype=np.float64))
+            assert np.sum(np.square(said, dtype=np.float64)) == pytest.approx(energy, rel=0.02), kind
+            assert len(wanted) / 24_000 == pytest.approx(2, abs=0.15), kind
+            assert level_db(wanted) > -20, kind
+
+
+@pytest.mark.parametrize("what", ["nan", "text", "film without sound"])
+def test_say_refuses_what_animate_refuses(what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.wav"
+    if what == "nan":
+        wav(path, np.array([0.0, np.nan, 0.5], np.float32), subtype="FLOAT")
+    elif what == "text":
+        path.write_text("not found")
+    else:
+        with av.open(str(path), "w", format="mp4") as film:
+            stream = film.add_stream("mpeg4", rate=30)
+            stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+            frame = av.VideoFrame.from_ndarray(np.zeros((64, 64, 3), np.uint8), format="rgb24")
+            film.mux([*stream.encode(frame), *stream.encode(None)])
+    told = []
+    for words in (["say", str(path)], ["animate", str(path), "-o", str(tmp_path / "a.npz")]):
+        assert main(words) == 1
+        told.append(capsys.readouterr().err)
+    assert told[0] == told[1]
+    assert {"nan": "sample 1 ", "text": "but text", "film without sound": "no sound track"}[what] in told[0]
+    assert told[0].count("\n") == 1

@@ -63,7 +63,7 @@ def test_stalling_delivers_what_the_resampler_holds_and_the_length_stays_exact()
 
 def test_too_much_and_too_late_are_refused() -> None:
     queue = AudioQueue()
-    with pytest.raises(QueueFullError, match="600 s of audio are waiting"):
+    with pytest.raises(QueueFullError, match="600 s of audio are waiting; send it in parts"):
         queue.push(np.zeros(601 * 24_000, np.float32), 24_000)
     queue.finish()
     with pytest.raises(EchoAvatarError, match="finished"):

@@ -105,7 +105,7 @@ def test_the_json_encoding_carries_the_same_messages(server: RunningServer) -> N
         (encode(Ping())[:-1], 4400),
         (encode(Hello()), 4400),
         ("text where bytes were agreed on", 4400),
-        (bytes(2_000_000), 1009),
+        (bytes(9_000_000), 1009),
     ],
     ids=["garbage", "motion", "wrong type", "truncated", "second hello", "text", "huge"],
 )
@@ -114,7 +114,7 @@ def test_hostile_messages_end_only_their_own_connection(server: RunningServer, f
         caller.line.send(frame)
         closed, error = caller.closing()
         assert closed == code
-        assert code == 1009 or error is not None
+        assert error is not None
         at = neighbour.until(Motion).at
         assert neighbour.until(Motion).at > at
 

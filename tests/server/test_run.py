@@ -11,7 +11,7 @@ import threading
 import time
 import urllib.request
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,20 @@ from echoavatar.server import connection, create_app, run, serve
 from echoavatar.server.run import JsonFormatter
 from echoavatar.wire import sockets
 from echoavatar.wire.codec import decode_server, encode, subprotocol
-from echoavatar.wire.messages import Hello, Motion, Ping, Pong, Ready
+from echoavatar.wire.messages import (
+    MAX_MESSAGE_BYTES,
+    Audio,
+    ClientMessage,
+    Encoding,
+    End,
+    Error,
+    Hello,
+    Motion,
+    Ping,
+    Pong,
+    Ready,
+    Stats,
+)
 from echoavatar.wire.sockets import ConnectionGuard
 
 
@@ -259,3 +272,58 @@ def test_a_record_is_one_line_of_json_with_its_session_and_trace() -> None:
     assert failed["trace"].endswith("room")
     assert set(told) == {"time", "level", "logger", "message"}
     assert told["time"].endswith("Z")
+
+
+def minute() -> np.ndarray:
+    """A minute of sound, PCM16 at 24 kHz: 2.9 MB, and 3.8 MB in base64."""
+    return np.full(60 * 24_000, 6_000, "<i2")
+
+
+@pytest.mark.parametrize("encoding", ["msgpack", "json"])
+@pytest.mark.parametrize("waits", [True, False], ids=["after ready", "without waiting for ready"])
+def test_a_minute_of_speech_in_one_message_is_taken(encoding: Encoding, waits: bool) -> None:
+    with (
+        serving() as server,
+        connect(
+            f"ws://{server.address}/v1/stream",
+            subprotocols=[subprotocol(encoding)],  # type: ignore[list-item]
+            compression=None,
+        ) as line,
+    ):
+
+        def say(message: ClientMessage) -> None:
+            frame = encode(message, encoding)
+            line.send(frame.decode() if encoding == "json" else frame)
+
+        def until(wanted: Callable[[object], bool]) -> None:
+            while not wanted(told := decode_server(line.recv(timeout=20), encoding)):
+                assert not isinstance(told, Error), told
+
+        say(Hello())
+        if waits:
+            until(lambda told: isinstance(told, Ready))
+        say(Audio(seg=1, start=0, pcm=minute().tobytes()))
+        say(End(seg=1))
+        until(lambda told: isinstance(told, Stats) and told.queue_ms > 50_000)
+
+
+def test_a_message_that_is_too_long_is_answered_with_the_limit_and_the_remedy() -> None:
+    """The rest of it is read and thrown away: otherwise the reset would take the answer with it."""
+    with serving() as server, server.call(Hello()) as neighbour:
+        for length in (MAX_MESSAGE_BYTES + 1, 4 * MAX_MESSAGE_BYTES):
+            with server.call(Hello()) as caller:
+                caller.line.send(bytes(length))
+                code, error = caller.closing()
+            assert code == 1009
+            assert error is not None
+            assert (error.code, "8,388,608 bytes" in error.message, "several `audio`" in error.message) == (
+                "too_large",
+                True,
+                True,
+            )
+        with server.call() as stranger:
+            stranger.line.send(bytes(3_000_000))
+            code, error = stranger.closing()
+            assert (code, error is not None and "after `ready`" in error.message) == (1009, True)
+        neighbour.say(Ping(nonce=3))
+        assert neighbour.until(Pong).nonce == 3

@@ -14,6 +14,7 @@ from echoavatar.wire.messages import (
     MAX_MESSAGE_BYTES,
     Action,
     Audio,
+    AudioFormat,
     ClientMessage,
     Encoding,
     End,
@@ -141,3 +142,16 @@ def test_the_first_known_subprotocol_is_taken() -> None:
     assert subprotocol("msgpack") == "echoavatar.v1.msgpack"
     assert negotiate(["chat", "echoavatar.v1.json", "echoavatar.v1.msgpack"]) == ("json", 1)
     assert negotiate(["echoavatar.v9.msgpack"]) is None
+
+
+@pytest.mark.parametrize("encoding", ["msgpack", "json"])
+def test_whole_numbers_may_be_written_with_a_point(encoding: Encoding) -> None:
+    """Lua and JavaScript know one kind of number; others write what they measured."""
+    packed = msgspec.msgpack.encode if encoding == "msgpack" else (lambda value: msgspec.json.encode(value).decode())
+    hello = decode_client(packed({"type": "hello", "audio": {"rate": 48_000.0}, "seed": 7.0, "played": 3.0}), encoding)
+    assert hello == Hello(audio=AudioFormat(rate=48_000), seed=7, played=3)
+    assert decode_client(packed({"type": "played", "at": 6_400.0, "epoch": 1.0}), encoding) == Played(at=6_400, epoch=1)
+    assert decode_client(packed({"type": "interrupt", "heard": 5.0}), encoding) == Interrupt(heard=5)
+    for wrong in (24_000.5, 1e300, -1.0, True, "many"):
+        with pytest.raises(ProtocolError):
+            decode_client(packed({"type": "hello", "audio": {"rate": wrong}}), encoding)

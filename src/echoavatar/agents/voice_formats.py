@@ -34,7 +34,7 @@ def named_format(name: str, rate: object = None) -> Format:
             number = float(asked)  # type: ignore[arg-type]
         except (TypeError, ValueError):
             continue
-        if 8_000 <= number <= 192_000:
+        if 8_000 <= number <= 192_000 and number.is_integer():
             return kind, int(number)
     return kind, usual
 

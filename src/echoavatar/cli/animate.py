@@ -1,11 +1,9 @@
 """`echoavatar animate`: turn an audio file into full-body motion, through the streaming engine."""
 
 import argparse
-import os
 import sys
 import tempfile
-from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -13,11 +11,10 @@ from pathlib import Path
 from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.whole_file import make_output_folder
 
-from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
+from .batch import STDIN, Batch, add_outputs, outputs
+from .options import RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
 
-STDIN = Path("-")
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
@@ -44,16 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "audio", type=local_path, nargs="+", metavar="AUDIO", help="sound files: wav, mp3, ...; - is standard input"
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, help=f"where to write: {FORMATS}; or a folder, for several sounds"
-    )
-    parser.add_argument(
-        "--format",
-        type=_suffix,
-        default=".glb",
-        metavar="SUFFIX",
-        help="of the files in a folder (default: %(default)s)",
-    )
+    add_outputs(parser, "sounds")
     add_pipeline(parser)
     parser.add_argument("--seed", type=seed, default=0, help="same seed, same motion (default: %(default)s)")
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
@@ -78,14 +66,18 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.files.exports import check_output, read_rig
     from echoavatar.files.exports.formats import FILMS, SUFFIXES
     from echoavatar.models.audio import stream_audio
+    from echoavatar.models.audio.files import check_sound
     from echoavatar.motion.stages.modes import MotionOptions
 
-    outputs, is_quiet = _outputs(args, SUFFIXES), not sys.stderr.isatty()
-    for output in outputs:
+    places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound")
+    is_quiet = not sys.stderr.isatty()
+    for output in places:
         check_output(output, has_rig=args.rig is not None)
     rig = None if args.rig is None else read_rig(args.rig)
     character = load_character(args.character)
-    _check_film(args, outputs)
+    _check_film(args, places)
+    if len(args.audio) == 1 and args.audio != [STDIN]:
+        check_sound(args.audio[0])  # before the model is loaded
     if args.in_place and "leash" in args.without:
         raise EchoAvatarError(
             "--in-place needs the stage `leash`, which --without leash leaves out; drop one of the two"
@@ -95,57 +87,42 @@ def run(args: argparse.Namespace) -> int:
     pipeline.warm_up()
     fps = args.fps or bundle.runtime.fps
     options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
-    for sound, output in zip(args.audio, outputs, strict=True):
-        bar = tqdm(unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=is_quiet)
-        with bar, _readable(sound) as path:
-            done = animate(
-                pipeline, stream_audio(path), seed=args.seed, fps=fps, options=options, progress=partial(advance, bar)
+    batch = Batch(len(args.audio))
+    for sound, output in zip(args.audio, places, strict=True):
+        with batch.each(sound, output):
+            bar = tqdm(
+                unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=is_quiet
             )
-        is_hidden = is_quiet or output.suffix.lower() not in FILMS
-        with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
-            Animation(*done).save(
-                output,
-                rig=rig,
-                size=args.size,
-                view="face" if args.close_up else args.camera,
-                character=character,
-                background=args.background,
-                alpha=args.alpha,
-                renderer=args.renderer,
-                progress=partial(advance, bar),
+            with bar, _readable(sound) as path:
+                blocks, said = stream_audio(path), partial(advance, bar)
+                done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, progress=said)
+            is_hidden = is_quiet or output.suffix.lower() not in FILMS
+            with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
+                Animation(*done).save(
+                    output,
+                    rig=rig,
+                    size=args.size,
+                    view="face" if args.close_up else args.camera,
+                    character=character,
+                    background=args.background,
+                    alpha=args.alpha,
+                    renderer=args.renderer,
+                    progress=partial(advance, bar),
+                )
+            print(
+                f"{output}: {done.motion.frames} frames at {fps:g} fps, {done.motion.seconds:.2f} s; "
+                f"real-time factor {done.real_time_factor:.2f}; runtime: {bundle.runtime.label}"
             )
-        print(
-            f"{output}: {done.motion.frames} frames at {fps:g} fps, {done.motion.seconds:.2f} s; "
-            f"real-time factor {done.real_time_factor:.2f}; runtime: {bundle.runtime.label}"
-        )
-    return 0
+    return batch.end()
 
 
-def _check_film(args: argparse.Namespace, outputs: list[Path]) -> None:
+def _check_film(args: argparse.Namespace, places: list[Path]) -> None:
     """Find what a film cannot be before the motion is made."""
     from echoavatar.files.avatar.avatar_renderer import RENDERERS
 
     RENDERERS[args.renderer](8, 8, background=args.background)
-    if args.alpha and any(output.suffix.lower() != ".webm" for output in outputs):
+    if args.alpha and any(output.suffix.lower() != ".webm" for output in places):
         raise EchoAvatarError("--alpha needs a format with an alpha channel; let -o end in .webm")
-
-
-def _outputs(args: argparse.Namespace, known: Collection[str]) -> list[Path]:
-    """Where each sound's motion goes: -o itself, or a file of the sound's name in the folder -o."""
-    if args.audio.count(STDIN) > 1:
-        raise EchoAvatarError("standard input (-) can be read once; name it once")
-    is_file = bool(args.output.suffix) and not (args.output.is_dir() and args.output.suffix.lower() not in known)
-    if len(args.audio) == 1 and is_file:
-        if args.output.resolve() == args.audio[0].resolve():
-            raise EchoAvatarError(f"-o {args.output} is the sound itself; choose another name")
-        return [args.output]
-    if is_file:
-        raise EchoAvatarError(f"several sounds need a folder: -o {args.output.with_suffix('')}{os.sep}")
-    make_output_folder(args.output)
-    stems = ["stdin" if sound == STDIN else sound.stem for sound in args.audio]
-    if twice := [stem for stem, count in Counter(stems).items() if count > 1]:
-        raise EchoAvatarError(f"two sounds are called {twice[0]!r} and would go into one file; rename one")
-    return [args.output / f"{stem}{args.format}" for stem in stems]
 
 
 @contextmanager
@@ -164,10 +141,6 @@ def _readable(sound: Path) -> Iterator[Path]:
                         f"standard input has more than {STDIN_BYTES:,} bytes; give the sound as a file"
                     )
         yield kept
-
-
-def _suffix(text: str) -> str:
-    return f".{text.removeprefix('.')}"
 
 
 def _rate(text: str) -> float:

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar say talk.wav --sink vmc://192.168.1.7    show the motion there, at the speed of playback\n"
         "The last line is JSON: seconds of motion, of work and until the first motion, and bytes."
     )
-    parser.add_argument("audio", type=local_path, help="WAV, FLAC, OGG or MP3")
+    parser.add_argument("audio", type=local_path, help="a file with sound, also a video")
     add_server(parser)
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
     parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
@@ -55,20 +55,22 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _say(args: argparse.Namespace) -> dict[str, float]:
-    from echoavatar.agents.client import Recorder, connect, read_sound
+    from echoavatar.agents.client import Recorder, connect
+    from echoavatar.models.audio import read_audio
     from echoavatar.server.sinks import SinkGroup
+    from echoavatar.timing import SAMPLE_RATE_HZ
     from echoavatar.wire.messages import ActionStatus, Error, Motion, Sound
 
     is_live = args.live or bool(args.sink)
-    samples, rate = read_sound(args.audio)
+    samples = read_audio(args.audio)
     began, first, size = time.perf_counter(), 0.0, 0
     async with AsyncExitStack() as stack:
-        avatar = await stack.enter_async_context(connect(args.server, token=args.token, rate=rate, seed=args.seed))
+        avatar = await stack.enter_async_context(connect(args.server, token=args.token, seed=args.seed))
         recorder = Recorder(avatar.ready)
         group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))
         shown = stack.enter_context(closing(group))
         bar = stack.enter_context(
-            tqdm(total=len(samples) / rate, unit="s", disable=not sys.stderr.isatty(), desc="motion")
+            tqdm(total=len(samples) / SAMPLE_RATE_HZ, unit="s", disable=not sys.stderr.isatty(), desc="motion")
         )
         wanted, left = 0, BYTES_A_SECOND * (bar.total + SPARE_S)
         async with asyncio.timeout(PATIENCE_S) as patience:
@@ -88,7 +90,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
                     case Motion():
                         first = first or time.perf_counter() - began
                         size += len(message.rotations) + len(message.root) + len(message.face)
-                        bar.update(min(bar.total, recorder.end / 24_000) - bar.n)
+                        bar.update(min(bar.total, recorder.end / SAMPLE_RATE_HZ) - bar.n)
                     case Sound() if not is_live:
                         await avatar.played(avatar.received)
                     case ActionStatus(status="rejected"):

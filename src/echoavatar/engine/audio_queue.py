@@ -210,7 +210,8 @@ class AudioQueue:
         return bool(self._pieces) and first == self._newest != self._begun and not self._is_complete
 
     def _check_room(self, seconds: float, *, is_new: bool) -> None:
-        remedy = "let the session play some of it before you send more"
+        is_whole = seconds > self._seconds  # would never fit
+        remedy = "send it in parts" if is_whole else "let the session play some of it before you send more"
         if self.waiting / SAMPLE_RATE_HZ + seconds > self._seconds:
             raise QueueFullError(f"more than {self._seconds:.0f} s of audio are waiting; {remedy}")
         if is_new and self._count >= MAX_UTTERANCES:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import read_audio
+from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
 Samples = Float[np.ndarray, " s"]
@@ -23,7 +24,6 @@ DUCK_S = 0.25  # from full level to ducked, and back
 FADE_S = 0.4
 AUDIBLE = 1e-3  # a frame with this peak counts as speech
 HOLD_FRAMES = 12  # 0.4 s: pauses between words do not bring the music back
-KINDS = (".flac", ".m4a", ".mp3", ".ogg", ".opus", ".wav")
 
 
 class Heard(NamedTuple):
@@ -157,7 +157,7 @@ class Tracks:
 
 
 def _found(folder: Path) -> dict[str, Path]:
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in KINDS)
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SOUND_SUFFIXES)
     return {path.stem.replace("_", " ")[:128]: path for path in paths}
 
 

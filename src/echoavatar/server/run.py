@@ -15,15 +15,19 @@ from typing import Any, Literal
 
 from starlette.applications import Starlette
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.frames import Frame
+from websockets.frames import Frame, Opcode
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire.messages import MAX_MESSAGE_BYTES
+from echoavatar.wire.codec import TOO_LARGE, encode, negotiate
+from echoavatar.wire.messages import CLOSE_CODES, MAX_MESSAGE_BYTES, Error
 from echoavatar.wire.sockets import CONNECTIONS, WebServer
 
 from .session_manager import SessionManager
 from .settings import ServerSettings
 
+HELLO_BYTES = 1 << 20  # from a client that was not answered yet
+REFUSED_S = 10.0  # for the rest of a message that is too long, which is thrown away
+QUIET_S = 0.5  # without any more of it
 CLOSE_S = 3.0  # for a client's answer to our close
 CONTROL_FRAMES_A_SECOND = 10.0  # pings and pongs of one WebSocket
 CONTROL_FRAMES_AT_ONCE = 50.0
@@ -38,9 +42,17 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
         super().__init__(*args, **more)
         self.close_timeout = CLOSE_S
         self._allowance, self._counted_at = CONTROL_FRAMES_AT_ONCE, time.monotonic()
+        self._unanswered, self._is_answered, self._refused_at = 0, False, 0.0
 
     def data_received(self, data: bytes) -> None:
         """Bytes came, the whole request first; one that the websockets library cannot read is refused."""
+        if self._refused_at:
+            self._close_when_quiet()
+            return
+        self._unanswered += len(data)
+        if self._unanswered > HELLO_BYTES and not self._is_answered:
+            self._refuse("send `hello` first, and the sound after `ready`")
+            return
         super().data_received(data)
         if not self.handshake_initiated:  # the library raises nothing, and would wait for ever
             self.transport.write(b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\nContent-Length: 0\r\n\r\n")
@@ -52,6 +64,53 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
         await self.writable.wait()
         if message["type"] != "websocket.send" or not self.transport.is_closing():
             await super().send(message)
+        if message["type"] == "websocket.send" and not self._is_answered:
+            self._is_answered = True
+            self._read_on()
+
+    async def receive(self) -> Any:
+        """The next message. Nothing more is read before the first one is answered."""
+        message = await super().receive()
+        if message["type"] == "websocket.receive" and not self._is_answered and not self._refused_at:
+            self.read_paused = True
+            self.transport.pause_reading()
+        return message
+
+    def handle_parser_exception(self) -> None:
+        """What came breaks WebSocket's rules, or is too long: the client is told which, before the close."""
+        assert self.conn.close_sent is not None
+        if self.conn.close_sent.code == CLOSE_CODES["too_large"]:
+            self._refuse(TOO_LARGE)
+        else:
+            super().handle_parser_exception()
+
+    def _refuse(self, why: str) -> None:
+        """Send an error and the close, and read on for a while: a socket closed with bytes unread loses both."""
+        if not self.handshake_complete:
+            self.transport.abort()
+            return
+        code, agreed = CLOSE_CODES["too_large"], negotiate(self.scope["subprotocols"])
+        encoding = agreed[0] if agreed else "msgpack"
+        error = encode(Error(code="too_large", message=why, fatal=True, retry_after=0.0), encoding)
+        frame = Frame(Opcode.TEXT if encoding == "json" else Opcode.BINARY, error)
+        if self.conn.close_sent is None:
+            self.conn.send_close(code, why)
+        self.transport.write(frame.serialize(mask=False) + b"".join(self.conn.data_to_send()))
+        self.queue.put_nowait({"type": "websocket.disconnect", "code": code, "reason": why})
+        self.close_sent, self._refused_at = True, self.loop.time()
+        self._read_on()
+        self._close_when_quiet()
+
+    def _close_when_quiet(self) -> None:
+        if self.close_timer is not None:
+            self.close_timer.cancel()
+        at = min(self.loop.time() + QUIET_S, self._refused_at + REFUSED_S)
+        self.close_timer = self.loop.call_at(at, self.transport.close)
+
+    def _read_on(self) -> None:
+        if self.read_paused and (self.queue.empty() or self._refused_at):
+            self.read_paused = False
+            self.transport.resume_reading()
 
     def handle_ping(self) -> None:
         """Answer a ping, unless the client sends too many or does not read the answers."""

@@ -18,6 +18,8 @@ from .messages import (
     ServerMessage,
 )
 
+TOO_LARGE = f"a message has at most {MAX_MESSAGE_BYTES:,} bytes; send long sound as several `audio` messages"
+
 
 class ProtocolError(EchoAvatarError):
     """The peer sent something invalid; `code` is returned to it in an `error` message."""
@@ -29,8 +31,9 @@ class ProtocolError(EchoAvatarError):
         self.retry_after = retry_after
 
 
-_TO_CLIENT = (msgspec.msgpack.Decoder(ServerMessage), msgspec.json.Decoder(ServerMessage))
-_TO_SERVER = (msgspec.msgpack.Decoder(ClientMessage), msgspec.json.Decoder(ClientMessage))
+# Not strict: 24000.0 is a whole number, as some languages write it.
+_TO_CLIENT = (msgspec.msgpack.Decoder(ServerMessage, strict=False), msgspec.json.Decoder(ServerMessage, strict=False))
+_TO_SERVER = (msgspec.msgpack.Decoder(ClientMessage, strict=False), msgspec.json.Decoder(ClientMessage, strict=False))
 _ENCODERS = (msgspec.msgpack.Encoder(), msgspec.json.Encoder())
 
 
@@ -93,7 +96,7 @@ def _check(frame: bytes | str, encoding: Encoding) -> int:
         kind = "text" if isinstance(frame, str) else "binary"
         raise ProtocolError("bad_message", f"a {kind} frame, but {subprotocol(encoding)} was agreed on")
     if len(frame) > MAX_MESSAGE_BYTES:
-        raise ProtocolError("too_large", f"a message of {len(frame)} bytes; at most {MAX_MESSAGE_BYTES} are accepted")
+        raise ProtocolError("too_large", TOO_LARGE)
     return ENCODINGS.index(encoding)
 
 

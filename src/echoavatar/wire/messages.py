@@ -13,7 +13,7 @@ PROTOCOL = "echoavatar"
 VERSIONS = (1,)
 Encoding = Literal["msgpack", "json"]
 ENCODINGS: tuple[Encoding, ...] = ("msgpack", "json")
-MAX_MESSAGE_BYTES = 1 << 20
+MAX_MESSAGE_BYTES = 1 << 23  # a minute of speech at 48 kHz in one message, in base64
 
 Samples = Annotated[int, Meta(ge=0, le=2**53 - 1, description="a sample index or a count of samples")]
 Segment = Annotated[int, Meta(ge=0, le=2**31 - 1, description="number of an utterance, growing; 0 is none")]

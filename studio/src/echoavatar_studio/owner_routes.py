@@ -8,6 +8,7 @@ from starlette.routing import BaseRoute
 
 from echoavatar.engine.pipeline import shipped
 from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio.files import SOUND_SUFFIXES
 
 from .accounts import log_in, owner_of
 from .audit import note, read_audit
@@ -22,7 +23,7 @@ from .results import results
 from .secrecy import is_name
 from .sessions import OWNER_SECONDS, sign_out
 from .settings import PAIRWISE_TEMPLATE, PREFERENCE_TEMPLATE, PairwiseStudy, PreferenceStudy, parse_study
-from .sources import AUDIO_SUFFIXES, inside
+from .sources import inside
 from .wire_owner import ChangeState, Exclude, Invite, Login, NewStudy, OwnerSession, SetUp, Template
 from .wire_rater import Done
 
@@ -82,8 +83,8 @@ class _Owner:
 
     def set_up(self, _: Call) -> SetUp:
         folders = sorted(path for path in self._library.glob("*") if path.is_dir())
-        sounds = [path for path in self._library.glob("*") if path.suffix.lower() in AUDIO_SUFFIXES]
-        sounds += [path for path in folders if any(e.suffix.lower() in AUDIO_SUFFIXES for e in path.iterdir())]
+        sounds = [path for path in self._library.glob("*") if path.suffix.lower() in SOUND_SUFFIXES]
+        sounds += [path for path in folders if any(e.suffix.lower() in SOUND_SUFFIXES for e in path.iterdir())]
         models = [path.name for path in folders if (path / "generator").is_dir()]
         moving = [path.name for path in folders if any(e.suffix in (".npz", ".bvh") for e in path.iterdir())]
         templates = (

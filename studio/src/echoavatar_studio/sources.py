@@ -11,6 +11,7 @@ from echoavatar.engine import animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
+from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import read_bvh
@@ -22,8 +23,6 @@ from echoavatar_lab.data import Clip
 from .clips import Performance, fit
 from .settings import SoundChoice, SystemChoice
 from .wire import Category
-
-AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".m4a", ".opus")
 
 
 class SoundCut(NamedTuple):
@@ -158,9 +157,9 @@ def _read(path: Path) -> Motion:
 
 def _files(path: Path) -> list[Path]:
     if path.is_dir():
-        found = sorted(file for file in path.iterdir() if file.suffix.lower() in AUDIO_SUFFIXES)
+        found = sorted(file for file in path.iterdir() if file.suffix.lower() in SOUND_SUFFIXES)
         if not found:
-            raise AudioError(f"{path} holds no sound ({', '.join(AUDIO_SUFFIXES)}); name another folder")
+            raise AudioError(f"{path} holds no sound ({', '.join(SOUND_SUFFIXES)}); name another folder")
         return found
     if not path.is_file():
         raise AudioError(f"there is no sound {path}; name a file or a folder, from the place of study.yaml")

@@ -65,6 +65,8 @@ def test_fields_of_another_type_are_read_as_far_as_they_can_be() -> None:
         ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 24000}}}}, ("pcm", 24_000)),
         ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 16000}}}}, ("pcm", 16_000)),
         ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": "fast"}}}}, ("pcm", 24_000)),
+        ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 48000.0}}}}, ("pcm", 48_000)),
+        ({"audio": {"output": {"format": {"type": "audio/pcm", "rate": 16000.5}}}}, ("pcm", 24_000)),
         ({"audio": {"output": {"format": {"type": "audio/pcmu"}}}}, ("ulaw", 8_000)),
         ({"output_audio_format": "g711_alaw"}, ("alaw", 8_000)),
         ({"output_audio_format": "pcm16"}, ("pcm", 24_000)),

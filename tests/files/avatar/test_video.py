@@ -17,14 +17,18 @@ def standing(frames: int) -> Motion:
     return Motion(HUMANOID, turns, root, 30.0)
 
 
-def test_picture_and_sound_have_the_same_length_and_rate(tmp_path: Path) -> None:
-    """15 frames at 30 fps and 12,000 samples at 24 kHz are half a second each."""
-    path = tmp_path / "clip.mp4"
+@pytest.mark.parametrize("name", ["clip.mp4", "10:30.mp4"])
+def test_picture_and_sound_have_the_same_length_and_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """15 frames at 30 fps and 12,000 samples at 24 kHz are half a second each. A colon makes no address of a name."""
+    monkeypatch.chdir(tmp_path)
+    path = Path(name)
     write_film(path, standing(15), np.sin(np.arange(12_000) / 20).astype(np.float32), shot=Shot((96, 96), samples=1))
-    with av.open(str(path)) as container:
+    with av.open(f"file:{path}") as container:
         assert sum(1 for _ in container.decode(video=0)) == 15
         assert container.streams.video[0].average_rate == 30
-    with av.open(str(path)) as container:
+    with av.open(f"file:{path}") as container:
         sound = np.concatenate([frame.to_ndarray()[0] for frame in container.decode(audio=0)])
     assert abs(len(sound) / 48_000 - 0.5) < 0.05
     assert np.abs(sound).max() > 0.5

@@ -49,13 +49,13 @@ def edges(path: str, **options: Any) -> tuple[float, float]:
     return off[0], off[1]
 
 
-@pytest.mark.parametrize("suffix", [".flv", ".mp4", ".mkv", ".ts"])
-def test_a_file_has_picture_and_sound_in_step(tmp_path: Path, suffix: str) -> None:
-    path = str(tmp_path / f"a{suffix}")
-    output = Broadcast(path, SIZE, 25)
+@pytest.mark.parametrize("name", ["a.flv", "a.mp4", "10:30.mkv", "a.ts"])
+def test_a_file_has_picture_and_sound_in_step(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    output = Broadcast(name, SIZE, 25)
     perform(output)
     output.close()
-    picture, sound = edges(path)
+    picture, sound = edges(f"file:{name}")
     assert abs(picture - sound) < 0.06
 
 

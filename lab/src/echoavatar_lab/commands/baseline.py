@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tqdm import tqdm
 
+from echoavatar.cli.batch import Batch
 from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 
@@ -58,12 +59,14 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(f"{args.train} has no training clips; prepare it again with --test-every 10")
     training = [corpus.load(name) for name in tqdm(train, "reading", unit="clip", disable=show)]
     baselines = Baselines(training)
+    batch = Batch(len(sounds))
     for number, (name, heard) in enumerate(tqdm(sounds, "making", unit="clip", disable=show)):
-        clip = heard()
-        motion = baselines.make(args.kind, clip.audio, seed=args.seed + number)
-        replace(clip, rotations=motion.rotations, root=motion.root).save(args.output / f"{name}.npz")
-    print(f"{len(sounds)} clips in {args.output}")
-    return 0
+        with batch.each(name):
+            clip = heard()
+            motion = baselines.make(args.kind, clip.audio, seed=args.seed + number)
+            replace(clip, rotations=motion.rotations, root=motion.root).save(args.output / f"{name}.npz")
+    print(f"{batch.made} clips in {args.output}")
+    return batch.end()
 
 
 def _sounds(given: Path) -> "list[tuple[str, Callable[[], Clip]]]":

@@ -6,12 +6,13 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from echoavatar.cli.batch import Batch
 from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 
 from .progress import progress_bar
 
-SOUNDS = (".wav", ".flac", ".mp3", ".ogg", ".m4a", ".mov", ".mp4")
+VIDEOS = (".mov", ".mp4")  # with the sound in them
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,26 +67,22 @@ def _read(args: argparse.Namespace) -> int:
     paths = sorted({csv for path in args.takes for csv in (path.rglob("*.csv") if path.is_dir() else [path])})
     if not paths:
         raise EchoAvatarError(f"no .csv in {', '.join(map(str, args.takes))}; export takes from Live Link Face")
-    failures: list[str] = []
-    seconds = 0.0
+    batch, seconds = Batch(len(paths)), 0.0
     for number, path in enumerate(tqdm(paths, unit="take")):
         split = "test" if number % args.test_every == args.test_every - 1 else "train"
-        try:
+        with batch.each(path.name):
             curves = read_live_link(path, timecode_hz=args.timecode)
             sound = read_audio(_sound_of(path))
             clip = pair_with_audio(path.stem, curves, sound, offset_s=args.offset, split=split)
             clip.save(args.output / f"{path.stem}.npz")
             seconds += len(clip.curves) / 30
-        except EchoAvatarError as error:
-            failures.append(f"{path.name}: {error}")
-    print(f"{len(paths) - len(failures)} takes, {seconds / 60:.1f} minutes in {args.output}")
-    if failures:
-        raise EchoAvatarError(f"{len(failures)} of {len(paths)} takes were left out: {'; '.join(failures)}")
-    return 0
+    print(f"{batch.made} takes, {seconds / 60:.1f} minutes in {args.output}")
+    return batch.end()
 
 
 def _sound_of(path: Path) -> Path:
-    for suffix in SOUNDS:
-        if (sound := path.with_suffix(suffix)).exists():
-            return sound
+    from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
+
+    if sound := sound_named(path.with_suffix(""), (*SOUND_SUFFIXES, *VIDEOS)):
+        return sound
     raise EchoAvatarError(f"no sound beside it; put {path.stem}.wav (or .mov) into {path.parent}")

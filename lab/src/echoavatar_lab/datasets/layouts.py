@@ -30,6 +30,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio.files import sound_named
 from echoavatar_lab.foreign.csv_rows import read_rows
 
 from .lda import SUFFIX
@@ -284,7 +285,6 @@ OWN_FOLDER = Terms(
     licence="unknown; write it into the manifest before you pass anything on",
     may_ship="what the files' own licence allows",
 )
-SOUNDS = (".wav", ".flac", ".ogg", ".opus", ".mp3", ".m4a")
 _TWINS = ("wav", "audio", "sound")  # beside a folder bvh/ or motion/
 _MUSIC = re.compile(r"music|dance", re.IGNORECASE)
 
@@ -307,11 +307,8 @@ def own_folder(folder: Path) -> Survey:
 def _sound_of(path: Path) -> Path:
     """The sound file of a motion; if there is none, the path where it would be expected."""
     folders = [path.parent, *(path.parent.parent / twin for twin in _TWINS)]
-    for folder in folders:
-        for suffix in SOUNDS:
-            if (sound := folder / f"{path.stem}{suffix}").is_file():
-                return sound
-    return path.with_suffix(".wav")
+    found = (sound_named(folder / path.stem) for folder in folders)
+    return next(filter(None, found), path.with_suffix(".wav"))
 
 
 LAYOUTS: dict[str, Callable[[Path], Survey]] = {

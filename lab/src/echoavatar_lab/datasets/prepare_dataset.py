@@ -19,7 +19,7 @@ import av
 import torch
 
 from echoavatar.errors import EchoAvatarError, MotionError
-from echoavatar.models.audio.io import open_sound
+from echoavatar.models.audio.files import open_sound
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from echoavatar.errors import AudioError, EchoAvatarError
+from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.models.audio.io import stream_audio, write_wav
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder
@@ -29,7 +30,6 @@ from echoavatar_lab.corpora.sound import FloatArray, whole_frames
 from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import MANIFEST, Sound, SoundSet, runs, save_sounds
 from echoavatar_lab.held_folder import hold_folder
-from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 from .conversations import OWN, RULE, Script, conversations, split_of
 from .prepare_recording import sound_labels
@@ -66,9 +66,9 @@ def recorded_music(folder: Path, licence: str) -> Iterator[Job]:
     Raises:
         EchoAvatarError: the folder holds no sound.
     """
-    paths = files_below(folder, *AUDIO_SUFFIXES)
+    paths = files_below(folder, *SOUND_SUFFIXES)
     if not paths:
-        raise EchoAvatarError(f"--music {folder} holds no sound ({', '.join(AUDIO_SUFFIXES)}); name another folder")
+        raise EchoAvatarError(f"--music {folder} holds no sound ({', '.join(SOUND_SUFFIXES)}); name another folder")
     for number, path in enumerate(paths):
         where = path.relative_to(folder)
         stem = "".join(sign if sign.isascii() and sign.isalnum() else "-" for sign in path.stem)[:40]

@@ -22,6 +22,7 @@ from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import read_audio
+from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.tables import NpzArrays, read_npz, write_npz
@@ -33,7 +34,6 @@ from echoavatar_lab.data import MUSIC, SPEECH, Clip, Corpus
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smpl_pickle, read_smplx
 from echoavatar_lab.held_folder import hold_folder
-from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES
 
 MOTION_SUFFIXES = (".npz", ".bvh", ".pkl")
 NOTE = "made.json"
@@ -266,9 +266,8 @@ def _sound(
         if take.audio is not None:
             return take.audio
     for beside, _ in (true, made):
-        for suffix in AUDIO_SUFFIXES:
-            if (path := beside.path.with_name(name + suffix)).is_file():
-                return read_audio(path)
+        if path := sound_named(beside.path.with_name(name)):
+            return read_audio(path)
     raise AudioError(
         f"clip {name} has no audio; put {name}.wav next to it, give a folder with --audio, or pass --no-audio"
     )
@@ -277,9 +276,9 @@ def _sound(
 def _audio_files(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         raise AudioError(f"{folder} is not a folder; give --audio a folder of audio files")
-    found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix.lower() in AUDIO_SUFFIXES}
+    found = {path.stem: path for path in sorted(folder.iterdir()) if path.suffix.lower() in SOUND_SUFFIXES}
     if not found:
-        raise AudioError(f"{folder} holds no audio ({', '.join(AUDIO_SUFFIXES)}); give another --audio")
+        raise AudioError(f"{folder} holds no audio ({', '.join(SOUND_SUFFIXES)}); give another --audio")
     return found
 
 

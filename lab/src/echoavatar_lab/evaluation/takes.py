@@ -13,13 +13,14 @@ from jaxtyping import Float
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import read_audio
+from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.csv_rows import read_rows
-from echoavatar_lab.models.audio.recordings import AUDIO_SUFFIXES, split_of
+from echoavatar_lab.models.audio.recordings import split_of
 
 from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH
 
@@ -123,7 +124,7 @@ def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tup
         heard = "dev" if "dev" in splits else "test"
         rows = [row for row, split in zip(rows, splits, strict=True) if split == heard]
         return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in AUDIO_SUFFIXES)
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES)
     places = [path.relative_to(folder) for path in paths]
     kinds = [MUSIC if "music" in place.as_posix().lower() else SPEECH for place in places]
     return [(path, kind, place.parent.name) for path, kind, place in zip(paths, kinds, places, strict=True)]

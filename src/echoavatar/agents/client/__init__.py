@@ -7,7 +7,7 @@
 """
 
 from .connection import Avatar, ConnectionLostError, MessageSocket, connect, stream_url
-from .recording import Recorder, Recording, read_sound
+from .recording import Recorder, Recording
 from .tools import RemoteTools
 
 __all__ = [
@@ -18,6 +18,5 @@ __all__ = [
     "Recording",
     "RemoteTools",
     "connect",
-    "read_sound",
     "stream_url",
 ]

@@ -1,4 +1,4 @@
-"""Collect the messages of a session into one motion and one sound track; read sound files without torch."""
+"""Collect the messages of a session into one motion and one sound track."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.errors import AudioError, MotionError
+from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import whole_file
 from echoavatar.wire.blobs import Pose, unpack_audio, unpack_pose
@@ -120,20 +120,3 @@ class Recorder:
             face=np.concatenate(faces),
             audio=audio,
         )
-
-
-def read_sound(path: str | Path) -> tuple[Float[np.ndarray, " s"], int]:
-    """Read a file as mono floats and return them with the sample rate.
-
-    Raises:
-        AudioError: the file does not exist or cannot be read.
-    """
-    import soundfile
-
-    try:
-        samples, rate = soundfile.read(path, dtype="float32", always_2d=True)
-    except (OSError, RuntimeError) as error:
-        raise AudioError(f"cannot read {path}: {error}; give a WAV, FLAC, OGG or MP3 file") from error
-    if not len(samples):
-        raise AudioError(f"{path} holds no sound")
-    return samples.mean(axis=1), int(rate)

@@ -55,7 +55,7 @@ class Event(msgspec.Struct):
         self.audio_end_ms = _number(self.audio_end_ms)
 
 
-_DECODER = msgspec.json.Decoder(Event)
+_DECODER = msgspec.json.Decoder(Event, strict=False)  # 0.0 is a whole number, as some servers write it
 
 
 def read(message: str | bytes) -> Event | None:

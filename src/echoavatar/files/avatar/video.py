@@ -56,7 +56,7 @@ def write_film(
     frames = film(motion, face=curves, character=character, shot=shot)
     with (
         whole_file(path, error=MotionError, failures=(av.error.FFmpegError,)) as partial,
-        av.open(str(partial), "w", format=suffix[1:]) as container,
+        av.open(f"file:{partial}", "w", format=suffix[1:]) as container,
     ):
         _encode(container, frames, motion, audio, shot, suffix, progress)
 

@@ -5,24 +5,19 @@ Any rate, channel count and number format is converted, while it streams, with e
 
 import logging
 from collections.abc import Iterator
-from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-import av
 import numpy as np
 import soundfile
 import soxr
-from av.codec import Codec
-from av.codec.codec import UnknownCodecError
-from av.container import InputContainer
 from jaxtyping import Float, Shaped
 
 from echoavatar.errors import AudioError
-from echoavatar.limits import check_file
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import whole_file
+
+from .files import Form, Piece, check_sound, decoded, usual_roles
+from .mixing import Measurement, Plan
 
 Mono = Float[np.ndarray, " s"]
 _LOUDEST = 64.0  # larger floats are integers that were not scaled
@@ -114,14 +109,7 @@ class StreamResampler:
         return out
 
 
-# Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are
-# texts that name other files or addresses, which would be opened.
-_CONTAINERS = (
-    "aac,ac3,aiff,amr,ape,asf,au,avi,caf,dts,eac3,flac,flv,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,mp3,mpeg,mpegts,mpc,mpc8"
-    ",oga,ogg,opus,rf64,rm,tta,voc,w64,wav,wv"
-)
-_OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
-_LARGEST_BYTES = 1 << 40
+_BLOCK = 1024  # samples that are measured together
 LONGEST_S = 3600  # of sound that is read whole: twice 350 MB while its pieces are joined
 
 _LOG = logging.getLogger(__name__)
@@ -146,31 +134,64 @@ def read_audio(path: Path | str) -> Mono:
 def stream_audio(path: Path | str) -> Iterator[Mono]:
     """The same in pieces as they are decoded (tens of milliseconds each): for files of any length.
 
-    A file that breaks off is read as far as it goes, and the log says so.
+    The file is decoded twice. The first time it is measured: which track and which channels hold the sound, and whether
+    its level must change. The log says what was unusual. A file that breaks off is read as far as it goes. Rate and
+    channels may change within it.
 
     Raises:
         AudioError: as `read_audio`; at the first piece where the file cannot be opened.
     """
     path = Path(path)
-    if not path.exists():
-        raise AudioError(f"{path} does not exist; check the path")
-    if path.is_dir():
-        raise AudioError(f"{path} is a folder; name a sound file in it")
-    check_file(path, _LARGEST_BYTES, AudioError)
-    if path.stat().st_size == 0:
-        raise AudioError(f"{path} is empty (0 bytes); copy or record it again")
+    check_sound(path)
+    plan = _measured(path)
     resampler: StreamResampler | None = None
-    given = 0
-    for piece, rate in _decoded(path):
-        resampler = resampler or StreamResampler(rate)
-        given += len(piece)
+    form: Form | None = None
+    for piece in decoded(path, plan.track):
         try:
-            yield resampler.push(piece)
+            if resampler is None or piece.form != form:
+                if resampler is not None:
+                    yield resampler.flush()
+                resampler, form = StreamResampler(piece.form.rate), piece.form
+            yield resampler.push(plan.mixes[piece.form](piece.samples) if form in plan.mixes else piece.samples)
         except AudioError as error:
             raise AudioError(f"{path}: {error}") from error
-    if resampler is None or not given:
-        raise AudioError(f"{path} holds no sound that can be decoded; convert it to WAV first")
-    yield resampler.flush()
+    if resampler is not None:
+        yield resampler.flush()
+
+
+def mixed(samples: Shaped[np.ndarray, "..."], *, rate: int) -> Mono:
+    """A whole recording as `as_mono`, at its own rate, but measured like a file: see `stream_audio`.
+
+    Raises:
+        AudioError: as `as_mono`.
+    """
+    if not len(as_mono(samples, rate=rate)):
+        return np.zeros(0, np.float32)
+    scaled, measurement = _scaled(samples).reshape(len(samples), -1), Measurement()
+    form = Form(rate, usual_roles(scaled.shape[1]))
+    for start in range(0, len(scaled), _BLOCK):
+        measurement.add(Piece(0, form, scaled[start : start + _BLOCK]))
+    plan = measurement.plan()
+    _say(plan, "the sound")
+    return plan.mixes[form](scaled)
+
+
+def _measured(path: Path) -> Plan:
+    """What to do with a file; the longest that is read whole is measured, of others the beginning."""
+    measurement, left = Measurement(), float(LONGEST_S)
+    for piece in decoded(path, is_told=True):
+        measurement.add(piece)
+        left -= len(piece.samples) / piece.form.rate
+        if left < 0:
+            break
+    plan = measurement.plan()
+    _say(plan, path)
+    return plan
+
+
+def _say(plan: Plan, what: object) -> None:
+    for note in plan.notes:
+        _LOG.warning("%s: %s", what, note)
 
 
 def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> None:
@@ -181,54 +202,3 @@ def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> N
     """
     with whole_file(path, error=AudioError, failures=(soundfile.SoundFileError,)) as partial:
         soundfile.write(partial, np.clip(audio, -1, 1), rate, subtype="PCM_16", format="WAV")
-
-
-def open_sound(path: Path) -> InputContainer:
-    """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
-    address = f"file:{path}"  # without it, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav
-    return av.open(address, metadata_errors="ignore", options={**_OPTIONS, "codec_whitelist": _sound_decoders()})
-
-
-@lru_cache(maxsize=1)
-def _sound_decoders() -> str:
-    """Names of what decodes sound. A cover's picture would be decoded too, for its size, whatever memory it takes."""
-    found = []
-    for name in av.codecs_available:
-        with suppress(UnknownCodecError):  # it only encodes
-            found += [name] if Codec(name, "r").type == "audio" else []
-    return ",".join(found)
-
-
-def _decoded(path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
-    """Float pieces (samples, channels) at the file's own rate."""
-    try:
-        with open_sound(path) as container:
-            if not container.streams.audio:
-                raise AudioError(f"{path} has no sound track; choose a file with sound")
-            yield from _frames(container, path)
-    except av.FFmpegError as error:
-        raise AudioError(f"{path} is not a sound file that ffmpeg's libraries can read ({error.strerror})") from error
-
-
-def _frames(container: Any, path: Path) -> Iterator[tuple[Float[np.ndarray, "s c"], int]]:
-    stream = container.streams.audio[0]
-    converter: av.AudioResampler | None = None
-    packets, broken = container.demux(stream), 0
-    while True:
-        try:
-            packet = next(packets, None)
-            frames = [] if packet is None else packet.decode()
-        except av.FFmpegError as error:
-            broken += 1
-            if broken == 1:
-                _LOG.warning("%s is damaged (%s); decoding what is there", path, error.strerror)
-            if broken > 100:
-                return
-            continue
-        if packet is None:
-            return
-        for frame in frames:
-            # Packed samples: PyAV reads beyond the list of planes where there are more than eight.
-            converter = converter or av.AudioResampler(format="flt", layout=frame.layout, rate=frame.sample_rate)
-            for converted in converter.resample(frame):
-                yield converted.to_ndarray().reshape(converted.samples, -1), converted.sample_rate

@@ -67,9 +67,9 @@ class Broadcast:
     def __init__(self, to: str, size: Sequence[int], rate: int) -> None:
         """Raises EchoAvatarError for an address of another kind, or one that cannot be opened."""
         self.name = redacted(to)
-        kind = _Distant if "://" in to else Encoder
+        kind, place = (_Distant, to) if "://" in to else (Encoder, f"file:{to}")  # of 10:30.mp4, 10: is no protocol
         with self._naming_itself():
-            self._encoder = kind(to, container_of(to), size, rate, SOUND_RATE_HZ)
+            self._encoder = kind(place, container_of(to), size, rate, SOUND_RATE_HZ)
 
     def show(self, picture: Picture) -> None:
         """Encode and send a picture."""

@@ -5,7 +5,7 @@ export const SUBPROTOCOLS = {
   "msgpack": "echoavatar.v1.msgpack",
   "json": "echoavatar.v1.json"
 } as const;
-export const MAX_MESSAGE_BYTES = 1048576;
+export const MAX_MESSAGE_BYTES = 8388608;
 export const SAMPLE_RATE = 24000;
 export const FRAME_RATE = 30;
 export const SAMPLES_PER_FRAME = 800;

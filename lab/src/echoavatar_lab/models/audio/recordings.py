@@ -27,11 +27,11 @@ from jaxtyping import Float, Int16
 
 from echoavatar.cache import user_cache
 from echoavatar.errors import AudioError, EchoAvatarError
+from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.models.audio.io import read_audio
 from echoavatar.whole_file import make_output_folder, whole_file
 from echoavatar_lab.foreign.csv_rows import read_rows
 
-AUDIO_SUFFIXES = (".wav", ".ogg", ".flac", ".mp3", ".opus", ".m4a")
 MANIFEST = "manifest.csv"
 _COLUMNS = ("path", "kind", "speaker_or_artist", "title", "language_or_genre", "split")
 
@@ -94,7 +94,7 @@ def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile
             chosen = [one for one in listed if one.split == "test"]
         what = f"no recordings marked {split}"
     else:
-        what, chosen = f"no sound ({', '.join(AUDIO_SUFFIXES)})", list(_found(folder))
+        what, chosen = f"no sound ({', '.join(SOUND_SUFFIXES)})", list(_found(folder))
     if not chosen:
         raise AudioError(f"{folder} holds {what}; give another --recordings")
     return tuple(sorted(chosen))
@@ -158,7 +158,7 @@ def _listed(manifest: Path) -> Iterator[RecordedFile]:
 
 def _found(folder: Path) -> Iterator[RecordedFile]:
     for path in folder.rglob("*"):
-        if path.suffix.lower() in AUDIO_SUFFIXES:
+        if path.suffix.lower() in SOUND_SUFFIXES:
             is_music = "music" in str(path.relative_to(folder)).lower()
             yield RecordedFile(path, "music" if is_music else "speech", "", path.stem, "", "train", 0.0)
 

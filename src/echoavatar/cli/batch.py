@@ -1,0 +1,100 @@
+"""Several files of one command: where each output goes, and what came of each.
+
+One bad file of ten does not stop the others. What it was is said at once and in a table at the end; the exit code is 1.
+"""
+
+import argparse
+import os
+import sys
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from echoavatar.errors import EchoAvatarError, one_line
+from echoavatar.whole_file import make_output_folder
+
+from .options import FORMATS
+
+STDIN = Path("-")
+
+
+def add_outputs(parser: argparse.ArgumentParser, several: str) -> None:
+    """Declare `-o` and `--format` of a command that takes `several` files."""
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help=f"where to write: {FORMATS}; or a folder for several {several}"
+    )
+    parser.add_argument(
+        "--format",
+        type=lambda text: f".{text.removeprefix('.')}",
+        default=".glb",
+        metavar="SUFFIX",
+        help="of the files in a folder (default: %(default)s)",
+    )
+
+
+def outputs(inputs: Sequence[Path], output: Path, suffix: str, *, known: Collection[str], kind: str) -> list[Path]:
+    """Where each input's output goes: `output` itself, or a file of the input's name in that folder, which is made.
+
+    Args:
+        inputs: the files; `STDIN` may be one of them.
+        output: as the user gave it.
+        suffix: of the files in a folder.
+        known: suffixes that are files' and no folders'.
+        kind: what the inputs are, for messages: "sound".
+
+    Raises:
+        EchoAvatarError: two would go into one file, or an input would be written over.
+    """
+    if inputs.count(STDIN) > 1:
+        raise EchoAvatarError("standard input (-) can be read once; name it once")
+    is_file = bool(output.suffix) and not (output.is_dir() and output.suffix.lower() not in known)
+    if is_file and len(inputs) > 1:
+        raise EchoAvatarError(f"several {kind}s need a folder: -o {output.with_suffix('')}{os.sep}")
+    if is_file:
+        made = [output]
+    else:
+        make_output_folder(output)
+        stems = ["stdin" if path == STDIN else path.stem for path in inputs]
+        if twice := [stem for stem, count in Counter(stems).items() if count > 1]:
+            raise EchoAvatarError(f"two {kind}s are called {twice[0]!r} and would go into one file; rename one")
+        made = [output / f"{stem}{suffix}" for stem in stems]
+    for path, place in zip(inputs, made, strict=True):
+        if place.resolve() == path.resolve():
+            raise EchoAvatarError(f"-o {output} is the {kind} itself; choose another name")
+    return made
+
+
+class Batch:
+    """What came of each of several files."""
+
+    def __init__(self, count: int) -> None:
+        """Of a single file, errors pass as they are."""
+        self._is_single = count == 1
+        self._rows: list[tuple[str, str, str]] = []
+        self.made, self._failed = 0, 0
+
+    @contextmanager
+    def each(self, name: object, became: object = "made") -> Iterator[None]:
+        """A context in which one file is made; an error that the user can put right ends it and not the batch."""
+        try:
+            yield
+            self.made += 1
+            self._rows.append((str(name), str(became), ""))
+        except (EchoAvatarError, OSError) as error:
+            if self._is_single:
+                raise
+            self._failed += 1
+            self._rows.append((str(name), "failed", one_line(error)))
+            print(f"echoavatar: {name}: {one_line(error)}", file=sys.stderr)
+
+    def end(self) -> int:
+        """Print the table if any failed; returns the exit code."""
+        if not self._failed:
+            return 0
+        rows = [("file", "result", "cause"), *self._rows]
+        widths = [max(len(row[column]) for row in rows) for column in range(2)]
+        for row in rows:
+            print(f"{row[0]:{widths[0]}}  {row[1]:{widths[1]}}  {row[2]}".rstrip())
+        print(f"{self._failed} of {len(self._rows)} failed")
+        return 1

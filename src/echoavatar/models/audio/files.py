@@ -1,0 +1,297 @@
+"""Sound files, opened by their content: the parts that were put one after another, their tracks, the decoded pieces.
+
+Whatever ffmpeg's libraries read (PyAV). A name is never taken for an address, and no file makes another one be read.
+"""
+
+import logging
+import mmap
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import av
+import numpy as np
+from av.codec import Codec
+from av.codec.codec import UnknownCodecError
+from av.container import InputContainer
+from jaxtyping import Float
+
+from echoavatar.errors import AudioError
+from echoavatar.limits import check_file
+
+SOUND_SUFFIXES = (
+    *(".wav", ".flac", ".mp3", ".ogg", ".opus", ".m4a", ".aac", ".aif", ".aifc", ".aiff", ".amr", ".au", ".caf"),
+    *(".mka", ".oga", ".w64", ".weba", ".wma"),
+)  # of files in a folder that are taken for sound; a file that is named may have any
+# Containers that hold their own sound. ffmpeg's libraries also know playlists, concat lists, SDP and MPD. Those are
+# texts that name other files or addresses, which would be opened.
+_CONTAINERS = (
+    "aac,ac3,aiff,amr,ape,asf,au,avi,avr,caf,dsf,dts,eac3,flac,flv,g722,gsm,iff,ircam,loas,matroska,webm,mov,mp4,3gp"
+    ",3g2,mp3,mpeg,mpegts,mpc,mpc8,mxf,nistsphere,nut,oga,ogg,opus,paf,pvf,rm,sox,tak,tta,voc,w64,wav,wv"
+)
+_OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
+_LARGEST_BYTES = 1 << 40
+_MOST_PARTS = 1_000  # of one file
+_MOST_FAULTS = 100  # of a track, one after another
+_STATE_LENGTH = ("aiff", "flac", "mov")  # of others FFmpeg guesses it
+_BROKEN, _UNKNOWN = 0.95, 0.05  # shares of the length that a file states: it breaks off; it knew no length
+_BEGINS = {  # of files without an index, by their first four letters
+    b"\x1aE\xdf\xa3": re.compile(rb"\x1aE\xdf\xa3.{1,60}?(?:webm|matroska)", re.DOTALL),
+    b"FORM": re.compile(rb"FORM....AIF[FC]", re.DOTALL),
+    b"RIFF": re.compile(rb"RIFF....WAVE(?=[A-Za-z]{3}[A-Za-z ])", re.DOTALL),
+    b"fLaC": re.compile(rb"fLaC[\x00\x80]\x00\x00\x22"),
+}
+_STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
+_USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
+_FRAME = re.compile(rb"\xff[\xe0-\xff]")
+_TAG = re.compile(rb"ID3[\x02-\x04]\0[\x00\x40\x80\xc0][\x00-\x7f]{4}")
+_LOG = logging.getLogger(__name__)
+
+
+class Form(NamedTuple):
+    """What may change within a file."""
+
+    rate: int  # samples per second
+    channels: tuple[str, ...]  # their roles, such as FL, FR, FC, LFE
+
+
+class Piece(NamedTuple):
+    """Some tens of milliseconds of one track."""
+
+    track: int
+    form: Form
+    samples: Float[np.ndarray, "s c"]  # about -1..1
+
+
+def check_sound(path: Path) -> None:
+    """Refuse at once what is no file with sound in it: its first piece is decoded.
+
+    Raises:
+        AudioError: there is nothing, a folder, no regular file, or no sound in it.
+    """
+    if path.is_dir():
+        raise AudioError(f"{path} is a folder; name a sound file in it")
+    try:
+        check_file(path, _LARGEST_BYTES, AudioError)
+    except FileNotFoundError:
+        raise AudioError(f"{path} does not exist; check the path") from None
+    if path.stat().st_size == 0:
+        raise AudioError(f"{path} is empty (0 bytes); copy or record it again")
+    next(decoded(path))
+
+
+def sound_named(path: Path, suffixes: Sequence[str] = SOUND_SUFFIXES) -> Path | None:
+    """The sound whose path without its suffix this is: .wav, .WAV and .Wav alike; None if there is none."""
+    written = (form for suffix in suffixes for form in (suffix, suffix.upper(), suffix.title()))
+    return next((found for form in written if (found := path.with_name(path.name + form)).is_file()), None)
+
+
+def open_sound(path: Path, part: "_Part | None" = None) -> InputContainer:
+    """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
+    # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
+    options = _OPTIONS | {"codec_whitelist": _sound_decoders()}
+    opened: InputContainer = av.open(part or f"file:{path}", "r", metadata_errors="ignore", options=options)
+    return opened
+
+
+@lru_cache(maxsize=1)
+def _sound_decoders() -> str:
+    """Names of what decodes sound. A cover's picture would be decoded too, for its size, whatever memory it takes."""
+    found = []
+    for name in av.codecs_available:
+        with suppress(UnknownCodecError):  # it only encodes
+            found += [name] if Codec(name, "r").type == "audio" else []
+    return ",".join(found)
+
+
+def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> Iterator[Piece]:
+    """All pieces of one track, or of every track as they come; damage is passed over, and with `is_told` in the log.
+
+    Raises:
+        AudioError: it is not sound, has no track of sound, or cannot be read.
+    """
+    parts, piece, failure = _parts(path), None, "holds no sound that can be decoded"
+    for number, part in enumerate(parts):
+        try:
+            with (
+                path.open("rb") as file,
+                open_sound(path, _Part(file, part) if part.start or len(parts) > 1 else None) as container,
+            ):
+                if not container.streams.audio:
+                    raise AudioError(f"{path} has no sound track; choose a file with sound")
+                for piece in _pieces(container, path, part, track, is_told):
+                    yield piece
+        except av.FFmpegError as error:
+            if len(parts) == 1:
+                failure = f"is not a sound file that ffmpeg's libraries can read ({error.strerror})"
+            elif is_told:
+                _LOG.warning("%s: part %d cannot be read (%s) and is left out", path, number + 1, error.strerror)
+    if piece is None:
+        raise AudioError(f"{path} {_what_it_is(path, failure)}")
+
+
+def _pieces(container: InputContainer, path: Path, part: range, track: int | None, is_told: bool) -> Iterator[Piece]:
+    tracks = {stream.index: number for number, stream in enumerate(container.streams.audio)}
+    stated = [_stated_roles(stream) for stream in container.streams.audio]
+    converters: dict[tuple[int, Form], av.AudioResampler] = {}
+    packets, faults, seconds = container.demux(container.streams.audio), 0, 0.0
+    while faults <= _MOST_FAULTS:
+        try:
+            packet = next(packets, None)
+            if packet is None:
+                break
+            number = tracks[packet.stream.index]
+            frames = packet.decode() if track in (None, number) else []
+        except av.FFmpegError as error:
+            faults += 1
+            if is_told and faults > (container.format.name == "mp3"):  # the first frame of a pasted MP3 may need others
+                _LOG.warning("%s is damaged (%s); decoding what is there", path, error.strerror)
+                is_told = False
+            continue
+        for frame in frames:
+            assert isinstance(frame, av.AudioFrame)
+            faults = 0
+            form = Form(frame.sample_rate, _roles(frame.layout, stated[number]))
+            # Packed samples: PyAV reads beyond the list of planes where there are more than eight.
+            if (number, form) not in converters:
+                converters[number, form] = av.AudioResampler("flt", frame.layout, frame.sample_rate)
+            seconds += 0 if number else frame.samples / frame.sample_rate
+            for converted in converters[number, form].resample(frame):
+                yield Piece(number, form, converted.to_ndarray().reshape(converted.samples, -1))
+    if is_told and (share := _share(container, path, part, seconds)) < _BROKEN:
+        _LOG.warning("%s breaks off: %.0f %% of what it announces is there", path, 100 * share)
+
+
+def _share(container: InputContainer, path: Path, part: range, seconds: float) -> float:
+    """The part of a sound that is there, where the file says how long it is; programs that do not know write 2 GB."""
+    first, share = container.streams.audio[0], 1.0
+    if container.format.name == "wav":
+        with path.open("rb") as file:
+            file.seek(part.start)
+            share = len(part) / (8 + int.from_bytes(file.read(8)[4:], "little"))
+    elif container.format.name.startswith(_STATE_LENGTH) and first.duration and first.time_base:
+        share = seconds / float(first.duration * first.time_base)
+    return share if share > _UNKNOWN else 1.0
+
+
+def _stated_roles(stream: av.AudioStream) -> tuple[str, ...]:
+    """The roles of a track's channels as its file orders them.
+
+    PyAV frees the list of an order of the file's own (CAF, MOV) once for each frame, which ends the process. So such a
+    list is taken from the decoder, which then counts the channels only.
+    """
+    if (context := stream.codec_context) is None:  # a codec that nobody knows
+        return ()
+    layout = context.layout
+    roles = tuple(channel.name for channel in layout.channels)
+    if re.search(r"channels \(|ambisonic", layout.name):
+        context.layout = f"{len(roles)}C"
+    return roles
+
+
+def _roles(layout: av.AudioLayout, stated: tuple[str, ...]) -> tuple[str, ...]:
+    """The roles of channels; where the file does not say them, 2, 6 or 8 are those that WAV and FLAC mean."""
+    roles = tuple(channel.name for channel in layout.channels)
+    if set(roles) != {"NONE"}:
+        return roles
+    return stated if len(stated) == len(roles) and set(stated) != {"NONE"} else usual_roles(len(roles))
+
+
+def usual_roles(channels: int) -> tuple[str, ...]:
+    """The roles of so many channels where nothing else is said."""
+    return _USUAL_ROLES.get(channels, ("NONE",) * channels)
+
+
+class _Part:
+    """A file within a file, with the three methods that PyAV asks for."""
+
+    def __init__(self, file: BinaryIO, part: range) -> None:
+        self.name = file.name  # tells PyAV the suffix
+        self._file, self._part, self._at = file, part, 0
+
+    def read(self, size: int) -> bytes:
+        self._file.seek(self._part.start + self._at)
+        data = self._file.read(max(0, min(size, len(self._part) - self._at)))
+        self._at += len(data)
+        return data
+
+    def seek(self, to: int, whence: int = 0) -> int:
+        self._at = max(0, to + (0, self._at, len(self._part))[whence])
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+
+def _parts(path: Path) -> list[range]:
+    """The sounds that were pasted one after another, as bytes of the file; ffmpeg's readers end with the first."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        first = _after_tag(data)
+        kind = data[first : first + 4]
+        if kind == b"OggS":
+            begins = _ogg_begins(data, first)
+        elif data[first + 4 : first + 8] == b"ftyp":
+            begins = _mp4_begins(data, first)
+        elif kind in _BEGINS:
+            begins = map(re.Match[bytes].start, _BEGINS[kind].finditer(data, first))
+        elif _FRAME.match(data, first):  # MP3 and AAC have no beginning, but tags with pictures may stand in between
+            first, begins = 0, _tag_begins(data)
+        else:
+            return [range(len(data))]
+        starts = sorted({first, *islice(begins, _MOST_PARTS)})
+        return [range(start, end) for start, end in pairwise([*starts, len(data)])]
+
+
+def _after_tag(data: mmap.mmap, at: int = 0) -> int:
+    """Where the sound begins behind an ID3 tag, which may hold a large picture."""
+    if not _TAG.match(data, at):
+        return at
+    return at + 10 + sum(byte << shift for byte, shift in zip(data[at + 6 : at + 10], (21, 14, 7, 0), strict=True))
+
+
+def _tag_begins(data: mmap.mmap) -> Iterator[int]:
+    """Where a tag, or several in a row, stand before sound."""
+    end = -1
+    for found in _TAG.finditer(data):
+        if found.start() > end:
+            yield found.start()
+        end = max(end, _after_tag(data, found.start()))
+
+
+def _ogg_begins(data: mmap.mmap, at: int) -> Iterator[int]:
+    """Where the first pages of streams follow pages of others: the links of a chain."""
+    is_first = False
+    while (at := data.find(b"OggS", at)) >= 0:
+        was_first, is_first = is_first, bool(data[at + 5 : at + 6] > b"\1" and data[at + 5] & 2)
+        if is_first and not was_first:
+            yield at
+        lengths = data[at + 27 : at + 27 + data[at + 26]] if at + 26 < len(data) else b""
+        at += 27 + len(lengths) + sum(lengths)
+
+
+def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
+    while len(head := data[at : at + 16]) == 16:
+        if head[4:8] == b"ftyp":
+            yield at
+        size = int.from_bytes(head[:4]) if head[:4] != b"\0\0\0\1" else int.from_bytes(head[8:])
+        if size < 8:  # 0: to the end
+            return
+        at += size
+
+
+def _what_it_is(path: Path, failure: str) -> str:
+    """What can be said of a file in which there is no sound, and the remedy."""
+    with path.open("rb") as file:
+        begin = file.read(1024)
+    text = begin.decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
+    if text.lower().startswith(("<!doctype html", "<html")):
+        return "is not a sound file but a web page; download the sound itself"
+    if not re.search(r"[\0-\x08\x0e-\x1a]", text) and text.count("\ufffd") < 2:  # one letter may be cut
+        return f"is not a sound file but text ({' '.join(text[:60].split())!r}); download the sound itself"
+    if begin[4:8] == b"ftyp":
+        return f"{failure}: an MP4 that is cut off or damaged; copy it again, whole"
+    return f"{failure}; convert it to WAV (raw samples need their rate: ffmpeg -f s16le -ar 24000 -i IN OUT.wav)"

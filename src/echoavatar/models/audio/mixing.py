@@ -1,0 +1,188 @@
+"""What a recording needs before it becomes mono: measured over the whole of it, and said in words.
+
+An even mix of channels is right for most recordings. It is not where channels cancel each other, or where the speech is
+in one of many: then the weights follow from how loud the channels are and how they go together. A constant offset is
+taken away; a recording too quiet to be heard, or louder than 1, gets another level.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .files import Form, Piece
+
+_KEPT = 10 ** (-3.2 / 10)  # of the loudest channel's power, in an even mix that is good enough: two voices, one a side
+_ABOUT = 0.8  # of the loudest channel's power is as loud
+_SILENT = 1e-4  # of the loudest power: -40 dB
+_CANCELLED = 0.2  # a channel, of the power that channels have together, where they go against each other
+_MOST_CANCELLED = 0.1  # of a recording's energy
+_OPPOSED = -0.5  # correlation with the loudest channel
+_RUMBLE = ("LFE", "LFE2")  # left out
+_WEIGHTS = {"FC": 1.0, "FL": 0.7, "FR": 0.7}  # around a centre, where speech is
+_OTHER_WEIGHT = 0.5
+
+_QUIET_DB = -45.0  # below it the level control of the models hears silence
+_FAINTEST_DB = -90.0  # nothing but the rounding of 16 bits
+_LIFTED_DB = -26.0
+_STEADY_DB = 8.0  # what varies less is noise, and stays as it is
+_LOUDEST = 1.25  # peaks of decoded MP3 are a little over 1
+_LOUD_PIECES = 3  # fewer are clicks
+_OFFSET = 5e-4
+_SHORTEST_S = 0.1  # of one form; what is shorter is a fault in the file
+_LEVELS_DB = np.arange(-140.0, 200.0)
+
+
+class Mix(NamedTuple):
+    """How samples of one form become mono."""
+
+    weights: Float[np.ndarray, " c"]
+    offset: float  # to take away from their sum
+
+    def __call__(self, samples: Float[np.ndarray, "s c"]) -> Float[np.ndarray, " s"]:
+        """Mix down."""
+        return np.asarray(samples @ self.weights - self.offset, np.float32)
+
+
+class Plan(NamedTuple):
+    """What to do with a recording."""
+
+    track: int
+    mixes: Mapping[Form, Mix]
+    notes: Sequence[str]  # what is unusual, each a sentence
+
+
+class _Sums:
+    """Of all samples of one form in one track."""
+
+    def __init__(self, form: Form) -> None:
+        channels = len(form.channels)
+        self.count, self.peak, self.loud = 0, 0.0, 0
+        self._sum, self._products = np.zeros(channels), np.zeros((channels, channels))
+        self.cancelled = 0.0  # energy where channels go against each other
+        self.energies, self.counts = np.zeros(len(_LEVELS_DB)), np.zeros(len(_LEVELS_DB))  # by level
+
+    def add(self, samples: Float[np.ndarray, "s c"]) -> None:
+        x = samples.astype(np.float64)
+        self.count += len(x)
+        peak = float(np.abs(x).max(initial=0))
+        self.peak, self.loud = max(self.peak, peak), self.loud + (peak > _LOUDEST)
+        total = x.sum(0)
+        products = x.T @ x
+        self._sum += total
+        self._products += products
+        here = products - np.outer(total, total) / len(x)
+        powers = np.maximum(np.diag(here), 0)
+        best = float(powers.max())
+        if here.sum() < _CANCELLED / len(powers) * np.sqrt(powers).sum() ** 2:
+            self.cancelled += best
+        bin_ = int(np.clip(10 * math.log10(best / len(x) + 1e-20) - _LEVELS_DB[0], 0, len(_LEVELS_DB) - 1))
+        self.energies[bin_] += best
+        self.counts[bin_] += len(x)
+
+    @property
+    def mean(self) -> Float[np.ndarray, " c"]:
+        return self._sum / max(self.count, 1)
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "c c"]:
+        return self._products / max(self.count, 1) - np.outer(self.mean, self.mean)
+
+    @property
+    def power(self) -> float:
+        return float(np.diag(self.covariance).max(initial=0))
+
+
+class Measurement:
+    """Takes every piece of a recording, and then says what to do with it."""
+
+    def __init__(self) -> None:
+        self._sums: dict[tuple[int, Form], _Sums] = {}
+
+    def add(self, piece: Piece) -> None:
+        """Measure a piece; one with values that are not finite is passed over, because it will be refused."""
+        if len(piece.samples) and np.isfinite(piece.samples).all():
+            key = piece.track, piece.form
+            self._sums.setdefault(key, _Sums(piece.form)).add(piece.samples)
+
+    def plan(self) -> Plan:
+        """What to do."""
+        powers: dict[int, float] = {}
+        for (number, _), sums in self._sums.items():
+            powers[number] = powers.get(number, 0.0) + sums.power * sums.count
+        loudest = max(powers, key=lambda number: (powers[number], -number), default=0)
+        track = 0 if powers.get(0, 0.0) >= _SILENT * powers.get(loudest, 0.0) else loudest
+        notes = [f"its first track is silent; track {track + 1} is taken"] if track else []
+        chosen = {form: sums for (number, form), sums in self._sums.items() if number == track}
+        gain = _gain(list(chosen.values()), notes)
+        mixes = {form: _mix(form, sums, gain, notes) for form, sums in chosen.items()}
+        return Plan(track, mixes, tuple(dict.fromkeys(notes)))
+
+
+def _gain(all_sums: Sequence[_Sums], notes: list[str]) -> float:
+    """The factor that brings a recording to a level that can be heard and does not clip."""
+    peak = max((sums.peak for sums in all_sums), default=0.0)
+    energies = sum((sums.energies for sums in all_sums), np.zeros(len(_LEVELS_DB)))
+    counts = sum((sums.counts for sums in all_sums), np.zeros(len(_LEVELS_DB)))
+    level, quiet = _level_at(energies, 0.5), _level_at(counts, 0.1)
+    if sum(sums.loud for sums in all_sums) >= _LOUD_PIECES:
+        notes.append(f"its peaks reach {peak:.3g} and are brought down to 1")
+        return 1 / peak
+    if level < _FAINTEST_DB:
+        if peak < 1e-4 and all_sums:
+            notes.append("it is silent")
+    elif level < _QUIET_DB and level - quiet > _STEADY_DB and peak < 1:
+        gain = min(10 ** ((_LIFTED_DB - level) / 20), 1 / peak)
+        notes.append(f"it is very quiet ({level:.0f} dB) and is made {20 * math.log10(gain):.0f} dB louder")
+        return gain
+    return 1.0
+
+
+def _level_at(histogram: Float[np.ndarray, " n"], share: float) -> float:
+    """The level below which this share of the histogram lies."""
+    at = int(np.searchsorted(histogram.cumsum(), share * histogram.sum()))
+    return float(_LEVELS_DB[min(at, len(_LEVELS_DB) - 1)])
+
+
+def _mix(form: Form, sums: _Sums, gain: float, notes: list[str]) -> Mix:
+    weights = _weights(form, sums, notes)
+    offset = float(sums.mean @ weights)
+    heard = math.sqrt(max(0.0, float(weights @ sums.covariance @ weights)))
+    if sums.count < form.rate / 2 or abs(offset) < max(_OFFSET, 0.1 * heard) or heard < 1e-3 * abs(offset):
+        offset = 0.0
+    else:
+        notes.append(f"its samples are off zero by {offset:.3g}, which is taken away")
+    return Mix((gain * weights).astype(np.float32), gain * offset)
+
+
+def _weights(form: Form, sums: _Sums, notes: list[str]) -> Float[np.ndarray, " c"]:
+    """Weights of the channels, with which the mix is as loud as the loudest one."""
+    covariance, count = sums.covariance, len(form.channels)
+    is_heard = ~np.isin(form.channels, _RUMBLE)
+    is_heard |= not np.diag(covariance)[is_heard].any()
+    powers = np.where(is_heard, np.diag(covariance), 0)
+    best = int(np.argmax(powers >= _ABOUT * powers.max()))
+    if count == 1 or powers[best] <= 0 or sums.count < _SHORTEST_S * form.rate:
+        return np.full(count, 1 / count)
+    loudest = f"number {best + 1}" if form.channels[best] == "NONE" else form.channels[best]
+    alone: Float[np.ndarray, " c"] = np.eye(count)[best]
+    even: Float[np.ndarray, " c"] = is_heard / np.sum(is_heard)
+    if sums.cancelled > _MOST_CANCELLED * sums.energies.sum():
+        notes.append(f"its channels are opposed and would cancel in a mix; {loudest} alone is taken")
+        return alone
+    if even @ covariance @ even >= _KEPT * powers[best]:
+        return even
+    correlation = covariance[best] / np.sqrt(np.maximum(powers * powers[best], 1e-30))
+    is_taken = (powers > _SILENT * powers[best]) & (correlation > _OPPOSED)
+    weights: Float[np.ndarray, " c"] = is_taken.astype(np.float64)
+    if "FC" in form.channels and is_taken[form.channels.index("FC")]:
+        weights *= [_WEIGHTS.get(role, _OTHER_WEIGHT) for role in form.channels]
+    power = float(weights @ covariance @ weights)
+    if is_taken.sum() == 1 or power < _SILENT * powers[best]:
+        notes.append(f"of its {count} channels, {loudest} alone holds the sound and is taken")
+        return alone
+    notes.append(f"its {count} channels are mixed by their levels, because an even mix would be too quiet")
+    weights *= math.sqrt(powers[best] / power)
+    return weights

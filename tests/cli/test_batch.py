@@ -1,0 +1,100 @@
+"""Several files of one command: one that fails does not stop the others."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from echoavatar.cli import main
+from echoavatar.cli.batch import Batch
+from echoavatar.errors import EchoAvatarError
+
+
+def table(out: str) -> dict[str, tuple[str, str]]:
+    """Result and cause of each file, from the table at the end."""
+    lines = out.splitlines()
+    start = next(number for number, line in enumerate(lines) if line.split() == ["file", "result", "cause"])
+    rows = (line.split(None, 2) for line in lines[start + 1 : -1])
+    return {Path(row[0]).name: (row[1], row[2] if len(row) > 2 else "") for row in rows}
+
+
+@pytest.mark.parametrize("bad", [0, 1, 2])
+def test_one_bad_sound_of_three_stops_no_other(
+    tmp_path: Path, tiny_bundle: Path, voice: np.ndarray, bad: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sounds = [tmp_path / f"{name}.wav" for name in "abc"]
+    for number, path in enumerate(sounds):
+        if number == bad:
+            path.write_text('{"error": "no credit"}')
+        else:
+            soundfile.write(path, voice[:9_600], 24_000)
+    out = tmp_path / "out"
+    words = ["animate", *map(str, sounds), "-o", str(out), "--format", ".npz", "--model", str(tiny_bundle)]
+    assert main(words) == 1
+    told = capsys.readouterr()
+    made = {f"{path.stem}.npz" for number, path in enumerate(sounds) if number != bad}
+    assert {path.name for path in out.iterdir()} == made
+    rows = table(told.out)
+    assert set(rows) == {path.name for path in sounds}
+    assert rows[sounds[bad].name][0] == "failed"
+    assert "is not a sound file but text" in rows[sounds[bad].name][1]
+    assert sum(row[0].endswith(".npz") for row in rows.values()) == 2
+    assert told.out.splitlines()[-1] == "1 of 3 failed"
+    assert told.err.count("no credit") == 1
+
+
+def test_a_missing_file_and_a_folder_are_failures_like_others(
+    tmp_path: Path, tiny_bundle: Path, voice: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(tmp_path / "a.wav", voice[:9_600], 24_000)
+    (tmp_path / "folder").mkdir()
+    names = ["a.wav", "none.wav", "folder"]
+    words = ["animate", *(str(tmp_path / name) for name in names), "-o", str(tmp_path / "out")]
+    assert main([*words, "--format", "npz", "--model", str(tiny_bundle)]) == 1
+    rows = table(capsys.readouterr().out)
+    assert "does not exist" in rows["none.wav"][1]
+    assert "is a folder" in rows["folder"][1]
+
+
+def test_recordings_go_into_a_folder_and_a_bad_one_stops_no_other(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(recording, tmp_path / "second.npz")
+    (tmp_path / "bad.npz").write_text("no")
+    words = ["export", str(recording), str(tmp_path / "bad.npz"), str(tmp_path / "second.npz")]
+    assert main([*words, "-o", str(tmp_path / "out"), "--format", "bvh"]) == 1
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"{recording.stem}.bvh", "second.bvh"}
+    assert table(capsys.readouterr().out)["bad.npz"][0] == "failed"
+    assert main(["export", str(recording), str(recording), "-o", str(tmp_path / "out")]) == 1
+    assert "two recordings are called" in capsys.readouterr().err
+    assert main(["export", str(recording), words[-1], "-o", str(tmp_path / "a.bvh")]) == 1
+    assert "several recordings need a folder" in capsys.readouterr().err
+
+
+def test_a_file_of_the_folder_is_not_written_over_by_its_own_output(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(recording, tmp_path / "second.npz")
+    before = recording.read_bytes()
+    words = ["export", str(recording), str(tmp_path / "second.npz"), "-o", str(recording.parent), "--format", "npz"]
+    assert main(words) == 1
+    assert "is the recording itself" in capsys.readouterr().err
+    assert recording.read_bytes() == before
+
+
+def test_what_is_no_fault_of_a_file_ends_the_batch() -> None:
+    batch = Batch(2)
+    with pytest.raises(ZeroDivisionError), batch.each("a"):
+        raise ZeroDivisionError
+    with batch.each("b"):
+        raise OSError(28, "No space left on device")
+    assert batch.end() == 1
+
+
+def test_the_error_of_a_single_file_passes_as_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    batch = Batch(1)
+    with pytest.raises(EchoAvatarError), batch.each("a"):
+        raise EchoAvatarError("broken; mend it")
+    assert capsys.readouterr() == ("", "")
