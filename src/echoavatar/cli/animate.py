@@ -16,7 +16,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder
 
-from .options import FORMATS, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
+from .options import FORMATS, MAP_HELP, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
 
 STDIN = Path("-")
 EXAMPLES = """examples:
@@ -59,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
+    parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
     parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
     parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
@@ -78,12 +79,15 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.files.exports import check_output, read_rig
     from echoavatar.files.exports.formats import FILMS, SUFFIXES
     from echoavatar.models.audio import stream_audio
+    from echoavatar.motion.formats.joint_map import read_map
     from echoavatar.motion.stages.modes import MotionOptions
 
     outputs, is_quiet = _outputs(args, SUFFIXES), not sys.stderr.isatty()
     for output in outputs:
         check_output(output, has_rig=args.rig is not None)
-    rig = None if args.rig is None else read_rig(args.rig)
+    if args.map is not None and args.rig is None:
+        raise EchoAvatarError("--map is for a --rig; name the rig too, or leave out --map")
+    rig = None if args.rig is None else read_rig(args.rig, read_map(args.map))
     character = load_character(args.character)
     _check_film(args, outputs)
     if args.in_place and "leash" in args.without:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
-from .options import FORMATS, RIG_HELP, local_path
+from .options import FORMATS, MAP_HELP, RIG_HELP, local_path
 
 EXAMPLES = """examples:
   echoavatar say talk.wav -o talk.npz                  record a session of a running server
@@ -14,7 +14,7 @@ EXAMPLES = """examples:
   echoavatar export talk.npz -o out.glb --rig me.vrm   your own character with the animation
   echoavatar export clip.bvh -o out.bvh --rig rig.bvh  captured motion on another skeleton
 
-Recordings are .npz from `animate` or `say`, or any BVH with known joint names.
+Recordings are .npz from `animate` or `say`, or any BVH of a person. A --map is for the rig, or without --rig for the BVH.
 """
 
 
@@ -24,17 +24,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=local_path, metavar="RECORDING", help=".npz or .bvh")
     parser.add_argument("-o", "--output", type=Path, required=True, help=f"where to write; {FORMATS}")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
+    parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read the recording, retarget it, write it."""
     from echoavatar.files.exports import check_output, read_rig, read_take, write_take
+    from echoavatar.motion.formats.joint_map import read_map
 
     if args.output.resolve() == args.recording.resolve():
         raise EchoAvatarError(f"-o {args.output} is the recording itself; choose another name")
     check_output(args.output, has_rig=args.rig is not None)
-    rig = None if args.rig is None else read_rig(args.rig)
-    take = read_take(args.recording)
+    given = read_map(args.map)
+    if given is not None and args.rig is None and args.recording.suffix.lower() != ".bvh":
+        raise EchoAvatarError("--map is for a --rig or a BVH; leave it out")
+    rig = None if args.rig is None else read_rig(args.rig, given)
+    take = read_take(args.recording, given if rig is None else None)
     write_take(args.output, take, rig=rig)
     motion = take.motion
     print(f"{args.output}: {motion.frames} frames at {motion.fps:g} fps, {motion.seconds:.2f} s")

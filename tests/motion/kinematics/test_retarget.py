@@ -88,7 +88,7 @@ def test_bones_nobody_drives_stay_or_share():
 
 def test_an_unknown_rig_is_explained():
     motion = swaying(4, skeleton=chain((0, 1, 0), (0, 1, 0)))
-    with pytest.raises(MotionError, match="VRM map"):
+    with pytest.raises(MotionError, match="is not known"):
         retarget(motion)
 
 
