@@ -1,6 +1,7 @@
 """`echoavatar rig`: measure a character's body on its own mesh, or say which of its joints is which bone."""
 
 import argparse
+import json
 from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
@@ -50,10 +51,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write_map(text: str, output: Path | None) -> int:
+def _write_map(found: dict[str, str | None], output: Path | None) -> int:
+    text = json.dumps(found, indent=2, ensure_ascii=False) + "\n"
     if output is None:
         print(text, end="")
         return 0
     write_whole(output, text)
-    print(f"{output}: {text.count(': "')} of {text.count(': ')} bones were found; write joints for null, then --map {output}")
+    missing = list(found.values()).count(None)
+    print(f"{output}: {missing} of {len(found)} bones were not found; name their joints, then use --map {output}")
     return 0

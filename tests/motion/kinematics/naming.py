@@ -1,7 +1,7 @@
 """How programs and data sets name the joints of a body, and bodies with such names.
 
-A scheme is written as lines of joints. `bone=joint` is a joint that is a bone of ours, `=joint` one that is none. Trunk:
-from the root to the head; an arm and a leg: outward. `{s}` stands for the side.
+A scheme is written as lines of joints. `bone=joint` is a joint that is a bone of ours, `=joint` one that is none. The
+trunk goes from the root to the head, an arm and a leg outward. `{s}` stands for the side.
 """
 
 from typing import NamedTuple
@@ -437,7 +437,11 @@ class _Built:
             if name not in self.joints:
                 ahead = next((_place(side + later) for later, _ in entries[at:] if later), None)
                 start = self.joints[parent][1] if parent else np.zeros(3)
-                middle = start + 0.4 * (ahead - start) if ahead is not None and parent else start + [0, 0.02, 0.0]
+                middle = (
+                    start + 0.4 * (ahead - start)
+                    if ahead is not None and parent
+                    else start + [0, 0.02 if side else 0.18, 0.0]
+                )
                 self.joints[name] = parent, _place(side + bone) if bone else middle
             if bone:
                 self.bones[side + bone] = name
@@ -450,7 +454,12 @@ class _Built:
             if scheme.palm and n:
                 line.append("=" + scheme.palm.format(**more))
             for k, bone in enumerate(bones, start=1):
-                more |= {"k": k, "j": k - 1 or "", "letter": "abc"[k - 1], "bit": bone[len(side) + len(finger_of(bone)) :]}
+                more |= {
+                    "k": k,
+                    "j": k - 1 or "",
+                    "letter": "abc"[k - 1],
+                    "bit": bone[len(side) + len(finger_of(bone)) :],
+                }
                 line.append(f"{bone.removeprefix(side)}=" + scheme.fingers.format(**more))
             self.chain("/".join(line), side, self.bones[f"{side}Hand"], {})
 

@@ -114,6 +114,9 @@ class SetOptions(Config):
         description="largest relative difference in length of motion and sound; the longer is cut",
     )
     shard_minutes: float = Field(default=20.0, gt=0, description="minutes of motion in a shard")
+    joints: dict[str, str | None] | None = Field(
+        default=None, description="the user's map from bones to joints of the recordings; None: they are found"
+    )
     body_model: Path | None = Field(
         default=None, description="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's joint positions"
     )
@@ -121,7 +124,8 @@ class SetOptions(Config):
     def binding(self) -> dict[str, Any]:
         """The options that all clips of a set must share; the others only decide which clips it holds."""
         free = {"shard_minutes", "sound", "length_tolerance", "test_every", "mirror"}
-        return self.model_dump(mode="json", exclude=free)
+        unused = set() if self.joints else {"joints"}  # sets of older versions have no such option
+        return self.model_dump(mode="json", exclude=free | unused)
 
     def digest(self) -> str:
         """A short hash of the binding options."""

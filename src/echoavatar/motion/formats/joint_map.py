@@ -4,7 +4,6 @@ It comes before what is read from names and shape. `null` is a bone that the rig
 not name is looked for.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +32,9 @@ def read_map(path: Path | None) -> JointMap | None:
     joints: dict[str, str] = {}
     for bone, joint in given.items():
         if bone not in BONES:
-            raise MotionError(f"{path}: {bone[:60]!r} is no bone; they are {', '.join(BONES[:4])}, ... as --template lists")
+            raise MotionError(
+                f"{path}: {bone[:60]!r} is no bone; they are {', '.join(BONES[:4])}, ... as --template lists"
+            )
         if joint is None:
             continue
         if not isinstance(joint, str):
@@ -53,8 +54,8 @@ def mapped(motion: Motion, given: JointMap | None) -> Motion:
     return motion if given is None else replace(motion, skeleton=with_bones(motion.skeleton, given))
 
 
-def map_of(path: Path) -> str:
-    """The map of a character (.glb, .vrm) or clip (.bvh) as JSON text, with null for the bones that were not found.
+def map_of(path: Path) -> dict[str, str | None]:
+    """The map of a character (.glb, .vrm) or clip (.bvh), with None for the bones that were not found.
 
     Raises:
         MotionError: the file cannot be read, or has no skin.
@@ -65,4 +66,4 @@ def map_of(path: Path) -> str:
         found = {bone: rig.names[joint] for bone, joint in known_bones(rig).items()}
     except UnknownRigError as error:
         found = error.found
-    return json.dumps({bone: found.get(bone) for bone in BONES}, indent=2, ensure_ascii=False) + "\n"
+    return {bone: found.get(bone) for bone in BONES}

@@ -10,14 +10,11 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-_SIDES = {
-    "left": "left l lf lt lft hidari 左",
-    "right": "right r rt rgt rht migi 右",
-}
+_SIDES = {"left": "left l lf lt lft hidari 左", "right": "right r rt rgt rht migi 右"}
 _PARTS = {
     "hips": "hips hip pelvis hipjoint center centre cog waist centerofgravity lowertorso sentaa センター 腰 骨盤",
-    "trunk": "spine chest torso back abdomen ab belly thorax ribcage ribs body uppertorso upperbody lowerbody upperchest"
-    " jouhanshin kahanshin 上半身 下半身 脊椎",
+    "trunk": "spine chest torso back abdomen ab belly thorax ribcage ribs body uppertorso upperbody lowerbody"
+    " upperchest jouhanshin kahanshin 上半身 下半身 脊椎",
     "neck": "neck kubi 首 颈 頸 脖子",
     "head": "head skull atama 頭 头",
     "face": "face",

@@ -4,6 +4,7 @@ A rig with a VRM map is believed. Other joints are read by their names (`named_b
 of the body tells (`shaped_bones`), where it does not contradict them. A map by the user comes before both.
 """
 
+import logging
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
@@ -19,6 +20,7 @@ from .skeleton import HUMANOID, Skeleton
 __all__ = [
     "BONES",
     "REQUIRED",
+    "SIDES",
     "JointMap",
     "Tree",
     "UnknownRigError",
@@ -31,7 +33,9 @@ __all__ = [
     "known_bones",
     "with_bones",
 ]
+_log = logging.getLogger(__name__)
 BONES = (*HUMANOID.names, "leftEye", "rightEye", "jaw")
+LONG_FEET = 0.1  # of the height, both together: shorter ones say nothing about the front
 CHANCE = 4  # fewer names than these may be words of another language that look like ours
 JointMap = Mapping[str, str | None]  # bone to joint by the user; None for a bone that the rig does not have
 
@@ -98,6 +102,8 @@ def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str,
     found = dict(believed or named_bones(tree))
     if not believed and any(bone not in found for bone in REQUIRED):
         found = _with_shape(tree, found)
+    if not believed and _is_crossed(tree, found):
+        _log.warning("the feet say that left and right are the other way round than the names; the names are believed")
     return {bone: j for bone, j in found.items() if bone not in (given or {}) and j not in own.values()} | own
 
 
@@ -113,6 +119,18 @@ def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
     if not shaped or any(shaped.get(bone) != joint for bone, joint in sure.items()):
         return named
     return {bone: joint for bone, joint in shaped.items() if joint not in named.values()} | named
+
+
+def _is_crossed(tree: Tree, bones: Mapping[str, int]) -> bool:
+    """Whether both feet clearly point to what is the back where left is left."""
+    needed = ["head", *(f"{side}{bone}" for side in SIDES for bone in ("UpperLeg", "Foot", "Toes"))]
+    if not all(bone in bones for bone in needed):
+        return False
+    head, hip, foot, toes, other_hip, other_foot, other_toes = tree.places[[bones[bone] for bone in needed]]
+    up, left, ahead = head - (foot + other_foot) / 2, hip - other_hip, toes - foot + other_toes - other_foot
+    sizes = [float(np.linalg.norm(way)) for way in (up, left, ahead)]
+    is_back = float(left @ np.cross(up, ahead)) < -0.5 * float(np.prod(sizes))
+    return is_back and sizes[2] > LONG_FEET * sizes[0]
 
 
 def _other_side(bone: str) -> str:
@@ -135,8 +153,8 @@ def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the 
     left = [name for joint, name in enumerate(names) if joint not in found.values()]
     raise UnknownRigError(
         f"{rig} is not known: no joint is {_some(missing, 6)}; found: {_some(known, 3) or 'nothing'}; not placed:"
-        f" {_some(left, 6) or 'nothing'}. Say which joint is which with --map FILE, which `echoavatar rig RIG --template"
-        " -o FILE` begins",
+        f" {_some(left, 6) or 'nothing'}. Say which joint is which with --map FILE; `echoavatar rig RIG --template -o"
+        " FILE` begins that file",
         {bone: names[joint] for bone, joint in found.items()},
     )
 

@@ -1,7 +1,7 @@
 """Which joint is which bone, by the shape of the tree alone: for names in no language that is known.
 
-A body at rest stands on two equal legs that meet at the hips. Above them two equal arms go to the sides, and a head goes
-up between them. Feet point ahead, which tells left from right.
+A body at rest stands on two equal legs that meet at the hips. Above them two equal arms go to the sides, and a head
+goes up between them. Feet point ahead, which tells left from right.
 """
 
 from itertools import combinations
@@ -14,16 +14,17 @@ from .named_bones import finger_bones
 
 _Vector = Float[np.ndarray, "3"]
 _UPS = np.array([(0, 1, 0), (0, 0, 1), (0, 0, -1), (0, -1, 0), (1, 0, 0), (-1, 0, 0)], np.float64)
+_LEG, _ARM = ("UpperLeg", "LowerLeg", "Foot", "Toes"), ("UpperArm", "LowerArm", "Hand", "Shoulder")
 FLOOR = 0.1  # of the height: ankles are lower, knees and hands higher
 HIP = 0.12  # of a leg: the thigh begins no lower, but twist joints in it do
 ALIKE = 0.2  # the most by which two legs or two arms differ in length
 KNEE = 0.25  # of a limb: each of its two bones is longer
 SIDEWAYS = 0.08  # of the height: arms go farther from the middle
-COLLAR = 0.5  # of the way of the next joint from the middle: a shoulder begins nearer to it, an arm does not
+COLLAR = 0.85  # of the next bone: a shoulder is shorter, an upper arm is not
 KNUCKLE = 0.45  # of the way from wrist to the second joint of a finger: a metacarpal begins nearer
 THUMB = 0.75  # of the usual way from wrist to finger: a thumb begins nearer
 MOST = 12  # joints of an arm that are looked at
-AHEAD = 0.01  # of the height: shorter feet, or straighter knees, say nothing about the front
+FEET, KNEES = 0.05, 0.01  # of the height, both together: less says nothing about the front
 
 
 def shaped_bones(tree: Tree) -> dict[str, int]:
@@ -45,11 +46,14 @@ class _Body:
         """All bones below a root; empty where one that must be there is not."""
         body = self._below(root)
         self.low, self.tall = float(self.high[body].min()), float(np.ptp(self.high[body]))
-        node, ways = root, self._to_floor(root)
-        while len(ways) == 1:
-            node, ways = ways[0], self._to_floor(ways[0])
-        legs = self._alike([self._leg(way) for way in ways])
-        if not legs or self.tall <= 0:
+        if self.tall <= 0:
+            return {}
+        return max((self._on(joint) for joint in self.tree.below(root)), key=len)
+
+    def _on(self, node: int) -> dict[str, int]:
+        """The bones of a body whose legs meet at a joint."""
+        legs = self._alike([leg for way in self._to_floor(node) if (leg := self._leg(way))])
+        if not legs:
             return {}
         standing = {joint for leg in legs for joint in self.tree.below(leg[0])}
         tops = self.high[legs[0][0]] + FLOOR * self.tall
@@ -64,15 +68,15 @@ class _Body:
         at_arms = tree.meet(ends)
         if at_arms in (-1, hips, *ends) or min(aside[ends[0]], -aside[ends[1]]) < SIDEWAYS * self.tall:
             return {}
-        arms = self._alike([self._arm((tree.between(at_arms, end) or [end])[0], aside) for end in ends])
+        arms = self._alike([self._arm((tree.between(at_arms, end) or [end])[0]) for end in ends])
         head = head_above(tree, at_arms, ends, self.up)
         if not arms or head < 0 or self.high[head] < self.high[at_arms]:
             return {}
         left, right = self._sides(legs, across)
         found = {"hips": hips, "head": head} | trunk_bones(tree, hips, at_arms, head)
         for side, leg, arm in ((left, legs[0], arms[0]), (right, legs[1], arms[1])):
-            found |= dict(zip((f"{side}{bone}" for bone in ("UpperLeg", "LowerLeg", "Foot", "Toes")), leg, strict=False))
-            found |= {f"{side}{bone}": j for bone, j in zip(("UpperArm", "LowerArm", "Hand", "Shoulder"), arm, strict=False)}
+            limbs = *zip(_LEG, leg, strict=False), *zip(_ARM, arm, strict=False)
+            found |= {side + bone: joint for bone, joint in limbs}
             found |= self._fingers(arm[2], side)
         return found
 
@@ -101,8 +105,8 @@ class _Body:
 
     def _leg(self, way: int) -> list[int]:
         """Thigh, shin, foot and where there are any toes; empty for what is no leg."""
-        tree, high = self.tree, self.high
-        line = tree.above(min(self._below(way), key=high.__getitem__))
+        high = self.high
+        line = self.tree.above(min(self._below(way), key=high.__getitem__))
         line = line[: line.index(way) + 1][::-1]
         foot = next(joint for joint in line if high[joint] < self.low + FLOOR * self.tall)
         upper = line[: line.index(foot)]
@@ -115,10 +119,12 @@ class _Body:
         whole = self._long(*leg)
         if min(self._long(*leg[:2]), self._long(*leg[1:])) < KNEE * whole:
             return []
-        toes = [joint for joint in tree.children[foot] if not tree.said[joint].is_helper]
-        return leg + sorted(toes, key=lambda joint: -np.linalg.norm(self._level(self.places[joint] - self.places[foot])))[:1]
+        far = {
+            toe: float(np.linalg.norm(self._level(self.places[toe] - self.places[foot]))) for toe in self._ways(foot)
+        }
+        return leg + sorted(far, key=far.__getitem__)[-1:]
 
-    def _arm(self, way: int, aside: Float[np.ndarray, " j"]) -> list[int]:
+    def _arm(self, way: int) -> list[int]:
         """Upper arm, lower arm, hand, and where there is one the shoulder; empty for what is no arm."""
         tree = self.tree
         reach = {way: 0.0}
@@ -126,11 +132,17 @@ class _Body:
             reach[joint] = reach[tree.parents[joint]] + self._long(joint, tree.parents[joint])
         line = tree.above(max(self._below(way), key=reach.__getitem__))
         line = line[: line.index(way) + 1][::-1]
-        hand = next((joint for joint in line[2:] if len(self._ways(joint)) > 2), -1)
-        shoulder = line[:1] if len(line) > 3 and abs(aside[line[0]]) < COLLAR * abs(aside[line[1]]) else []
+        hand = next((joint for joint in line[2:] if len(self._digits(joint)) > 2), -1)
+        shoulder = line[:1] if len(line) > 3 and self._long(*line[:2]) < COLLAR * self._long(*line[1:3]) else []
         line = line[len(shoulder) : line.index(hand) + 1 if hand >= 0 else len(shoulder) + 3]
-        arms = [(*pair, line[-1]) for pair in combinations(line[:-1][:MOST], 2)]  # the most even one: twist joints are not
-        return [*max(arms, key=lambda arm: min(self._long(*arm[:2]), self._long(*arm[1:]))), *shoulder] if arms else []
+        arms = [(*pair, line[-1]) for pair in combinations(line[:-1][:MOST], 2)]
+        arm = max(arms, key=self._even, default=())
+        return [*arm, *([way] if arm and arm[0] != way else [])]
+
+    def _even(self, arm: tuple[int, ...]) -> float:
+        """How long and equal upper and lower arm are; to twist joints within them they are not."""
+        upper, lower = self._long(*arm[:2]), self._long(*arm[1:])
+        return min(upper, lower) - abs(upper - lower) / 10
 
     def _ways(self, joint: int) -> list[int]:
         return [child for child in self.tree.children[joint] if not self.tree.said[child].is_helper]
@@ -140,13 +152,14 @@ class _Body:
         feet = [self._level(self.places[leg[3]] - self.places[leg[2]]) for leg in legs if len(leg) > 3]
         knees = [self._level(self.places[leg[1]] - self.places[[leg[0], leg[2]]].mean(0)) for leg in legs]
         usual = np.array([0.0, 0.0, 1.0]) if self.up[1] else np.array([0.0, -1.0, 0.0])
-        ways = [np.sum(feet, 0) if feet else np.zeros(3), np.sum(knees, 0), usual]
-        ahead = next(way for way in ways if np.linalg.norm(way) > AHEAD * self.tall or way is usual)
+        ways = [(np.sum(feet, 0) if feet else np.zeros(3), FEET), (np.sum(knees, 0), KNEES), (usual, 0.0)]
+        ahead = next(way for way, least in ways if np.linalg.norm(way) > least * self.tall)
         return SIDES if across @ np.cross(self.up, ahead) > 0 else SIDES[::-1]
 
     def _fingers(self, hand: int, side: str) -> dict[str, int]:
         """Four or five digits: the thumb goes another way than the others, which lie in order beside it."""
-        chains = [chain for way in self._ways(hand) if len(chain := self._chain(way)) > 1]
+        chains = self._digits(hand)
+        chains = chains if len(chains) <= 5 else [chain for chain in chains if len(chain) > 2]  # what it holds
         if not 4 <= len(chains) <= 5:
             return {}
         near = [self._long(hand, chain[0]) for chain in chains]
@@ -155,7 +168,9 @@ class _Body:
         is_near = min(near) < THUMB * float(np.median(near))
         thumb = chains[int(np.argmin(near if is_near else (ways @ ways.T).sum(1)))]
         others = [chain for chain in chains if chain is not thumb]
-        others = [c[1:] if len(c) > 3 and self._long(hand, c[0]) < KNUCKLE * self._long(hand, c[1]) else c for c in others]
+        for chain in others:
+            if len(chain) > 3 and self._long(hand, chain[0]) < KNUCKLE * self._long(hand, chain[1]):
+                del chain[0]  # a metacarpal
         knuckles = self.places[[chain[0] for chain in others]]
         row = np.linalg.svd(knuckles - knuckles.mean(0))[2][0]
         row *= np.sign((self.places[thumb[0]] - knuckles.mean(0)) @ row)
@@ -164,6 +179,9 @@ class _Body:
         for names, chain in zip(finger_bones(side).values(), [thumb, *others], strict=False):
             found |= dict(zip(names, chain, strict=False))
         return found
+
+    def _digits(self, joint: int) -> list[list[int]]:
+        return [chain for way in self._ways(joint) if len(chain := self._chain(way)) > 1]
 
     def _chain(self, joint: int) -> list[int]:
         chain = [joint]
