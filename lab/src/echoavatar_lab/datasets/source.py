@@ -124,9 +124,10 @@ class SetOptions(Config):
     def binding(self) -> dict[str, Any]:
         """The options that all clips of a set must share; the others only decide which clips it holds."""
         free = {"shard_minutes", "sound", "length_tolerance", "test_every", "mirror"}
-        unused = set() if self.joints else {"joints"}  # sets of older versions have no such option
-        return self.model_dump(mode="json", exclude=free | unused)
+        return self.model_dump(mode="json", exclude=free)
 
     def digest(self) -> str:
         """A short hash of the binding options."""
-        return f"{zlib.crc32(repr(sorted(self.binding().items())).encode()):08x}"
+        options = sorted(self.binding().items())
+        options = [one for one in options if one != ("joints", None)]  # sets of older versions have no such option
+        return f"{zlib.crc32(repr(options).encode()):08x}"
