@@ -17,7 +17,7 @@ from .bvh import read_bvh
 from .gltf_rig import read_gltf_rig
 
 
-def read_map(path: Path | None) -> JointMap | None:
+def read_map(path: Path | None) -> dict[str, str | None] | None:
     """The map in a file; None for no file.
 
     Raises:

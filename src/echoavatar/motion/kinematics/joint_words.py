@@ -24,7 +24,7 @@ _PARTS = {
     "shoulder": "shoulder shldr kata 肩",
     "upperarm": "upperarm uparm uarm humerus bicep ude 腕 上臂",
     "arm": "arm",
-    "elbow": "elbow forearm farm lowerarm lowarm loarm radius hiji ひじ 肘 前臂 小臂",
+    "elbow": "elbow forearm farm lowerarm lowarm loarm radius ulna hiji ひじ 肘 前臂 小臂",
     "hand": "hand 手",
     "wrist": "wrist tekubi 手首 手腕",
     "thigh": "thigh upleg upperleg uleg femur 大腿",
@@ -39,7 +39,7 @@ _PARTS = {
     "ring": "ring third ringfinger kusuriyubi 薬指",
     "little": "little pinky pinkie pinkyfinger koyubi 小指",
     "finger": "finger",
-    "metacarpal": "metacarpal meta metacarpals carpal palm inhand",
+    "metacarpal": "metacarpal meta metacarpals carpal palm inhand start",
 }
 _HELPERS = (
     "twist roll ik fk ctrl ctl control org mch end tip nub top site effector dummy null target pole goal share part"
@@ -51,7 +51,8 @@ _FILLERS = "upper up lower low in base joint bone bend proximal intermediate dis
 DIGITS = ("thumb", "index", "middle", "ring", "little")
 CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
-LABEL_PARTS = 5  # a word that stands beside so many parts of the body labels the rig, as `Bip01` does
+LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
+LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
 
 
 def _table() -> dict[str, str]:
@@ -62,7 +63,6 @@ def _table() -> dict[str, str]:
 
 _WORDS = _table()
 _LONGEST = max(map(len, _WORDS))
-_BETWEEN = {"hips", "trunk", "neck", "head"}  # parts in the middle of the body
 
 
 class Said(NamedTuple):
@@ -72,20 +72,28 @@ class Said(NamedTuple):
     part: str  # a key of the table of parts, "" for none
     number: int  # that follows the finger; -1 for none
     is_metacarpal: bool
-    is_helper: bool  # twist, IK, end, hair and the like: no bone of a body
+    helpers: tuple[str, ...]  # words for what is no bone of a body: twist, IK, end, hair and the like
     strangers: tuple[str, ...]  # words that are not known
     plain: tuple[str, ...]  # all its words and digits except the side
 
+    @property
+    def is_helper(self) -> bool:
+        """Whether the joint is no bone of a body."""
+        return bool(self.helpers)
+
 
 def read_names(names: Sequence[str]) -> list[Said]:
-    """What each name of a rig says; words that label the whole rig are no strangers."""
+    """What each name of a rig says, without the words that label the whole rig."""
     said = [read_name(name) for name in names]
-    beside: dict[str, set[str]] = {}
-    for one in said:
-        for word in one.strangers:
-            beside.setdefault(word, set()).add(one.part)
-    labels = {word for word, parts in beside.items() if len(parts - {""}) >= LABEL_PARTS}
-    return [one._replace(strangers=tuple(word for word in one.strangers if word not in labels)) for one in said]
+    parts = [one for one in said if one.part]
+    beside: dict[str, list[str]] = {}
+    for one in parts:
+        for word in {*one.strangers, *one.helpers}:
+            beside.setdefault(word, []).append(one.part)
+    labels = {word for word, near in beside.items() if word not in _WORDS and len(set(near)) >= LABEL_PARTS}
+    labels |= {word for word, near in beside.items() if len(near) > LABEL_SHARE * len(parts)}  # all are controls
+    left = [[tuple(w for w in words if w not in labels) for words in (one.helpers, one.strangers)] for one in said]
+    return [one._replace(helpers=h, strangers=s) for one, (h, s) in zip(said, left, strict=True)]
 
 
 @lru_cache(maxsize=CACHED)
@@ -93,17 +101,18 @@ def read_name(name: str) -> Said:
     """What a name says by itself."""
     text = unicodedata.normalize("NFKC", re.split("[:|]", name)[-1][:LONGEST_NAME])
     words = [word for chunk in re.findall(r"[^\W\d_]+|\d+", text) for word in _words(chunk)]
-    kinds = [_WORDS.get(word, "digits" if word.isdigit() else "stranger") for word in words]
+    kinds = [_WORDS.get(word, "digits" if word.isdecimal() else "stranger") for word in words]
     sides = {kind[5:] for kind in kinds if kind.startswith("side")}
     body = [(word, kind) for word, kind in zip(words, kinds, strict=True) if not kind.startswith("side")]
     parts = _merged(body)
-    number = next((int(word) for word, kind in body[_last_finger(body) :] if kind == "digits"), -1)
+    last = max((at for at, (_, kind) in enumerate(body) if kind in (*DIGITS, "finger")), default=len(body))
+    number = next((int(word) for word, kind in body[last:] if kind == "digits"), -1)
     return Said(
         side=sides.pop() if len(sides) == 1 else "",
         part=_part(parts),
         number=min(number, 99),
         is_metacarpal="metacarpal" in parts,
-        is_helper="helper" in kinds,
+        helpers=tuple(word for word, kind in body if kind == "helper"),
         strangers=tuple(word for word, kind in body if kind == "stranger"),
         plain=tuple(word for word, _ in body),
     )
@@ -120,7 +129,7 @@ def _words(chunk: str) -> list[str]:
 @lru_cache(maxsize=CACHED)
 def _split(text: str, is_first: bool = True) -> tuple[str, ...] | None:
     """Known words that make up the text, the longest first; a side of one letter only at an end of it."""
-    if not text or text.isdigit():
+    if not text or text.isdecimal():
         return (text,) if text else ()
     for end in range(min(len(text), _LONGEST), 0, -1):
         word = text[:end]
@@ -151,12 +160,10 @@ def _merged(body: Sequence[tuple[str, str]]) -> list[str]:
 
 def _part(parts: list[str]) -> str:
     """The one part that several words of a name mean: the thumb of `hand thumb`, the knee of `leg knee`."""
+    if "foot" in parts and set(DIGITS) & set(parts):
+        return "toe"
     for part in ("toe", "trunk", "neck", *DIGITS, "finger", "eye", "jaw"):
         if part in parts:
             return part
     special = [part for part in parts if part not in ("arm", "leg", "metacarpal")] or parts
     return special[-1] if special else ""
-
-
-def _last_finger(body: Sequence[tuple[str, str]]) -> int:
-    return max((at for at, (_, kind) in enumerate(body) if kind == "finger"), default=len(body))

@@ -138,11 +138,14 @@ def _fingers(tree: Tree, hand: int, side: str) -> dict[str, int]:
     free = [digit for digit in DIGITS if not chains[digit]]
     for digit, joint in zip(free, sorted(first, key=lambda j: tree.said[j].number), strict=False):
         chains[digit] = _chain(tree, [j for j in tree.below(joint) if j in numbered])
-    found = {}
+    found: dict[str, int] = {}
     for digit, names in finger_bones(side).items():
         chain = chains[digit.lower()]
-        joints = [j for j in chain if not tree.said[j].is_metacarpal] if digit != "Thumb" else chain
-        found |= dict(zip(names, joints, strict=False))
+        if digit != "Thumb":  # 0 before 1, 2, 3 lies in the palm as well
+            chain = [
+                j for j in chain if not (tree.said[j].is_metacarpal or (len(chain) > 3 and tree.said[j].number == 0))
+            ]
+        found |= dict(zip(names, chain, strict=False))
     return found
 
 

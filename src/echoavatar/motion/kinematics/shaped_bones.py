@@ -84,7 +84,8 @@ class _Body:
         return [one for one in self.tree.below(joint) if not self.tree.said[one].is_helper] or [joint]
 
     def _level(self, vector: _Vector) -> _Vector:
-        return vector - self.up * (vector @ self.up)
+        level: _Vector = vector - self.up * (vector @ self.up)
+        return level
 
     def _long(self, *joints: int) -> float:
         """Length of the line through some joints."""
@@ -175,7 +176,7 @@ class _Body:
         row = np.linalg.svd(knuckles - knuckles.mean(0))[2][0]
         row *= np.sign((self.places[thumb[0]] - knuckles.mean(0)) @ row)
         others.sort(key=lambda chain: -float(self.places[chain[0]] @ row))
-        found = {}
+        found: dict[str, int] = {}
         for names, chain in zip(finger_bones(side).values(), [thumb, *others], strict=False):
             found |= dict(zip(names, chain, strict=False))
         return found
