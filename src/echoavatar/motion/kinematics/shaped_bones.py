@@ -32,7 +32,8 @@ def shaped_bones(tree: Tree) -> dict[str, int]:
     if not np.isfinite(tree.places).all():
         return {}
     roots = [joint for joint, parent in enumerate(tree.parents) if parent < 0]
-    return max((_Body(tree, up).bones(root) for root in roots for up in _UPS), key=len, default={})
+    ways_up = [_Body(tree, up) for up in _UPS]
+    return max((body.bones(root) for root in roots for body in ways_up), key=len, default={})
 
 
 class _Body:
@@ -41,6 +42,12 @@ class _Body:
     def __init__(self, tree: Tree, up: _Vector) -> None:
         self.tree, self.up, self.places = tree, up, np.asarray(tree.places, np.float64)
         self.high = self.places @ up
+        self.lowest = np.array(
+            [np.inf if said.is_helper else high for said, high in zip(tree.said, self.high, strict=True)]
+        )
+        for joint in range(len(tree.parents) - 1, 0, -1):  # of all that hangs from each joint
+            if (parent := tree.parents[joint]) >= 0:
+                self.lowest[parent] = min(self.lowest[parent], self.lowest[joint])
 
     def bones(self, root: int) -> dict[str, int]:
         """All bones below a root; empty where one that must be there is not."""
@@ -52,7 +59,9 @@ class _Body:
 
     def _on(self, node: int) -> dict[str, int]:
         """The bones of a body whose legs meet at a joint."""
-        legs = self._alike([leg for way in self._to_floor(node) if (leg := self._leg(way))])
+        floor = self.low + FLOOR * self.tall
+        ways = [child for child in self.tree.children[node] if self.lowest[child] < floor]
+        legs = self._alike([leg for way in ways if (leg := self._leg(way))]) if len(ways) > 1 else []
         if not legs:
             return {}
         standing = {joint for leg in legs for joint in self.tree.below(leg[0])}
@@ -90,11 +99,6 @@ class _Body:
     def _long(self, *joints: int) -> float:
         """Length of the line through some joints."""
         return float(np.linalg.norm(np.diff(self.places[list(joints)], axis=0), axis=1).sum())
-
-    def _to_floor(self, joint: int) -> list[int]:
-        """The children below which something reaches the floor."""
-        floor = self.low + FLOOR * self.tall
-        return [child for child in self.tree.children[joint] if self.high[self._below(child)].min() < floor]
 
     def _alike(self, limbs: list[list[int]]) -> list[list[int]]:
         """The two limbs that are most alike, in their order; none where no two are."""
