@@ -36,8 +36,6 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(f"-o {args.output} is the recording itself; choose another name")
     check_output(args.output, has_rig=args.rig is not None)
     given = read_map(args.map)
-    if given is not None and args.rig is None and args.recording.suffix.lower() != ".bvh":
-        raise EchoAvatarError("--map is for a --rig or a BVH; leave it out")
     rig = None if args.rig is None else read_rig(args.rig, given)
     take = read_take(args.recording, given if rig is None else None)
     write_take(args.output, take, rig=rig)

@@ -209,7 +209,7 @@ def test_export_takes_a_map_for_the_rig_or_for_the_clip(
     assert read_gltf_rig(out, GIVEN).document["animations"][0]["channels"]
     capsys.readouterr()
     assert main(["export", str(tmp_path / "ours.npz"), "-o", str(out), "--map", str(of_rig)]) == 1
-    assert "--map is for a --rig or a BVH" in capsys.readouterr().err
+    assert "a map is for a BVH or a rig" in capsys.readouterr().err
 
 
 def chair(document):

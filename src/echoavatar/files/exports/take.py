@@ -41,6 +41,8 @@ def read_take(path: Path, given: JointMap | None = None) -> Take:
     """
     if path.suffix.lower() == ".bvh":
         return Take(mapped(read_bvh(path), given))
+    if given is not None:
+        raise MotionError(f"{path} is no BVH, and its bones are known; a map is for a BVH or a rig, so leave it out")
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
     try:
