@@ -224,8 +224,19 @@ def chair(document):
             node["skin"] += 1
 
 
-def test_a_chair_with_hips_beside_the_character_confuses_nothing(tmp_path: Path) -> None:
-    path = spoilt(tmp_path / "a.glb", long_armed(), chair)
+def controls(document):
+    """A rig of controls with the names of the bones, which no skin uses, before all others."""
+    first = len(document["nodes"])
+    names = [name.removeprefix("mixamorig:") for name in MIXAMO.values()]
+    document["nodes"] += [{"name": name} for name in names]
+    for k, parent in enumerate(HUMANOID.parents[1:], start=1):
+        document["nodes"][first + parent].setdefault("children", []).append(first + k)
+    document["scenes"][0]["nodes"].insert(0, first)
+
+
+@pytest.mark.parametrize("other", [chair, controls])
+def test_another_skeleton_with_hips_beside_the_character_confuses_nothing(tmp_path: Path, other) -> None:
+    path = spoilt(tmp_path / "a.glb", long_armed(), other)
     rig = read_gltf_rig(path).skeleton
     assert {bone: rig.names[joint] for bone, joint in rig.config.vrm.items()} == MIXAMO
     assert rig.joints == len(MIXAMO)

@@ -44,6 +44,18 @@ def test_names_are_enough_where_no_place_says_anything(name):
     assert names_of(nowhere) == made.bones
 
 
+@pytest.mark.parametrize("frame", ["{}_jnt", "hero_{}", "rig:{}", "Armature|{}", "{}.001", "{} (1)", "upper", "lower"])
+def test_what_stands_around_the_names_of_a_scheme_does_not_matter(frame):
+    """Nor does their case; each with noise, and no place says anything."""
+    for name, (scheme, own) in every_body().items():
+        made = body(scheme, own, has_noise=True)
+        put = [getattr(joint, frame)() if "{" not in frame else frame.format(joint) for joint in made.skeleton.names]
+        if scheme.has_all_names:
+            nowhere = renamed(made.skeleton, put, np.zeros((made.skeleton.joints, 3)))
+            found = {bone: joint for bone, joint in known_bones(nowhere).items() if bone not in EXTRA}
+            assert found == {bone: made.skeleton.index(joint) for bone, joint in made.bones.items()}, name
+
+
 UNREAL = SCHEMES["Unreal 4"]
 AMBIGUOUS = {
     "leg is the thigh": {"leg": "UpperLeg=leg_{s}/LowerLeg=shin_{s}/Foot=foot_{s}/Toes=toe_{s}"},

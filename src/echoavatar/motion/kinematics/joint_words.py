@@ -47,7 +47,7 @@ _HELPERS = (
     " helper corrective tweak jiggle muscle aim big brow lid lash buttock"
     " 捩 髪 胸 スカート 乳 先 親 両"
 )
-_FILLERS = "upper up lower low in base joint bone bend proximal intermediate distal medial root"
+_FILLERS = "upper up lower low in base joint bone bend proximal intermediate distal medial root stretch"
 DIGITS = ("thumb", "index", "middle", "ring", "little")
 CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
@@ -70,7 +70,7 @@ class Said(NamedTuple):
 
     side: str  # "left", "right", "" for neither
     part: str  # a key of the table of parts, "" for none
-    number: int  # that follows the finger; -1 for none
+    number: int  # right behind the finger; -1 for none
     is_metacarpal: bool
     helpers: tuple[str, ...]  # words for what is no bone of a body: twist, IK, end, hair and the like
     strangers: tuple[str, ...]  # words that are not known
@@ -106,7 +106,8 @@ def read_name(name: str) -> Said:
     body = [(word, kind) for word, kind in zip(words, kinds, strict=True) if not kind.startswith("side")]
     parts = _merged(body)
     last = max((at for at, (_, kind) in enumerate(body) if kind in (*DIGITS, "finger")), default=len(body))
-    number = next((int(word) for word, kind in body[last:] if kind == "digits"), -1)
+    following = body[last + 1 : last + 2]
+    number = int(following[0][0]) if following and following[0][1] == "digits" else -1
     return Said(
         side=sides.pop() if len(sides) == 1 else "",
         part=_part(parts),
@@ -123,7 +124,17 @@ def _words(chunk: str) -> list[str]:
     if (whole := _split(chunk.lower())) is not None:
         return list(whole)
     pieces = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^A-Za-z]+", chunk)
-    return [word for piece in pieces for word in _split(piece.lower()) or (piece.lower(),)]
+    return [word for piece in pieces for word in _split(piece.lower()) or _labelled(piece.lower())]
+
+
+@lru_cache(maxsize=CACHED)
+def _labelled(text: str) -> tuple[str, ...]:
+    """A word that may begin with a label, as `mixamorighips` does without capitals."""
+    for start in range(1, len(text)):
+        words = _split(text[start:]) or ()
+        if any(_WORDS.get(word) in _PARTS for word in words):
+            return (text[:start], *words)
+    return (text,)
 
 
 @lru_cache(maxsize=CACHED)

@@ -43,9 +43,9 @@ JointMap = Mapping[str, str | None]  # bone to joint by the user; None for a bon
 class UnknownRigError(MotionError):
     """Bones that motion needs are not found; `found` are those that are, with their joints."""
 
-    def __init__(self, message: str, found: Mapping[str, str]) -> None:
+    def __init__(self, message: str, found: Mapping[str, str] | None = None) -> None:
         super().__init__(message)
-        self.found = found
+        self.found = found or {}
 
 
 def bone_map(skeleton: Skeleton) -> dict[str, int]:
