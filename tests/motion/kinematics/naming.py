@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
-from echoavatar.motion.kinematics.rigs import finger_bones
+from echoavatar.motion.kinematics.rigs import finger_bones, known_bones
 
 
 class Scheme(NamedTuple):
@@ -560,3 +560,18 @@ def finger_of(bone: str) -> str:
 
 def _place(bone: str) -> np.ndarray:
     return HUMANOID.rest_positions[HUMANOID.index(bone)].double().numpy()
+
+
+EXTRA = {"leftEye", "rightEye", "jaw"}
+
+
+def names_of(skeleton: Skeleton) -> dict[str, str]:
+    return {bone: skeleton.names[joint] for bone, joint in known_bones(skeleton).items() if bone not in EXTRA}
+
+
+def renamed(skeleton: Skeleton, names: list[str], places: np.ndarray | None = None) -> Skeleton:
+    config = skeleton.config
+    rest = skeleton.rest_positions.double().numpy() if places is None else places
+    above = [rest[parent] if parent >= 0 else np.zeros(3) for parent in config.parents]
+    offsets = tuple(map(tuple, (rest - np.array(above)).tolist()))
+    return Skeleton(config.model_copy(update={"names": tuple(names), "offsets": offsets, "vrm": {}}))
