@@ -1,3 +1,4 @@
+import json
 import shutil
 from pathlib import Path
 
@@ -6,6 +7,7 @@ import pytest
 from echoavatar.cli import main
 from echoavatar.engine.pipeline import Action, ActionLibrary
 from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import Skeleton
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
 
 
@@ -34,3 +36,23 @@ def test_errors_name_their_cause(bundle: Path, capsys: pytest.CaptureFixture[str
     assert "there are: bow" in capsys.readouterr().err
     assert main(["actions", "add", "x", "x.bvh", "--model", "default"]) == 1
     assert "not a bundle's folder" in capsys.readouterr().err
+
+
+def test_a_clip_with_names_of_its_own_is_added_by_a_map(
+    bundle: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nod = clip(SCRIPTS["agree"])
+    nowhere = nod.skeleton.config.model_copy(
+        update={"names": tuple(f"j{k}" for k in range(nod.skeleton.joints)), "vrm": {}, "tips": {}}
+    )
+    offsets = [tuple(2.0 * x if name == "leftLowerLeg" else x for x in offset)
+               for name, offset in zip(nod.skeleton.names, nowhere.offsets, strict=True)]  # fmt: skip
+    rig = Skeleton(nowhere.model_copy(update={"offsets": tuple(offsets)}))
+    write_bvh(tmp_path / "nod.bvh", rig, nod.rotations, nod.root, fps=nod.fps)
+    words = ["actions", "add", "nod", str(tmp_path / "nod.bvh"), "--model", str(bundle)]
+    assert main(words) == 1
+    assert "no joint is hips" in capsys.readouterr().err
+    (tmp_path / "map.json").write_text(json.dumps({bone: f"j{k}" for bone, k in nod.skeleton.config.vrm.items()}))
+    assert main([*words, "--map", str(tmp_path / "map.json")]) == 0
+    assert main([*words, "--map", str(tmp_path / "none.json")]) == 1
+    assert "none.json does not exist" in capsys.readouterr().err

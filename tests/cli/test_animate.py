@@ -297,3 +297,10 @@ def test_the_papers_60_fps_can_be_chosen_otherwise_and_the_runtime_is_told(
     assert capsys.readouterr().out.strip().endswith("runtime: paper")
     assert run(wav, tmp_path / "b.npz", tiny_bundle, "--runtime", "bare") == 0
     assert read_npz(tmp_path / "b.npz").fps == 30
+
+
+def test_a_map_of_bones_needs_a_rig(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(wav, tmp_path / "out.glb", tiny_bundle, "--map", "map.json") == 1
+    assert "--map is for a --rig" in capsys.readouterr().err

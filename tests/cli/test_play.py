@@ -26,3 +26,9 @@ def test_errors_are_one_line(words: list[str], complaint: str, capsys: pytest.Ca
 def test_a_bad_address_is_named(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["play", str(recording), "--sink", "nowhere"]) == 1
     assert "no known kind" in capsys.readouterr().err
+
+
+def test_a_map_is_for_a_bvh(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "map.json").write_text("{}")
+    assert main(["play", str(recording), "--sink", "vmc://127.0.0.1", "--map", str(tmp_path / "map.json")]) == 1
+    assert "a map is for a BVH or a rig" in capsys.readouterr().err

@@ -53,6 +53,19 @@ def test_failures_are_in_the_final_table_and_strict_counts_them(takes, tmp_path,
     assert "0 prepared, 2 kept from before, 1 failed" in capsys.readouterr().out
 
 
+def test_a_map_says_which_joint_is_which(takes, tmp_path, capsys):
+    given = tmp_path / "map.json"
+    given.write_text('{"leftHand": "elsewhere"}')
+    assert prepare("bvh", takes, "-o", tmp_path / "set", "--fingers", "keep", "--map", given) == 1
+    assert "leftHand is 'elsewhere', and the rig has no such joint" in capsys.readouterr().err
+    given.write_text('{"leftHand": "leftHand", "upperChest": null}')
+    assert prepare("bvh", takes, "-o", tmp_path / "set", "--fingers", "keep", "--map", given) == 0
+    assert "3 prepared" in capsys.readouterr().out
+    assert Corpus(tmp_path / "set").manifest.info["options"]["joints"] == {"leftHand": "leftHand", "upperChest": None}
+    assert prepare("bvh", takes, "-o", tmp_path / "set", "--fingers", "keep") == 1
+    assert "joints" in capsys.readouterr().err
+
+
 def test_nothing_prepared_is_an_error(takes, tmp_path, capsys):
     for path in takes.glob("*.wav"):
         path.unlink()

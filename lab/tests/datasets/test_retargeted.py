@@ -55,7 +55,9 @@ def test_marks_of_the_side_at_the_end_or_in_the_middle_are_understood():
 
 def test_a_rig_of_unknown_names_is_refused():
     rig = gesture(0.2).skeleton
-    config = rig.config.model_copy(update={"names": tuple(f"j{k}" for k in range(rig.joints)), "vrm": {}})
+    config = rig.config.model_copy(
+        update={"names": tuple(f"j{k}" for k in range(rig.joints)), "vrm": {}, "offsets": ((0.0,) * 3,) * rig.joints}
+    )
     motion = gesture(0.2)
     with pytest.raises(MotionError, match="is not known"):
         annotate_rig(Motion(Skeleton(config), motion.rotations, motion.root, motion.fps))

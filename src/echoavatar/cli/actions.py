@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from echoavatar.errors import EchoAvatarError
 
 from . import command_module
+from .options import MAP_HELP
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline.actions import ActionLibrary
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seconds of the clip to repeat while the action is held (default: the middle half); in an imported "
         "bundle, whose actions are sets of codes, the seconds to take the codes from",
     )
+    add.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     add.add_argument("--about", default="", help="description for language models")
     remove = kinds.add_parser("remove", help="remove an action")
     remove.add_argument("name", help="name of the action")
@@ -79,11 +81,12 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
     from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar.motion.formats import read_bvh
+    from echoavatar.motion.formats.joint_map import mapped, read_map
 
     library, chunk = _library(folder)
     tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig
     hold = None if args.hold is None else (args.hold[0], args.hold[1])
-    clip, about = read_bvh(args.clip), args.about
+    clip, about = mapped(read_bvh(args.clip), read_map(args.map)), args.about
     if rig is None:
         action = action_from_motion(tokenizer, args.name, clip, hold_s=hold, about=about)
     else:

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from .batch import STDIN, Batch, add_outputs, outputs
-from .options import RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
+from .options import MAP_HELP, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 EXAMPLES = """examples:
@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=_rate, help="frame rate, 1 to 1000 (default: 30; with --runtime paper 60)")
     parser.add_argument("--in-place", action="store_true", help="stay in one spot: remove the root's travel")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
+    parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
     parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
     parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
@@ -67,13 +68,16 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.files.exports.formats import FILMS, SUFFIXES
     from echoavatar.models.audio import stream_audio
     from echoavatar.models.audio.files import check_sound
+    from echoavatar.motion.formats.joint_map import read_map
     from echoavatar.motion.stages.modes import MotionOptions
 
     places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound")
     is_quiet = not sys.stderr.isatty()
     for output in places:
         check_output(output, has_rig=args.rig is not None)
-    rig = None if args.rig is None else read_rig(args.rig)
+    if args.map is not None and args.rig is None:
+        raise EchoAvatarError("--map is for a --rig; name the rig too, or leave out --map")
+    rig = None if args.rig is None else read_rig(args.rig, read_map(args.map))
     character = load_character(args.character)
     _check_film(args, places)
     if len(args.audio) == 1 and args.audio != [STDIN]:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from .batch import Batch, add_outputs, outputs
-from .options import RIG_HELP, local_path
+from .options import MAP_HELP, RIG_HELP, local_path
 
 EXAMPLES = """examples:
   echoavatar say talk.wav -o talk.npz                  record a session of a running server
@@ -14,7 +14,7 @@ EXAMPLES = """examples:
   echoavatar export clip.bvh -o out.bvh --rig rig.bvh  captured motion on another skeleton
   echoavatar export *.npz -o out/ --format .vrma       each recording into a file of its name
 
-Recordings are .npz from `animate` or `say`, or any BVH with known joint names.
+Recordings are .npz from `animate` or `say`, or any BVH of a person. A --map is for the rig; without --rig, for the BVH.
 """
 
 
@@ -24,21 +24,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=local_path, nargs="+", metavar="RECORDING", help=".npz or .bvh")
     add_outputs(parser, "recordings")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
+    parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read each recording, retarget it, write it."""
     from echoavatar.files.exports import check_output, read_rig, read_take, write_take
     from echoavatar.files.exports.formats import SUFFIXES
+    from echoavatar.motion.formats.joint_map import read_map
 
     places = outputs(args.recording, args.output, args.format, known=SUFFIXES, kind="recording")
     for output in places:
         check_output(output, has_rig=args.rig is not None)
-    rig = None if args.rig is None else read_rig(args.rig)
+    given = read_map(args.map)
+    rig = None if args.rig is None else read_rig(args.rig, given)
     batch = Batch(len(places))
     for recording, output in zip(args.recording, places, strict=True):
         with batch.each(recording, output):
-            take = read_take(recording)
+            take = read_take(recording, given if rig is None else None)
             write_take(output, take, rig=rig)
             motion = take.motion
             print(f"{output}: {motion.frames} frames at {motion.fps:g} fps, {motion.seconds:.2f} s")

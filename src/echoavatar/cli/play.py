@@ -6,6 +6,8 @@ from pathlib import Path
 
 from echoavatar.errors import EchoAvatarError
 
+from .options import MAP_HELP
+
 SINK_HELP = "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.npz
@@ -20,19 +22,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz written by `animate` or `say`, or .bvh")
     parser.add_argument("--sink", action="append", required=True, metavar="URL", help=SINK_HELP)
+    parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
 
 
 def run(args: argparse.Namespace) -> int:
     """Play the recording."""
     from echoavatar.files.exports import read_take
+    from echoavatar.motion.formats.joint_map import read_map
     from echoavatar.motion.kinematics import HUMANOID
     from echoavatar.server.sinks import SinkGroup
     from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
     from echoavatar.wire.blobs import Pose
     from echoavatar.wire.messages import Rig
 
-    take = read_take(args.recording).on_humanoid()
+    take = read_take(args.recording, read_map(args.map)).on_humanoid()
     motion = take.motion
     if round(motion.fps) % FRAME_RATE_HZ:
         raise EchoAvatarError(f"{args.recording} has {motion.fps:g} frames per second; give one of 30 or 60")

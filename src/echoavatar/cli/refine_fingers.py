@@ -7,7 +7,7 @@ from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
-from .options import seed
+from .options import MAP_HELP, seed
 
 EXAMPLES = """examples:
   echoavatar refine-fingers take.bvh take_fingers.bvh                  both hands, to match the arms
@@ -15,7 +15,7 @@ EXAMPLES = """examples:
   echoavatar refine-fingers take.bvh out.bvh --hands left --seed 3     the right hand is kept and taken into account
   echoavatar refine-fingers take.bvh out.bvh --model runs/fingers      a model of your own: `echoavatar train fingers`
 
-Reads any skeleton with known joint names (VRM, Mixamo, Unreal, 3ds Max Biped) at any frame rate and writes the same
+Reads the skeleton of any person at any frame rate and writes the same
 skeleton, frame rate and body; only rotations of finger bones change. The skeleton must have finger bones; some may be
 missing.
 """
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("motion", type=Path, metavar="IN.bvh", help="motion with missing or bad fingers")
     parser.add_argument("output", type=Path, metavar="OUT.bvh", help="output with new fingers")
+    parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--model", type=Path, help="folder of a trained finger model (default: the shipped one)")
     parser.add_argument(
         "--hands",
@@ -44,8 +45,9 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
     from echoavatar.models.fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
     from echoavatar.motion.formats import read_bvh, write_bvh
+    from echoavatar.motion.formats.joint_map import mapped, read_map
 
-    motion = read_bvh(args.motion)
+    motion = mapped(read_bvh(args.motion), read_map(args.map))
     frozen = frozen_hands(motion)
     model = FingerModel.load(args.model) if args.model else load_shipped()
     with tqdm(unit="step") as bar:

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 import torch
+from tests.motion.kinematics.naming import FRAMED, body
 
 from echoavatar.files.avatar.gltf import Buffer
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig, forward_kinematics
-from echoavatar.motion.kinematics.rigs import _MIXAMO
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 
 NAMES = HUMANOID.names
-MIXAMO = {ours: f"mixamorig:{theirs}" for ours, theirs in _MIXAMO.table().items()}
+MIXAMO = body(*FRAMED["Mixamo"]).bones
 VOWELS = {"a": (0.0, 0.06), "i": (0.02, 0.015), "u": (-0.03, 0.02), "e": (0.03, 0.01), "o": (-0.015, 0.045)}
 _CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64) / 2
 _FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])

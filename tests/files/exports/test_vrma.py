@@ -70,6 +70,24 @@ def test_a_rig_at_rest_in_another_pose_is_written_in_t_pose(rigs, short: Take) -
     assert rest[bones["leftHand"], 1] > read_rig(rigs["longarm"]).skeleton.rest_positions[bones["leftHand"], 1] + 0.2
 
 
+def test_eyes_are_no_bones_there(short: Take) -> None:
+    """The gaze has a node of its own, and the format forbids both."""
+    config = HUMANOID.config
+    eyes = {"leftEye": HUMANOID.joints, "rightEye": HUMANOID.joints + 1}
+    head = HUMANOID.index("head")
+    rig = SkeletonConfig(
+        names=(*config.names, *eyes),
+        parents=(*config.parents, head, head),
+        offsets=(*config.offsets, (0.03, 0.07, 0.07), (-0.03, 0.07, 0.07)),
+        vrm=config.vrm | eyes,
+    )
+    still = np.zeros((short.motion.frames, 2, 4), np.float32)
+    still[..., 0] = 1
+    motion = Motion(Skeleton(rig), np.concatenate([short.motion.rotations, still], 1), short.motion.root, 30.0)
+    bones = document(pack_vrma(Take(motion)))["extensions"]["VRMC_vrm_animation"]["humanoid"]["humanBones"]
+    assert set(bones) == set(config.names)
+
+
 def test_a_rig_without_a_spine_is_refused(short: Take) -> None:
     names = [name for name in HUMANOID.names if name not in ("spine", "chest", "upperChest")]
     kept = [HUMANOID.index(name) for name in names]

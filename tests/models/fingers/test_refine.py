@@ -51,7 +51,9 @@ def test_only_the_asked_hand_changes_and_missing_bones_are_passed_over() -> None
 
 
 def test_an_unknown_rig_is_refused() -> None:
-    config = waving(1).skeleton.config.model_copy(update={"vrm": {}, "names": tuple(f"j{i}" for i in range(52))})
+    config = waving(1).skeleton.config.model_copy(
+        update={"vrm": {}, "names": tuple(f"j{i}" for i in range(52)), "offsets": ((0.0,) * 3,) * 52}
+    )
     motion = Motion(Skeleton(config), waving(1).rotations, waving(1).root, 30.0)
     with pytest.raises(MotionError, match="is not known"):
         finger_joints(motion, "left")

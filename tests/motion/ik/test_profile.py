@@ -38,8 +38,10 @@ def test_a_rig_of_half_the_size_has_half_the_body() -> None:
 
 
 def test_an_unknown_rig_is_refused() -> None:
-    strange = HUMANOID.config.model_copy(update={"vrm": {}, "names": tuple(f"bone{i}" for i in range(52))})
-    with pytest.raises(MotionError, match="VRM map"):
+    strange = HUMANOID.config.model_copy(
+        update={"vrm": {}, "names": tuple(f"bone{i}" for i in range(52)), "offsets": ((0.0,) * 3,) * 52}
+    )
+    with pytest.raises(MotionError, match="is not known"):
         body_of_rig(Skeleton(strange))
 
 

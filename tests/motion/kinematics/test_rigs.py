@@ -1,74 +1,48 @@
+"""Joints of any rig are recognised: by names or by the shape of the body, and errors say what is missing."""
+
 import pytest
+from tests.motion.kinematics.naming import EXTRA, SCHEMES, body, names_of, renamed
 from tests.motion.kinematics.samples import chain, recorded
 
-from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.kinematics import HUMANOID, Skeleton
-from echoavatar.motion.kinematics.rigs import bone_map, finger_bones, known_bones
+from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics.rigs import UnknownRigError, bone_map, finger_bones, known_bones
 
-RIGS = {
-    "motion_permissive/mesh2motion_cc0/greeting.bvh": (52, "thumb_01_l"),
-    "motion_permissive/hifi_apache2/idle.bvh": (52, "LeftHandThumb1"),
-    "motion_permissive/movebox_rocketbox_mit/rb_idle_neutral.bvh": (52, "Bip01_L_Finger0"),
-    "motion_eval_only/zeroeggs_cc_by_nc_nd/067_Speech_2_x_1_0.bvh": (52, "LeftHandThumb1"),
-}
+UNREAL = SCHEMES["Unreal 4"]
 
 
-@pytest.mark.parametrize("name", RIGS)
-def test_known_rigs_are_known_whole(name):
-    skeleton = read_bvh(recorded(name)).skeleton
-    bones = bone_map(skeleton)
-    count, thumb = RIGS[name]
-    assert len(bones) == count
-    assert skeleton.names[bones["leftThumbMetacarpal"]] == thumb
+def test_shape_does_not_overrule_names():
+    """Forearms that end in the wrist: their tips are the hands, and a shoulder is no upper arm."""
+    scheme = UNREAL._replace(arm="Shoulder=clavicle_{s}/UpperArm=upperarm_{s}/LowerArm=lowerarm_{s}", fingers="")
+    made = body(scheme)
+    assert names_of(made.skeleton) == made.bones
+    with pytest.raises(UnknownRigError, match="no joint is leftHand, rightHand"):
+        bone_map(made.skeleton)
 
 
-@pytest.mark.parametrize("name", RIGS)
-def test_children_are_mapped_to_children(name):
-    """Walking up from a mapped joint meets the joint of the bone's parent."""
-    skeleton = read_bvh(recorded(name)).skeleton
-    bones = bone_map(skeleton)
-    for bone, joint in bones.items():
-        parent = HUMANOID.parents[HUMANOID.index(bone)]
-        above = set()
-        while joint >= 0:
-            joint = skeleton.parents[joint]
-            above.add(joint)
-        assert parent < 0 or bones[HUMANOID.names[parent]] in above
+def test_names_are_believed_where_the_feet_point_back_and_that_is_said(caplog):
+    names = list(HUMANOID.names)
+    backwards = HUMANOID.rest_positions.double().numpy() * [1, 1, -1]
+    assert known_bones(renamed(HUMANOID, names, backwards)) == HUMANOID.config.vrm
+    assert "names are believed" in caplog.text
 
 
-def test_a_rig_without_fingers_is_known():
-    name = "motion_eval_only/bandai_namco_cc_by_nc/dataset-1/dataset-1_dance-short_normal_001.bvh"
-    bones = bone_map(read_bvh(recorded(name)).skeleton)
-    assert len(bones) == 21
-    assert "chest" not in bones
+def test_a_body_that_faces_away_is_no_contradiction(caplog):
+    away = renamed(HUMANOID, list(HUMANOID.names), HUMANOID.rest_positions.double().numpy() * [-1, 1, -1])
+    assert known_bones(away) == HUMANOID.config.vrm
+    assert not caplog.text
 
 
-def test_names_with_a_prefix_are_known():
-    names = tuple("mixamorig:" + name for name in MIXAMO)
-    config = chain(*[(0.0, 0.1, 0.0)] * len(names)).config.model_copy(update={"names": names})
-    assert bone_map(Skeleton(config))["leftUpperArm"] == names.index("mixamorig:LeftArm")
-
-
-MIXAMO = [
-    *("Hips", "Spine", "Head"),
-    *("LeftArm", "LeftForeArm", "LeftHand", "RightArm", "RightForeArm", "RightHand"),
-    *("LeftUpLeg", "LeftLeg", "LeftFoot", "RightUpLeg", "RightLeg", "RightFoot"),
-]
-
-
-def test_daz_is_known_and_a_rig_without_hands_in_part():
-    """FreeMoCap's forearms end in the wrist: nothing to retarget a hand from."""
-    assert bone_map(read_bvh(recorded("motion_permissive/cmu_dance/60_01.bvh")).skeleton)["leftLowerArm"]
-    skeleton = read_bvh(recorded("motion_permissive/reactidle_mit/000_genuine.bvh")).skeleton
-    assert skeleton.names[known_bones(skeleton)["leftLowerArm"]] == "forearm.L"
-    with pytest.raises(MotionError, match="no joint is leftHand"):
-        bone_map(skeleton)
-
-
-def test_an_unknown_rig_is_explained():
-    with pytest.raises(MotionError, match="joint0, joint1.*not known"):
+def test_what_is_no_body_is_explained():
+    with pytest.raises(UnknownRigError, match="no joint is hips.*found: nothing; not placed: joint0, joint1.*--map"):
         bone_map(chain((0, 1, 0), (0, 1, 0)))
+    made = body(UNREAL._replace(leg="UpperLeg=thigh_{s}", fingers=""), has_noise=True)
+    with pytest.raises(UnknownRigError) as caught:
+        bone_map(made.skeleton)
+    assert "no joint is leftLowerLeg, leftFoot, rightLowerLeg, rightFoot;" in str(caught.value)
+    assert "found: hips (pelvis), head (head), leftUpperArm (upperarm_l) and 7 more" in str(caught.value)
+    assert "not placed: root, " in str(caught.value)
+    assert caught.value.found["rightHand"] == "hand_r"
 
 
 def test_a_vrm_map_is_believed():
@@ -77,9 +51,28 @@ def test_a_vrm_map_is_believed():
     assert all(bone in HUMANOID.names for bones in finger_bones("right").values() for bone in bones)
 
 
-def test_the_lower_back_of_cmu_is_the_first_of_three_spine_bones():
-    names = ["Hips", "LowerBack", "Spine", "Spine1", "Neck", "Head"]
-    skeleton = chain(*[(0.0, 0.1, 0.0)] * len(names))
-    named = Skeleton(skeleton.config.model_copy(update={"names": tuple(names)}))
-    found = {bone: named.names[joint] for bone, joint in known_bones(named).items()}
-    assert [found[bone] for bone in ("spine", "chest", "upperChest")] == ["LowerBack", "Spine", "Spine1"]
+RIGS = {
+    "motion_permissive/mesh2motion_cc0/greeting.bvh": (52, "thumb_01_l"),
+    "motion_permissive/hifi_apache2/idle.bvh": (52, "LeftHandThumb1"),
+    "motion_permissive/movebox_rocketbox_mit/rb_idle_neutral.bvh": (52, "Bip01_L_Finger0"),
+    "motion_eval_only/zeroeggs_cc_by_nc_nd/067_Speech_2_x_1_0.bvh": (52, "LeftHandThumb1"),
+    "motion_eval_only/bandai_namco_cc_by_nc/dataset-1/dataset-1_dance-short_normal_001.bvh": (21, ""),
+    "motion_permissive/cmu_dance/60_01.bvh": (39, "lThumb1"),
+}
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_recorded_rigs_are_known_whole_and_children_hang_from_parents(name):
+    skeleton = read_bvh(recorded(name)).skeleton
+    bones = {bone: joint for bone, joint in bone_map(skeleton).items() if bone not in EXTRA}
+    count, thumb = RIGS[name]
+    assert len(bones) == count
+    assert not thumb or skeleton.names[bones["leftThumbMetacarpal"]] == thumb
+    for bone, joint in bones.items():
+        above, parent = set(), HUMANOID.parents[HUMANOID.index(bone)]
+        while joint >= 0:
+            joint = skeleton.parents[joint]
+            above.add(joint)
+        while parent >= 0 and HUMANOID.names[parent] not in bones:
+            parent = HUMANOID.parents[parent]
+        assert parent < 0 or bones[HUMANOID.names[parent]] in above

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from echoavatar.cli.options import MAP_HELP
 from echoavatar.errors import EchoAvatarError
 
 from .config_options import add_fields, given_fields
@@ -74,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_fields(chosen, SetOptions, CHOSEN, default=defaults)
     made = parser.add_argument_group("how they are made")
     add_fields(made, SetOptions, MADE)
+    made.add_argument("--map", type=Path, metavar="FILE", help=f"of the BVH's rig: {MAP_HELP}")
     made.add_argument("--no-mirror", action="store_true", help="do not list mirror images of the training clips")
     after = parser.add_argument_group("afterwards")
     after.add_argument("--codec", type=Path, help="trained codec; with --tokenizer, also write DIR/tokens")
@@ -85,11 +87,12 @@ def run(args: argparse.Namespace) -> int:
     """Survey, prepare, report."""
     if (args.codec is None) != (args.tokenizer is None):
         raise EchoAvatarError("tokens need both --codec and --tokenizer")
+    from echoavatar.motion.formats.joint_map import read_map
     from echoavatar_lab.datasets import SetOptions, survey_of
 
     survey = survey_of(args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional)
     given = ({"sound": "none"} if args.layout == "bandai" else {}) | given_fields(args, (*CHOSEN, *MADE))
-    options = SetOptions(mirror=not args.no_mirror, **given)
+    options = SetOptions(mirror=not args.no_mirror, joints=read_map(args.map), **given)
     _print_survey(survey, args.layout)
     if args.dry_run:
         return _print_forecast(survey, options, args)

@@ -32,6 +32,7 @@ from echoavatar.models.fingers import load_shipped, refine_fingers
 from echoavatar.models.fingers.clips import FROZEN_DEG_S
 from echoavatar.models.fingers.refine import finger_joints
 from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.joint_map import mapped
 from echoavatar.motion.kinematics import Motion, SkeletonConfig
 from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
@@ -259,7 +260,7 @@ def _motion(recording: Recording, options: SetOptions) -> Motion:
     elif recording.motion.name.endswith(SUFFIX):
         motion = read_lda(recording.motion, read_bvh(recording.rig).skeleton if recording.rig else None)
     else:
-        motion = read_bvh(recording.motion)
+        motion = mapped(read_bvh(recording.motion), options.joints)
     if motion.fps < SLOWEST_FPS:
         raise MotionError(
             f"{recording.motion} has {motion.fps:g} frames per second, less than any captured motion; correct its"

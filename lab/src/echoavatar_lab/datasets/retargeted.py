@@ -8,7 +8,6 @@ hands keep their orientation. The correction fades out with the distance between
 of the body. Proportions differ between rigs, so hand distances are in arm lengths and feet are compared by contacts.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -22,13 +21,12 @@ from echoavatar.motion.ik.hand_contact import find_arm, move_hand
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.kinematics.easing import falloff
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
+from echoavatar.motion.kinematics.joint_words import read_name
 from echoavatar.motion.kinematics.retarget import with_wrists
-from echoavatar.motion.kinematics.rigs import bone_map, feet_of
+from echoavatar.motion.kinematics.rigs import SIDES, bone_map, feet_of
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar_lab.data.faults import skate
 from echoavatar_lab.data.statistics import arm_length
-
-_SIDES = (("left", "right"), ("Left", "Right"), ("_L", "_R"), ("_l", "_r"), ("L_", "R_"), ("l_", "r_"))
 
 
 def annotate_rig(motion: Motion) -> Motion:
@@ -55,7 +53,7 @@ def annotate_rig(motion: Motion) -> Motion:
     config = skeleton.config.model_copy(
         update={
             "parts": {name: joints for name, joints in parts.items() if joints},
-            "mirror": _pairs(skeleton),
+            "mirror": _pairs(skeleton, bones),
             "feet": tuple(feet_of(bones)),
             "vrm": bones,
         }
@@ -72,28 +70,25 @@ def _line(skeleton: Skeleton, joint: int) -> set[int]:
     return line
 
 
-def _pairs(skeleton: Skeleton) -> tuple[int, ...]:
-    names = {name: joint for joint, name in enumerate(skeleton.names)}
-    pairs = []
-    for joint, name in enumerate(skeleton.names):
-        others = {_swapped(name, a, b) for a, b in _SIDES} | {_swapped(name, b, a) for a, b in _SIDES}
-        found = [names[other] for other in others - {name} if other in names]
-        pairs.append(found[0] if len(found) == 1 else joint)
+def _pairs(skeleton: Skeleton, bones: dict[str, int]) -> tuple[int, ...]:
+    """For each joint that of the other side: by the bones, elsewhere by names that differ in the side alone."""
+    said = [read_name(name) for name in skeleton.names]
+    pairs = list(range(skeleton.joints))
+    for joint, one in enumerate(said):
+        others = [
+            k for k, other in enumerate(said) if other.plain == one.plain and {one.side, other.side} == set(SIDES)
+        ]
+        if len(others) == 1:
+            pairs[joint] = others[0]
+    for bone, joint in bones.items():
+        if (other := bones.get(f"right{bone.removeprefix('left')}")) is not None and bone.startswith("left"):
+            pairs[joint], pairs[other] = other, joint
     if any(pairs[pairs[joint]] != joint for joint in range(len(pairs))):
         raise MotionError(
             f"left and right of the rig with joints {', '.join(skeleton.names[:3])}, ... cannot be told from its names;"
             " use --rig unified"
         )
     return tuple(pairs)
-
-
-def _swapped(name: str, one: str, other: str) -> str:
-    """The name with its side mark replaced, where that stands at the start or end of a word."""
-    if one.startswith("_"):
-        return re.sub(f"{one}(?=_|$|[A-Z])", other, name)
-    if one.endswith("_"):
-        return re.sub(f"(?<![A-Za-z]){one}", other, name)
-    return name.replace(one, other, 1)
 
 
 NEAR_ARMS, FAR_ARMS = 0.35, 0.8

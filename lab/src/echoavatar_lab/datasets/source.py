@@ -114,6 +114,9 @@ class SetOptions(Config):
         description="largest relative difference in length of motion and sound; the longer is cut",
     )
     shard_minutes: float = Field(default=20.0, gt=0, description="minutes of motion in a shard")
+    joints: dict[str, str | None] | None = Field(
+        default=None, description="the user's map from bones to joints of the recordings; None: they are found"
+    )
     body_model: Path | None = Field(
         default=None, description="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's joint positions"
     )
@@ -125,4 +128,6 @@ class SetOptions(Config):
 
     def digest(self) -> str:
         """A short hash of the binding options."""
-        return f"{zlib.crc32(repr(sorted(self.binding().items())).encode()):08x}"
+        options = sorted(self.binding().items())
+        options = [one for one in options if one != ("joints", None)]  # sets of older versions have no such option
+        return f"{zlib.crc32(repr(options).encode()):08x}"

@@ -144,14 +144,15 @@ def test_bodies_of_any_height_are_scaled_alike() -> None:
 def test_a_wrist_may_be_the_tip_of_the_arm() -> None:
     """FreeMoCap's rig ends in forearms."""
     config = SkeletonConfig(
-        names=("pelvis", "face", "shin.L", "foot.L", "foot.R", "thigh.L", "thigh.R")
-        + tuple(f"{bone}.{s}" for s in "LR" for bone in ("upper_arm", "forearm")),
-        parents=(-1, *(0,) * 6, 0, 7, 0, 9),
-        offsets=((0, 1, 0), (0, 0.6, 0), (0, 0, 0), (0.1, -0.9, 0), (-0.1, -0.9, 0), (0.1, 0, 0), (-0.1, 0, 0))
-        + ((0.2, 0.4, 0), (0, -0.3, 0), (-0.2, 0.4, 0), (0, -0.3, 0)),
+        names=("pelvis", "neck", "face")
+        + tuple(f"{bone}.{s}" for s in "LR" for bone in ("thigh", "shin", "foot", "upper_arm", "forearm")),
+        parents=(-1, 0, 1, 0, 3, 4, 1, 6, 0, 8, 9, 1, 11),
+        offsets=((0, 1, 0), (0, 0.4, 0), (0, 0.2, 0))
+        + ((0.1, 0, 0), (0, -0.5, 0), (0, -0.4, 0), (0.2, 0, 0), (0, -0.3, 0))
+        + ((-0.1, 0, 0), (0, -0.5, 0), (0, -0.4, 0), (-0.2, 0, 0), (0, -0.3, 0)),
         tips={"forearm.L": (0.0, -0.3, 0.0), "forearm.R": (0.0, -0.3, 0.0)},
     )
-    still = np.tile(np.array([1, 0, 0, 0], np.float32), (5, 11, 1))
+    still = np.tile(np.array([1, 0, 0, 0], np.float32), (5, 13, 1))
     points = body_points(Motion(Skeleton(config), still, np.tile(np.float32([0, 1, 0]), (5, 1)), 30.0))
     np.testing.assert_allclose(points[0, at("leftHand")], (0.2, 0.8, 0), atol=1e-6)
 
@@ -164,8 +165,9 @@ def test_a_body_upside_down_or_unknown_is_refused() -> None:
     with pytest.raises(MotionError, match="not above the ankles"):
         body_points(Motion(HUMANOID, flipped, motion.root, 30.0))
     names = tuple(f"j{n}" for n in range(HUMANOID.joints))
-    strange = Skeleton(HUMANOID.config.model_copy(update={"names": names, "vrm": {}, "tips": {}}))
-    with pytest.raises(MotionError, match="no joint of the rig is hips"):
+    update = {"names": names, "vrm": {}, "offsets": ((0.0,) * 3,) * len(names)}
+    strange = Skeleton(HUMANOID.config.model_copy(update=update))
+    with pytest.raises(MotionError, match="no joint of the rig is known to be hips"):
         body_points(Motion(strange, motion.rotations, motion.root, 30.0))
 
 

@@ -10,9 +10,11 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.joint_map import mapped
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.rigs import JointMap
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 
@@ -31,14 +33,16 @@ class Take:
         return Take(retarget(self.motion), self.face, self.audio)
 
 
-def read_take(path: Path) -> Take:
-    """The take in a recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
+def read_take(path: Path, given: JointMap | None = None) -> Take:
+    """The take in a recording: NPZ from `animate` or `say`, or a BVH, whose bones `given` may name.
 
     Raises:
         MotionError: the file is missing, damaged, or of another kind.
     """
     if path.suffix.lower() == ".bvh":
-        return Take(read_bvh(path))
+        return Take(mapped(read_bvh(path), given))
+    if given is not None:
+        raise MotionError(f"{path} is no BVH, and its bones are known; a map is for a BVH or a rig, so leave it out")
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
     try:

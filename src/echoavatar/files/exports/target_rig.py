@@ -21,12 +21,13 @@ from echoavatar.limits import BINDS, MORPHS, ROTATIONS
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, refusing_damage, skinned
+from echoavatar.motion.formats.joint_map import mapped
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
 from echoavatar.motion.kinematics import Motion, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rigs import bone_map, feet_of, is_upright
+from echoavatar.motion.kinematics.rigs import JointMap, bone_map, feet_of, is_upright
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix, quaternion_multiply
 
 from ..avatar.gltf import Buffer, Tracks, packed
@@ -257,19 +258,20 @@ class Rig:
         return estimated.model_copy(update={"parts": tuple(known.values())})
 
 
-def read_rig(path: Path) -> Rig:
-    """The rig of a file.
+def read_rig(path: Path, given: JointMap | None = None) -> Rig:
+    """The rig of a file; `given` is the user's map of its bones.
 
     Raises:
         MotionError: the file is missing, damaged or of another kind, or its bones are unknown or do not stand upright.
     """
     suffix = path.suffix.lower()
     if suffix in GLTF:
-        gltf = read_gltf_rig(path)
+        gltf = read_gltf_rig(path, given)
         low = float(skinned(gltf).vertices[:, 1].min())
         return Rig(path, _standing(gltf.skeleton, low, path), gltf)
     if suffix == BVH:
         motion, unit = _sized(path)
+        motion = mapped(motion, given)
         low = _lowest(motion.skeleton)
         return Rig(path, _standing(motion.skeleton, low, path), None, 1 / unit)
     raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb) or a skeleton (.bvh)")

@@ -51,7 +51,9 @@ def pack_vrma(take: Take) -> bytes:
     tracks.add(0, "translation", motion.root)
     extension: dict[str, Any] = {
         "specVersion": "1.0",
-        "humanoid": {"humanBones": {bone: {"node": joint} for bone, joint in sorted(bones.items())}},
+        "humanoid": {
+            "humanBones": {bone: {"node": joint} for bone, joint in sorted(bones.items()) if "Eye" not in bone}
+        },
     }
     if take.face is not None:
         extension |= _face(take.face, nodes, tracks)

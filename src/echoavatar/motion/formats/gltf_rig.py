@@ -1,7 +1,7 @@
 """Read the rig of a character from a GLB or VRM file, and its skinned mesh as `measure_body` needs it.
 
-Bones are found by the humanoid map of VRM 1.0 or 0.x, or in a plain GLB by joint names (`kinematics.rigs`). The rig is
-the subtree of the hips in the file's rest pose. It becomes a skeleton whose rest pose has no rotations, in metres, Y
+Bones are found by the humanoid map of VRM 1.0 or 0.x, or in a plain GLB as `kinematics.rigs` finds them. The rig is the
+subtree of the hips in the file's rest pose. It becomes a skeleton whose rest pose has no rotations, in metres, Y
 up, rotated to face +Z. Vertices are skinned in the same pose.
 """
 
@@ -19,10 +19,10 @@ from scipy.sparse import csr_array
 
 from echoavatar.errors import MotionError
 from echoavatar.json_reader import read_object
-from echoavatar.limits import DEPTH, GLB_BYTES, GLTF_BYTES, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES, check_file
+from echoavatar.limits import DEPTH, GLB_BYTES, GLTF_BYTES, JOINTS, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES, check_file
 
 from ..kinematics import Skeleton, SkeletonConfig
-from ..kinematics.rigs import REQUIRED, bone_map, feet_of
+from ..kinematics.rigs import REQUIRED, JointMap, Tree, check_bones, feet_of, find_bones
 from ..kinematics.rotations import matrix_from_quaternion
 
 Array = np.ndarray
@@ -63,17 +63,17 @@ def refusing_damage(path: Path) -> Iterator[None]:
         ) from error
 
 
-def read_gltf_rig(path: Path) -> GltfRig:
-    """Read a binary glTF with a skin.
+def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
+    """Read a binary glTF with a skin; `given` is the user's map of its bones.
 
     Raises:
-        MotionError: the file is missing, damaged, compressed, no binary glTF, has no skin, or joints of unknown names.
+        MotionError: the file is missing, damaged, compressed, no binary glTF, has no skin, or its bones are not found.
     """
     with refusing_damage(path):
-        return _read(path)
+        return _read(path, given)
 
 
-def _read(path: Path) -> GltfRig:
+def _read(path: Path, given: JointMap | None) -> GltfRig:
     document, binary = _chunks(path)
     used = set(document.get("extensionsRequired", []))
     if squeezed := used & {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}:
@@ -85,7 +85,7 @@ def _read(path: Path) -> GltfRig:
     for node, parent in parents.items():
         local = _local(document["nodes"][node])
         worlds[node] = local if parent < 0 else worlds[parent] @ local
-    order, bones = _rig(document, parents, path)
+    order, bones, names = _rig(document, parents, worlds, path, given)
     slot = {node: index for index, node in enumerate(order)}
     places = np.array([worlds[node][:3, 3] for node in order])
     is_turned = bool(places[bones["leftUpperArm"], 0] < places[bones["rightUpperArm"], 0])  # as VRM 0.x does
@@ -96,7 +96,7 @@ def _read(path: Path) -> GltfRig:
         for index, (node, place) in enumerate(zip(order, places, strict=True))
     ]
     config = SkeletonConfig(
-        names=_names(document["nodes"], order),
+        names=names,
         parents=tuple(-1 if not index else slot[parents[node]] for index, node in enumerate(order)),
         offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
         feet=tuple(feet_of(bones)),
@@ -159,35 +159,33 @@ def _local(node: dict[str, Any]) -> Array:
     return matrix
 
 
-def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple[list[int], dict[str, int]]:
-    """Nodes of the rig, hips first and parents before children, and the index of each bone in that list."""
+def _rig(
+    document: dict[str, Any], parents: dict[int, int], worlds: list[Array], path: Path, given: JointMap | None
+) -> tuple[list[int], dict[str, int], tuple[str, ...]]:
+    """Nodes of the rig, hips first and parents before children; the index of each bone in that list; their names."""
     if (entries := sum(len(skin["joints"]) for skin in document["skins"])) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
-    joints = {node for skin in document["skins"] for node in skin["joints"]}
-    known = _humanoid(document)
-    if not known:
-        listed = sorted(joints)
-        names = _names(document["nodes"], listed)
-        flat = SkeletonConfig(
-            names=names, parents=(-1, *([0] * (len(names) - 1))), offsets=((0.0, 0.0, 0.0),) * len(names)
-        )
-        try:
-            known = {bone: listed[index] for bone, index in bone_map(Skeleton(flat)).items()}
-        except MotionError as error:
-            raise MotionError(f"{path}: {error}") from error
-    if missing := [bone for bone in REQUIRED if bone not in known]:
-        raise MotionError(f"{path} has no joint for {missing[0]}; check its humanoid map")
-    order, kept = [known["hips"]], set[int]()
-    for node in joints | set(known.values()):
+    mapped, kept = _humanoid(document), set[int]()
+    for node in [*(joint for skin in document["skins"] for joint in skin["joints"]), *mapped.values()]:
         while node >= 0 and node not in kept:
             kept.add(node)
             node = parents[node]
+    if len(kept) > JOINTS:
+        raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
+    nodes = [node for node in parents if node in kept]  # parents first
+    place, names = {node: index for index, node in enumerate(nodes)}, _names(document["nodes"], nodes)
+    tree = Tree(names, [place.get(parents[node], -1) for node in nodes], np.array([worlds[n][:3, 3] for n in nodes]))
+    found = find_bones(tree, given, {bone: place[node] for bone, node in mapped.items()})
+    check_bones(names, found, f"{path}: the rig")
+    known = {bone: nodes[joint] for bone, joint in found.items()}
+    order = [known["hips"]]
     for node in order:
         order += [child for child in document["nodes"][node].get("children", []) if child in kept]
     slot = {node: index for index, node in enumerate(order)}
     if apart := [bone for bone in REQUIRED if known[bone] not in slot]:
         raise MotionError(f"{path}: its {apart[0]} does not hang from its hips; check the nodes' children")
-    return order, {bone: slot[node] for bone, node in known.items() if node in slot}
+    bones = {bone: slot[node] for bone, node in known.items() if node in slot}
+    return order, bones, tuple(names[place[node]] for node in order)
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:
@@ -222,13 +220,13 @@ class Skinned(NamedTuple):
     weights: csr_array  # (v, j) float32: few joints move a vertex
 
 
-def read_skinned(path: Path) -> Skinned:
-    """Read a binary glTF with a skin.
+def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
+    """Read a binary glTF with a skin; as `read_gltf_rig`.
 
     Raises:
-        MotionError: the file is missing, damaged, compressed, no binary glTF, has no skin, or joints of unknown names.
+        MotionError: as `read_gltf_rig` and `skinned`.
     """
-    return skinned(read_gltf_rig(path))
+    return skinned(read_gltf_rig(path, given))
 
 
 def skinned(rig: GltfRig) -> Skinned:

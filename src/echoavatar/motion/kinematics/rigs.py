@@ -1,135 +1,191 @@
-"""Map a rig's joints to the bones of the VRM humanoid set by their names.
+"""Which bones of the VRM humanoid set the joints of a rig are.
 
-Known are the names of VRM, Mixamo (also High Fidelity and ZeroEGGS), Unreal (Mesh2Motion), 3ds Max Biped (Rocketbox),
-Bandai-Namco, Daz and Rigify (FreeMoCap, whose wrist is the tip of the lower arm). Each further rig is one more table.
+A rig with a VRM map is believed. Other joints are read by their names (`named_bones`); what names leave open, the shape
+of the body tells (`shaped_bones`), where it does not contradict them. A map by the user comes before both.
 """
 
-import re
-from collections.abc import Mapping
-from typing import NamedTuple
+import logging
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
 
 from echoavatar.errors import MotionError
 
+from .joint_tree import REQUIRED, SIDES, Tree
+from .named_bones import finger_bones, named_bones
+from .shaped_bones import shaped_bones
 from .skeleton import HUMANOID, Skeleton
 
-REQUIRED = ("hips", "head") + tuple(
-    f"{side}{bone}"
-    for side in ("left", "right")
-    for bone in ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")
-)
-_PREFIX = re.compile("^(mixamorig[:_]|Neo_)")
-_DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
+__all__ = [
+    "BONES",
+    "REQUIRED",
+    "SIDES",
+    "JointMap",
+    "Tree",
+    "UnknownRigError",
+    "bone_map",
+    "check_bones",
+    "feet_of",
+    "find_bones",
+    "finger_bones",
+    "is_upright",
+    "known_bones",
+    "with_bones",
+]
+_log = logging.getLogger(__name__)
+BONES = (*HUMANOID.names, "leftEye", "rightEye", "jaw")
+LONG_FEET = 0.1  # of the height, both together: shorter ones say nothing about the front
+CHANCE = 4  # fewer names than these may be words of another language that look like ours
+JointMap = Mapping[str, str | None]  # bone to joint by the user; None for a bone that the rig does not have
+
+
+class UnknownRigError(MotionError):
+    """Bones that motion needs are not found; `found` are those that are, with their joints."""
+
+    def __init__(self, message: str, found: Mapping[str, str] | None = None) -> None:
+        super().__init__(message)
+        self.found = found or {}
 
 
 def bone_map(skeleton: Skeleton) -> dict[str, int]:
     """VRM bone name to joint index.
 
     Raises:
-        MotionError: the rig has no VRM map, and its joint names fit no table.
+        UnknownRigError: the rig has no VRM map, and bones that motion needs are not found among its joints.
     """
     found = known_bones(skeleton)
-    missing = [bone for bone in REQUIRED if bone not in found]
-    if missing and not skeleton.config.vrm:
-        raise MotionError(
-            f"the rig with joints {', '.join(skeleton.names[:4])}, ... is not known: no joint is"
-            f" {', '.join(missing[:4])}; give its skeleton a VRM map"
-        )
+    if not skeleton.config.vrm:
+        check_bones(skeleton.names, found)
     return found
 
 
 def known_bones(skeleton: Skeleton) -> dict[str, int]:
-    """VRM bone name to joint index, for the bones that are found by their names."""
-    if skeleton.config.vrm:
-        return dict(skeleton.config.vrm)
-    plain = {_PREFIX.sub("", name): i for i, name in enumerate(skeleton.names)}
-    return max(({bone: plain[name] for bone, name in table.items() if name in plain} for table in _TABLES), key=len)
+    """VRM bone name to joint index, for the bones that are found."""
+    config = skeleton.config
+    return dict(config.vrm or _read(config.names, config.parents, config.offsets))
+
+
+def with_bones(skeleton: Skeleton, given: JointMap) -> Skeleton:
+    """The skeleton with a VRM map: the user's, and what is found of the rest.
+
+    Raises:
+        MotionError: the map names a joint that is not there, or bones that motion needs are still missing.
+    """
+    config = skeleton.config
+    found = find_bones(_tree(config.names, config.parents, config.offsets), given)
+    ends = {f"{side}Hand": -1 for side in SIDES if _has_tip(skeleton, found.get(f"{side}LowerArm"))}  # `with_wrists`
+    check_bones(skeleton.names, ends | found)
+    return Skeleton(config.model_copy(update={"vrm": found}))
+
+
+def _has_tip(skeleton: Skeleton, joint: int | None) -> bool:
+    return joint is not None and skeleton.names[joint] in skeleton.config.tips
+
+
+def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str, int] | None = None) -> dict[str, int]:
+    """VRM bone name to joint, for the bones that are found.
+
+    Args:
+        tree: the joints.
+        given: the user's map, which comes before all else.
+        believed: the map in the file, in place of names and shape.
+
+    Raises:
+        MotionError: the user's map names a joint that is not there.
+    """
+    joints = {bone: joint for bone, joint in (given or {}).items() if joint is not None}
+    for bone, joint in joints.items():
+        if joint not in tree.names:
+            raise MotionError(f"the map says that {bone} is {joint[:80]!r}, and the rig has no such joint; correct it")
+    own = {bone: list(tree.names).index(joint) for bone, joint in joints.items()}
+    found = dict(believed or named_bones(tree))
+    if not believed and any(bone not in found for bone in REQUIRED):
+        found = _with_shape(tree, found)
+    if not believed and _is_crossed(tree, found):
+        _log.warning("the feet say that left and right are the other way round than the names; the names are believed")
+    return {bone: j for bone, j in found.items() if bone not in (given or {}) and j not in own.values()} | own
+
+
+def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
+    """Also the bones that the shape tells, unless it contradicts the names; these know left and right better."""
+    shaped = shaped_bones(tree)
+    said = [(bone, tree.said[joint].side) for bone, joint in shaped.items() if tree.said[joint].side]
+    if 2 * sum(bone.startswith(side) for bone, side in said) < len(said):
+        shaped = {_other_side(bone): joint for bone, joint in shaped.items()}
+    sure = {bone: joint for bone, joint in named.items() if bone in REQUIRED}
+    if len(sure) < CHANCE and shaped:
+        return shaped
+    if not shaped or any(shaped.get(bone) != joint for bone, joint in sure.items()):
+        return named
+    return {bone: joint for bone, joint in shaped.items() if joint not in named.values()} | named
+
+
+def _is_crossed(tree: Tree, bones: Mapping[str, int]) -> bool:
+    """Whether both feet clearly point to what is the back where left is left."""
+    needed = ["head", *(f"{side}{bone}" for side in SIDES for bone in ("UpperLeg", "Foot", "Toes"))]
+    if not all(bone in bones for bone in needed):
+        return False
+    head, hip, foot, toes, other_hip, other_foot, other_toes = tree.places[[bones[bone] for bone in needed]]
+    up, left, ahead = head - (foot + other_foot) / 2, hip - other_hip, toes - foot + other_toes - other_foot
+    sizes = [float(np.linalg.norm(way)) for way in (up, left, ahead)]
+    is_back = float(left @ np.cross(up, ahead)) < -0.5 * float(np.prod(sizes))
+    return is_back and sizes[2] > LONG_FEET * sizes[0]
+
+
+def _other_side(bone: str) -> str:
+    for side, other in (SIDES, SIDES[::-1]):
+        if bone.startswith(side):
+            return other + bone.removeprefix(side)
+    return bone
+
+
+def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the rig") -> None:
+    """Raise where bones that motion needs are missing.
+
+    Raises:
+        UnknownRigError: says what was found, what is missing, and the remedy.
+    """
+    missing = [bone for bone in REQUIRED if bone not in found]
+    if not missing:
+        return
+    known = [f"{bone} ({names[found[bone]]})" for bone in REQUIRED if bone in found]
+    left = [name for joint, name in enumerate(names) if joint not in found.values()]
+    raise UnknownRigError(
+        f"{rig} is not known: no joint is {_some(missing, 6)}; found: {_some(known, 3) or 'nothing'}; not placed:"
+        f" {_some(left, 6) or 'nothing'}. Say which joint is which with --map FILE; `echoavatar rig RIG --template -o"
+        " FILE` begins that file",
+        {bone: names[joint] for bone, joint in found.items()},
+    )
+
+
+def _some(words: Sequence[str], most: int) -> str:
+    """The first few words, each of few letters, and how many more there are."""
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(word[:60] for word in words[:most]) + more
+
+
+@lru_cache(maxsize=64)
+def _read(
+    names: tuple[str, ...], parents: tuple[int, ...], offsets: tuple[tuple[float, float, float], ...]
+) -> dict[str, int]:
+    return find_bones(_tree(names, parents, offsets))
+
+
+def _tree(names: Sequence[str], parents: Sequence[int], offsets: Sequence[tuple[float, float, float]]) -> Tree:
+    places = np.array(offsets, np.float64)
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            places[joint] += places[parent]
+    return Tree(names, parents, places)
 
 
 def feet_of(bones: Mapping[str, int]) -> list[int]:
     """Joints of left foot and toes, then of the right; the foot again where there are no toes."""
-    return [bones.get(f"{s}{part}", bones[f"{s}Foot"]) for s in ("left", "right") for part in ("Foot", "Toes")]
+    return [bones.get(f"{s}{part}", bones[f"{s}Foot"]) for s in SIDES for part in ("Foot", "Toes")]
 
 
 def is_upright(skeleton: Skeleton, bones: Mapping[str, int]) -> bool:
     """Whether the rest pose has the head above the hips and these above the feet (Y up)."""
     height = skeleton.rest_positions[:, 1]
     return bool(height[bones["head"]] > height[bones["hips"]] > height[bones["leftFoot"]])
-
-
-def finger_bones(side: str) -> dict[str, tuple[str, str, str]]:
-    """The three bones of each digit of a hand."""
-    rest = ("Proximal", "Intermediate", "Distal")
-    return {
-        digit: tuple(  # type: ignore[misc]
-            f"{side}{digit}{bone}" for bone in (("Metacarpal", "Proximal", "Distal") if digit == "Thumb" else rest)
-        )
-        for digit in _DIGITS
-    }
-
-
-class _Rig(NamedTuple):
-    """The bone names of a family of rigs.
-
-    `{s}` stands for the side, `{digit}` or `{Digit}` for a finger's name and `{n}` for its number, `{k}` for 1 to 3
-    and `{j}` for nothing, 1 and 2 along it.
-    """
-
-    trunk: str  # hips, spine, chest, upper chest, neck, head; - for none
-    sides: tuple[str, str]
-    limbs: str  # shoulder, upper and lower arm, hand, upper and lower leg, foot, toes
-    fingers: str = ""
-
-    def table(self) -> dict[str, str]:
-        """VRM bone to joint name."""
-        names = zip(_TRUNK, self.trunk.split(), strict=True)
-        table = {bone: name for bone, name in names if name != "-"}
-        for side, s in zip(("left", "right"), self.sides, strict=True):
-            table |= {side + bone: name for bone, name in zip(_LIMBS, self.limbs.format(s=s).split(), strict=True)}
-            for n, (digit, bones) in enumerate(finger_bones(side).items() if self.fingers else ()):
-                own = "Pinky" if digit == "Little" else digit
-                for k, bone in enumerate(bones, start=1):
-                    table[bone] = self.fingers.format(s=s, Digit=own, digit=own.lower(), n=n, k=k, j=k - 1 or "")
-        return table
-
-
-_TRUNK = ("hips", "spine", "chest", "upperChest", "neck", "head")
-_LIMBS = ("Shoulder", "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toes")
-_MIXAMO = _Rig(
-    "Hips Spine Spine1 Spine2 Neck Head",
-    ("Left", "Right"),
-    "{s}Shoulder {s}Arm {s}ForeArm {s}Hand {s}UpLeg {s}Leg {s}Foot {s}ToeBase",
-    "{s}Hand{Digit}{k}",
-)
-_RIGS = (
-    _MIXAMO,
-    _MIXAMO._replace(trunk="Hips Spine Spine2 Spine3 Neck Head"),
-    _MIXAMO._replace(trunk="Hips LowerBack Spine Spine1 Neck Head"),
-    _Rig(  # Unreal
-        "pelvis spine_01 spine_02 spine_03 neck_01 head",
-        ("l", "r"),
-        "clavicle_{s} upperarm_{s} lowerarm_{s} hand_{s} thigh_{s} calf_{s} foot_{s} ball_{s}",
-        "{digit}_0{k}_{s}",
-    ),
-    _Rig(  # 3ds Max Biped
-        "Bip01_Pelvis Bip01_Spine Bip01_Spine1 Bip01_Spine2 Bip01_Neck Bip01_Head",
-        ("Bip01_L", "Bip01_R"),
-        "{s}_Clavicle {s}_UpperArm {s}_Forearm {s}_Hand {s}_Thigh {s}_Calf {s}_Foot {s}_Toe0",
-        "{s}_Finger{n}{j}",
-    ),
-    _Rig(  # Bandai-Namco
-        "Hips Spine - Chest Neck Head",
-        ("L", "R"),
-        "Shoulder_{s} UpperArm_{s} LowerArm_{s} Hand_{s} UpperLeg_{s} LowerLeg_{s} Foot_{s} Toes_{s}",
-    ),
-    _Rig(  # Daz
-        "hip abdomen chest - neck head",
-        ("l", "r"),
-        "{s}Collar {s}Shldr {s}ForeArm {s}Hand {s}Thigh {s}Shin {s}Foot {s}Toe",
-    ),
-    _Rig(  # Rigify
-        "pelvis spine spine.001 - neck face",
-        ("L", "R"),
-        "shoulder.{s} upper_arm.{s} forearm.{s} hand.{s} thigh.{s} shin.{s} foot.{s} toe.{s}",
-    ),
-)
-_TABLES = ({name: name for name in HUMANOID.names}, *(rig.table() for rig in _RIGS))

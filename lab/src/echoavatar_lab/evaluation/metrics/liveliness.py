@@ -62,7 +62,7 @@ def body_points(motion: Motion) -> Points:
             tip = pose.positions.new_tensor(skeleton.config.tips.get(skeleton.names[arm], (0.0, 0.0, 0.0)))
             found.append(pose.positions[:, arm] + pose.rotations[:, arm] @ tip)
         else:
-            raise MotionError(f"no joint of the rig is {point}; give its skeleton a VRM map")
+            raise MotionError(f"no joint of the rig is known to be {point}")
     return of_common_height(np.stack([place.double().numpy() for place in found], 1))
 
 

@@ -1,0 +1,69 @@
+"""The user's own map from bones to joints: a JSON object such as `{"hips": "Bone.001", "leftToes": null}`.
+
+It comes before what is read from names and shape. `null` is a bone that the rig does not have; a bone that the map does
+not name is looked for.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from echoavatar.errors import MotionError
+from echoavatar.json_reader import read_object_file
+
+from ..kinematics.motion import Motion
+from ..kinematics.rigs import BONES, JointMap, UnknownRigError, known_bones, with_bones
+from .bvh import read_bvh
+from .gltf_rig import read_gltf_rig
+
+
+def read_map(path: Path | None) -> dict[str, str | None] | None:
+    """The map in a file; None for no file.
+
+    Raises:
+        MotionError: the file is missing, no JSON object, names a bone that there is not, or a joint twice.
+    """
+    if path is None:
+        return None
+    try:
+        given = read_object_file(path, error=MotionError)
+    except FileNotFoundError as error:
+        raise MotionError(f"{path} does not exist; check the name") from error
+    joints: dict[str, str] = {}
+    for bone, joint in given.items():
+        if bone not in BONES:
+            raise MotionError(
+                f"{path}: {bone[:60]!r} is no bone; they are {', '.join(BONES[:4])}, ... as --template lists"
+            )
+        if joint is None:
+            continue
+        if not isinstance(joint, str):
+            raise MotionError(f"{path}: {bone} is {str(joint)[:60]}; write the name of a joint, or null for none")
+        if joint in joints:
+            raise MotionError(f"{path}: {joint[:60]!r} is both {joints[joint]} and {bone}; keep one")
+        joints[joint] = bone
+    return given
+
+
+def mapped(motion: Motion, given: JointMap | None) -> Motion:
+    """The motion with the user's map on its rig.
+
+    Raises:
+        MotionError: as `with_bones`.
+    """
+    return motion if given is None else replace(motion, skeleton=with_bones(motion.skeleton, given))
+
+
+def map_of(path: Path) -> dict[str, str | None]:
+    """The map of a character (.glb, .vrm) or clip (.bvh), with None for the bones that were not found.
+
+    Raises:
+        MotionError: the file cannot be read, or has no skin.
+    """
+    found: Mapping[str, str]
+    try:
+        rig = read_bvh(path).skeleton if path.suffix.lower() == ".bvh" else read_gltf_rig(path).skeleton
+        found = {bone: rig.names[joint] for bone, joint in known_bones(rig).items()}
+    except UnknownRigError as error:
+        found = error.found
+    return {bone: found.get(bone) for bone in BONES}

@@ -1,0 +1,113 @@
+"""The joints of a file as a tree, and what its limbs say about the trunk between them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from .joint_words import Said, read_names
+
+SIDES = ("left", "right")
+REQUIRED = ("hips", "head") + tuple(
+    f"{side}{bone}" for side in SIDES for bone in ("UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot")
+)
+UPRIGHT = 0.7  # cosine; the head goes up from the neck, a jaw or the brim of a hat does not
+END = 0.09  # of the height where the arms meet: the end of a head is farther from it, a head is nearer to the neck
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The joints of a file, parents before children. A file may have several roots."""
+
+    names: Sequence[str]
+    parents: Sequence[int]  # -1 for a root
+    places: Float[np.ndarray, "j 3"]  # at rest, any unit
+
+    @cached_property
+    def said(self) -> list[Said]:
+        """What each name says."""
+        return read_names(self.names)
+
+    @cached_property
+    def children(self) -> list[list[int]]:
+        """The joints that hang from each."""
+        found: list[list[int]] = [[] for _ in self.parents]
+        for joint, parent in enumerate(self.parents):
+            if parent >= 0:
+                found[parent].append(joint)
+        return found
+
+    def above(self, joint: int) -> list[int]:
+        """The joint and its ancestors, upward."""
+        line = []
+        while joint >= 0:
+            line.append(joint)
+            joint = self.parents[joint]
+        return line
+
+    def below(self, joint: int) -> list[int]:
+        """The joint and all that hangs from it, parents first."""
+        found = [joint]
+        for one in found:
+            found += self.children[one]
+        return found
+
+    def meet(self, joints: Sequence[int]) -> int:
+        """The lowest joint that all of them hang from, or are; -1 for none."""
+        lines = [self.above(joint) for joint in joints]
+        return next((joint for joint in (lines[0] if lines else []) if all(joint in line for line in lines)), -1)
+
+    def between(self, top: int, joint: int) -> list[int]:
+        """The joints on the way from `top` to `joint`, both left out."""
+        line = self.above(joint)
+        return line[1 : line.index(top)][::-1] if top in line else []
+
+
+def trunk_bones(tree: Tree, hips: int, arms: int, head: int) -> dict[str, int]:
+    """Spine, chest, upper chest and neck on the way from hips to head.
+
+    Args:
+        tree: the joints.
+        hips: a joint.
+        arms: where the arms meet; -1 if that is not known.
+        head: a joint; -1 if it is not known.
+    """
+    way = tree.between(hips, head) or [joint for joint in tree.above(arms)[::-1] if hips in tree.above(joint)[1:]]
+    necks = [joint for joint in way if tree.said[joint].part == "neck"]
+    if not necks:
+        necks = [joint for joint in way if arms in tree.above(joint)[1:]]
+    spines = [joint for joint in way[: way.index(necks[0])] if not tree.said[joint].is_helper] if necks else way
+    found = {"neck": necks[0]} if necks else {}
+    if len(spines) < 3:
+        return found | dict(zip(("spine", "chest"), spines, strict=False))
+    return found | {"spine": spines[0], "chest": spines[(len(spines) - 1) // 2], "upperChest": spines[-1]}
+
+
+def head_above(tree: Tree, arms: int, beside: Sequence[int], up: Float[np.ndarray, "3"]) -> int:
+    """The head by its place: the end of the chain that goes up where the arms meet; -1 for none.
+
+    Args:
+        tree: the joints.
+        arms: where the arms meet.
+        beside: joints of the arms.
+        up: the direction from feet to hips.
+    """
+    taken = {joint for one in beside for joint in tree.above(one)}
+    high = tree.places @ up
+    starts = [joint for joint in _plain(tree, arms) if joint not in taken]
+    chain = [max(starts, key=lambda joint: high[tree.below(joint)].max())] if starts else []
+    while chain and len(below := _plain(tree, chain[-1])) == 1:
+        chain += below
+    if len(chain) > 1 and not tree.children[chain[-1]]:
+        last = tree.places[chain[-1]] - tree.places[chain[-2]]
+        long = float(np.linalg.norm(last))
+        if last @ up < UPRIGHT * long or (len(chain) > 2 and long > END * (high[arms] - high.min())):
+            chain.pop()
+    return chain[-1] if chain and (len(chain) > 1 or tree.said[chain[0]].part != "neck") else -1
+
+
+def _plain(tree: Tree, joint: int) -> list[int]:
+    """Children in the middle of the body."""
+    return [child for child in tree.children[joint] if not (tree.said[child].side or tree.said[child].is_helper)]

@@ -1,0 +1,180 @@
+"""What the name of a joint says: a side and a part of the body, in the words of many programs.
+
+Names are read, not listed: namespaces, prefixes, case, separators and digits differ from program to program, the words
+for a thigh are few. `LeftUpLeg`, `mixamorig1:LeftUpLeg`, `J_Bip_L_UpperLeg`, `thigh.L`, `lfemur` and `左足` all are.
+"""
+
+import re
+import unicodedata
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+_SIDES = {"left": "left l lf lt lft hidari 左", "right": "right r rt rgt rht migi 右"}
+_PARTS = {
+    "hips": "hips hip pelvis hipjoint center centre cog waist centerofgravity lowertorso sentaa センター 腰 骨盤",
+    "trunk": "spine chest torso back abdomen ab belly thorax ribcage ribs body uppertorso upperbody lowerbody"
+    " upperchest jouhanshin kahanshin 上半身 下半身 脊椎",
+    "neck": "neck kubi 首 颈 頸 脖子",
+    "head": "head skull atama 頭 头",
+    "face": "face",
+    "eye": "eye eyeball 目",
+    "jaw": "jaw mandible 顎",
+    "clavicle": "clavicle collar collarbone scapula 鎖骨 锁骨",
+    "shoulder": "shoulder shldr kata 肩",
+    "upperarm": "upperarm uparm uarm humerus bicep ude 腕 上臂",
+    "arm": "arm",
+    "elbow": "elbow forearm farm lowerarm lowarm loarm radius ulna hiji ひじ 肘 前臂 小臂",
+    "hand": "hand 手",
+    "wrist": "wrist tekubi 手首 手腕",
+    "thigh": "thigh upleg upperleg uleg femur 大腿",
+    "leg": "leg ashi 足",
+    "knee": "knee shin calf lowerleg lowleg loleg tibia hiza ひざ 膝 小腿",
+    "foot": "foot 脚 腳",
+    "ankle": "ankle ashikubi 足首 脚踝",
+    "toe": "toe toes toebase ball tsumasaki つま先 足先 脚趾 腳趾",
+    "thumb": "thumb oyayubi 親指",
+    "index": "index indexfinger pointer fore hitosashi hitosashiyubi hitoyubi 人指 人差指",
+    "middle": "middle mid middlefinger nakayubi 中指",
+    "ring": "ring third ringfinger kusuriyubi 薬指",
+    "little": "little pinky pinkie pinkyfinger koyubi 小指",
+    "finger": "finger",
+    "metacarpal": "metacarpal meta metacarpals carpal palm inhand start",
+}
+_HELPERS = (
+    "twist roll ik fk ctrl ctl control org mch end tip nub top site effector dummy null target pole goal share part"
+    " hair ponytail skirt cloth dress breast boob bust pectoral weapon sword prop socket attach camera tail wing ear"
+    " helper corrective tweak jiggle muscle aim big brow lid lash buttock"
+    " 捩 髪 胸 スカート 乳 先 親 両"
+)
+_FILLERS = "upper up lower low in base joint bone bend proximal intermediate distal medial root stretch"
+DIGITS = ("thumb", "index", "middle", "ring", "little")
+CACHED = 4096  # names and words that are remembered
+LONGEST_NAME = 256  # letters of a name that are read
+LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
+LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
+
+
+def _table() -> dict[str, str]:
+    table = {word: f"side {side}" for side, words in _SIDES.items() for word in words.split()}
+    table |= {word: part for part, words in _PARTS.items() for word in words.split()}
+    return table | dict.fromkeys(_HELPERS.split(), "helper") | dict.fromkeys(_FILLERS.split(), "")
+
+
+_WORDS = _table()
+_LONGEST = max(map(len, _WORDS))
+
+
+class Said(NamedTuple):
+    """What a name says."""
+
+    side: str  # "left", "right", "" for neither
+    part: str  # a key of the table of parts, "" for none
+    number: int  # right behind the finger; -1 for none
+    is_metacarpal: bool
+    helpers: tuple[str, ...]  # words for what is no bone of a body: twist, IK, end, hair and the like
+    strangers: tuple[str, ...]  # words that are not known
+    plain: tuple[str, ...]  # all its words and digits except the side
+
+    @property
+    def is_helper(self) -> bool:
+        """Whether the joint is no bone of a body."""
+        return bool(self.helpers)
+
+
+def read_names(names: Sequence[str]) -> list[Said]:
+    """What each name of a rig says, without the words that label the whole rig."""
+    said = [read_name(name) for name in names]
+    parts = [one for one in said if one.part]
+    beside: dict[str, list[str]] = {}
+    for one in parts:
+        for word in {*one.strangers, *one.helpers}:
+            beside.setdefault(word, []).append(one.part)
+    labels = {word for word, near in beside.items() if word not in _WORDS and len(set(near)) >= LABEL_PARTS}
+    labels |= {word for word, near in beside.items() if len(near) > LABEL_SHARE * len(parts)}  # all are controls
+    left = [[tuple(w for w in words if w not in labels) for words in (one.helpers, one.strangers)] for one in said]
+    return [one._replace(helpers=h, strangers=s) for one, (h, s) in zip(said, left, strict=True)]
+
+
+@lru_cache(maxsize=CACHED)
+def read_name(name: str) -> Said:
+    """What a name says by itself."""
+    text = unicodedata.normalize("NFKC", re.split("[:|]", name)[-1][:LONGEST_NAME])
+    words = [word for chunk in re.findall(r"[^\W\d_]+|\d+", text) for word in _words(chunk)]
+    kinds = [_WORDS.get(word, "digits" if word.isdecimal() else "stranger") for word in words]
+    sides = {kind[5:] for kind in kinds if kind.startswith("side")}
+    body = [(word, kind) for word, kind in zip(words, kinds, strict=True) if not kind.startswith("side")]
+    parts = _merged(body)
+    last = max((at for at, (_, kind) in enumerate(body) if kind in (*DIGITS, "finger")), default=len(body))
+    following = body[last + 1 : last + 2]
+    number = int(following[0][0]) if following and following[0][1] == "digits" else -1
+    return Said(
+        side=sides.pop() if len(sides) == 1 else "",
+        part=_part(parts),
+        number=min(number, 99),
+        is_metacarpal="metacarpal" in parts,
+        helpers=tuple(word for word, kind in body if kind == "helper"),
+        strangers=tuple(word for word, kind in body if kind == "stranger"),
+        plain=tuple(word for word, _ in body),
+    )
+
+
+def _words(chunk: str) -> list[str]:
+    """The words that a run of letters is made of: `luparm` of known words, `BipThigh` by its capitals."""
+    if (whole := _split(chunk.lower())) is not None:
+        return list(whole)
+    pieces = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^A-Za-z]+", chunk)
+    return [word for piece in pieces for word in _split(piece.lower()) or _labelled(piece.lower())]
+
+
+@lru_cache(maxsize=CACHED)
+def _labelled(text: str) -> tuple[str, ...]:
+    """A word that may begin with a label, as `mixamorighips` does without capitals."""
+    for start in range(1, len(text)):
+        words = _split(text[start:]) or ()
+        if any(_WORDS.get(word) in _PARTS for word in words):
+            return (text[:start], *words)
+    return (text,)
+
+
+@lru_cache(maxsize=CACHED)
+def _split(text: str, is_first: bool = True) -> tuple[str, ...] | None:
+    """Known words that make up the text, the longest first; a side of one letter only at an end of it."""
+    if not text or text.isdecimal():
+        return (text,) if text else ()
+    for end in range(min(len(text), _LONGEST), 0, -1):
+        word = text[:end]
+        is_letter = word.isascii() and end <= 2
+        if word in _WORDS and (not is_letter or is_first or end == len(text)):
+            rest = _split(text[end:], False)
+            if rest is not None and (not is_letter or not rest or _WORDS[rest[0]] in _PARTS):
+                return (word, *rest)
+    return None
+
+
+def _merged(body: Sequence[tuple[str, str]]) -> list[str]:
+    """The parts in order, where `upper arm` and `arm upper` are one."""
+    found: list[str] = []
+    at = 0
+    while at < len(body):
+        pair = [word for word, _ in body[at : at + 2]]
+        both = next((_WORDS[word] for word in ("".join(pair), "".join(pair[::-1])) if word in _WORDS), "")
+        if len(pair) == 2 and both in _PARTS:
+            found.append(both)
+            at += 2
+            continue
+        if body[at][1] in _PARTS:
+            found.append(body[at][1])
+        at += 1
+    return found
+
+
+def _part(parts: list[str]) -> str:
+    """The one part that several words of a name mean: the thumb of `hand thumb`, the knee of `leg knee`."""
+    if "foot" in parts and set(DIGITS) & set(parts):
+        return "toe"
+    for part in ("toe", "trunk", "neck", *DIGITS, "finger", "eye", "jaw"):
+        if part in parts:
+            return part
+    special = [part for part in parts if part not in ("arm", "leg", "metacarpal")] or parts
+    return special[-1] if special else ""

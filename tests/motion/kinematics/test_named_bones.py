@@ -1,0 +1,94 @@
+"""Names of many programs are read, with all that stands beside a body."""
+
+import numpy as np
+import pytest
+from tests.motion.kinematics.naming import EXTRA, FRAMED, SCHEMES, body, every_body, names_of, renamed
+
+from echoavatar.motion.kinematics import HUMANOID, Skeleton
+from echoavatar.motion.kinematics.joint_tree import Tree
+from echoavatar.motion.kinematics.rigs import find_bones, known_bones
+
+UNREAL = SCHEMES["Unreal 4"]
+
+
+def test_there_are_many_schemes():
+    assert len(SCHEMES) + len(FRAMED) >= 50
+
+
+@pytest.mark.parametrize("has_noise", [False, True], ids=["plain", "noise"])
+@pytest.mark.parametrize("name", every_body())
+def test_every_bone_of_a_scheme_is_found_and_nothing_else_is_taken_for_one(name, has_noise):
+    made = body(*every_body()[name], has_noise=has_noise)
+    assert names_of(made.skeleton) == made.bones
+
+
+@pytest.mark.parametrize("name", [name for name, (scheme, _) in every_body().items() if scheme.has_all_names])
+def test_names_are_enough_where_no_place_says_anything(name):
+    made = body(*every_body()[name], has_noise=True)
+    config = made.skeleton.config
+    nowhere = Skeleton(config.model_copy(update={"offsets": ((0.0, 0.0, 0.0),) * len(config.names)}))
+    assert names_of(nowhere) == made.bones
+
+
+@pytest.mark.parametrize("frame", ["{}_jnt", "hero_{}", "rig:{}", "Armature|{}", "{}.001", "{} (1)", "upper", "lower"])
+def test_what_stands_around_the_names_of_a_scheme_does_not_matter(frame):
+    """Nor does their case; each with noise, and no place says anything."""
+    for name, (scheme, own) in every_body().items():
+        made = body(scheme, own, has_noise=True)
+        put = [getattr(joint, frame)() if "{" not in frame else frame.format(joint) for joint in made.skeleton.names]
+        if scheme.has_all_names:
+            nowhere = renamed(made.skeleton, put, np.zeros((made.skeleton.joints, 3)))
+            found = {bone: joint for bone, joint in known_bones(nowhere).items() if bone not in EXTRA}
+            assert found == {bone: made.skeleton.index(joint) for bone, joint in made.bones.items()}, name
+
+
+AMBIGUOUS = {
+    "leg is the thigh": {"leg": "UpperLeg=leg_{s}/LowerLeg=shin_{s}/Foot=foot_{s}/Toes=toe_{s}"},
+    "leg is the shin": {"leg": "UpperLeg=thigh_{s}/LowerLeg=leg_{s}/Foot=foot_{s}/Toes=toe_{s}"},
+    "leg is both": {"leg": "UpperLeg=leg_{s}/LowerLeg=leg_{s}.001/Foot=foot_{s}"},
+    "a hip above the thigh": {"leg": "=hip_{s}/UpperLeg=thigh_{s}/LowerLeg=knee_{s}/Foot=ankle_{s}/Toes=toe_{s}"},
+    "hip is the thigh": {"leg": "UpperLeg=hip_{s}/LowerLeg=knee_{s}/Foot=ankle_{s}/Toes=foot_{s}"},
+    "hip is the root": {"trunk": UNREAL.trunk.replace("pelvis", "hip"), "leg": UNREAL.leg},
+    "foot below ankle": {"leg": "UpperLeg=hip_{s}/LowerLeg=leg_{s}/Foot=ankle_{s}/=foot_{s}/Toes=toe_{s}"},
+    "shoulder is the clavicle": {"arm": "Shoulder=shoulder_{s}/UpperArm=arm_{s}/LowerArm=forearm_{s}/Hand=hand_{s}"},
+    "shoulder is the upper arm": {"arm": "Shoulder=collar_{s}/UpperArm=shoulder_{s}/LowerArm=elbow_{s}/Hand=hand_{s}"},
+    "shoulder without clavicle": {"arm": "UpperArm=shoulder_{s}/LowerArm=elbow_{s}/Hand=wrist_{s}"},
+    "arm is both": {"arm": "Shoulder=clavicle_{s}/UpperArm=arm_{s}/LowerArm=arm_{s}.001/Hand=hand_{s}"},
+    "hand below wrist": {"arm": "UpperArm=arm_{s}/LowerArm=forearm_{s}/Hand=wrist_{s}/=hand_{s}"},
+    "upper and lower behind": {
+        "arm": "Shoulder=clav_{s}/UpperArm=arm_upper_{s}/LowerArm=arm_lower_{s}/Hand=hand_{s}".replace(
+            "clav_", "collar_"
+        ),
+        "leg": "UpperLeg=leg_upper_{s}/LowerLeg=leg_lower_{s}/Foot=foot_{s}",
+    },
+    "no neck": {"trunk": "hips=hips/spine=torso/head=head"},
+}
+
+
+@pytest.mark.parametrize("name", AMBIGUOUS)
+def test_the_order_along_a_limb_settles_words_that_mean_several_bones(name):
+    made = body(UNREAL._replace(fingers="", **AMBIGUOUS[name]), has_noise=True)
+    assert names_of(made.skeleton) == made.bones
+
+
+_LEGS = [f"{side}{bone}" for side in ("left", "right") for bone in ("UpperLeg", "LowerLeg", "Foot")]
+SECOND = {  # the joints of another thing in the file, and their parents
+    "a chair with hips": (["chair", "Hips", "LeftUpLeg", "LeftLeg", "RightUpLeg", "Head"], [-1, 0, 1, 2, 1, 1]),
+    "controls": ([f"CTRL_{name}" for name in HUMANOID.names], list(HUMANOID.parents)),
+    "a body of legs alone": (["hips", *_LEGS], [-1, 0, 1, 2, 0, 4, 5]),
+}
+
+
+@pytest.mark.parametrize("is_under_one", [False, True], ids=["two trees", "one tree"])
+@pytest.mark.parametrize("name", SECOND)
+def test_the_most_complete_of_two_bodies_is_taken(name, is_under_one):
+    names, parents = ["scene"] * is_under_one + SECOND[name][0], [-1] * is_under_one
+    parents += [parent + is_under_one for parent in SECOND[name][1]]
+    made = body(*every_body()["Mixamo"], has_noise=True)
+    count = len(names)
+    parents += [parent + count if parent >= 0 else is_under_one - 1 for parent in made.skeleton.parents]
+    places = np.concatenate([np.zeros((count, 3)), made.skeleton.rest_positions.double().numpy()])
+    tree = Tree([*names, *made.skeleton.names], parents, places)
+    found = {bone: tree.names[joint] for bone, joint in find_bones(tree).items() if bone not in EXTRA}
+    assert found == made.bones
+    assert all(joint >= count for joint in find_bones(tree).values())
