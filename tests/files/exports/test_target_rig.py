@@ -223,12 +223,12 @@ def test_motion_stays_smooth(put: tuple[Rig, Motion], take: Take) -> None:
 
 def test_a_bvh_may_be_in_metres_or_centimetres(rigs, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
-    assert rig.units_per_metre == pytest.approx(100)
+    assert rig.stand.metres == 0.01
     still = np.zeros((1, rig.skeleton.joints, 4), np.float32)
     still[..., 0] = 1
     write_bvh(tmp_path / "m.bvh", rig.skeleton, still, np.zeros((1, 3), np.float32), 30, scale=1.0)
     metres = read_rig(tmp_path / "m.bvh")
-    assert metres.units_per_metre == 1
+    assert metres.stand.metres == 1
     np.testing.assert_allclose(metres.skeleton.rest_positions, rig.skeleton.rest_positions, atol=1e-4)
 
 
