@@ -40,7 +40,7 @@ _SAME_RATE = 3e-4
 _NTSC_HZ = tuple(rate * 1000 / 1001 for rate in (24, 30, 60, 120))
 _COMMENT = re.compile(r"(?<!\S)//.*|^[ \t]*#.*|#(?!\S).*", re.MULTILINE)
 _STATEMENT = re.compile(
-    r"(?:(?P<key>root|joint|end(?:site)?)\b(?P<name>[^\n{}]*)\s*\{|offset(?P<offset>(?:\s+[^\s{}]+){3})"
+    r"(?:(?P<key>root|joint|end(?:site)?)\b(?P<name>[^\n{}]*)(?:\n\s*)?\{|offset(?P<offset>(?:\s+[^\s{}]+){3})"
     r"|channels\s+(?P<count>\d{1,4})(?P<channels>(?:\s+[xyz](?:position|rotation|scale)\b)*)"
     r"|(?P<close>\})|(?P<motion>motion\b))\s*",
     re.IGNORECASE,
