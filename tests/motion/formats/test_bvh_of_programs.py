@@ -150,8 +150,9 @@ def test_what_programs_write_is_read_as_the_plain_file(name, plain, tmp_path, ca
     path.write_bytes(changed if isinstance(changed, bytes) else changed.encode())
     with caplog.at_level(logging.WARNING):
         motion = read_bvh(path)
-    assert said in caplog.text and (not said) == (not caplog.text)
-    assert motion.frames == FRAMES and motion.fps == 30
+    assert said in caplog.text
+    assert (not said) == (not caplog.text)
+    assert (motion.frames, motion.fps) == (FRAMES, 30)
     theirs = [name.lower() for name in motion.skeleton.names]
     at = [theirs.index(name.lower()) for name in HUMANOID.names]
     torch.testing.assert_close(motion.pose().positions[:, at], PERSON.pose().positions, atol=2e-5, rtol=0)
@@ -174,7 +175,8 @@ def test_names_in_other_encodings(name, encoding, said, plain, tmp_path, caplog)
     path.write_bytes(plain.replace("JOINT leftThumbDistal", f"JOINT {name}").encode(encoding))
     motion = read_bvh(path)
     assert "_".join(name.split()) in motion.skeleton.names
-    assert said in caplog.text and (not said) == (not caplog.text)
+    assert said in caplog.text
+    assert (not said) == (not caplog.text)
 
 
 RATES = [
@@ -253,7 +255,8 @@ def test_a_figure_is_turned_upright_and_to_the_front(rest, world, said, tmp_path
     made = turned(PERSON, rest, world)
     write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30)
     motion = read_bvh(tmp_path / "a.bvh")
-    assert said in caplog.text and (not said) == (not caplog.text)
+    assert said in caplog.text
+    assert (not said) == (not caplog.text)
     torch.testing.assert_close(motion.pose().positions, PERSON.pose().positions, atol=2e-5, rtol=0)
     torch.testing.assert_close(motion.skeleton.offsets[1:], HUMANOID.offsets[1:], atol=2e-5, rtol=0)
 
@@ -292,7 +295,8 @@ def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tm
         atol = 1e-5 if per_metre >= 1 else 1e-3  # the file has six digits
         np.testing.assert_allclose(motion.root, made.root, atol=atol)
         torch.testing.assert_close(motion.skeleton.offsets, made.skeleton.offsets, atol=atol, rtol=0)
-    assert ("its unit is taken for" in caplog.text) == (unit != "") and (unit or "") in caplog.text
+    assert ("its unit is taken for" in caplog.text) == (unit != "")
+    assert (unit or "") in caplog.text
 
 
 def test_who_lies_on_the_floor_is_not_stood_up(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]

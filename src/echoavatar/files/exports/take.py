@@ -10,7 +10,8 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of, motion_of
+from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.timing import SAMPLE_RATE_HZ
@@ -32,7 +33,7 @@ class Take:
 
 
 def read_take(path: Path) -> Take:
-    """The take in a recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
+    """The take in a recording: NPZ from `animate` or `say` or of SMPL, or any BVH whose bones are known.
 
     Raises:
         MotionError: the file is missing, damaged, or of another kind.
@@ -42,7 +43,10 @@ def read_take(path: Path) -> Take:
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
     try:
-        stored = arrays_of(path, MotionError)
+        with NpzArrays(path, MotionError) as packed:
+            if is_smpl(packed):
+                return Take(smpl_motion(path, packed))
+            stored = dict(packed)
         motion = _recorded(path, stored) if "names" in stored else motion_of(stored)
         face = _face(stored) if "face" in stored else None
         audio = None

@@ -1,4 +1,4 @@
-"""Read and write BVH, the common format of captured motion: any hierarchy, any channel order.
+"""Read BVH, the common format of captured motion: any hierarchy, any channel order.
 
 The format has no standard. What programs write is read, and one warning says what was assumed, for example about the
 count of frames or the encoding. Unit and axes are measured on the figure (`kinematics.upright`).
@@ -23,11 +23,10 @@ from pydantic import ValidationError
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import BVH_BYTES, BVH_LINE, BVH_LINES, DEPTH, JOINTS, ROTATIONS, STILL_ROTATIONS, check_file
-from echoavatar.whole_file import write_whole
 
 from ..kinematics.motion import Motion
 from ..kinematics.rigs import known_bones
-from ..kinematics.rotations import euler_from_matrix, matrix_from_quaternion, quaternion_multiply
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
 from ..kinematics.upright import Stand, of_clip, righted
 
@@ -92,37 +91,6 @@ def read_standing(path: Path, metres_per_unit: float | None = None) -> tuple[Mot
     if notes := notes + ([] if metres_per_unit else stand.notes()):
         _log.warning("%s: %s", path, "; ".join(notes))
     return righted(motion, stand), stand
-
-
-def write_bvh(
-    path: Path | str,
-    skeleton: Skeleton,
-    rotations: NDArray[np.float32],
-    root: NDArray[np.float32],
-    fps: float,
-    *,
-    scale: float = 100.0,
-    order: str = "zyx",
-) -> None:
-    """Write a BVH file, completely or not at all. Euler angles continue past 180 degrees instead of jumping.
-
-    Args:
-        path: where to write.
-        skeleton: the rig; its tips become End Sites.
-        rotations: (t, j, 4) parent-relative quaternions `wxyz`.
-        root: (t, 3) world position of the root, metres.
-        fps: frames per second.
-        scale: units per metre, 100 for centimetres.
-        order: order of the rotation channels.
-    """
-    motion = Motion(skeleton, np.asarray(rotations, np.float32), np.asarray(root, np.float32), fps)
-    angles = np.degrees(_continuous_euler(motion.rotations, order))[:, _depth_first(skeleton)]
-    angles = angles.reshape(motion.frames, -1)
-    table = np.concatenate([motion.root.astype(np.float64) * scale, angles], 1)
-    row = " ".join(["%.6f"] * table.shape[1])
-    lines = ["HIERARCHY", *_hierarchy(skeleton, scale, order), "MOTION", f"Frames: {motion.frames}"]
-    lines += [f"Frame Time: {1 / fps:.9f}", *(row % tuple(frame) for frame in table.tolist())]
-    write_whole(path, "\n".join(lines) + "\n", error=MotionError)
 
 
 class _TextError(Exception):
@@ -405,56 +373,3 @@ def _merge_root(
     x, y, z = np.add(first.offset, second.offset).tolist()
     kept = [replace(second, parent=-1, offset=(x, y, z)), *(replace(j, parent=j.parent - 1) for j in joints[2:])]
     return kept, rotations, [moved, *places[2:]]
-
-
-def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:
-    """Angles (t, j, 3) in radians. Of the two triples for a rotation, the one nearer to the last frame's is taken."""
-    matrices = matrix_from_quaternion(torch.from_numpy(rotations.astype(np.float64)))
-    plain: _Frames = euler_from_matrix(matrices, order).numpy()
-    other = plain * [1, -1, 1] + np.pi
-    angles = plain.copy()
-    for t in range(1, len(angles)):
-        last = angles[t - 1]
-        near = plain[t] + 2 * np.pi * np.round((last - plain[t]) / (2 * np.pi))
-        far = other[t] + 2 * np.pi * np.round((last - other[t]) / (2 * np.pi))
-        is_far = np.abs(far - last).sum(-1) < np.abs(near - last).sum(-1)
-        angles[t] = np.where(is_far[:, None], far, near)
-    return angles
-
-
-def _depth_first(skeleton: Skeleton) -> list[int]:
-    """Joints in the order in which the file lists them."""
-    order, waiting = [], [0]
-    while waiting:
-        order.append(waiting.pop())
-        waiting += [j for j in reversed(range(skeleton.joints)) if skeleton.parents[j] == order[-1]]
-    return order
-
-
-def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> list[str]:
-    axes = " ".join(f"{axis.upper()}rotation" for axis in order)
-    offsets = skeleton.offsets.double().numpy() * scale
-    tips = skeleton.config.tips
-    lines: list[str] = []
-
-    def put(joint: int, depth: int) -> None:
-        pad, inner = "\t" * depth, "\t" * (depth + 1)
-        name = skeleton.names[joint]
-        lines.append(f"{pad}{'ROOT' if depth == 0 else 'JOINT'} {name}")
-        lines.extend([f"{pad}{{", f"{inner}OFFSET {_words(offsets[joint])}"])
-        travel = "6 Xposition Yposition Zposition" if depth == 0 else "3"
-        lines.append(f"{inner}CHANNELS {travel} {axes}")
-        below = [j for j in range(skeleton.joints) if skeleton.parents[j] == joint]
-        for child in below:
-            put(child, depth + 1)
-        if not below or name in tips:
-            tip = np.multiply(tips.get(name, (0.0, 0.0, 0.0)), scale)
-            lines.extend([f"{inner}End Site", f"{inner}{{", f"{inner}\tOFFSET {_words(tip)}", f"{inner}}}"])
-        lines.append(f"{pad}}}")
-
-    put(0, 0)
-    return lines
-
-
-def _words(values: NDArray[np.float64]) -> str:
-    return " ".join(f"{value:.6f}" for value in values)

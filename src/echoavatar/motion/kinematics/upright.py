@@ -46,14 +46,14 @@ class Stand(NamedTuple):
     metres: float = 0.01  # of one unit
     tall: float = 0.0  # metres; 0 where it is not known
 
-    def notes(self) -> list[str]:
+    def notes(self, usual: float = 0.01) -> list[str]:
         """What is assumed, in words."""
         turned = [not np.array_equal(turn, np.eye(3)) for turn in (self.rest, self.world)]
         what = {(True, True): "it", (True, False): "its rest pose", (False, True): "its motion"}.get(
             (turned[0], turned[1])
         )
         notes = [f"{what} is turned to Y up, facing +Z"] if what else []
-        if self.metres != Stand().metres:
+        if self.metres != usual:
             name = next(name for name, metres, *_ in UNITS if metres == self.metres)
             notes.append(f"its unit is taken for {name}, so that the figure is {self.tall:.2f} m tall")
         return notes
@@ -92,8 +92,11 @@ def height(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"]) -> float:
     return _TALL * sum(float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum()) for chain in chains)
 
 
-def of_clip(motion: Motion, bones: Mapping[str, int]) -> Stand:
-    """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up."""
+def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True) -> Stand:
+    """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up.
+
+    Where the floor is at 0 (`has_floor`), who lies there is not stood up.
+    """
     stand = measure(bones, motion.skeleton.rest_positions.numpy())
     if not stand.tall:
         return stand
@@ -106,7 +109,7 @@ def of_clip(motion: Motion, bones: Mapping[str, int]) -> Stand:
     if axis @ mean < _CLEAR or axis @ usual > _STANDING:
         return stand
     is_on_floor = abs(float(np.median((feet @ axis).min(1)))) * stand.metres < _FLOOR * stand.tall
-    return stand._replace(world=_lifted(axis)) if axis[1] == 1 or is_on_floor else stand  # else the person lies
+    return stand._replace(world=_lifted(axis)) if axis[1] == 1 or is_on_floor or not has_floor else stand
 
 
 def righted(motion: Motion, stand: Stand) -> Motion:
