@@ -16,7 +16,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.motion import resample
-from echoavatar.motion.kinematics.upright import turned
+from echoavatar.motion.kinematics.upright import Stand, turned
 
 FRAMES = 4
 PERSON = swaying(FRAMES)
@@ -289,7 +289,7 @@ def resized(motion: Motion, size: float) -> Motion:
 )
 def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
     made = resized(PERSON, tall / 1.7)
-    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30, scale=per_metre)
+    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30, stand=Stand(metres=1 / per_metre))
     motion = read_bvh(tmp_path / "a.bvh")
     if unit is not None:
         atol = 1e-5 if per_metre >= 1 else 1e-3  # the file has six digits

@@ -13,6 +13,7 @@ from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.motion import frame_ratio, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.timing import SAMPLE_RATE_HZ
 
@@ -30,6 +31,14 @@ class Take:
         if self.motion.skeleton.names == HUMANOID.names:
             return self
         return Take(retarget(self.motion), self.face, self.audio)
+
+    def at(self, fps: float) -> "Take":
+        """The take at another frame rate. A frame shows what the take shows at its time."""
+        motion, face = resample(self.motion, fps), self.face
+        if face is not None:
+            frames = np.arange(motion.frames) * float(frame_ratio(self.motion.fps, fps))
+            face = np.stack([np.interp(frames, np.arange(len(face)), curve) for curve in face.T], 1).astype(np.float32)
+        return Take(motion, face, self.audio)
 
 
 def read_take(path: Path) -> Take:

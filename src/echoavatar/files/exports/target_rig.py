@@ -28,7 +28,7 @@ from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map, feet_of, is_upright
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix, quaternion_multiply
-from echoavatar.motion.kinematics.upright import Stand
+from echoavatar.motion.kinematics.upright import OURS, Stand
 
 from ..avatar.gltf import Buffer, Tracks, packed
 from .take import Take
@@ -202,7 +202,7 @@ class Rig:
     path: Path
     skeleton: Skeleton
     gltf: GltfRig | None  # None for a BVH
-    stand: Stand = Stand()  # of a BVH: its unit and axes
+    stand: Stand = OURS  # of a BVH: its unit and axes
 
     def retarget(self, take: Take) -> Take:
         """The take on this rig. Planted feet stay on the floor; hands that touch each other or the body still do.

@@ -12,6 +12,7 @@ from echoavatar.whole_file import write_whole
 from ..kinematics.motion import Motion
 from ..kinematics.rotations import euler_from_matrix, matrix_from_quaternion
 from ..kinematics.skeleton import Skeleton
+from ..kinematics.upright import OURS, Stand, turned
 
 _Frames = np.ndarray
 
@@ -23,7 +24,7 @@ def write_bvh(
     root: NDArray[np.float32],
     fps: float,
     *,
-    scale: float = 100.0,
+    stand: Stand = OURS,
     order: str = "zyx",
 ) -> None:
     """Write a BVH file, completely or not at all. Euler angles continue past 180 degrees instead of jumping.
@@ -34,10 +35,12 @@ def write_bvh(
         rotations: (t, j, 4) parent-relative quaternions `wxyz`.
         root: (t, 3) world position of the root, metres.
         fps: frames per second.
-        scale: units per metre, 100 for centimetres.
+        stand: the unit and axes of the file (`read_standing`); ours in centimetres by default.
         order: order of the rotation channels.
     """
     motion = Motion(skeleton, np.asarray(rotations, np.float32), np.asarray(root, np.float32), fps)
+    motion, scale = turned(motion, stand.rest.T, stand.world.T), 1 / stand.metres
+    skeleton = motion.skeleton
     angles = np.degrees(_continuous_euler(motion.rotations, order))[:, _depth_first(skeleton)]
     angles = angles.reshape(motion.frames, -1)
     table = np.concatenate([motion.root.astype(np.float64) * scale, angles], 1)

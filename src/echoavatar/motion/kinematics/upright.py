@@ -59,6 +59,9 @@ class Stand(NamedTuple):
         return notes
 
 
+OURS = Stand()  # in centimetres
+
+
 def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: float = 0.01) -> Stand:
     """How a rest pose stands: its joints are at `places`, in the file's axes and unit.
 
