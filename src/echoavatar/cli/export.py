@@ -14,7 +14,7 @@ EXAMPLES = """examples:
   echoavatar export talk.npz -o out.glb --rig me.vrm   your own character with the animation
   echoavatar export clip.bvh -o out.bvh --rig rig.bvh  captured motion on another skeleton
 
-Recordings are .npz from `animate` or `say`, or any BVH with known joint names.
+Recordings are .npz from `animate` or `say`, SMPL motion (.npz), or any BVH with known joint names.
 """
 
 

@@ -14,9 +14,8 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
-from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.motion import resample
-from echoavatar.motion.kinematics.upright import Stand, turned
 
 FRAMES = 4
 PERSON = swaying(FRAMES)
@@ -231,81 +230,6 @@ def test_ten_minutes_stay_ten_minutes(rate, tmp_path) -> None:  # type: ignore[n
     np.testing.assert_allclose(ours.root[:, 0], np.arange(ours.frames) / 30, atol=1e-3)
     write_bvh(tmp_path / "b.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
     assert read_bvh(tmp_path / "b.bvh").fps == motion.fps
-
-
-QUARTER = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up, facing +Z, becomes Z up, facing -Y
-SIDEWAYS = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # facing +X
-STILL = np.eye(3)
-
-
-@pytest.mark.parametrize(
-    ("rest", "world", "said"),
-    [
-        (QUARTER, QUARTER, "it is turned to Y up"),
-        (STILL, QUARTER, "its motion is turned"),
-        (QUARTER, STILL, "its rest pose is turned"),
-        (SIDEWAYS, SIDEWAYS, "it is turned"),
-        (QUARTER @ SIDEWAYS, QUARTER @ SIDEWAYS, "it is turned"),
-        (QUARTER @ SIDEWAYS @ SIDEWAYS, QUARTER @ SIDEWAYS @ SIDEWAYS, "it is turned"),
-        (QUARTER @ QUARTER, QUARTER @ QUARTER, "it is turned"),
-        (STILL, STILL, ""),
-    ],
-)
-def test_a_figure_is_turned_upright_and_to_the_front(rest, world, said, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
-    made = turned(PERSON, rest, world)
-    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30)
-    motion = read_bvh(tmp_path / "a.bvh")
-    assert said in caplog.text
-    assert (not said) == (not caplog.text)
-    torch.testing.assert_close(motion.pose().positions, PERSON.pose().positions, atol=2e-5, rtol=0)
-    torch.testing.assert_close(motion.skeleton.offsets[1:], HUMANOID.offsets[1:], atol=2e-5, rtol=0)
-
-
-def resized(motion: Motion, size: float) -> Motion:
-    return turned(motion, STILL, STILL, size)
-
-
-@pytest.mark.parametrize(
-    ("tall", "per_metre", "unit"),
-    [
-        (1.7, 100, ""),
-        (0.9, 100, ""),
-        (2.5, 100, ""),
-        (3.0, 100, ""),
-        (0.6, 100, None),  # a creature, or a person in inches: either is said
-        (0.9, 1, "metres"),
-        (1.7, 1, "metres"),
-        (2.5, 1, "metres"),
-        (0.6, 1, "metres"),
-        (1.7, 1000, "millimetres"),
-        (1.2, 1000, "millimetres"),
-        (1.7, 1 / 0.0254, "inches"),
-        (1.5, 1 / 0.0254, "inches"),
-        (2.0, 1 / 0.0254, "inches"),
-        (1.7, 1 / 0.3048, "feet"),
-        (1.7, 0.1, "tens of metres"),
-        (1.7, 0.01, "hundreds of metres"),
-    ],
-)
-def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
-    made = resized(PERSON, tall / 1.7)
-    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30, stand=Stand(metres=1 / per_metre))
-    motion = read_bvh(tmp_path / "a.bvh")
-    if unit is not None:
-        atol = 1e-5 if per_metre >= 1 else 1e-3  # the file has six digits
-        np.testing.assert_allclose(motion.root, made.root, atol=atol)
-        torch.testing.assert_close(motion.skeleton.offsets, made.skeleton.offsets, atol=atol, rtol=0)
-    assert ("its unit is taken for" in caplog.text) == (unit != "")
-    assert (unit or "") in caplog.text
-
-
-def test_who_lies_on_the_floor_is_not_stood_up(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
-    lying = turned(PERSON, STILL, QUARTER)
-    lying.root[:] = [0.3, 0.1, -0.2]
-    write_bvh(tmp_path / "a.bvh", lying.skeleton, lying.rotations, lying.root, 30)
-    motion = read_bvh(tmp_path / "a.bvh")
-    assert not caplog.text
-    np.testing.assert_allclose(motion.root, lying.root, atol=1e-5)
 
 
 @pytest.mark.parametrize(
