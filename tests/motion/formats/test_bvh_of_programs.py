@@ -106,6 +106,9 @@ SAME: dict[str, tuple[Callable[[str], str | bytes], str]] = {  # what a program 
     "a frame time of 0": (lambda t: re.sub("Time: .*", "Time: 0.000", t), "30 frames per second are assumed"),
     "a frame time with a comma": (lambda t: re.sub("Time: .*", "Time: 0,0333333", t), ""),
     "cut within the last frame": (lambda t: t.rstrip() + "\n12.5 95", "it ends within frame 5"),
+    "cut within a number": (lambda t: t.rstrip() + "\n12.5 95 -", "it ends within frame 5"),
+    "cut within an exponent": (lambda t: t.rstrip() + "\n12.5 95 1.5e-", "it ends within frame 5"),
+    "decimal commas and commas": (lambda t: in_rows(t.replace(".", ","), lambda row: ", ".join(row) + ",\n"), ""),
     "six channels on every joint": (with_six_channels, ""),
     "positions beside the OFFSET": (lambda t: with_six_channels(t, beside=True), "added to their OFFSET"),
     "scale": (

@@ -257,7 +257,9 @@ def _motion(recording: Recording, options: SetOptions) -> Motion:
     if recording.motion.suffix.lower() == ".npz":
         motion = read_smplx(recording.motion, body_model=options.body_model)
     elif recording.motion.name.endswith(SUFFIX):
-        motion = read_lda(recording.motion, read_bvh(recording.rig).skeleton if recording.rig else None)
+        motion = read_lda(
+            recording.motion, read_bvh(recording.rig, metres_per_unit=0.01).skeleton if recording.rig else None
+        )
     else:
         motion = read_bvh(recording.motion)
     if motion.fps < SLOWEST_FPS:

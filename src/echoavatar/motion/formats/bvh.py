@@ -35,7 +35,7 @@ _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is 
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
 _ASSUMED_HZ = 30.0
 _RATES_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
-_SAME_RATE = 3e-4
+_SAME_RATE = 3e-4  # share by which a frame time may miss a whole or NTSC rate
 _NTSC_HZ = tuple(rate * 1000 / 1001 for rate in (24, 30, 60, 120))
 _COMMENT = re.compile(r"(?<!\S)//.*|^[ \t]*#.*|#(?!\S).*", re.MULTILINE)
 _STATEMENT = re.compile(
@@ -45,6 +45,7 @@ _STATEMENT = re.compile(
     re.IGNORECASE,
 )
 _HEAD = re.compile(r"\s*frame(?:s|[^\S\n]*(time))[^\S\n]*:?[^\S\n]*(\S*).*", re.IGNORECASE)
+_CUT = re.compile(r"(?<!\S)[-+]?(?:\.|\d+\.?\d*[eE][-+]?)?\Z")  # a number that the end of the file cuts off
 _GRAMMAR = "OFFSET has three numbers, CHANNELS their number and names such as Xposition, a joint braces"
 _Frames = np.ndarray
 
@@ -207,9 +208,10 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
     if not width:
         notes.append("it has no channels, and its rest pose is read")
         return np.zeros((1, 0)), fps
-    table = text[at:]
+    cut = _CUT.search(text[at:][-64:])
+    table = text[at : len(text) - len(cut[0] if cut else "")]
     if "," in table:
-        table = table.replace(",", " ") if "." in table else re.sub(r",(?=\s)", " ", table).replace(",", ".")
+        table = table.replace(",", " ") if "." in table else re.sub(r",(?=\s|\Z)", " ", table).replace(",", ".")
     lines, sizes = table.split("\n"), list[int]()
     try:
         flat = np.fromiter(_each_number(lines, sizes), np.float64)
