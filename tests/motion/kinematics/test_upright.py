@@ -1,5 +1,7 @@
 """Unit, up and facing are measured on the figure, and put right."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -49,7 +51,11 @@ def resized(motion: Motion, size: float) -> Motion:
         (0.9, 100, ""),
         (2.5, 100, ""),
         (3.0, 100, ""),
-        (0.6, 100, None),  # a creature, or a person in inches: either is said
+        (0.55, 100, ""),
+        (4.0, 100, ""),
+        (3.5, 1, "metres"),
+        (8.0, 1, "metres"),
+        (0.65, 100, None),  # a creature, or a person of 1.65 m in inches: the unit is said
         (0.9, 1, "metres"),
         (1.7, 1, "metres"),
         (2.5, 1, "metres"),
@@ -74,6 +80,15 @@ def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tm
         torch.testing.assert_close(motion.skeleton.offsets, made.skeleton.offsets, atol=atol, rtol=0)
     assert ("its unit is taken for" in caplog.text) == (unit != "")
     assert (unit or "") in caplog.text
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.2, -1.0, 0.3), (0.0, 2.0, 1.0)])
+def test_z_up_is_seen_wherever_the_floor_is(place: tuple[float, float, float], tmp_path: Path) -> None:
+    made = turned(PERSON, STILL, QUARTER)
+    made.root[:] += np.array(place, np.float32) - made.root[0]
+    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30)
+    places = read_bvh(tmp_path / "a.bvh").pose().positions
+    assert (places[:, HUMANOID.index("head"), 1] - places[:, HUMANOID.index("leftFoot"), 1]).min() > 1.2
 
 
 def test_who_lies_on_the_floor_is_not_stood_up(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]

@@ -17,20 +17,22 @@ from .rotations import quaternion_from_matrix, quaternion_multiply
 from .skeleton import Skeleton
 
 UNITS = (  # name, metres, and the heights in metres that make it the likely one; the first that fits is taken
-    ("centimetres", 0.01, 0.83, 3.0),  # from a small child to the giants of games
-    ("metres", 1.0, 0.5, 3.0),
+    ("centimetres", 0.01, 0.81, 3.1),  # from a small child to the giants of games
+    ("metres", 1.0, 0.5, 3.1),
     ("millimetres", 0.001, 1.0, 3.0),
-    ("inches", 0.0254, 1.4, 2.2),
+    ("inches", 0.0254, 1.48, 2.06),
     ("centimetres", 0.01, 0.5, 3.0),
     ("inches", 0.0254, 0.5, 3.0),
-    ("feet", 0.3048, 1.2, 2.5),
+    ("feet", 0.3048, 1.48, 2.06),
+    ("metres", 1.0, 0.3, 10.0),
     ("tens of metres", 10.0, 1.0, 3.0),
     ("hundreds of metres", 100.0, 1.0, 3.0),
 )
 _TALL = 1.21  # a person's height over the length of trunk, neck, thigh and shin
 _STANDING = 0.5  # cosine: trunk and legs of a standing figure are nearer to the vertical
 _CLEAR = 0.75  # cosine: a direction that belongs to one axis
-_FLOOR = 0.2  # of the height: how far the floor may be from the origin where a clip shows another axis as up
+_FLOOR = 0.2  # of the height: a floor at 0 is not farther from the lower foot
+_LYING = (0.02, 0.35)  # of the height: how high over a floor at 0 the hips of a lying figure are
 _SAMPLES = 64  # frames of a clip that are looked at
 _SIDES = ("left", "right")
 _NEEDED = {"hips", "head"} | {f"{side}{bone}" for side in _SIDES for bone in ("UpperLeg", "LowerLeg", "Foot")}
@@ -98,7 +100,7 @@ def height(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"]) -> float:
 def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True) -> Stand:
     """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up.
 
-    Where the floor is at 0 (`has_floor`), who lies there is not stood up.
+    Where the floor may be at 0 (`has_floor`), who lies there is not stood up.
     """
     stand = measure(bones, motion.skeleton.rest_positions.numpy())
     if not stand.tall:
@@ -111,8 +113,11 @@ def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True)
     axis, usual = _axis(mean), stand.rest[1]
     if axis @ mean < _CLEAR or axis @ usual > _STANDING:
         return stand
-    is_on_floor = abs(float(np.median((feet @ axis).min(1)))) * stand.metres < _FLOOR * stand.tall
-    return stand._replace(world=_lifted(axis)) if axis[1] == 1 or is_on_floor or not has_floor else stand
+    tall = stand.tall / stand.metres
+    stands = abs(np.median((feet @ axis).min(1))) < _FLOOR * tall
+    hips, lowest = np.median(places[:, bones["hips"]] @ usual), np.median((places @ usual).min(1))
+    lies = _LYING[0] * tall < hips < _LYING[1] * tall and lowest > -_FLOOR * tall
+    return stand._replace(world=_lifted(axis)) if stands or not lies or not has_floor else stand
 
 
 def righted(motion: Motion, stand: Stand) -> Motion:
