@@ -183,6 +183,7 @@ def test_names_in_other_encodings(name, encoding, said, plain, tmp_path, caplog)
 
 RATES = [
     ("0.0333667", Fraction(30000, 1001)),
+    ("0,0333667,", Fraction(30000, 1001)),
     (".03336670", Fraction(30000, 1001)),
     ("0.033366666666667", Fraction(30000, 1001)),
     ("0.03337", Fraction(30000, 1001)),
@@ -248,6 +249,8 @@ def test_ten_minutes_stay_ten_minutes(rate, tmp_path) -> None:  # type: ignore[n
         (lambda t: t.replace("ROOT hips\n{", "ROOT hips"), "is not BVH"),
         (lambda t: "\n".join(t.splitlines()[:200]), "the file ends before MOTION"),
         (lambda t: rows(t)[0], "has no frames"),
+        (lambda t: t.replace("ROOT hips", "End Site", 1), "line 2: 'End Site' is not BVH"),
+        (lambda t: t.replace("End Site", "JOINT hand", 1).replace("\tJOINT", "\tEnd JOINT", 1), "is not BVH"),
         (lambda t: t.replace("JOINT spine\n", "JOINT spine" + " " * 250_000 + "\n").replace("{", ""), "is not BVH"),
     ],
 )

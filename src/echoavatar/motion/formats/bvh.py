@@ -143,15 +143,15 @@ def _joints(text: str) -> tuple[list[_Joint], int]:
     while (said := _STATEMENT.match(text, at)) and said.lastgroup != "motion":
         joint = found[inside[-1]] if inside and inside[-1] >= 0 else None
         match said.lastgroup:
-            case "name" if said["key"].lower().startswith("end") and joint:
-                inside.append(-1)
-            case "name" if joint or not inside:
+            case "name" if said["key"].lower() in ("root", "joint") and (joint or not inside):
                 found.append(_Joint("_".join(said["name"].split()), inside[-1] if joint else -1, column))
                 inside.append(len(found) - 1)
                 if len(found) > JOINTS or len(inside) > DEPTH:
                     raise _TextError(
                         f"more than {JOINTS} joints, or more than {DEPTH} deep; leave out what does not move", at
                     )
+            case "name" if joint:
+                inside.append(-1)
             case "offset" if joint:
                 joint.offset = _triple(said["offset"], at)
             case "offset" if inside:
@@ -272,7 +272,7 @@ def _rate(word: str, at: int, notes: list[str]) -> float:
         raise _TextError(
             f"Frame Time {seconds} is not above 0 and below a million; write the seconds between frames", at
         )
-    halves, step = 2 / seconds, 10.0 ** int(Decimal(word.replace(",", ".")).normalize().as_tuple().exponent)
+    halves, step = 2 / seconds, 10.0 ** int(Decimal(word.strip(",").replace(",", ".")).normalize().as_tuple().exponent)
     if abs(halves - round(halves)) < 1e-7:
         return round(halves) / 2
     for rate in (*_RATES_HZ, *_NTSC_HZ):
