@@ -263,6 +263,15 @@ def test_what_cannot_be_read_is_refused_with_its_line_at_once(change, complaint,
     assert time.process_time() - start < 2
 
 
+@pytest.mark.parametrize("size", ["1e39", "1e300", "-3e38"])
+def test_sizes_beyond_any_body_are_no_trouble(size, plain, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "a.bvh").write_text(re.sub(r"OFFSET 0.000000 7\S+", f"OFFSET 0 {size}", plain, count=1))
+    try:
+        read_bvh(tmp_path / "a.bvh")
+    except MotionError:
+        return
+
+
 def test_a_frame_that_lacks_a_value_is_refused(plain, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     head, table = rows(plain)
     (tmp_path / "a.bvh").write_text(head + "\n".join(" ".join(row[k == 1 :]) for k, row in enumerate(table)))

@@ -116,8 +116,11 @@ def test_a_figure_that_does_not_stand_or_has_no_legs_is_left_as_it_is() -> None:
     lengths = HUMANOID.offsets.norm(dim=-1).numpy()
     places = np.cumsum(lengths)[:, None] * [1.0, 0.0, 0.0]
     np.testing.assert_array_equal(measure(HUMANOID.config.vrm, places).rest, STILL)
-    without = {bone: joint for bone, joint in HUMANOID.config.vrm.items() if "Leg" not in bone}
-    assert measure(without, HUMANOID.rest_positions.numpy() @ QUARTER.T, 1.0).notes(usual=1.0) == []
+    for part in ("Leg", "Arm", "head"):
+        without = {bone: joint for bone, joint in HUMANOID.config.vrm.items() if part not in bone}
+        assert measure(without, HUMANOID.rest_positions.numpy() @ QUARTER.T, 1.0).notes(usual=1.0) == []
+    for place in (0.0, np.inf, np.nan):
+        assert measure(HUMANOID.config.vrm, np.full_like(places, place)).notes() == []
 
 
 def test_a_twisted_rest_pose_keeps_its_facing() -> None:

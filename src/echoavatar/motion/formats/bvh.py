@@ -32,6 +32,7 @@ from ..kinematics.upright import Stand, of_clip, righted
 
 _log = logging.getLogger(__name__)
 _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
+_MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
 _ASSUMED_HZ = 30.0
 _RATES_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
@@ -185,9 +186,9 @@ def _triple(words: str, at: int) -> tuple[float, float, float]:
 
 
 def _number(word: str) -> float:
-    """The finite number in a word; a comma is a decimal point, or follows the number."""
+    """The number in a word; a comma is a decimal point, or follows the number."""
     number = float(word.strip(",").replace(",", "."))
-    if not np.isfinite(number):
+    if not abs(number) < _MOST:
         raise ValueError(word)
     return number
 
@@ -217,7 +218,7 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
         flat = np.fromiter(_each_number(lines, sizes), np.float64)
     except ValueError:
         flat = np.array([np.nan])
-    if not np.isfinite(flat).all():
+    if not (np.abs(flat) < _MOST).all():
         raise _first_bad(lines, at, width)
     ends = np.cumsum(sizes, dtype=np.int64)
     starts = ends - sizes
@@ -254,7 +255,7 @@ def _first_bad(lines: list[str], at: int, width: int) -> _TextError:
             try:
                 _number(word)
             except ValueError:
-                return _TextError(f"{word!r} is not a finite number; repair the file", at)
+                return _TextError(f"{word!r} is not a finite number below {_MOST:g}; repair the file", at)
         if words and len(words) != width:
             break
         at += len(line) + 1

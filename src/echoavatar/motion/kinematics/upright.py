@@ -35,7 +35,7 @@ _FLOOR = 0.2  # of the height: a floor at 0 is not farther from the lower foot
 _LYING = (0.02, 0.35)  # of the height: how high over a floor at 0 the hips of a lying figure are
 _SAMPLES = 64  # frames of a clip that are looked at
 _SIDES = ("left", "right")
-_NEEDED = {"hips", "head"} | {f"{side}{bone}" for side in _SIDES for bone in ("UpperLeg", "LowerLeg", "Foot")}
+_NEEDED = {"hips", "head"} | {s + bone for s in _SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
 _Vector = Float[np.ndarray, "3"]
 _Turn = Float[np.ndarray, "3 3"]
 
@@ -50,11 +50,9 @@ class Stand(NamedTuple):
 
     def notes(self, usual: float = 0.01) -> list[str]:
         """What is assumed, in words."""
-        turned = [not np.array_equal(turn, np.eye(3)) for turn in (self.rest, self.world)]
-        what = {(True, True): "it", (True, False): "its rest pose", (False, True): "its motion"}.get(
-            (turned[0], turned[1])
-        )
-        notes = [f"{what} is turned to Y up, facing +Z"] if what else []
+        rest, world = (not np.array_equal(turn, np.eye(3)) for turn in (self.rest, self.world))
+        what = "it" if rest and world else "its rest pose" if rest else "its motion"
+        notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
         if self.metres != usual:
             name = next(name for name, metres, *_ in UNITS if metres == self.metres)
             notes.append(f"its unit is taken for {name}, so that the figure is {self.tall:.2f} m tall")
@@ -70,7 +68,7 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     Turns are made of quarter turns, and none for a rest pose that does not stand. The unit is `usual` (metres) where no
     unit makes a person of the figure, or where the bones that tell are missing.
     """
-    if _NEEDED - bones.keys():
+    if _NEEDED - bones.keys() or not np.isfinite(places).all():
         return Stand(metres=usual)
     at = {bone: places[joint].astype(np.float64) for bone, joint in bones.items()}
     tall = height(bones, places)
