@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
+from echoavatar.limits import ROTATIONS, STILL_ROTATIONS
 
 from ..kinematics.motion import Motion
 from ..kinematics.rigs import finger_bones
@@ -120,7 +121,7 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rest: Float[np.nda
     Raises:
         MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
     """
-    poses, trans = _poses(path, stored), _first(stored, _PLACES)
+    poses, trans = _poses(path, stored), _first(path, stored, _PLACES)
     if trans is None:
         raise MotionError(f"{path} lacks 'trans'; it is not SMPL-X motion")
     if trans.shape != (len(poses), 3):
@@ -128,7 +129,7 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rest: Float[np.nda
     if not (np.isfinite(poses).all() and np.isfinite(trans).all()):
         bad = int(np.flatnonzero(~(np.isfinite(poses).all((1, 2)) & np.isfinite(trans).all(1)))[0])
         raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
-    rate = _first(stored, _RATES)
+    rate = _first(path, stored, _RATES)
     fps = _ASSUMED_HZ if rate is None or rate.size != 1 else rate.item()
     if not 0 < fps < 1000:
         raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
@@ -147,12 +148,20 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rest: Float[np.nda
     return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0].numpy(), fps))
 
 
-def _first(stored: Mapping[str, np.ndarray], names: Collection[str]) -> Float[np.ndarray, "..."] | None:
-    return next((np.asarray(stored[name], np.float64) for name in names if name in stored), None)
+def _first(path: Path, stored: Mapping[str, np.ndarray], names: Collection[str]) -> Float[np.ndarray, "..."] | None:
+    return next((_numbers(path, stored[name]) for name in names if name in stored), None)
+
+
+def _numbers(path: Path, array: np.ndarray) -> Float[np.ndarray, "..."]:
+    """The array in double precision, if its file has room for as many poses."""
+    most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)
+    if array.size > 3 * most or (array.ndim and len(array) * 55 > most):
+        raise MotionError(f"{path}: an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")
+    return np.asarray(array, np.float64)
 
 
 def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 55 3"]:
-    given = _first(stored, _POSES)
+    given = _first(path, stored, _POSES)
     if given is not None:
         flat = given.reshape(len(given), -1) if given.ndim > 1 and given.size else np.zeros((1, 1))
         joints = _JOINTS.get(flat.shape[1] // 3) if flat.shape[1] % 3 == 0 else None
@@ -161,7 +170,7 @@ def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t
         whole = np.zeros((len(flat), 55, 3))
         whole[:, list(joints)] = flat.reshape(len(flat), -1, 3)[:, : len(joints)]
         return whole
-    parts = {name: np.asarray(stored[name], np.float64) for name in _PARTS if name in stored}
+    parts = {name: _numbers(path, stored[name]) for name in _PARTS if name in stored}
     frames = max(map(len, parts.values()))
     whole = np.zeros((frames, 55, 3))
     for name, part in parts.items():
