@@ -1,5 +1,6 @@
 """Unit, up and facing are measured on the figure, and put right."""
 
+from itertools import permutations, product
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.upright import Stand, measure, turned
+from echoavatar.motion.kinematics.upright import UNITS, Stand, measure, of_clip, righted, turned
 
 PERSON = swaying(4)
 QUARTER = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up, facing +Z, becomes Z up, facing -Y
@@ -129,6 +130,27 @@ def test_a_twisted_rest_pose_keeps_its_facing() -> None:
     arms = [joint for bone, joint in HUMANOID.config.vrm.items() if "Arm" in bone or "Hand" in bone]
     places[arms, 2] *= -1
     np.testing.assert_array_equal(measure(HUMANOID.config.vrm, places).rest, STILL)
+
+
+def quarter_turns() -> list[np.ndarray]:
+    """The 24 rotations of a cube."""
+    signed = (
+        np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product([1.0, -1.0], repeat=3)
+    )
+    return [turn for turn in signed if np.linalg.det(turn) > 0]
+
+
+@pytest.mark.parametrize("metres", [unit[1] for unit in UNITS])
+def test_every_quarter_turn_and_unit_is_put_right(metres: float) -> None:
+    """Of the rest pose and the world together, or of the world alone (then the figure may face another way)."""
+    places = PERSON.pose().positions
+    for turn in quarter_turns():
+        both = turned(PERSON, turn, turn, 1 / metres)
+        made = righted(both, of_clip(both, HUMANOID.config.vrm))
+        torch.testing.assert_close(made.pose().positions, places, atol=1e-4, rtol=0)
+        world = turned(PERSON, STILL, turn, 1 / metres)
+        made = righted(world, of_clip(world, HUMANOID.config.vrm))
+        torch.testing.assert_close(made.pose().positions[..., 1], places[..., 1], atol=1e-4, rtol=0)
 
 
 def test_turning_there_and_back_changes_nothing() -> None:
