@@ -1,9 +1,11 @@
 from pathlib import Path
 
 import pytest
+from tests.motion.kinematics.samples import swaying
 from tests.server.sinks.receiving import Receiver
 
 from echoavatar.cli import main
+from echoavatar.motion.formats import write_bvh
 
 
 def test_a_recording_goes_to_every_sink(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -13,6 +15,14 @@ def test_a_recording_goes_to_every_sink(recording: Path, capsys: pytest.CaptureF
         assert all(packet.startswith(b"#bundle") for _, packet in vmc.packets(6))
         assert len({packet[:41] for _, packet in face.packets(6)}) == 1
     assert "frames shown: " in capsys.readouterr().out
+
+
+def test_a_clip_of_another_rate_is_played_in_its_own_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip = swaying(48, fps=24000 / 1001)
+    write_bvh(tmp_path / "film.bvh", clip.skeleton, clip.rotations, clip.root, clip.fps)
+    with Receiver() as vmc:
+        assert main(["play", str(tmp_path / "film.bvh"), "--sink", f"vmc://127.0.0.1:{vmc.port}"]) == 0
+    assert "2.0 s to" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from tests.models.fingers.moving import TINY, waving, without
 from echoavatar.cli import main
 from echoavatar.models.fingers import FingerModel
 from echoavatar.motion.formats import read_bvh, write_bvh
+from echoavatar.motion.kinematics.upright import Stand
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +35,18 @@ def test_fingers_are_made_by_the_shipped_model_and_the_body_stays(
     assert len(changed) == 30
     assert all(any(digit in name for digit in ("Thumb", "Index", "Middle", "Ring", "Little")) for name in changed)
     np.testing.assert_allclose(after.root, before.root, atol=1e-5)
+
+
+def test_unit_and_axes_of_the_file_stay(tmp_path: Path) -> None:
+    FingerModel(TINY).save(tmp_path / "own", {"data": "none"})
+    motion, z_up = waving(10), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    path = tmp_path / "a.bvh"
+    write_bvh(path, motion.skeleton, motion.rotations, motion.root, 30, stand=Stand(z_up, z_up, 1.0))
+    assert main(["refine-fingers", str(path), str(tmp_path / "o.bvh"), "--model", str(tmp_path / "own")]) == 0
+    given, made = path.read_text(), (tmp_path / "o.bvh").read_text()
+    assert given.split("MOTION")[0] == made.split("MOTION")[0]
+    ours, theirs = (np.array(text.split("MOTION")[1].split()[5:8], np.float64) for text in (given, made))
+    np.testing.assert_allclose(ours, theirs, atol=1e-5)
 
 
 def test_a_custom_model_and_one_hand(take: Path, tmp_path: Path) -> None:

@@ -97,6 +97,15 @@ def plain(data: Callable[[], bytes | str], read: str | Callable[[Path], object],
     return File(make, read, ending)
 
 
+def smpl(**stored: Callable[[], np.ndarray]) -> File:
+    """An NPZ of SMPL motion."""
+
+    def make(path: Path) -> None:
+        np.savez_compressed(path, **{name: array() for name, array in stored.items()})
+
+    return File(make, AS_TAKE, "npz")
+
+
 def arrays(read: str | Callable[[Path], object] = AS_TAKE, **stored: Callable[[], np.ndarray]) -> File:
     """An NPZ of a take, some of whose arrays are others."""
 
@@ -281,6 +290,16 @@ FILES: dict[str, File] = {
     "BVH: a frame of all time": plain(lambda: bvh(["0"], time="1e300"), ADD, "bvh"),
     "BVH: a name with escapes": plain(lambda: bvh(["0"] * 90, name="\x1b]0;me\x07\u202e" * 9_000), ADD, "bvh"),
     "BVH: a name that is NaN": plain(lambda: bvh(["nan"], name="nan"), ADD, "bvh"),
+    "BVH: a name and 200,000 spaces": plain(lambda: bvh(["0"], name="x" + " " * 200_000 + "y"), AS_TAKE, "bvh"),
+    "BVH: a million headers": plain(lambda: bvh(["Frames: 1", "# so far"] * 500_000), AS_TAKE, "bvh"),
+    "BVH: UTF-16 of half a letter": plain(lambda: bvh(["0"]).encode("utf-16")[:-1] + b"\xd8", AS_TAKE, "bvh"),
+    "SMPL: 900,000 frames of zeros": smpl(
+        poses=lambda: np.zeros((900_000, 66), np.float16), trans=lambda: np.zeros((900_000, 3), np.float16)
+    ),
+    "SMPL: parts of ten million frames": smpl(
+        global_orient=lambda: np.zeros((10_000_000, 3), np.float16), body_pose=lambda: np.zeros((1, 63))
+    ),
+    "SMPL: poses of no size": smpl(poses=lambda: np.zeros((1 << 40, 0)), trans=lambda: np.zeros((1, 3))),
     "NPZ: a gigabyte of zeros": arrays(other=lambda: np.zeros(1 << 28, np.float32))._replace(is_slow=True),
     "NPZ: 140 MB of zeros": arrays(other=lambda: np.zeros(35 << 20, np.float32)),
     "NPZ: 120 MB of zeros": arrays(other=lambda: np.zeros(30 << 20, np.float32))._replace(is_slow=True),

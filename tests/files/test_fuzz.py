@@ -23,7 +23,7 @@ from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError
 from echoavatar.files.exports import read_rig
 from echoavatar.models.audio.io import read_audio, write_wav
-from echoavatar.motion.formats.bvh import read_bvh, write_bvh
+from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig, read_skinned
 from echoavatar.motion.formats.tables import read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion

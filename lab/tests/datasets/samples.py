@@ -106,7 +106,7 @@ def write_pair(path: Path, seconds: float = 3.0, *, fps: float = 60.0, rate: int
 
 def write_beat2(folder: Path, name: str, seconds: float = 3.0, *, is_z_up: bool = False) -> Path:
     """Write one recording of BEAT2: `gesture` as SMPL-X npz at 30 fps, and a 16 kHz wav."""
-    from echoavatar.files.exports.smplx import skeleton
+    from echoavatar.motion.formats.smpl import skeleton
     from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_multiply
 
     motion, rig = gesture(seconds), skeleton()

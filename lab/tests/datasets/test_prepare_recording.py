@@ -16,9 +16,10 @@ from lab.tests.datasets.samples import (
 
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.models.audio import write_wav
-from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle, quaternion_multiply
+from echoavatar.motion.kinematics.upright import OURS, Stand
 from echoavatar_lab.data import Clip
 from echoavatar_lab.data.clip import is_symmetric
 from echoavatar_lab.datasets.layouts import survey_of
@@ -127,11 +128,25 @@ def test_a_real_speakers_hands_are_good():
     assert hand_states(motion) == {"left": "good", "right": "good"}
 
 
+TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 KEEP = SetOptions(fingers="keep")
 
 
 def recording(path, **known) -> Recording:
     return Recording(path.stem, path, path.with_suffix(".wav"), split="train", **known)
+
+
+def test_unit_axes_and_rate_of_a_file_are_put_right(tmp_path):
+    """In metres with Z up at 29.97 fps, the same person gives the same clip: 3.003 s of motion last 3.003 s."""
+    made = gesture(3.0, fps=30000 / 1001)
+    clips = {}
+    for name, stand in (("plain", OURS), ("other", Stand(TO_Z_UP.T, TO_Z_UP.T, 1.0))):
+        path = write_pair(tmp_path / f"{name}.bvh", 3.0)
+        write_bvh(path, made.skeleton, made.rotations, made.root, made.fps, stand=stand)
+        assert prepare_recording(recording(path), KEEP, tmp_path / "set").source_fps == 30000 / 1001
+        clips[name] = Clip.load(part_path(tmp_path / "set", name))
+    np.testing.assert_allclose(clips["other"].rotations, clips["plain"].rotations, atol=1e-4)
+    np.testing.assert_allclose(clips["other"].root, clips["plain"].root, atol=1e-4)
 
 
 def test_a_pair_becomes_a_clip_and_a_receipt(tmp_path):
@@ -210,9 +225,10 @@ def test_missing_sound_is_refused_or_left_out_as_asked(tmp_path):
     assert receipt.domains["silence"] == receipt.frames
 
 
-def test_an_incomplete_bvh_leaves_no_part(tmp_path):
+def test_a_damaged_bvh_leaves_no_part(tmp_path):
     path = write_pair(tmp_path / "a.bvh")
-    path.write_text(path.read_text()[:-200])
+    frames = path.read_text().split("Time: ")[1].splitlines()[1:]
+    path.write_text(path.read_text().replace(frames[50], frames[50].rpartition(" ")[0]))
     with pytest.raises(MotionError, match="a.bvh"):
         prepare_recording(recording(path), KEEP, tmp_path / "set")
     assert finished_part(tmp_path / "set", "a") is None

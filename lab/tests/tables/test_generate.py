@@ -13,10 +13,10 @@ from tests.motion.kinematics.samples import swaying
 
 from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
 from echoavatar.errors import MotionError
-from echoavatar.files.exports.smplx import skeleton
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator
 from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.smpl import skeleton
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.smpl import read_smplx

@@ -81,12 +81,12 @@ def _add(args: argparse.Namespace, folder: Path) -> None:
     from echoavatar.engine.pipeline.runtime import Runtime
     from echoavatar.models.tokenizer import BodyTokenizer
     from echoavatar.motion.formats import read_bvh
-    from echoavatar.motion.formats.joint_map import mapped, read_map
+    from echoavatar.motion.formats.joint_map import read_map
 
     library, chunk = _library(folder)
     tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig
     hold = None if args.hold is None else (args.hold[0], args.hold[1])
-    clip, about = mapped(read_bvh(args.clip), read_map(args.map)), args.about
+    clip, about = read_bvh(args.clip, read_map(args.map)), args.about
     if rig is None:
         action = action_from_motion(tokenizer, args.name, clip, hold_s=hold, about=about)
     else:

@@ -14,7 +14,8 @@ EXAMPLES = """examples:
   echoavatar export clip.bvh -o out.bvh --rig rig.bvh  captured motion on another skeleton
   echoavatar export *.npz -o out/ --format .vrma       each recording into a file of its name
 
-Recordings are .npz from `animate` or `say`, or any BVH of a person. A --map is for the rig; without --rig, for the BVH.
+Recordings are .npz from `animate` or `say`, SMPL motion (.npz), or any BVH of a person. A --map is for the rig; without
+--rig, for the BVH.
 """
 
 

@@ -4,8 +4,6 @@ import argparse
 from contextlib import closing
 from pathlib import Path
 
-from echoavatar.errors import EchoAvatarError
-
 from .options import MAP_HELP
 
 SINK_HELP = "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
@@ -36,13 +34,9 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.wire.blobs import Pose
     from echoavatar.wire.messages import Rig
 
-    take = read_take(args.recording, read_map(args.map)).on_humanoid()
+    take = read_take(args.recording, read_map(args.map)).on_humanoid().at(FRAME_RATE_HZ)
     motion = take.motion
-    if round(motion.fps) % FRAME_RATE_HZ:
-        raise EchoAvatarError(f"{args.recording} has {motion.fps:g} frames per second; give one of 30 or 60")
-    step = round(motion.fps) // FRAME_RATE_HZ
-    face = None if take.face is None else take.face[::step]
-    pose = Pose(motion.rotations[::step], motion.root[::step], face)
+    pose = Pose(motion.rotations, motion.root, take.face)
     config = HUMANOID.config
     rig = Rig(names=config.names, parents=config.parents, rest=config.offsets)
     rounds = 0

@@ -44,10 +44,11 @@ def run(args: argparse.Namespace) -> int:
     if args.output.suffix.lower() != ".bvh":
         raise EchoAvatarError(f"cannot write {args.output}: the output must be BVH; name it OUT.bvh")
     from echoavatar.models.fingers import FingerModel, frozen_hands, load_shipped, refine_fingers
-    from echoavatar.motion.formats import read_bvh, write_bvh
-    from echoavatar.motion.formats.joint_map import mapped, read_map
+    from echoavatar.motion.formats import write_bvh
+    from echoavatar.motion.formats.bvh import read_standing
+    from echoavatar.motion.formats.joint_map import read_map
 
-    motion = mapped(read_bvh(args.motion), read_map(args.map))
+    motion, stand = read_standing(args.motion, read_map(args.map))
     frozen = frozen_hands(motion)
     model = FingerModel.load(args.model) if args.model else load_shipped()
     with tqdm(unit="step") as bar:
@@ -57,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
             bar.update(done - bar.n)
 
         refined = refine_fingers(model, motion, hands=args.hands, seed=args.seed, progress=progress)
-    write_bvh(args.output, refined.skeleton, refined.rotations, refined.root, refined.fps)
+    write_bvh(args.output, refined.skeleton, refined.rotations, refined.root, refined.fps, stand=stand)
     sides = frozen if args.hands == "frozen" else () if args.hands == "both" else (args.hands,)
     what = "no frozen hands, nothing changed" if refined is motion else ", ".join(sides) or "both hands"
     was = f" (frozen before: {', '.join(frozen)})" if frozen else ""

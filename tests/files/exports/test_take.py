@@ -9,7 +9,7 @@ from echoavatar.files.exports import Take, read_take
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.formats.tables import write_npz
-from echoavatar.motion.kinematics import HUMANOID
+from echoavatar.motion.kinematics import HUMANOID, Motion
 
 
 def recording(take: Take, names: tuple[str, ...] = HUMANOID.names) -> Recording:
@@ -53,6 +53,19 @@ def test_a_bvh_is_motion_without_a_face_and_may_have_another_rig(rigs, short: Ta
     assert read.on_humanoid() is read
     other = read_take(rigs["tall"])
     assert other.on_humanoid().motion.skeleton is HUMANOID
+
+
+@pytest.mark.parametrize("rate", [24000 / 1001, 30000 / 1001, 60.0, 25.0, 120.0])
+def test_at_another_rate_every_frame_shows_its_time(rate: float) -> None:
+    times = np.arange(round(10 * rate)) / rate
+    root = np.stack([times, times * 0, times * 0], 1).astype(np.float32)
+    still = np.tile(np.array([1, 0, 0, 0], np.float32), (len(times), HUMANOID.joints, 1))
+    take = Take(Motion(HUMANOID, still, root, rate), np.tile(times[:, None] / 10, (1, 52)).astype(np.float32))
+    ours = take.at(30.0)
+    assert ours.face is not None
+    np.testing.assert_allclose(ours.motion.root[:, 0], np.arange(ours.motion.frames) / 30, atol=1e-4)
+    np.testing.assert_allclose(ours.face[:, 0], np.arange(ours.motion.frames) / 300, atol=1e-5)
+    assert ours.motion.seconds == pytest.approx(10, abs=0.05)
 
 
 @pytest.mark.parametrize("kind", ["missing", "text", "other rig", "other length", "wav"])

@@ -15,20 +15,22 @@ from tests.files.exports.readers import node
 from tests.motion.formats.test_gltf_rig import spoilt
 
 from echoavatar.errors import MotionError
-from echoavatar.files.exports import Rig, Take, read_rig
+from echoavatar.files.exports import Rig, Take, read_rig, write_take
 from echoavatar.files.exports.target_rig import face_weights, pack_on_rig
 from echoavatar.limits import MORPHS
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
-from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
 from echoavatar.motion.ik import body_of_rig
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import bone_map
+from echoavatar.motion.kinematics.upright import OURS, Stand
 from echoavatar_lab.data.faults import penetration_depth_m
 
 BAD = ("gone", None, -1, 10**9, 1e300, float("nan"), "x", [], {}, [0] * 3, True)
+TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 BONES = ("hips", "head", "leftHand", "rightMiddleDistal", "leftToes", "rightFoot")
 
 
@@ -223,13 +225,27 @@ def test_motion_stays_smooth(put: tuple[Rig, Motion], take: Take) -> None:
 
 def test_a_bvh_may_be_in_metres_or_centimetres(rigs, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     rig = read_rig(rigs["tall"])
-    assert rig.units_per_metre == pytest.approx(100)
+    assert rig.stand.metres == 0.01
     still = np.zeros((1, rig.skeleton.joints, 4), np.float32)
     still[..., 0] = 1
-    write_bvh(tmp_path / "m.bvh", rig.skeleton, still, np.zeros((1, 3), np.float32), 30, scale=1.0)
+    write_bvh(tmp_path / "m.bvh", rig.skeleton, still, np.zeros((1, 3), np.float32), 30, stand=Stand(metres=1.0))
     metres = read_rig(tmp_path / "m.bvh")
-    assert metres.units_per_metre == 1
+    assert metres.stand.metres == 1
     np.testing.assert_allclose(metres.skeleton.rest_positions, rig.skeleton.rest_positions, atol=1e-4)
+
+
+@pytest.mark.parametrize("metres", [0.01, 1.0, 0.0254])
+def test_a_bvh_with_z_up_gets_the_motion_in_its_own_axes_and_unit(metres: float, take: Take, tmp_path: Path) -> None:
+    """The file that is written has the rest pose of the rig's; read again, it is the motion on the rig with Y up."""
+    stand = Stand(TO_Z_UP.T, TO_Z_UP.T, metres)
+    rest, few = Motion.at_rest(HUMANOID), Take(take.motion.cut(0, 20))
+    for name, how in (("plain", OURS), ("turned", stand)):
+        write_bvh(tmp_path / f"{name}.bvh", HUMANOID, rest.rotations, rest.root, 30, stand=how)
+        write_take(tmp_path / f"{name}.out.bvh", few, rig=read_rig(tmp_path / f"{name}.bvh"))
+    given, made = ((tmp_path / f"turned{end}.bvh").read_text().split("MOTION")[0] for end in ("", ".out"))
+    assert given.split("CHANNELS", 2)[2] == made.split("CHANNELS", 2)[2]
+    plain, turned = (read_bvh(tmp_path / f"{name}.out.bvh").pose().positions for name in ("plain", "turned"))
+    np.testing.assert_allclose(turned, plain, atol=1e-4)
 
 
 def test_more_morph_targets_than_are_read_are_refused() -> None:
@@ -246,9 +262,11 @@ def test_what_is_no_rig_is_named(tmp_path: Path) -> None:
         read_rig(tmp_path / "a.fbx")
     with pytest.raises(MotionError, match="cannot be read"):
         read_rig(tmp_path / "none.vrm")
-    lying = HUMANOID.config.model_copy(update={"offsets": tuple((x, z, y) for x, y, z in HUMANOID.config.offsets)})
-    still = np.zeros((1, HUMANOID.joints, 4), np.float32)
-    still[..., 0] = 1
-    write_bvh(tmp_path / "lying.bvh", type(HUMANOID)(lying), still, np.zeros((1, 3), np.float32), 30)
+    config = HUMANOID.config
+    folded = config.model_copy(
+        update={"offsets": tuple((float(np.linalg.norm(at)), 0.0, 0.0) for at in config.offsets)}
+    )
+    still = Motion.at_rest(type(HUMANOID)(folded))
+    write_bvh(tmp_path / "folded.bvh", still.skeleton, still.rotations, still.root, 30)
     with pytest.raises(MotionError, match="stand"):
-        read_rig(tmp_path / "lying.bvh")
+        read_rig(tmp_path / "folded.bvh")

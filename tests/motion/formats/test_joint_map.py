@@ -14,9 +14,9 @@ from echoavatar.errors import MotionError
 from echoavatar.files.exports import read_rig, read_take
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
-from echoavatar.motion.formats.joint_map import map_of, mapped, read_map
+from echoavatar.motion.formats.joint_map import map_of, read_map
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
-from echoavatar.motion.kinematics.rigs import BONES, UnknownRigError, bone_map
+from echoavatar.motion.kinematics.rigs import BONES, UnknownRigError, bone_map, with_bones
 
 PUZZLING = {name: f"n{k}" for k, name in enumerate(MIXAMO.values())}  # joint of Mixamo to a name that says nothing
 GIVEN = {bone: PUZZLING[joint] for bone, joint in MIXAMO.items()}
@@ -69,7 +69,7 @@ def test_a_bvh_that_nothing_tells_is_read_by_a_map(bvh: Path) -> None:
     given = {bone: f"j{joint}" for bone, joint in HUMANOID.config.vrm.items()}
     with pytest.raises(UnknownRigError):
         bone_map(read_bvh(bvh).skeleton)
-    assert bone_map(mapped(read_bvh(bvh), given).skeleton) == HUMANOID.config.vrm
+    assert bone_map(read_bvh(bvh, given).skeleton) == HUMANOID.config.vrm
     assert bone_map(read_take(bvh, given).on_humanoid().motion.skeleton) == HUMANOID.config.vrm
     assert read_rig(bvh, given).skeleton.config.vrm == HUMANOID.config.vrm
 
@@ -115,9 +115,9 @@ def test_a_clip_without_hands_may_be_mapped() -> None:
     still = swaying(4)
     motion = Motion(Skeleton(config), still.rotations[:, keep], still.root, 30.0)
     given = {bone: f"j{k}" for k, bone in enumerate(body)}
-    assert mapped(motion, given).skeleton.config.vrm == {bone: k for k, bone in enumerate(body)}
+    assert with_bones(motion.skeleton, given).config.vrm == {bone: k for k, bone in enumerate(body)}
     with pytest.raises(UnknownRigError, match="no joint is leftFoot;"):
-        mapped(motion, given | {"leftFoot": None})
+        with_bones(motion.skeleton, given | {"leftFoot": None})
 
 
 HOSTILE = {
@@ -148,7 +148,7 @@ def test_a_map_of_joints_that_are_not_there_is_refused(tmp_path: Path, glb: Path
     ):
         read_gltf_rig(glb, {"hips": "Hüfte"})
     with pytest.raises(MotionError, match="no such joint"):
-        mapped(swaying(2, skeleton=chain((0, 1, 0), (0, 1, 0))), {"hips": "joint7"})
+        with_bones(chain((0, 1, 0), (0, 1, 0)), {"hips": "joint7"})
     with pytest.raises(MotionError, match="does not exist; check the name"):
         read_map(tmp_path / "none.json")
     assert read_map(None) is None

@@ -11,7 +11,6 @@ from tests.motion.stages.test_modes import walking
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.joint_map import mapped
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig, forward_kinematics
 from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.retarget import LiveRetarget, leg_length, retarget
@@ -79,7 +78,7 @@ def test_standing_feet_stand_on_the_floor_and_still(name):
 
 def test_bones_nobody_drives_stay_or_share():
     """Bandai-Namco has no fingers and one spine bone less: fingers rest, and a chest between two turns half-way."""
-    motion = mapped(read_bvh(recorded(RECORDED["bandai"])).cut(0, 60), {"upperChest": "Chest", "chest": None})
+    motion = read_bvh(recorded(RECORDED["bandai"]), {"upperChest": "Chest", "chest": None}).cut(0, 60)
     moved = retarget(motion, has_footing=False)
     fingers = moved.rotations[:, list(HUMANOID.config.parts["hands"])]
     np.testing.assert_allclose(np.abs(fingers[..., 0]), 1.0, atol=1e-5)

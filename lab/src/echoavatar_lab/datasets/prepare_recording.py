@@ -32,7 +32,6 @@ from echoavatar.models.fingers import load_shipped, refine_fingers
 from echoavatar.models.fingers.clips import FROZEN_DEG_S
 from echoavatar.models.fingers.refine import finger_joints
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.joint_map import mapped
 from echoavatar.motion.kinematics import Motion, SkeletonConfig
 from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
@@ -258,9 +257,11 @@ def _motion(recording: Recording, options: SetOptions) -> Motion:
     if recording.motion.suffix.lower() == ".npz":
         motion = read_smplx(recording.motion, body_model=options.body_model)
     elif recording.motion.name.endswith(SUFFIX):
-        motion = read_lda(recording.motion, read_bvh(recording.rig).skeleton if recording.rig else None)
+        motion = read_lda(
+            recording.motion, read_bvh(recording.rig, metres_per_unit=0.01).skeleton if recording.rig else None
+        )
     else:
-        motion = mapped(read_bvh(recording.motion), options.joints)
+        motion = read_bvh(recording.motion, options.joints)
     if motion.fps < SLOWEST_FPS:
         raise MotionError(
             f"{recording.motion} has {motion.fps:g} frames per second, less than any captured motion; correct its"

@@ -25,6 +25,7 @@ from echoavatar.models.audio import read_audio
 from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.smpl import is_smpl
 from echoavatar.motion.formats.tables import NpzArrays, read_npz, write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.motion.kinematics.motion import resample
@@ -218,7 +219,7 @@ def _read(path: Path, skeleton: Skeleton) -> MotionFile:
             clip = Clip.load(path)
             motion = Motion(skeleton, clip.rotations, clip.root, float(FRAME_RATE_HZ))
             return MotionFile(motion, clip.audio, clip.domain)
-        return MotionFile(read_smplx(path) if {"poses", "trans"} <= stored else read_npz(path))
+        return MotionFile(read_smplx(path) if is_smpl(stored) else read_npz(path))
     except EchoAvatarError as error:
         told = str(error) if path.name in str(error) else f"{path}: {error}"
         raise MotionError(told) from error

@@ -21,11 +21,12 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.exports.smplx import skeleton, write_smplx
+from echoavatar.files.exports.smplx import write_smplx
 from echoavatar.files.exports.take import Take
 from echoavatar.models.audio import write_wav
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.motion.formats.smpl import skeleton
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder

@@ -31,7 +31,7 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.files.exports.smplx import skeleton
+from echoavatar.motion.formats.smpl import skeleton
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import cut_windows
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded

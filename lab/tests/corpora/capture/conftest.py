@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from echoavatar.motion.formats.bvh import write_bvh
+from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.corpora.capture.library import CapturedLibrary, read_folder
 from echoavatar_lab.corpora.gesture.idle import idle

@@ -12,6 +12,7 @@ from echoavatar.errors import DependencyError, EchoAvatarError, MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.formats.tables import write_csv, write_live_link, write_npz
+from echoavatar.motion.kinematics.upright import OURS
 from echoavatar.whole_file import write_whole
 
 from ..avatar import Character, load_character
@@ -84,8 +85,8 @@ def check_output(output: Path, *, has_rig: bool) -> None:
 
 
 def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
-    motion, scale = take.motion, 100.0 if rig is None else rig.units_per_metre
-    write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=scale)
+    motion, stand = take.motion, OURS if rig is None else rig.stand
+    write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, stand=stand)
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:

@@ -10,9 +10,10 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.joint_map import mapped
-from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of, motion_of
+from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
+from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.motion import frame_ratio, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import JointMap
 from echoavatar.timing import SAMPLE_RATE_HZ
@@ -32,21 +33,32 @@ class Take:
             return self
         return Take(retarget(self.motion), self.face, self.audio)
 
+    def at(self, fps: float) -> "Take":
+        """The take at another frame rate. A frame shows what the take shows at its time."""
+        motion, face = resample(self.motion, fps), self.face
+        if face is not None:
+            frames = np.arange(motion.frames) * float(frame_ratio(self.motion.fps, fps))
+            face = np.stack([np.interp(frames, np.arange(len(face)), curve) for curve in face.T], 1).astype(np.float32)
+        return Take(motion, face, self.audio)
+
 
 def read_take(path: Path, given: JointMap | None = None) -> Take:
-    """The take in a recording: NPZ from `animate` or `say`, or a BVH, whose bones `given` may name.
+    """The take in a recording: NPZ from `animate` or `say` or of SMPL, or a BVH, whose bones `given` may name.
 
     Raises:
         MotionError: the file is missing, damaged, or of another kind.
     """
     if path.suffix.lower() == ".bvh":
-        return Take(mapped(read_bvh(path), given))
+        return Take(read_bvh(path, given))
     if given is not None:
         raise MotionError(f"{path} is no BVH, and its bones are known; a map is for a BVH or a rig, so leave it out")
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
     try:
-        stored = arrays_of(path, MotionError)
+        with NpzArrays(path, MotionError) as packed:
+            if is_smpl(packed):
+                return Take(smpl_motion(path, packed))
+            stored = dict(packed)
         motion = _recorded(path, stored) if "names" in stored else motion_of(stored)
         face = _face(stored) if "face" in stored else None
         audio = None

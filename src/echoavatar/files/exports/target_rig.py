@@ -19,9 +19,8 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.limits import BINDS, MORPHS, ROTATIONS
 from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
-from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.bvh import read_standing
 from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, refusing_damage, skinned
-from echoavatar.motion.formats.joint_map import mapped
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
 from echoavatar.motion.kinematics import Motion, Skeleton, SkeletonConfig
@@ -29,6 +28,7 @@ from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import JointMap, bone_map, feet_of, is_upright
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix, quaternion_multiply
+from echoavatar.motion.kinematics.upright import OURS, Stand
 
 from ..avatar.gltf import Buffer, Tracks, packed
 from .take import Take
@@ -193,7 +193,6 @@ def _check_binds(made: list[tuple[str, int, int, float]]) -> None:
 
 GLTF, BVH = (".vrm", ".glb"), ".bvh"
 _SMALLEST, _LARGEST = 0.2, 20.0  # metres from sole to hips
-_UNITS = (0.01, 1.0, 0.0254, 0.001)  # metres per unit of a BVH, the usual one first
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ class Rig:
     path: Path
     skeleton: Skeleton
     gltf: GltfRig | None  # None for a BVH
-    units_per_metre: float = 100.0  # in the BVH
+    stand: Stand = OURS  # of a BVH: its unit and axes
 
     def retarget(self, take: Take) -> Take:
         """The take on this rig. Planted feet stay on the floor; hands that touch each other or the body still do.
@@ -270,25 +269,9 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
         low = float(skinned(gltf).vertices[:, 1].min())
         return Rig(path, _standing(gltf.skeleton, low, path), gltf)
     if suffix == BVH:
-        motion, unit = _sized(path)
-        motion = mapped(motion, given)
-        low = _lowest(motion.skeleton)
-        return Rig(path, _standing(motion.skeleton, low, path), None, 1 / unit)
+        motion, stand = read_standing(path, given)
+        return Rig(path, _standing(motion.skeleton, _lowest(motion.skeleton), path), None, stand)
     raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb) or a skeleton (.bvh)")
-
-
-def _sized(path: Path) -> tuple[Motion, float]:
-    """The file's motion in metres, and metres per unit: the first usual unit that gives the figure a body's height."""
-    for unit in _UNITS:
-        motion = read_bvh(path, metres_per_unit=unit)
-        places = motion.skeleton.rest_positions
-        tall = float(places[:, 1].max() - places[:, 1].min())
-        if 0.3 < tall < 4.0:
-            return motion, unit
-    raise MotionError(
-        f"{path}: its figure is {1000 * tall:.0f} units tall, which is no person's height in metres, centimetres,"
-        " inches or millimetres; export it standing, in one of these units"
-    )
 
 
 def _lowest(skeleton: Skeleton) -> float:

@@ -1,14 +1,20 @@
-"""Read and write BVH, the common format of captured motion: any hierarchy, any channel order.
+"""Read BVH, the common format of captured motion: any hierarchy, any channel order.
+
+The format has no standard. What programs write is read, and one warning says what was assumed, for example about the
+count of frames or the encoding. Unit and axes are measured on the figure (`kinematics.upright`).
 
 Joints below the root may have position channels. If the root's only child travels (as in the Bandai-Namco data), the
 root is merged into it. Elsewhere bones count as rigid, and their mean length is used.
 """
 
+import codecs
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 import torch
@@ -17,15 +23,31 @@ from pydantic import ValidationError
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import BVH_BYTES, BVH_LINE, BVH_LINES, DEPTH, JOINTS, ROTATIONS, STILL_ROTATIONS, check_file
-from echoavatar.whole_file import write_whole
 
 from ..kinematics.motion import Motion
-from ..kinematics.rotations import euler_from_matrix, matrix_from_quaternion, quaternion_multiply
+from ..kinematics.rigs import JointMap, known_bones, with_bones
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
+from ..kinematics.upright import Stand, of_clip, righted
 
 _log = logging.getLogger(__name__)
-_RIGID_M = 1e-3  # a bone that changes its length by more is reported
-_CHANNELS = {f"{axis}{kind}": (kind, i) for i, axis in enumerate("XYZ") for kind in ("position", "rotation")}
+_RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is reported
+_MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
+_BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
+_ASSUMED_HZ = 30.0
+_RATES_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
+_SAME_RATE = 3e-4  # share by which a frame time may miss a whole or NTSC rate
+_NTSC_HZ = tuple(rate * 1000 / 1001 for rate in (24, 30, 60, 120))
+_COMMENT = re.compile(r"(?<!\S)//.*|^[ \t]*#.*|#(?!\S).*", re.MULTILINE)
+_STATEMENT = re.compile(
+    r"(?:(?P<key>root|joint|end(?:site)?)\b(?P<name>[^\n{}]*)(?:\n\s*)?\{|offset(?P<offset>(?:\s+[^\s{}]+){3})"
+    r"|channels\s+(?P<count>\d{1,4})(?P<channels>(?:\s+[xyz](?:position|rotation|scale)\b)*)"
+    r"|(?P<close>\})|(?P<motion>motion\b))\s*",
+    re.IGNORECASE,
+)
+_HEAD = re.compile(r"\s*frame(?:s|[^\S\n]*(time))[^\S\n]*:?[^\S\n]*(\S*).*", re.IGNORECASE)
+_CUT = re.compile(r"(?<!\S)[-+]?(?:\.|\d+\.?\d*[eE][-+]?)?\Z")  # a number that the end of the file cuts off
+_GRAMMAR = "OFFSET has three numbers, CHANNELS their number and names such as Xposition, a joint braces"
 _Frames = np.ndarray
 
 
@@ -33,248 +55,305 @@ _Frames = np.ndarray
 class _Joint:
     name: str
     parent: int
+    column: int  # of its first channel
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    channels: list[tuple[str, int]] = field(default_factory=list)  # ("position" or "rotation", axis)
+    channels: list[tuple[str, int]] = field(default_factory=list)  # ("position", "rotation" or "scale", axis)
     tip: tuple[float, float, float] | None = None
 
 
-def read_bvh(path: Path | str, *, metres_per_unit: float = 0.01) -> Motion:
-    """Read a BVH file, in centimetres by default.
+def read_bvh(path: Path | str, given: JointMap | None = None, *, metres_per_unit: float | None = None) -> Motion:
+    """Read a BVH file: in metres, Y up and, at rest, facing +Z. With `metres_per_unit`, its axes stay as they are.
+
+    `given` is the user's own map of its bones.
 
     Raises:
-        MotionError: the file is missing, too large, cut short, inconsistent, or contains numbers that are not finite.
-            The message names the line and the remedy.
+        MotionError: the file is missing, too large, inconsistent, or contains numbers that are not finite. The message
+            names the line and the remedy.
     """
-    path = Path(path)
+    return read_standing(Path(path), given, metres_per_unit)[0]
+
+
+def read_standing(
+    path: Path, given: JointMap | None = None, metres_per_unit: float | None = None
+) -> tuple[Motion, Stand]:
+    """As `read_bvh`; and how the figure stands in the file."""
+    notes: list[str] = []
+    text = _text(path, notes)
     try:
-        check_file(path, BVH_BYTES, MotionError)
-        lines = _lines(path, path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError as error:
-        raise MotionError(f"{path} does not exist; check the name") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise MotionError(f"{path} cannot be read as text; it is not a BVH file") from error
-    reader = _Header(path, lines)
-    joints = reader.joints()
-    frames, fps = _numbers(path, lines, reader.line, sum(len(joint.channels) for joint in joints))
-    most = min(ROTATIONS, STILL_ROTATIONS + frames.size)
-    if len(frames) * len(joints) > most:
-        raise MotionError(
-            f"{path}: {len(frames):,} frames of {len(joints):,} joints are more than {most:,} rotations; cut it"
-        )
-    try:
-        return _assemble(joints, frames, fps, metres_per_unit)
+        joints, at = _joints(text)
+        frames, fps = _frames(text, at, sum(len(joint.channels) for joint in joints), notes)
+        most = min(ROTATIONS, STILL_ROTATIONS + frames.size)
+        if len(frames) * len(joints) > most:
+            raise _TextError(
+                f"{len(frames):,} frames of {len(joints):,} joints are more than {most:,} rotations; cut it"
+            )
+        motion = _assemble(_body(joints, notes), frames, fps, notes)
+    except _TextError as error:
+        place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10))}"
+        raise MotionError(f"{path}{place}: {error}") from None
     except ValidationError as error:
         raise MotionError(f"{path}: {error.errors()[0]['msg']}; repair the file") from error
+    if given is not None:
+        motion = replace(motion, skeleton=with_bones(motion.skeleton, given))
+    stand = Stand(metres=metres_per_unit) if metres_per_unit else of_clip(motion, known_bones(motion.skeleton))
+    if notes := notes + ([] if metres_per_unit else stand.notes()):
+        _log.warning("%s: %s", path, "; ".join(notes))
+    return righted(motion, stand), stand
 
 
-def write_bvh(
-    path: Path | str,
-    skeleton: Skeleton,
-    rotations: NDArray[np.float32],
-    root: NDArray[np.float32],
-    fps: float,
-    *,
-    scale: float = 100.0,
-    order: str = "zyx",
-) -> None:
-    """Write a BVH file, completely or not at all. Euler angles continue past 180 degrees instead of jumping.
+class _TextError(Exception):
+    """What is wrong with a text, and where."""
 
-    Args:
-        path: where to write.
-        skeleton: the rig; its tips become End Sites.
-        rotations: (t, j, 4) parent-relative quaternions `wxyz`.
-        root: (t, 3) world position of the root, metres.
-        fps: frames per second.
-        scale: units per metre, 100 for centimetres.
-        order: order of the rotation channels.
-    """
-    motion = Motion(skeleton, np.asarray(rotations, np.float32), np.asarray(root, np.float32), fps)
-    angles = np.degrees(_continuous_euler(motion.rotations, order))[:, _depth_first(skeleton)]
-    angles = angles.reshape(motion.frames, -1)
-    table = np.concatenate([motion.root.astype(np.float64) * scale, angles], 1)
-    row = " ".join(["%.6f"] * table.shape[1])
-    lines = ["HIERARCHY", *_hierarchy(skeleton, scale, order), "MOTION", f"Frames: {motion.frames}"]
-    lines += [f"Frame Time: {1 / fps:.9f}", *(row % tuple(frame) for frame in table.tolist())]
-    write_whole(path, "\n".join(lines) + "\n", error=MotionError)
+    def __init__(self, complaint: str, at: int | None = None) -> None:
+        super().__init__(complaint)
+        self.at = at
 
 
-_ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"  # where `splitlines` splits
-
-
-def _lines(path: Path, text: str) -> list[str]:
-    """The lines of a file; each one is an object, and so is each word of the line that is read."""
-    if sum(map(text.count, _ENDS)) > BVH_LINES:
-        raise MotionError(f"{path} has more than {BVH_LINES:,} lines; cut it")
-    lines = text.splitlines()
-    if max(map(len, lines), default=0) > BVH_LINE:
-        raise MotionError(f"{path} has a line of more than {BVH_LINE:,} letters; it is not a BVH file")
-    return lines
-
-
-class _Header:
-    """Reads the HIERARCHY block; `line` is the current line, counted from 0."""
-
-    def __init__(self, path: Path, lines: Sequence[str]) -> None:
-        self.path, self.lines, self.line = path, lines, 0
-        self._names: set[str] = set()
-
-    def joints(self) -> list[_Joint]:
-        found: list[_Joint] = []
-        open_joints: list[int] = []  # -1 stands for an End Site
-        self.line = next((i for i, text in enumerate(self.lines) if text.strip()), 0)
-        if not self.lines or self.lines[self.line].strip() != "HIERARCHY":
-            self.fail("the file does not begin with HIERARCHY; it is not a BVH file")
-        while self.line + 1 < len(self.lines):
-            self.line += 1
-            words = self.lines[self.line].split()
-            if not words or words == ["{"]:
-                continue
-            if words[0] == "MOTION":
-                break
-            self._statement(words, found, open_joints)
-        else:
-            self.fail("the file ends before MOTION; it was cut short, fetch it again")
-        if open_joints:
-            self.fail("a closing brace is missing above MOTION; repair the file")
-        if not found:
-            self.fail("there is no ROOT; it is not a BVH file")
-        return found
-
-    def _statement(self, words: list[str], found: list[_Joint], open_joints: list[int]) -> None:
-        if words[0] in ("ROOT", "JOINT") and len(words) >= 2:
-            if words[0] == "ROOT" and found:
-                self.fail("a second ROOT; keep one skeleton per file")
-            name = "_".join(words[1:])
-            if name in self._names:
-                self.fail(f"joint {name!r} occurs twice; rename one")
-            if len(found) >= JOINTS or len(open_joints) >= DEPTH:
-                self.fail(f"more than {JOINTS} joints, or more than {DEPTH} deep; leave out what does not move")
-            self._names.add(name)
-            found.append(_Joint(name, open_joints[-1] if open_joints else -1))
-            open_joints.append(len(found) - 1)
-        elif words[0] == "End":
-            open_joints.append(-1)
-        elif words[0] == "OFFSET" and open_joints:
-            offset = self._triple(words[1:])
-            if open_joints[-1] >= 0:
-                found[open_joints[-1]].offset = offset
-            elif len(open_joints) > 1:
-                found[open_joints[-2]].tip = offset
-        elif words[0] == "CHANNELS" and open_joints and open_joints[-1] >= 0:
-            found[open_joints[-1]].channels = self._channels(words[1:])
-        elif words[0] == "}" and open_joints:
-            open_joints.pop()
-        else:
-            self.fail(f"{' '.join(words[:4])!r} is not BVH; repair the file")
-
-    def _triple(self, words: list[str]) -> tuple[float, float, float]:
-        try:
-            x, y, z = (float(word) for word in words)
-        except ValueError:
-            self.fail("OFFSET needs three numbers; repair the file")
-        if not np.isfinite([x, y, z]).all():
-            self.fail("OFFSET is not finite; repair the file")
-        return x, y, z
-
-    def _channels(self, words: list[str]) -> list[tuple[str, int]]:
-        if not words or not words[0].isdigit() or int(words[0]) != len(words) - 1:
-            self.fail("CHANNELS needs their number and as many names; repair the file")
-        if any(word not in _CHANNELS for word in words[1:]):
-            self.fail(f"channels are named {', '.join(_CHANNELS)}; repair the file")
-        if len(words) > 1 + len(_CHANNELS):
-            self.fail(f"a joint has at most {len(_CHANNELS)} channels; repair the file")
-        return [_CHANNELS[word] for word in words[1:]]
-
-    def fail(self, complaint: str) -> NoReturn:
-        raise MotionError(f"{self.path}, line {self.line + 1}: {complaint}")
-
-
-def _numbers(path: Path, lines: Sequence[str], motion_line: int, width: int) -> tuple[_Frames, float]:
-    """The table of channel values, one row per frame, and the frame rate."""
-    fields = [i for i in range(motion_line + 1, len(lines)) if lines[i].strip()]
-    head: dict[str, float] = {}
-    for label in ("Frames:", "Frame Time:"):
-        at = fields.pop(0) if fields else len(lines) - 1
-        text = lines[at]
-        try:
-            head[label] = float(text.strip().removeprefix(label))
-        except ValueError:
-            raise MotionError(f"{path}, line {at + 1}: expected {label!r} and a number") from None
-    if not float(head["Frames:"]).is_integer():
-        raise MotionError(f"{path}: Frames {head['Frames:']} is not a whole number; write how many there are")
-    count, frame_time = int(head["Frames:"]), head["Frame Time:"]
-    if not 1e-6 < frame_time < 1e6:
-        raise MotionError(
-            f"{path}: Frame Time {frame_time} is not above 0 and below a million; write the seconds between frames"
-        )
-    if count < 1:
-        raise MotionError(f"{path}: the file has no frames; choose another")
+def _text(path: Path, notes: list[str]) -> str:
+    """The text of a file with plain line ends and without comments."""
     try:
-        flat = np.fromiter((float(word) for at in fields for word in lines[at].split()), np.float64)
+        check_file(path, BVH_BYTES, MotionError)
+        text, encoding = _decoded(path.read_bytes())
+    except FileNotFoundError as error:
+        raise MotionError(f"{path} does not exist; check the name") from error
+    except OSError as error:
+        raise MotionError(f"{path} cannot be read ({error.strerror}); check its permissions") from error
+    if encoding != "utf-8-sig":
+        notes.append(f"its text is taken for {encoding}")
+    text = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\0\x1a \t\n")
+    if text.count("\n") >= BVH_LINES:
+        raise MotionError(f"{path} has more than {BVH_LINES:,} lines; cut it")
+    if max(map(len, text.split("\n"))) > BVH_LINE:
+        raise MotionError(f"{path} has a line of more than {BVH_LINE:,} letters; it is not a BVH file")
+    return _COMMENT.sub("", text)
+
+
+def _decoded(data: bytes) -> tuple[str, str]:
+    """The text, and its encoding as far as the bytes tell: of the older ones, Shift-JIS alone has 0x81 to 0x9f."""
+    guesses = ("utf-8-sig", "shift_jis" if re.search(rb"[\x81-\x9f]", data) else "gb2312")
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", "replace"), "utf-16"
+    for guess in guesses:
+        try:
+            return data.decode(guess), guess
+        except UnicodeDecodeError:
+            continue
+    return data.decode("latin-1"), "latin-1"
+
+
+def _joints(text: str) -> tuple[list[_Joint], int]:
+    """The joints of the HIERARCHY block, of one tree or more, and where the block ends."""
+    begun = re.match(r"\s*hierarchy\b\s*", text, re.IGNORECASE)
+    if not begun:
+        raise _TextError("the file does not begin with HIERARCHY; it is not a BVH file", 0)
+    found, inside, at, column = list[_Joint](), list[int](), begun.end(), 0  # inside an End Site: -1
+    while (said := _STATEMENT.match(text, at)) and said.lastgroup != "motion":
+        joint = found[inside[-1]] if inside and inside[-1] >= 0 else None
+        match said.lastgroup:
+            case "name" if said["key"].lower() in ("root", "joint") and (joint or not inside):
+                found.append(_Joint("_".join(said["name"].split()), inside[-1] if joint else -1, column))
+                inside.append(len(found) - 1)
+                if len(found) > JOINTS or len(inside) > DEPTH:
+                    raise _TextError(
+                        f"more than {JOINTS} joints, or more than {DEPTH} deep; leave out what does not move", at
+                    )
+            case "name" if joint:
+                inside.append(-1)
+            case "offset" if joint:
+                joint.offset = _triple(said["offset"], at)
+            case "offset" if inside:
+                found[inside[-2]].tip = _triple(said["offset"], at)
+            case "channels" if joint and int(said["count"]) == len(said["channels"].split()) < 10:
+                joint.channels = [(word[1:], "xyz".index(word[0])) for word in said["channels"].lower().split()]
+                column += len(joint.channels)
+            case "close" if inside:
+                inside.pop()
+            case _:
+                break
+        at = said.end()
+    if not said or said.lastgroup != "motion":
+        raise _TextError(
+            f"{text[at:][:60].splitlines()[0]!r} is not BVH ({_GRAMMAR}); repair the file"
+            if "motion" in text[at:].lower()
+            else "the file ends before MOTION; it was cut short, fetch it again",
+            at,
+        )
+    if inside or not found:
+        raise _TextError("a closing brace is missing above MOTION, or there is no ROOT; repair the file", at)
+    return found, said.end()
+
+
+def _triple(words: str, at: int) -> tuple[float, float, float]:
+    try:
+        x, y, z = map(_number, words.split())
     except ValueError:
-        flat = np.empty(0)
-    if flat.size != count * width or not np.isfinite(flat).all():
-        _explain(path, lines, fields, count, width)
-    fps = 1 / frame_time
-    return flat.reshape(count, width), float(round(fps)) if abs(fps - round(fps)) < 2e-3 * fps else fps
+        raise _TextError("OFFSET needs three finite numbers; repair the file", at) from None
+    return x, y, z
 
 
-def _explain(path: Path, lines: Sequence[str], fields: list[int], count: int, width: int) -> NoReturn:
-    """Raise the error that names the wrong line. This is slow, and runs only when a line is wrong."""
-    for at in fields:
-        words = lines[at].split()
+def _number(word: str) -> float:
+    """The number in a word; a comma is a decimal point, or follows the number."""
+    number = float(word.strip(",").replace(",", "."))
+    if not abs(number) < _MOST:
+        raise ValueError(word)
+    return number
+
+
+def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, float]:
+    """The table of channel values, one row per frame, and the frame rate."""
+    head = {"Frames:": "0", "Frame Time:": "0"}
+    while found := _HEAD.match(text, at):
+        label, at = "Frame Time:" if found[1] else "Frames:", found.end()
+        head[label] = found[2] or "0"
+        try:
+            _number(head[label])
+        except ValueError:
+            raise _TextError(
+                f"expected {label!r} and a number, not {found[2][:40]!r}; repair the file", found.start(2)
+            ) from None
+    stated, fps = _number(head["Frames:"]), _rate(head["Frame Time:"], at, notes)
+    if not width:
+        notes.append("it has no channels, and its rest pose is read")
+        return np.zeros((1, 0)), fps
+    cut = _CUT.search(text[at:][-64:])
+    table = text[at : len(text) - len(cut[0] if cut else "")]
+    if "," in table:
+        table = table.replace(",", " ") if "." in table else re.sub(r",(?=\s|\Z)", " ", table).replace(",", ".")
+    lines, sizes = table.split("\n"), list[int]()
+    try:
+        flat = np.fromiter(_each_number(lines, sizes), np.float64)
+    except ValueError:
+        flat = np.array([np.nan])
+    if not (np.abs(flat) < _MOST).all():
+        raise _first_bad(lines, at, width)
+    ends = np.cumsum(sizes, dtype=np.int64)
+    starts = ends - sizes
+    # a line that begins within a frame and ends in another
+    is_apart = (starts % width > 0) & (starts // width != (ends - 1) // width)
+    if flat.size != stated * width and is_apart.any():
+        if min(sizes) < width:
+            raise _first_bad(lines, at, width)
+        flat = flat[starts[:, None] + np.arange(width)].ravel()
+        notes.append(f"its lines have up to {max(sizes)} values, and the first {width} are read")
+    count, rest = divmod(flat.size, width)
+    if count < 1:
+        raise _TextError("the file has no frames; choose another")
+    if rest:
+        notes.append(f"it ends within frame {count + 1}, and the {count} before are read")
+    elif count != stated:
+        notes.append(f"it says {stated:.12g} frames, and the {count} that it has are read")
+    return flat[: count * width].reshape(count, width), fps
+
+
+def _each_number(lines: list[str], sizes: list[int]) -> Iterator[float]:
+    """Every number of the lines; `sizes` receives how many each line has."""
+    for line in lines:
+        if words := line.split():
+            sizes.append(len(words))
+            yield from map(float, words)
+
+
+def _first_bad(lines: list[str], at: int, width: int) -> _TextError:
+    """What is wrong with the first wrong line. This is slow, and runs only where there is one."""
+    for line in lines:
+        words = line.split()
         for word in words:
             try:
-                is_finite = bool(np.isfinite(float(word)))
+                _number(word)
             except ValueError:
-                is_finite = False
-            if not is_finite:
-                raise MotionError(f"{path}, line {at + 1}: {word!r} is not a finite number; repair the file")
-        if len(words) != width:
-            raise MotionError(
-                f"{path}, line {at + 1}: {len(words)} values, but the hierarchy has {width} channels;"
-                " the file was cut short or damaged, fetch it again"
-            )
-    raise MotionError(
-        f"{path}: {len(fields)} frames, but the header says {count}; cut short? fetch it again or correct 'Frames:'"
-    )
+                return _TextError(f"{word!r} is not a finite number below {_MOST:g}; repair the file", at)
+        if words and len(words) != width:
+            break
+        at += len(line) + 1
+    complaint = f"{len(words)} values, but the hierarchy has {width} channels; the file is damaged, fetch it again"
+    return _TextError(complaint, at)
 
 
-def _assemble(joints: list[_Joint], frames: _Frames, fps: float, unit: float) -> Motion:
+def _rate(word: str, at: int, notes: list[str]) -> float:
+    """Frames per second. Most files round the seconds between frames: 0.0333667 means 30000/1001."""
+    seconds = _number(word)
+    if seconds == 0:
+        notes.append(f"it has no frame time, and {_ASSUMED_HZ:g} frames per second are assumed")
+        return _ASSUMED_HZ
+    if not 1e-6 < seconds < 1e6:
+        raise _TextError(
+            f"Frame Time {seconds} is not above 0 and below a million; write the seconds between frames", at
+        )
+    halves, step = 2 / seconds, 10.0 ** int(Decimal(word.strip(",").replace(",", ".")).normalize().as_tuple().exponent)
+    if abs(halves - round(halves)) < 1e-7:
+        return round(halves) / 2
+    for rate in (*_RATES_HZ, *_NTSC_HZ):
+        if -0.501 * step < 1 / rate - seconds < 0.7 * step < 0.1 * seconds:
+            return float(rate)
+    nearest = min((*_NTSC_HZ, round(1 / seconds)), key=lambda rate: abs(rate * seconds - 1))
+    return float(nearest) if abs(nearest * seconds - 1) < _SAME_RATE else 1 / seconds
+
+
+def _body(joints: list[_Joint], notes: list[str]) -> list[_Joint]:
+    """The tree that has the body; each of its names occurs once."""
+    roots = [j for j, joint in enumerate(joints) if joint.parent < 0]
+    trees = [joints[root:stop] for root, stop in zip(roots, [*roots[1:], len(joints)], strict=True)]
+    for root, tree in zip(roots, trees, strict=True):
+        count = Counter[str]()
+        for joint in tree:
+            joint.parent = max(joint.parent - root, -1)
+            count[joint.name] += 1
+            joint.name += f"_{count[joint.name]}" if count[joint.name] > 1 else ""
+        if len(count) < len(tree):
+            notes.append("joints of the same name are numbered")
+    if len(trees) == 1:
+        return trees[0]
+    best = max(trees, key=lambda tree: (len(known_bones(_skeleton(tree))), len(tree)))
+    notes.append(f"it has {len(trees)} skeletons, and that of {best[0].name!r} is read")
+    return best
+
+
+def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str]) -> Motion:
+    """The motion in the file's own unit and axes."""
     rotations = np.empty((len(frames), len(joints), 4), np.float32)
     places: list[_Frames] = []  # (t, 3) of each joint that moves along, (1, 3) of the others
-    column = 0
+    is_beside = False
     for j, joint in enumerate(joints):
         rotation = np.tile([1.0, 0.0, 0.0, 0.0], (len(frames), 1))
-        is_moving = any(kind == "position" for kind, _ in joint.channels)
-        place = np.tile(joint.offset, (len(frames) if is_moving or j == 0 else 1, 1))
-        for kind, axis in joint.channels:
+        moved = [axis for kind, axis in joint.channels if kind == "position"]
+        place = np.tile(joint.offset, (len(frames) if moved or j == 0 else 1, 1))
+        for column, (kind, axis) in enumerate(joint.channels, joint.column):
             if kind == "position":
                 place[:, axis] = frames[:, column]
-            else:
+            elif kind == "rotation":
                 rotation = _rotated(rotation, frames[:, column], axis)
-            column += 1
+        offset = np.array(joint.offset)[moved]
+        if j and np.linalg.norm(place[:, moved].mean(0)) < _BESIDE * np.linalg.norm(offset):
+            place[:, moved] += offset
+            is_beside = True
         rotations[:, j] = rotation
-        places.append(place * unit)
-    while len(joints) > 1 and _has_travelling_child(joints, places):
+        places.append(place)
+    if is_beside:
+        notes.append("positions of joints are added to their OFFSET")
+    if any(kind == "scale" for joint in joints for kind, _ in joint.channels):
+        notes.append("scale channels are left out")
+    longest = max((float(np.linalg.norm(place.mean(0))) for place in places[1:]), default=0.0) or 1.0
+    while len(joints) > 1 and _travels(joints, places) > _RIGID * longest:
         joints, rotations, places = _merge_root(joints, rotations, places)
     stretch = max((float(np.ptp(place, axis=0).max()) for place in places[1:]), default=0.0)
-    if stretch > _RIGID_M:
-        _log.warning("bones change their length by up to %.1f mm; their mean length is used", stretch * 1000)
-    offsets = np.array([np.multiply(joints[0].offset, unit), *(place.mean(0) for place in places[1:])])
-    skeleton = Skeleton(
+    if stretch > _RIGID * longest:
+        share = 100 * stretch / longest
+        notes.append(f"bones change their length by up to {share:.1f}% of the longest, and their mean length is used")
+    for joint, place in zip(joints[1:], places[1:], strict=True):
+        x, y, z = place.mean(0).tolist()
+        joint.offset = x, y, z
+    return Motion(_skeleton(joints), np.ascontiguousarray(rotations), places[0].astype(np.float32), fps)
+
+
+def _skeleton(joints: list[_Joint]) -> Skeleton:
+    return Skeleton(
         SkeletonConfig(
             names=tuple(joint.name for joint in joints),
             parents=tuple(joint.parent for joint in joints),
-            offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
-            tips={j.name: _scaled(j.tip, unit) for j in joints if j.tip is not None},
+            offsets=tuple(joint.offset for joint in joints),
+            tips={joint.name: joint.tip for joint in joints if joint.tip is not None},
         )
     )
-    return Motion(skeleton, np.ascontiguousarray(rotations), places[0].astype(np.float32), fps)
-
-
-def _scaled(offset: tuple[float, float, float], unit: float) -> tuple[float, float, float]:
-    return offset[0] * unit, offset[1] * unit, offset[2] * unit
 
 
 def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
@@ -285,9 +364,10 @@ def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
     return product
 
 
-def _has_travelling_child(joints: list[_Joint], places: list[_Frames]) -> bool:
-    only_child = [j for j, joint in enumerate(joints) if joint.parent == 0] == [1]
-    return only_child and float(np.ptp(places[1], axis=0).max()) > _RIGID_M
+def _travels(joints: list[_Joint], places: list[_Frames]) -> float:
+    """How far the only child of the root moves in it; 0 where there are several."""
+    is_only = [j for j, joint in enumerate(joints) if joint.parent == 0] == [1]
+    return float(np.ptp(places[1], axis=0).max()) if is_only else 0.0
 
 
 def _merge_root(
@@ -300,59 +380,5 @@ def _merge_root(
     rotations[:, 0] = quaternion_multiply(root, child).numpy()
     first, second = joints[0], joints[1]
     x, y, z = np.add(first.offset, second.offset).tolist()
-    kept = [_Joint(second.name, -1, (x, y, z), second.channels, second.tip)]
-    kept += [_Joint(j.name, j.parent - 1, j.offset, j.channels, j.tip) for j in joints[2:]]
+    kept = [replace(second, parent=-1, offset=(x, y, z)), *(replace(j, parent=j.parent - 1) for j in joints[2:])]
     return kept, rotations, [moved, *places[2:]]
-
-
-def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:
-    """Angles (t, j, 3) in radians. Of the two triples for a rotation, the one nearer to the last frame's is taken."""
-    matrices = matrix_from_quaternion(torch.from_numpy(rotations.astype(np.float64)))
-    plain: _Frames = euler_from_matrix(matrices, order).numpy()
-    other = plain * [1, -1, 1] + np.pi
-    angles = plain.copy()
-    for t in range(1, len(angles)):
-        last = angles[t - 1]
-        near = plain[t] + 2 * np.pi * np.round((last - plain[t]) / (2 * np.pi))
-        far = other[t] + 2 * np.pi * np.round((last - other[t]) / (2 * np.pi))
-        is_far = np.abs(far - last).sum(-1) < np.abs(near - last).sum(-1)
-        angles[t] = np.where(is_far[:, None], far, near)
-    return angles
-
-
-def _depth_first(skeleton: Skeleton) -> list[int]:
-    """Joints in the order in which the file lists them."""
-    order, waiting = [], [0]
-    while waiting:
-        order.append(waiting.pop())
-        waiting += [j for j in reversed(range(skeleton.joints)) if skeleton.parents[j] == order[-1]]
-    return order
-
-
-def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> list[str]:
-    axes = " ".join(f"{axis.upper()}rotation" for axis in order)
-    offsets = skeleton.offsets.double().numpy() * scale
-    tips = skeleton.config.tips
-    lines: list[str] = []
-
-    def put(joint: int, depth: int) -> None:
-        pad, inner = "\t" * depth, "\t" * (depth + 1)
-        name = skeleton.names[joint]
-        lines.append(f"{pad}{'ROOT' if depth == 0 else 'JOINT'} {name}")
-        lines.extend([f"{pad}{{", f"{inner}OFFSET {_words(offsets[joint])}"])
-        travel = "6 Xposition Yposition Zposition" if depth == 0 else "3"
-        lines.append(f"{inner}CHANNELS {travel} {axes}")
-        below = [j for j in range(skeleton.joints) if skeleton.parents[j] == joint]
-        for child in below:
-            put(child, depth + 1)
-        if not below or name in tips:
-            tip = np.multiply(tips.get(name, (0.0, 0.0, 0.0)), scale)
-            lines.extend([f"{inner}End Site", f"{inner}{{", f"{inner}\tOFFSET {_words(tip)}", f"{inner}}}"])
-        lines.append(f"{pad}}}")
-
-    put(0, 0)
-    return lines
-
-
-def _words(values: NDArray[np.float64]) -> str:
-    return " ".join(f"{value:.6f}" for value in values)

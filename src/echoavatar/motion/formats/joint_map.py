@@ -5,14 +5,12 @@ not name is looked for.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from echoavatar.errors import MotionError
 from echoavatar.json_reader import read_object_file
 
-from ..kinematics.motion import Motion
-from ..kinematics.rigs import BONES, JointMap, UnknownRigError, known_bones, with_bones
+from ..kinematics.rigs import BONES, UnknownRigError, known_bones
 from .bvh import read_bvh
 from .gltf_rig import read_gltf_rig
 
@@ -43,15 +41,6 @@ def read_map(path: Path | None) -> dict[str, str | None] | None:
             raise MotionError(f"{path}: {joint[:60]!r} is both {joints[joint]} and {bone}; keep one")
         joints[joint] = bone
     return given
-
-
-def mapped(motion: Motion, given: JointMap | None) -> Motion:
-    """The motion with the user's map on its rig.
-
-    Raises:
-        MotionError: as `with_bones`.
-    """
-    return motion if given is None else replace(motion, skeleton=with_bones(motion.skeleton, given))
 
 
 def map_of(path: Path) -> dict[str, str | None]:

@@ -35,7 +35,7 @@ from .controls_from_motion import controls_from_motion
 from .footing import stepping
 from .units import GestureUnit, cut_out, gesture_unit, rows_of, table_above, unit_rows
 
-VERSION = 4  # of the cached libraries: raise it with every change of what a file becomes
+VERSION = 5  # of the cached libraries: raise it with every change of what a file becomes
 SHORTEST_S = 2.0  # shorter stretches between two cuts are dropped
 STILL_M_S = 0.06  # mean speed of the body's joints below which a dance has not begun
 LEAD_IN_S = 0.3

@@ -1,0 +1,205 @@
+"""Motion of SMPL, SMPL-H and SMPL-X, on one rig: the 55 joints of SMPL-X.
+
+The rig has the rest offsets of our humanoid's bones, because the licence of the body model does not allow shipping it:
+rotations are exact, positions are those of a body of 1.70 m. What a file lacks, such as fingers, rests.
+
+A file has `poses`, axis angles in radians of 22 (body), 24 (SMPL), 52 (SMPL-H) or 55 joints, flat or (t, j, 3), or its
+parts (`global_orient`, `body_pose`, ...; AMASS: `root_orient`, `pose_body`, ...), and `trans` or `transl` (t, 3) in
+metres. Hand poses are absolute, as MoSh writes them: no mean hand is added.
+"""
+
+import logging
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from echoavatar.errors import MotionError
+from echoavatar.limits import ROTATIONS, STILL_ROTATIONS
+
+from ..kinematics.motion import Motion
+from ..kinematics.rigs import finger_bones
+from ..kinematics.rotations import quaternion_from_axis_angle
+from ..kinematics.skeleton import HUMANOID, Skeleton, SkeletonConfig
+from ..kinematics.upright import of_clip, righted
+
+_log = logging.getLogger(__name__)
+_POSES = ("poses", "smpl_poses", "fullpose")
+_JOINTS = {22: range(22), 24: range(22), 52: (*range(22), *range(25, 55)), 55: range(55)}  # of the rig, by their count
+_PARTS = {  # the first joint of the rig, and how many
+    "global_orient": (0, 1),
+    "root_orient": (0, 1),
+    "body_pose": (1, 21),
+    "pose_body": (1, 21),
+    "jaw_pose": (22, 1),
+    "pose_jaw": (22, 1),
+    "leye_pose": (23, 1),
+    "reye_pose": (24, 1),
+    "pose_eye": (23, 2),
+    "left_hand_pose": (25, 15),
+    "right_hand_pose": (40, 15),
+    "pose_hand": (25, 30),
+}
+_PLACES = ("trans", "transl", "smpl_trans", "translation")
+_RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
+_ASSUMED_HZ = 30.0
+_UPRIGHT = 0.6  # least height of the mean direction of the spine
+_BODY = (  # name, parent, VRM bone
+    ("pelvis", -1, "hips"),
+    ("left_hip", 0, "leftUpperLeg"),
+    ("right_hip", 0, "rightUpperLeg"),
+    ("spine1", 0, "spine"),
+    ("left_knee", 1, "leftLowerLeg"),
+    ("right_knee", 2, "rightLowerLeg"),
+    ("spine2", 3, "chest"),
+    ("left_ankle", 4, "leftFoot"),
+    ("right_ankle", 5, "rightFoot"),
+    ("spine3", 6, "upperChest"),
+    ("left_foot", 7, "leftToes"),
+    ("right_foot", 8, "rightToes"),
+    ("neck", 9, "neck"),
+    ("left_collar", 9, "leftShoulder"),
+    ("right_collar", 9, "rightShoulder"),
+    ("head", 12, "head"),
+    ("left_shoulder", 13, "leftUpperArm"),
+    ("right_shoulder", 14, "rightUpperArm"),
+    ("left_elbow", 16, "leftLowerArm"),
+    ("right_elbow", 17, "rightLowerArm"),
+    ("left_wrist", 18, "leftHand"),
+    ("right_wrist", 19, "rightHand"),
+    ("jaw", 15, ""),
+    ("left_eye_smplhf", 15, ""),
+    ("right_eye_smplhf", 15, ""),
+)
+_FACE = {  # from the head joint, metres
+    "jaw": (0.0, 0.0, 0.02),
+    "left_eye_smplhf": (0.03, 0.07, 0.07),
+    "right_eye_smplhf": (-0.03, 0.07, 0.07),
+}
+_DIGITS = {"index": "Index", "middle": "Middle", "pinky": "Little", "ring": "Ring", "thumb": "Thumb"}
+
+
+def _table() -> list[tuple[str, int, str]]:
+    rows = list(_BODY)
+    for side, wrist in (("left", 20), ("right", 21)):
+        bones = finger_bones(side)
+        for digit, ours in _DIGITS.items():
+            for k, bone in enumerate(bones[ours], start=1):
+                rows.append((f"{side}_{digit}{k}", wrist if k == 1 else len(rows) - 1, bone))
+    return rows
+
+
+def skeleton() -> Skeleton:
+    """The 55 joints at the positions of our humanoid."""
+    rows, rest = _table(), HUMANOID.rest_positions.numpy()
+    head = rest[HUMANOID.index("head")]
+    places = [rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows]
+    offsets = [places[j] - (places[parent] if parent >= 0 else 0) for j, (_, parent, _) in enumerate(rows)]
+    return Skeleton(
+        SkeletonConfig(
+            names=tuple(name for name, _, _ in rows),
+            parents=tuple(parent for _, parent, _ in rows),
+            offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
+            tips={name: HUMANOID.config.tips[bone] for name, _, bone in rows if bone in HUMANOID.config.tips},
+            vrm={bone: j for j, (_, _, bone) in enumerate(rows) if bone},
+        )
+    )
+
+
+def is_smpl(names: Collection[str]) -> bool:
+    """Whether a file with arrays of these names has motion of SMPL."""
+    return "skeleton" not in names and any(name in names for name in (*_POSES, "body_pose", "pose_body"))
+
+
+def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rest: Float[np.ndarray, "55 3"] | None = None) -> Motion:
+    """The motion in the arrays of `path`, Y up, standing on the floor.
+
+    `rest` are the joints' rest positions in the body model, where the user has one.
+
+    Raises:
+        MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
+    """
+    poses, trans = _poses(path, stored), _first(path, stored, _PLACES)
+    if trans is None:
+        raise MotionError(f"{path} lacks 'trans'; it is not SMPL-X motion")
+    if trans.shape != (len(poses), 3):
+        raise MotionError(f"{path}: {len(poses)} poses and trans {trans.shape}; give a place (t, 3) for each pose")
+    if not (np.isfinite(poses).all() and np.isfinite(trans).all()):
+        bad = int(np.flatnonzero(~(np.isfinite(poses).all((1, 2)) & np.isfinite(trans).all(1)))[0])
+        raise MotionError(f"{path}, frame {bad}: values that are not finite; repair or leave out the file")
+    rate = _first(path, stored, _RATES)
+    fps = _ASSUMED_HZ if rate is None or rate.size != 1 else rate.item()
+    if not 0 < fps < 1000:
+        raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
+    rig = skeleton() if rest is None else _skeleton_at(rest)
+    rotations = quaternion_from_axis_angle(torch.from_numpy(poses)).numpy().astype(np.float32)
+    motion = Motion(rig, rotations, trans.astype(np.float32), fps)
+    stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
+    motion = righted(motion, stand)
+    spine = motion.matrices()[:, 0, :, 1].mean(0).numpy().round(2)
+    if spine[1] < _UPRIGHT:
+        raise MotionError(f"{path}: the body does not stand (mean spine {spine.tolist()}); turn it upright")
+    notes = stand.notes(usual=1.0)
+    notes += [f"it has no frame rate, and {fps:g} frames per second are assumed"] if rate is None else []
+    if notes:
+        _log.warning("%s: %s", path, "; ".join(notes))
+    return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0].numpy(), fps))
+
+
+def _first(path: Path, stored: Mapping[str, np.ndarray], names: Collection[str]) -> Float[np.ndarray, "..."] | None:
+    return next((_numbers(path, stored[name]) for name in names if name in stored), None)
+
+
+def _numbers(path: Path, array: np.ndarray) -> Float[np.ndarray, "..."]:
+    """The array in double precision, if its file has room for as many poses."""
+    most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)
+    if array.size > 3 * most or (array.ndim and len(array) * 55 > most):
+        raise MotionError(f"{path}: an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")
+    return np.asarray(array, np.float64)
+
+
+def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 55 3"]:
+    given = _first(path, stored, _POSES)
+    if given is not None:
+        flat = given.reshape(len(given), -1) if given.ndim > 1 and given.size else np.zeros((1, 1))
+        joints = _JOINTS.get(flat.shape[1] // 3) if flat.shape[1] % 3 == 0 else None
+        if joints is None:
+            raise MotionError(f"{path}: poses {given.shape}; SMPL has (t, 72), SMPL-H (t, 156), and SMPL-X (t, 165)")
+        whole = np.zeros((len(flat), 55, 3))
+        whole[:, list(joints)] = flat.reshape(len(flat), -1, 3)[:, : len(joints)]
+        return whole
+    parts = {name: _numbers(path, stored[name]) for name in _PARTS if name in stored}
+    frames = max(map(len, parts.values()))
+    whole = np.zeros((frames, 55, 3))
+    for name, part in parts.items():
+        first, count = _PARTS[name]
+        if part.size >= 3 * count * frames > 0 and len(part) == frames:  # fewer: weights of a hand model
+            whole[:, first : first + count] = part.reshape(frames, -1, 3)[:, :count]
+        elif first < 2:
+            raise MotionError(f"{path}: {name} {part.shape}; SMPL has (t, {3 * count}) for {frames} frames")
+    return whole
+
+
+def _skeleton_at(rest: Float[np.ndarray, "55 3"]) -> Skeleton:
+    """The joints at the places of a body model, with our hips' place and the feet on the floor."""
+    ours = skeleton()
+    places = rest - rest[0] + HUMANOID.rest_positions[0].numpy()
+    parents = np.array(ours.parents)
+    offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
+    lowest_toes = places[ours.indices(("left_foot", "right_foot")), 1].min()
+    offsets[0, 1] -= lowest_toes - float(HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1])
+    return Skeleton(ours.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist()))}))
+
+
+def _on_floor(motion: Motion) -> Motion:
+    """Shift the motion so that the lower ankle is at or below its rest height for a tenth of the time.
+
+    The origin of SMPL-X is not on the floor.
+    """
+    ankles = motion.skeleton.indices(("left_ankle", "right_ankle"))
+    low = np.quantile(motion.pose().positions[:, ankles, 1].min(1).values.numpy(), 0.1)
+    rest = float(motion.skeleton.rest_positions[ankles, 1].mean())
+    root = motion.root + np.array([0.0, rest - low, 0.0], np.float32)
+    return Motion(motion.skeleton, motion.rotations, root, motion.fps)

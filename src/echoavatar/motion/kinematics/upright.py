@@ -1,0 +1,165 @@
+"""How a figure stands in its file: unit, up and facing are measured on it, because most formats do not say them.
+
+`measure` needs the rest pose alone and serves clips and rigs. `of_clip` looks at the motion as well, because some
+programs turn the root of an upright rest pose in every frame. `righted` gives the same motion in metres, Y up, facing
++Z.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from .motion import Motion
+from .rotations import quaternion_from_matrix, quaternion_multiply
+from .skeleton import Skeleton
+
+UNITS = (  # name, metres, and the heights in metres that make it the likely one; the first that fits is taken
+    ("centimetres", 0.01, 0.81, 3.1),  # from a small child to the giants of games
+    ("metres", 1.0, 0.5, 3.1),
+    ("millimetres", 0.001, 1.0, 3.0),
+    ("inches", 0.0254, 1.48, 2.06),
+    ("centimetres", 0.01, 0.5, 3.0),
+    ("inches", 0.0254, 0.5, 3.0),
+    ("feet", 0.3048, 1.48, 2.06),
+    ("metres", 1.0, 0.3, 10.0),
+    ("tens of metres", 10.0, 1.0, 3.0),
+    ("hundreds of metres", 100.0, 1.0, 3.0),
+)
+_TALL = 1.21  # a person's height over the length of trunk, neck, thigh and shin
+_STANDING = 0.5  # cosine: trunk and legs of a standing figure are nearer to the vertical
+_CLEAR = 0.75  # cosine: a direction that belongs to one axis
+_FLOOR = 0.2  # of the height: a floor at 0 is not farther from the lower foot
+_LYING = (0.02, 0.35)  # of the height: how high over a floor at 0 the hips of a lying figure are
+_SAMPLES = 64  # frames of a clip that are looked at
+_SIDES = ("left", "right")
+_NEEDED = {"hips", "head"} | {s + bone for s in _SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
+_Vector = Float[np.ndarray, "3"]
+_Turn = Float[np.ndarray, "3 3"]
+
+
+class Stand(NamedTuple):
+    """What makes a file's axes and unit ours; the rest pose and the world may need different turns."""
+
+    rest: _Turn = np.eye(3)
+    world: _Turn = np.eye(3)
+    metres: float = 0.01  # of one unit
+    tall: float = 0.0  # metres; 0 where it is not known
+
+    def notes(self, usual: float = 0.01) -> list[str]:
+        """What is assumed, in words."""
+        rest, world = (not np.array_equal(turn, np.eye(3)) for turn in (self.rest, self.world))
+        what = "it" if rest and world else "its rest pose" if rest else "its motion"
+        notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
+        if self.metres != usual:
+            name = next(name for name, metres, *_ in UNITS if metres == self.metres)
+            notes.append(f"its unit is taken for {name}, so that the figure is {self.tall:.2f} m tall")
+        return notes
+
+
+OURS = Stand()  # in centimetres
+
+
+def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: float = 0.01) -> Stand:
+    """How a rest pose stands: its joints are at `places`, in the file's axes and unit.
+
+    Turns are made of quarter turns, and none for a rest pose that does not stand. The unit is `usual` (metres) where no
+    unit makes a person of the figure, or where the bones that tell are missing.
+    """
+    if _NEEDED - bones.keys() or not np.isfinite(places).all():
+        return Stand(metres=usual)
+    at = {bone: places[joint].astype(np.float64) for bone, joint in bones.items()}
+    tall = height(bones, places)
+    metres = next((unit for _, unit, least, most in UNITS if least <= tall * unit <= most), usual)
+    lines = [_unit(at["head"] - at["hips"]), *(_unit(at["hips"] - at[f"{side}Foot"]) for side in _SIDES)]
+    up = _axis(np.sum(lines, axis=0))
+    if min(up @ line for line in lines) < _STANDING:
+        return Stand(metres=metres, tall=tall * metres)
+    turn = _lifted(up)
+    hips, shoulders = (at[f"left{bone}"] - at[f"right{bone}"] for bone in ("UpperLeg", "UpperArm"))
+    ahead = np.cross(hips, up)
+    toes = sum((at[f"{side}Toes"] - at[f"{side}Foot"] for side in _SIDES if f"{side}Toes" in at), np.zeros(3))
+    front = _axis(turn @ ahead * [1, 0, 1])
+    if front @ _unit(turn @ ahead) > _CLEAR and toes @ ahead >= 0 and shoulders @ hips >= 0:  # no twisted figure
+        turn = np.array([np.cross([0, 1, 0], front), [0, 1, 0], front]) @ turn
+    return Stand(turn, turn, metres, tall * metres)
+
+
+def height(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"]) -> float:
+    """How tall the figure would stand, in the unit of `places`: the lengths of its bones tell it in any pose."""
+    spine = [bone for bone in ("hips", "spine", "chest", "upperChest", "neck", "head") if bone in bones]
+    leg = ["leftUpperLeg", "leftLowerLeg", "leftFoot"]
+    chains = (np.array([places[bones[bone]] for bone in chain], np.float64) for chain in (spine, leg))
+    return _TALL * sum(float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum()) for chain in chains)
+
+
+def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True) -> Stand:
+    """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up.
+
+    Where the floor may be at 0 (`has_floor`), who lies there is not stood up.
+    """
+    stand = measure(bones, motion.skeleton.rest_positions.numpy())
+    if not stand.tall:
+        return stand
+    seen = np.unique(np.linspace(0, motion.frames - 1, _SAMPLES).astype(int))
+    some = Motion(motion.skeleton, motion.rotations[seen], motion.root[seen], motion.fps)
+    places = some.pose(torch.float64).positions.numpy()
+    feet = places[:, [bones["leftFoot"], bones["rightFoot"]]]
+    mean = _unit(places[:, bones["head"]] - feet.mean(1)).mean(0)
+    axis, usual = _axis(mean), stand.rest[1]
+    if axis @ mean < _CLEAR or axis @ usual > _STANDING:
+        return stand
+    tall = stand.tall / stand.metres
+    stands = abs(np.median((feet @ axis).min(1))) < _FLOOR * tall
+    hips, lowest = np.median(places[:, bones["hips"]] @ usual), np.median((places @ usual).min(1))
+    lies = _LYING[0] * tall < hips < _LYING[1] * tall and lowest > -_FLOOR * tall
+    return stand._replace(world=_lifted(axis)) if stands or not lies or not has_floor else stand
+
+
+def righted(motion: Motion, stand: Stand) -> Motion:
+    """The motion in metres, Y up and, at rest, facing +Z."""
+    return turned(motion, stand.rest, stand.world, stand.metres)
+
+
+def turned(motion: Motion, rest: _Turn, world: _Turn, scale: float = 1.0) -> Motion:
+    """The motion with its rest pose and its world turned, each by a rotation of its own, and scaled."""
+    config, rotations = motion.skeleton.config, motion.rotations
+    offsets = np.array(config.offsets) @ rest.T * scale
+    offsets[0] = np.array(config.offsets[0]) @ world.T * scale
+    tips = {name: np.array(tip) @ rest.T * scale for name, tip in config.tips.items()}
+    if not np.array_equal(rest, np.eye(3)):
+        rotations = np.concatenate([rotations[..., :1], rotations[..., 1:] @ rest.T.astype(np.float32)], -1)
+    if not np.array_equal(rest, world):
+        first = quaternion_from_matrix(torch.from_numpy(world @ rest.T))
+        root = quaternion_multiply(first, torch.from_numpy(rotations[:, 0].astype(np.float64))).numpy()
+        rotations = np.concatenate([root[:, None].astype(np.float32), rotations[:, 1:]], 1)
+    changed = {"offsets": _triples(offsets), "tips": dict(zip(tips, _triples(tips.values()), strict=True))}
+    root = motion.root.astype(np.float64) @ world.T * scale
+    return Motion(Skeleton(config.model_copy(update=changed)), rotations, root.astype(np.float32), motion.fps)
+
+
+def _triples(rows: Iterable[np.ndarray]) -> tuple[tuple[float, float, float], ...]:
+    return tuple((float(x), float(y), float(z)) for x, y, z in rows)
+
+
+def _lifted(up: _Vector) -> _Turn:
+    """The turn that takes an axis to +Y the short way: +Z up faces -Y, as in Blender."""
+    if up[1]:
+        return np.diag([up[1], up[1], 1.0])
+    axis = np.cross(up, [0, 1, 0])
+    return np.outer(axis, axis) + np.outer([0, 1, 0], up) - np.outer(up, [0, 1, 0])
+
+
+def _axis(vector: _Vector) -> _Vector:
+    """The axis, with its sign, that a vector is nearest to."""
+    nearest = np.zeros(3)
+    most = int(np.abs(vector).argmax())
+    nearest[most] = 1.0 if vector[most] >= 0 else -1.0
+    return nearest
+
+
+def _unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    unit: np.ndarray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+    return unit

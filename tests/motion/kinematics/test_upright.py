@@ -1,0 +1,162 @@
+"""Unit, up and facing are measured on the figure, and put right."""
+
+from itertools import permutations, product
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from tests.motion.kinematics.samples import swaying
+
+from echoavatar.motion.formats import read_bvh, write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics.upright import UNITS, Stand, measure, of_clip, righted, turned
+
+PERSON = swaying(4)
+QUARTER = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up, facing +Z, becomes Z up, facing -Y
+SIDEWAYS = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # facing +X
+STILL = np.eye(3)
+
+
+@pytest.mark.parametrize(
+    ("rest", "world", "said"),
+    [
+        (QUARTER, QUARTER, "it is turned to Y up"),
+        (STILL, QUARTER, "its motion is turned"),
+        (QUARTER, STILL, "its rest pose is turned"),
+        (SIDEWAYS, SIDEWAYS, "it is turned"),
+        (QUARTER @ SIDEWAYS, QUARTER @ SIDEWAYS, "it is turned"),
+        (QUARTER @ SIDEWAYS @ SIDEWAYS, QUARTER @ SIDEWAYS @ SIDEWAYS, "it is turned"),
+        (QUARTER @ QUARTER, QUARTER @ QUARTER, "it is turned"),
+        (STILL, STILL, ""),
+    ],
+)
+def test_a_figure_is_turned_upright_and_to_the_front(rest, world, said, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    made = turned(PERSON, rest, world)
+    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30)
+    motion = read_bvh(tmp_path / "a.bvh")
+    assert said in caplog.text
+    assert (not said) == (not caplog.text)
+    torch.testing.assert_close(motion.pose().positions, PERSON.pose().positions, atol=2e-5, rtol=0)
+    torch.testing.assert_close(motion.skeleton.offsets[1:], HUMANOID.offsets[1:], atol=2e-5, rtol=0)
+
+
+def resized(motion: Motion, size: float) -> Motion:
+    return turned(motion, STILL, STILL, size)
+
+
+@pytest.mark.parametrize(
+    ("tall", "per_metre", "unit"),
+    [
+        (1.7, 100, ""),
+        (0.9, 100, ""),
+        (2.5, 100, ""),
+        (3.0, 100, ""),
+        (0.55, 100, ""),
+        (4.0, 100, ""),
+        (3.5, 1, "metres"),
+        (8.0, 1, "metres"),
+        (0.65, 100, None),  # a creature, or a person of 1.65 m in inches: the unit is said
+        (0.9, 1, "metres"),
+        (1.7, 1, "metres"),
+        (2.5, 1, "metres"),
+        (0.6, 1, "metres"),
+        (1.7, 1000, "millimetres"),
+        (1.2, 1000, "millimetres"),
+        (1.7, 1 / 0.0254, "inches"),
+        (1.5, 1 / 0.0254, "inches"),
+        (2.0, 1 / 0.0254, "inches"),
+        (1.7, 1 / 0.3048, "feet"),
+        (1.7, 0.1, "tens of metres"),
+        (1.7, 0.01, "hundreds of metres"),
+    ],
+)
+def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    made = resized(PERSON, tall / 1.7)
+    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30, stand=Stand(metres=1 / per_metre))
+    motion = read_bvh(tmp_path / "a.bvh")
+    if unit is not None:
+        atol = 1e-5 if per_metre >= 1 else 1e-3  # the file has six digits
+        np.testing.assert_allclose(motion.root, made.root, atol=atol)
+        torch.testing.assert_close(motion.skeleton.offsets, made.skeleton.offsets, atol=atol, rtol=0)
+    assert ("its unit is taken for" in caplog.text) == (unit != "")
+    assert (unit or "") in caplog.text
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.2, -1.0, 0.3), (0.0, 2.0, 1.0)])
+def test_z_up_is_seen_wherever_the_floor_is(place: tuple[float, float, float], tmp_path: Path) -> None:
+    made = turned(PERSON, STILL, QUARTER)
+    made.root[:] += np.array(place, np.float32) - made.root[0]
+    write_bvh(tmp_path / "a.bvh", made.skeleton, made.rotations, made.root, 30)
+    places = read_bvh(tmp_path / "a.bvh").pose().positions
+    assert (places[:, HUMANOID.index("head"), 1] - places[:, HUMANOID.index("leftFoot"), 1]).min() > 1.2
+
+
+def test_who_lies_on_the_floor_is_not_stood_up(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    lying = turned(PERSON, STILL, QUARTER)
+    lying.root[:] = [0.3, 0.1, -0.2]
+    write_bvh(tmp_path / "a.bvh", lying.skeleton, lying.rotations, lying.root, 30)
+    motion = read_bvh(tmp_path / "a.bvh")
+    assert not caplog.text
+    np.testing.assert_allclose(motion.root, lying.root, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "turn", [STILL, QUARTER, SIDEWAYS, QUARTER @ SIDEWAYS, QUARTER.T, QUARTER @ QUARTER @ SIDEWAYS]
+)
+@pytest.mark.parametrize("per_metre", [1, 100, 1000])
+def test_a_rest_pose_alone_tells_all(turn: np.ndarray, per_metre: float) -> None:
+    places = HUMANOID.rest_positions.numpy() @ turn.T * per_metre
+    stand = measure(HUMANOID.config.vrm, places)
+    np.testing.assert_array_equal(stand.rest @ turn, STILL)
+    assert stand.metres == 1 / per_metre
+    assert stand.tall == pytest.approx(1.7, abs=0.01)
+
+
+def test_a_figure_that_does_not_stand_or_has_no_legs_is_left_as_it_is() -> None:
+    lengths = HUMANOID.offsets.norm(dim=-1).numpy()
+    places = np.cumsum(lengths)[:, None] * [1.0, 0.0, 0.0]
+    np.testing.assert_array_equal(measure(HUMANOID.config.vrm, places).rest, STILL)
+    for part in ("Leg", "Arm", "head"):
+        without = {bone: joint for bone, joint in HUMANOID.config.vrm.items() if part not in bone}
+        assert measure(without, HUMANOID.rest_positions.numpy() @ QUARTER.T, 1.0).notes(usual=1.0) == []
+    for place in (0.0, np.inf, np.nan):
+        assert measure(HUMANOID.config.vrm, np.full_like(places, place)).notes() == []
+
+
+def test_a_twisted_rest_pose_keeps_its_facing() -> None:
+    """Hips along Z and shoulders along -Z, as in some files of ACCAD: nothing says where it faces."""
+    places = HUMANOID.rest_positions.numpy() @ SIDEWAYS.T
+    arms = [joint for bone, joint in HUMANOID.config.vrm.items() if "Arm" in bone or "Hand" in bone]
+    places[arms, 2] *= -1
+    np.testing.assert_array_equal(measure(HUMANOID.config.vrm, places).rest, STILL)
+
+
+def quarter_turns() -> list[np.ndarray]:
+    """The 24 rotations of a cube."""
+    signed = (
+        np.diag(signs)[list(order)] for order in permutations(range(3)) for signs in product([1.0, -1.0], repeat=3)
+    )
+    return [turn for turn in signed if np.linalg.det(turn) > 0]
+
+
+@pytest.mark.parametrize("metres", [unit[1] for unit in UNITS])
+def test_every_quarter_turn_and_unit_is_put_right(metres: float) -> None:
+    """Of the rest pose and the world together, or of the world alone (then the figure may face another way)."""
+    places = PERSON.pose().positions
+    for turn in quarter_turns():
+        both = turned(PERSON, turn, turn, 1 / metres)
+        made = righted(both, of_clip(both, HUMANOID.config.vrm))
+        torch.testing.assert_close(made.pose().positions, places, atol=1e-4, rtol=0)
+        world = turned(PERSON, STILL, turn, 1 / metres)
+        made = righted(world, of_clip(world, HUMANOID.config.vrm))
+        torch.testing.assert_close(made.pose().positions[..., 1], places[..., 1], atol=1e-4, rtol=0)
+
+
+def test_turning_there_and_back_changes_nothing() -> None:
+    there = turned(PERSON, QUARTER, SIDEWAYS)
+    back = turned(there, QUARTER.T, SIDEWAYS.T)
+    np.testing.assert_allclose(back.rotations, PERSON.rotations, atol=1e-6)
+    np.testing.assert_allclose(back.root, PERSON.root, atol=1e-6)
+    places = torch.from_numpy(SIDEWAYS).float() @ PERSON.pose().positions[..., None]
+    torch.testing.assert_close(there.pose().positions, places.squeeze(-1), atol=1e-5, rtol=0)
