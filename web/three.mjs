@@ -10,6 +10,18 @@ export const MODULES = [
   "@pixiv/three-vrm",
 ];
 
+/** Vite's plugin: of three's decoders those that glTF needs, or none for a page that shows our characters alone. */
+export const decoders = (has) => ({
+  name: "decoders",
+  apply: "build",
+  enforce: "pre",
+  transform: (code, id) => {
+    if (!/\/(DRACO|KTX2)Loader\.js$/.test(id)) return null;
+    if (!has) return "export {};";
+    return id.endsWith("/DRACOLoader.js") ? code.replace(/const (WASM_BIN_URL|WASM_JS_URL|JS_URL) = .*/g, 'const $1 = "";') : null;
+  },
+});
+
 /** Vite's plugin for a page whose server answers `assets/three.js`. The query changes with the file, for caches. */
 export const three = () => {
   const name = `three.js?v=${createHash("sha256").update(readFileSync(FILE)).digest("hex").slice(0, 8)}`;

@@ -157,8 +157,8 @@ def test_a_dropped_sound_is_played_and_nonsense_is_explained(page):
     page.wait("document.getElementById('toasts').textContent.includes('holds no sound')")
     whole = make_vrm()
     for data, told in (
-        (b"no model at all", "is not a .vrm or .glb"),
-        (b'{"asset": {}}', "separate parts"),
+        (b"no model at all", "is not a .vrm, .glb or .gltf"),
+        (b'{"buffers": [{"uri": "body.bin"}]}', "refers to “body.bin”"),
         (whole[:-99], "cut off"),
     ):
         page.drop("broken.vrm", data)
