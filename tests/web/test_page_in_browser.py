@@ -2,15 +2,19 @@
 
 import io
 import json
+import struct
 import time
 
 import av
 import numpy as np
 import pytest
 import soundfile
+from tests.files.exports.bodies import long_armed
+from tests.motion.formats.repacked import Collected, in_parts, taken_apart, with_draco, with_meshopt
 from tests.web.make_vrm import make_vrm
 
 from echoavatar.files.avatar.backdrop import BACKDROPS
+from echoavatar.files.avatar.gltf import container
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.voice import find_voice
@@ -38,6 +42,73 @@ def test_a_dropped_vrm_moves_with_its_mouth_and_is_scaled_to_its_own_legs(page, 
     before = page.ask(arm)
     page.wait(f"Math.abs({arm} - {before}) > 0.02")
     page.shot(tmp_path / "vrm.png")
+
+
+FORMS = {"plain": lambda data: data, "draco": with_draco, "meshopt": with_meshopt}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_dropped_glb_of_another_program_opens_its_mouth(new_page, mock_url, form, tmp_path):
+    """Compressed or not; its one morph target is called as Maya and Character Creator would."""
+    document, binary = taken_apart(long_armed())
+    document["meshes"][1]["extras"] = {"targetNames": ["blendShape1.Jaw_Open"]}
+    driver = new_page(480, 360)
+    driver.open(f"{mock_url}?quality=low")
+    driver.drop("boxes.glb", FORMS[form](container(document, binary)))
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mixamorigHips') !== undefined")
+    driver.wait("document.getElementById('toasts').textContent.includes('eyeBlinkLeft')")
+    driver.click("#begin")
+    driver.wait("__echo.shown.state === 'speaking'")
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mouth').morphTargetInfluences[0] > 0.05")
+    driver.shot(tmp_path / f"{form}.png")
+    assert driver.problems == []
+
+
+def test_a_gltf_is_dropped_with_its_parts(new_page, mock_url, tmp_path):
+    path = in_parts(long_armed(), tmp_path / "in")
+    files = {part.name: part.read_bytes() for part in path.parent.rglob("*") if part.is_file()}
+    document = json.loads(files[path.name])
+    del document["images"]
+    files[path.name] = json.dumps(document).encode()
+    driver = new_page(480, 360)
+    driver.open(f"{mock_url}?quality=low")
+    driver.drop_all({path.name: files[path.name]})
+    driver.wait("document.getElementById('toasts').textContent.includes('is not there')")
+    driver.drop_all(files)
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mixamorigHips') !== undefined")
+    assert driver.problems == []
+
+
+def test_ktx2_textures_are_shown(new_page, mock_url):
+    """A grey square of 4 x 4 in ETC1S needs an encoder; an uncompressed one goes through the same loader."""
+    document, binary = taken_apart(long_armed())
+    parts = Collected()
+    parts.data = bytearray(binary)
+    document["bufferViews"].append(parts.add(ktx2()) | {"buffer": 0})
+    document["images"] = [{"mimeType": "image/ktx2", "bufferView": len(document["bufferViews"]) - 1}]
+    document["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
+    document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+    document["extensionsUsed"] = document["extensionsRequired"] = ["KHR_texture_basisu"]
+    document["buffers"][0]["byteLength"] = len(parts.data)
+    driver = new_page(480, 360)
+    driver.open(f"{mock_url}?quality=low")
+    driver.drop("boxes.glb", container(document, parts.data))
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mixamorigHips') !== undefined")
+    assert driver.ask("__echo.avatar.driver.object.getObjectByName('body').material.map.image.width") == 4
+    assert driver.problems == []
+
+
+def ktx2() -> bytes:
+    """A KTX2 of 4 x 4 grey pixels, R8G8B8A8 without supercompression."""
+    pixels = bytes([128, 128, 128, 255]) * 16
+    samples = b"".join(struct.pack("<HBBIII", 8 * k, 7, 15 if k == 3 else k, 0, 0, 255) for k in range(4))
+    dfd = struct.pack("<IIHHBBBBBBBBQ", 28 + 64 - 4 + 4, 0, 2, 24 + 64, 1, 1, 2, 0, 0, 0, 0, 0, 4) + samples
+    dfd_at = 80 + 24
+    level_at = (dfd_at + len(dfd) + 15) // 16 * 16
+    head = struct.pack("<12s9I", b"\xabKTX 20\xbb\r\n\x1a\n", 43, 1, 4, 4, 0, 0, 1, 1, 0)
+    index = struct.pack("<4I2Q", dfd_at, len(dfd), 0, 0, 0, 0) + struct.pack("<3Q", level_at, len(pixels), len(pixels))
+    body = head + index + dfd
+    return body + bytes(level_at - len(body)) + pixels
 
 
 def pauses() -> bytes:

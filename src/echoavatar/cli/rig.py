@@ -17,7 +17,7 @@ palm and fingers, in metres. In a program: Pipeline(bundle, body=BodyProfile.loa
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("character", type=Path, metavar="CHARACTER", help="rigged character, .glb or .vrm")
+    parser.add_argument("character", type=Path, metavar="CHARACTER", help="rigged character, .glb, .vrm or .gltf")
     parser.add_argument("-o", "--output", type=Path, required=True, help="where to write the profile, .json")
 
 

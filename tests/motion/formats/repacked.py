@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from echoavatar.files.avatar.gltf import container
 
@@ -43,8 +44,7 @@ class Collected:
 
 def with_meshopt(data: bytes, name: str = "EXT_meshopt_compression") -> bytes:
     """Every view compressed; its second buffer has no bytes."""
-    import meshopt
-
+    meshopt = pytest.importorskip("meshopt", reason="needs echoavatar[gltf]")
     document, binary = taken_apart(data)
     packed, plain = Collected(), Collected()
     triangles = {part["indices"] for mesh in document["meshes"] for part in mesh["primitives"]}
@@ -65,8 +65,7 @@ def with_meshopt(data: bytes, name: str = "EXT_meshopt_compression") -> bytes:
 
 def with_draco(data: bytes) -> bytes:
     """The skinned meshes compressed; those with morph targets as they were."""
-    import DracoPy
-
+    DracoPy = pytest.importorskip("DracoPy", reason="needs echoavatar[gltf]")
     document, binary = taken_apart(data)
     parts = Collected()
     parts.data = bytearray(binary)

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 MEMORY = 224 << 20  # bytes that decoding may take
-ARRAYS = 64 << 20  # bytes of all arrays together
 SECONDS = 60
 Array = np.ndarray
 
 
-def unpacked(parts: Sequence[tuple[bytes, dict[str, int]]]) -> list[dict[str, Array]]:
-    """The wanted attributes (v, n) of each mesh; `parts` are its bytes, and the ids of the attributes by name.
+def unpacked(parts: Sequence[tuple[bytes, dict[str, int]]], most: int) -> list[dict[str, Array]]:
+    """The wanted attributes (v, n) of each mesh, of `most` bytes in all.
+
+    `parts` are the bytes of each mesh, and the ids of the attributes by name.
 
     Raises:
         ModuleNotFoundError: DracoPy is missing.
@@ -30,7 +31,7 @@ def unpacked(parts: Sequence[tuple[bytes, dict[str, int]]]) -> list[dict[str, Ar
     import DracoPy  # noqa: F401  # so that it is this process that finds it missing
 
     order = json.dumps([[len(data), wanted] for data, wanted in parts]).encode()
-    sent = struct.pack("<I", len(order)) + order + b"".join(data for data, _ in parts)
+    sent = struct.pack("<II", len(order), most) + order + b"".join(data for data, _ in parts)
     program = [sys.executable, "-P", __file__]
     try:
         done = subprocess.run(program, input=sent, capture_output=True, timeout=SECONDS, check=True)
@@ -62,8 +63,7 @@ def _serve() -> None:
         most = MEMORY + (int(held.split()[1]) << 10 if held else MEMORY)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     source, target = sys.stdin.buffer, sys.stdout.buffer
-    (length,) = struct.unpack("<I", source.read(4))
-    left = ARRAYS
+    length, left = struct.unpack("<II", source.read(8))
     for size, wanted in json.loads(source.read(length)):
         mesh: Any = DracoPy.decode(source.read(size))
         for unique in wanted.values():

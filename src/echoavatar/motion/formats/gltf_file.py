@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.json_reader import read_object
-from echoavatar.limits import GLB_BYTES, GLTF_BYTES, UNPACKED_BYTES, VERTICES, check_file
+from echoavatar.limits import FILE_PARTS, GLB_BYTES, GLTF_BYTES, UNPACKED_BYTES, VERTICES, check_file
 
 from . import draco
 
@@ -97,6 +97,8 @@ def _joined(path: Path, document: dict[str, Any], first: bytes) -> tuple[dict[st
     outside = [*buffers[1:], *[entry for entry in (*buffers[:1], *images) if "uri" in entry]]
     if all(_is_empty(entry) for entry in outside):
         return document, Binary(first)
+    if len(buffers) + len(images) > FILE_PARTS:
+        raise ValueError(f"{len(buffers) + len(images):,} parts, and at most {FILE_PARTS:,} are read")
     data, starts, kept = bytearray(), [], [{"byteLength": 0}]
     for index, entry in enumerate(buffers):
         if _is_empty(entry):
@@ -173,7 +175,7 @@ def _unpack_meshes(document: dict[str, Any], binary: Binary) -> None:
     for index, wanted in parts.items():
         data, start, view = _view(document, binary, index)
         sent.append((bytes(memoryview(data)[start:][: view["byteLength"]]), wanted))
-    binary.meshes.update(zip(parts, draco.unpacked(sent), strict=True))
+    binary.meshes.update(zip(parts, draco.unpacked(sent, UNPACKED_BYTES), strict=True))
 
 
 def numbers(document: dict[str, Any], binary: Binary, index: int, count: int) -> Float[Array, "n c"]:
