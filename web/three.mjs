@@ -10,15 +10,15 @@ export const MODULES = [
   "@pixiv/three-vrm",
 ];
 
-/** Vite's plugin: of three's decoders those that glTF needs, or none for a page that shows our characters alone. */
-export const decoders = (has) => ({
+/** Vite's plugin: of three's decoders Draco's for glTF, or none. Basis' evaluates code, which no page of ours allows. */
+export const decoders = (hasDraco) => ({
   name: "decoders",
   apply: "build",
   enforce: "pre",
   transform: (code, id) => {
     if (!/\/(DRACO|KTX2)Loader\.js$/.test(id)) return null;
-    if (!has) return "export {};";
-    return id.endsWith("/DRACOLoader.js") ? code.replace(/const (WASM_BIN_URL|WASM_JS_URL|JS_URL) = .*/g, 'const $1 = "";') : null;
+    if (!hasDraco || id.endsWith("/KTX2Loader.js")) return "export {};";
+    return code.replace(/const (WASM_BIN_URL|WASM_JS_URL|JS_URL) = .*/g, 'const $1 = "";');
   },
 });
 

@@ -2,10 +2,7 @@ import { defaultClientConditions, defineConfig } from "vite";
 import { decoders, three } from "../three.mjs";
 import { licences } from "./licences.js";
 
-const DECODERS = `the Draco decoder of Google (Apache-2.0), the Basis Universal transcoder of Binomial (Apache-2.0), zstddec
-(MIT) and ktx-parse (MIT), as three.js ships them;
-
-`;
+const DECODERS = "the Draco decoder of Google (Apache-2.0), as three.js ships it;\n\n";
 
 // The page is built into the Python package, so that installing it needs no Node.
 export default defineConfig({

@@ -137,12 +137,13 @@ def face_weights(shares: Float[np.ndarray, "k n"], curves: Curves) -> Float[np.n
     presets = np.concatenate([to_vrm(curves)[:, : len(VOWELS)], np.clip(curves @ sums, 0, 1)], 1)
     presets *= shares[len(ARKIT_NAMES) :].any(1)
     presets /= np.maximum(1, presets.sum(1, keepdims=True))
-    return np.clip(np.concatenate([curves, presets], 1) @ shares, 0, 1).astype(np.float32)
+    return np.asarray(np.clip(np.concatenate([curves, presets], 1) @ shares, 0, 1), np.float32)
 
 
 def silent_curves(shares: Float[np.ndarray, "k n"]) -> list[str]:
     """The curves that move nothing."""
-    moving = {row for row, used in zip(_ROWS, shares.any(1), strict=True) if used}
+    rows = tuple(_ROWS)
+    moving = {rows[row] for row in np.flatnonzero(shares.any(1))}
     for preset in moving & set(PRESETS):
         moving |= set(SPOKEN) if preset in VOWELS else _expanded(preset).keys()
     return [curve for curve in ARKIT_NAMES if curve not in moving]

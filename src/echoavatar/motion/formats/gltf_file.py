@@ -243,4 +243,4 @@ def _unpacked(data: bytes | bytearray, packed: dict[str, Any]) -> bytes:
     rows = meshopt.decode_gltf_buffer(
         part, packed["count"], packed["byteStride"], packed["mode"], packed.get("filter", "NONE")
     )
-    return rows.tobytes()
+    return bytes(rows)

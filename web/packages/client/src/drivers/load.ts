@@ -11,7 +11,7 @@ import { VrmDriver } from "./vrm.js";
 export interface LoadOptions {
   /** The files beside a .gltf, by their names. */
   readonly files?: ReadonlyMap<string, Blob>;
-  /** What shows the avatar, for KTX2 textures. */
+  /** What shows the avatar: KTX2 textures need it, and a page whose policy lets their transcoder evaluate code. */
   readonly renderer?: WebGLRenderer;
 }
 
@@ -51,7 +51,7 @@ async function useDraco(loader: GLTFLoader, used: string[]) {
 
 async function useBasis(loader: GLTFLoader, used: string[], { renderer }: LoadOptions) {
   if (!used.includes("KHR_texture_basisu")) return null;
-  if (!renderer) throw new Error("its textures are KTX2, which only a page that passes its `renderer` can read. Export PNG or JPEG.");
+  if (!renderer) throw new Error("its textures are KTX2 (KHR_texture_basisu), which this page cannot read. Export them as PNG or JPEG.");
   const { KTX2Loader } = await import("three/examples/jsm/loaders/KTX2Loader.js");
   const basis = new KTX2Loader().detectSupport(renderer);
   loader.setKTX2Loader(basis);
