@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import soundfile
 from tests.files.exports.bodies import long_armed
-from tests.motion.formats.repacked import in_parts, taken_apart, with_draco, with_meshopt
+from tests.motion.formats.repacked import in_parts, oddly_drawn, taken_apart, with_draco, with_meshopt
 from tests.web.make_vrm import make_vrm
 
 from echoavatar.files.avatar.backdrop import BACKDROPS
@@ -43,7 +43,7 @@ def test_a_dropped_vrm_moves_with_its_mouth_and_is_scaled_to_its_own_legs(page, 
     page.shot(tmp_path / "vrm.png")
 
 
-FORMS = {"plain": lambda data: data, "draco": with_draco, "meshopt": with_meshopt}
+FORMS = {"oddly drawn": oddly_drawn, "draco": with_draco, "meshopt": with_meshopt}
 
 
 @pytest.mark.parametrize("form", FORMS)

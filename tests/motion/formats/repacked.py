@@ -137,6 +137,33 @@ def interleaved(data: bytes) -> bytes:
     return container(document, parts.data)
 
 
+def oddly_drawn(data: bytes) -> bytes:
+    """Unlit and clear surfaces, a second set of coordinates, colours of vertices, lines and points, a second scene."""
+    document, binary = taken_apart(data)
+    parts = Collected()
+    parts.data = bytearray(binary)
+    held = document["meshes"][0]["primitives"][0]["attributes"]
+    count = document["accessors"][held["POSITION"]]["count"]
+    for name, kind in (("TEXCOORD_0", "VEC2"), ("TEXCOORD_1", "VEC2"), ("COLOR_0", "VEC4")):
+        rows = np.full((count, WIDTHS[kind]), 0.5, np.float32)
+        document["bufferViews"].append(parts.add(rows.tobytes()) | {"buffer": 0})
+        held[name] = len(document["accessors"])
+        entry = {"bufferView": len(document["bufferViews"]) - 1, "componentType": 5126, "count": count, "type": kind}
+        document["accessors"].append(entry)
+    document["meshes"][0]["primitives"] += [
+        {"attributes": {"POSITION": held["POSITION"]}, "mode": mode, "material": 2} for mode in (0, 1, 2, 3)
+    ]
+    document["materials"] = [
+        {"extensions": {"KHR_materials_unlit": {}}, "alphaMode": "BLEND", "doubleSided": True},
+        {"alphaMode": "MASK", "alphaCutoff": 0.3, "emissiveFactor": [0.2, 0.2, 0.2]},
+        {},
+    ]
+    document["scenes"].append({"nodes": document["scenes"][0]["nodes"]})
+    document["extensionsUsed"] = ["KHR_materials_unlit"]
+    document["buffers"] = [{"byteLength": len(parts.data)}]
+    return container(document, parts.data)
+
+
 def in_parts(data: bytes, folder: Path) -> Path:
     """A `.gltf` with half its bytes in a folder beside it, half in its text, and a picture."""
     document, binary = taken_apart(data)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh
-from echoavatar.motion.formats.gltf_file import refusing_damage
+from echoavatar.motion.formats.gltf_data import refusing_damage
 from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, skinned
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together

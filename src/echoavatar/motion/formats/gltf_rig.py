@@ -20,7 +20,7 @@ from echoavatar.limits import DEPTH, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.rigs import REQUIRED, bone_map, feet_of
 from ..kinematics.rotations import matrix_from_quaternion
-from .gltf_file import Binary, attribute, numbers, read_document, refusing_damage
+from .gltf_data import Binary, attribute, read_accessor, read_chunks, refusing_damage
 
 Array = np.ndarray
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
@@ -51,7 +51,7 @@ def read_gltf_rig(path: Path) -> GltfRig:
 
 
 def _read(path: Path) -> GltfRig:
-    document, binary = read_document(path)
+    document, binary = read_chunks(path)
     if not document.get("skins") and not _humanoid(document):
         raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
     parents = _parents(document["nodes"])
@@ -264,7 +264,7 @@ def _binds(document: dict[str, Any], binary: Binary, skin: int) -> Float[Array, 
     count = len(entry["joints"])
     if "inverseBindMatrices" not in entry:
         return np.tile(np.eye(4), (count, 1, 1))
-    return numbers(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
+    return read_accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
 
 
 BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex

@@ -14,6 +14,7 @@ from tests.motion.formats.repacked import (
     PICTURE,
     in_parts,
     interleaved,
+    oddly_drawn,
     taken_apart,
     with_draco,
     with_meshopt,
@@ -24,7 +25,7 @@ from echoavatar.errors import DependencyError, MotionError
 from echoavatar.files.avatar.gltf import container
 from echoavatar.files.exports import Take, read_rig
 from echoavatar.files.exports.target_rig import pack_on_rig
-from echoavatar.motion.formats.gltf_file import Binary, numbers, read_document
+from echoavatar.motion.formats.gltf_data import Binary, read_accessor, read_chunks
 from echoavatar.motion.formats.gltf_rig import Skinned, read_skinned
 
 FORMS: dict[str, Callable[[bytes], bytes]] = {
@@ -32,6 +33,7 @@ FORMS: dict[str, Callable[[bytes], bytes]] = {
     "draco": with_draco,
     "sparse": with_sparse_positions,
     "interleaved": interleaved,
+    "oddly drawn": oddly_drawn,
     "newer meshopt": lambda data: with_meshopt(data, "KHR_meshopt_compression"),
 }
 
@@ -76,8 +78,8 @@ def test_motion_is_written_into_it_and_what_was_compressed_still_is(tmp_path: Pa
     out.write_bytes(pack_on_rig(rig.gltf, rig.retarget(short)))
     before, after = read_skinned(path), read_skinned(out)
     np.testing.assert_array_equal(before.vertices, after.vertices)
-    required = read_document(path)[0].get("extensionsRequired")
-    assert read_document(out)[0].get("extensionsRequired") == required
+    required = read_chunks(path)[0].get("extensionsRequired")
+    assert read_chunks(out)[0].get("extensionsRequired") == required
     if form in ("draco", "newer meshopt"):
         return  # the validator does not know them, nor does three.js outside a browser
     hands = [rig.skeleton.names[rig.skeleton.config.vrm[bone]] for bone in ("leftHand", "rightHand")]
@@ -163,7 +165,7 @@ def test_normalised_integers_are_parts_of_one() -> None:
         "bufferViews": [{"buffer": 0, "byteLength": 4}],
         "accessors": [{"bufferView": 0, "componentType": 5120, "type": "VEC4", "count": 1, "normalized": True}],
     }
-    np.testing.assert_array_equal(numbers(document, Binary(stored.tobytes()), 0, 1), [[-1, -1, 0, 1]])
+    np.testing.assert_array_equal(read_accessor(document, Binary(stored.tobytes()), 0, 1), [[-1, -1, 0, 1]])
 
 
 def meshopt_of(change: dict[str, object]) -> bytes:

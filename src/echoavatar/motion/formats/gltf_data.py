@@ -1,7 +1,7 @@
 """Read the data of a glTF file: `.glb`, `.vrm`, or `.gltf` with its parts beside it.
 
 The document is brought into one form: all bytes are in its first buffer, as in a `.glb`, and pictures are in there too.
-Compressed data stays compressed there, and is unpacked where numbers are read (`numbers`, `attribute`).
+Compressed data stays compressed there, and is unpacked where numbers are read (`read_accessor`, `attribute`).
 """
 
 import base64
@@ -64,7 +64,7 @@ def refusing_damage(path: Path) -> Iterator[None]:
         ) from error
 
 
-def read_document(path: Path) -> tuple[dict[str, Any], Binary]:
+def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
     """The document of a file and its bytes.
 
     Raises:
@@ -154,7 +154,7 @@ def attribute(document: dict[str, Any], binary: Binary, part: dict[str, Any], na
     entry = part.get("extensions", {}).get(DRACO)
     count = document["accessors"][part["attributes"]["POSITION"]]["count"]
     if entry is None or name not in entry["attributes"]:
-        return numbers(document, binary, index, count)
+        return read_accessor(document, binary, index, count)
     if entry["bufferView"] not in binary.meshes:
         _unpack_meshes(document, binary)
     values = binary.meshes[entry["bufferView"]][name]
@@ -178,7 +178,7 @@ def _unpack_meshes(document: dict[str, Any], binary: Binary) -> None:
     binary.meshes.update(zip(parts, draco.unpacked(sent, UNPACKED_BYTES), strict=True))
 
 
-def numbers(document: dict[str, Any], binary: Binary, index: int, count: int) -> Float[Array, "n c"]:
+def read_accessor(document: dict[str, Any], binary: Binary, index: int, count: int) -> Float[Array, "n c"]:
     """The first `count` elements of an accessor, which must have as many."""
     accessor = document["accessors"][index]
     if not 0 <= count <= accessor["count"]:
@@ -212,10 +212,10 @@ def _elements(document: dict[str, Any], binary: Binary, place: dict[str, Any], k
 
 def _scaled(values: Array, accessor: dict[str, Any]) -> Float[Array, "n c"]:
     """Integers that stand for -1 to 1 as these."""
-    numbers = values.astype(np.float64)
+    found = values.astype(np.float64)
     if not accessor.get("normalized"):
-        return numbers
-    return np.maximum(numbers / np.iinfo(_TYPES[accessor["componentType"]]).max, -1)
+        return found
+    return np.maximum(found / np.iinfo(_TYPES[accessor["componentType"]]).max, -1)
 
 
 def _view(document: dict[str, Any], binary: Binary, index: int) -> tuple[Any, int, dict[str, Any]]:
