@@ -26,7 +26,10 @@ def text() -> str:
         "APPLE_NAMES": APPLE_NAMES,
         "SPELT": dict(sorted(face_names._SPELT.items())),
         "PHRASES": {" ".join(sorted(bag)): list(found) for bag, found in face_names._PHRASES.items()},
-        **{name: getattr(face_names, name) for name in ("VOWELS", "SUMS", "MIXED", "SPOKEN", "NEAREST", "PARTS")},
+        **{
+            name: getattr(face_names, name)
+            for name in ("VOWELS", "SUMS", "MIXED", "SPOKEN", "NEAREST", "PARTS", "ENDINGS")
+        },
     }
     kinds = {"PHRASES": "Record<string, [shape: string, isOurs: boolean]>", "SPELT": "Record<string, string>"}
     kinds |= dict.fromkeys(("SUMS", "MIXED"), "Record<string, Record<string, number>>")

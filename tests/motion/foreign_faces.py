@@ -62,6 +62,11 @@ FACES: dict[str, list[str]] = {
         "mouthCheekBlowR", "tongueOut")],
     "facs": ["AU01_L", "AU01_R", "AU02_L", "AU02_R", "AU04", "AU05", "AU06", "AU12_L", "AU12_R",
         "AU15_LipCornerDepressor", "AU18", "AU20", "AU22", "AU26_JawDrop", "AU45"],
+    "sranipal": ["Eye_Left_Blink", "Eye_Right_Blink", "Jaw_Open", "Mouth_Pout", "Mouth_Smile_Left", "Mouth_Sad_Right",
+        "Mouth_Upper_UpLeft", "Mouth_Lower_DownRight", "Mouth_O_Shape", "Cheek_Puff_Left"],
+    "unified": ["EyeClosedLeft", "EyeClosedRight", "JawOpen", "MouthClosed", "LipFunnelUpperLeft",
+        "LipFunnelLowerRight", "LipPuckerUpperLeft", "LipSuckUpperLeft", "LipSuckLowerRight", "MouthCornerPullLeft", "BrowInnerUpLeft"],
+    "endings": ["jawOpenShape", "eyeBlinkLeft_bs", "mouthSmile_L_morph", "tongueOut_001", "Blink_both"],
     "strangers": ["Camera_A", "Hair_O", "Outfit_E", "Mouth_Up", "jawOpen_fix", "Body_Muscle", "smirk", "", "x" * 500,
         "Eye_", "left", "mouth", "Ł", "😀", "M", "look"],
 }  # fmt: skip

@@ -25,7 +25,7 @@ WORDS = {
     "lower right": "dr rb", "upper": "top", "lower": "bottom", "in": "inner inside", "out": "outer outside",
     "up": "raise raiser raised lift", "down": "depress depressor lowerer lowered drop", "eye": "eyelid lid",
     "brow": "eyebrow brw", "mouth": "mth lip", "close": "closed closing shut", "open": "opened opening",
-    "blink": "blinking wink まばたき", "tight": "tighten tightener tightened", "wide": "widen widened",
+    "blink": "blinking wink まばたき 瞬き", "tight": "tighten tightener tightened", "wide": "widen widened",
     "pull": "puller", "press": "pressor pressed", "stretch": "stretcher", "funnel": "funneler", "dimple": "dimpler",
     "pucker": "puckerer kiss pout purse", "wrinkle": "wrinkler", "puff": "blow inflate", "forward": "fwd thrust",
     "together": "toward towards", "sideways": "slide", "smile": "smiling 口角上げ", "frown": "口角下げ",
@@ -40,7 +40,7 @@ CALLED = {
     "eyeLookUp": "look up", "eyeLookDown": "look down", "jaw": "jaw sideways", "mouth": "mouth sideways",
     "jawOpen": "mouth open, jaw down, au26, au27", "mouthClose": "mouth together", "mouthFunnel": "funnel, au22",
     "mouthPucker": "pucker, au18", "mouthSmile": "smile, mouth corner pull, mouth corner up, au12",
-    "mouthFrown": "frown, mouth corner down, au15", "mouthDimple": "dimple, au14",
+    "mouthFrown": "frown, mouth corner down, mouth sad, au15", "mouthDimple": "dimple, au14",
     "mouthStretch": "mouth wide, au20", "mouthRollLower": "mouth roll in lower, mouth suck lower",
     "mouthRollUpper": "mouth roll in upper, mouth suck upper", "mouthShrugLower": "chin up, au17",
     "mouthPress": "mouth tight, au23, au24", "mouthLowerDown": "au16", "mouthUpperUp": "au10",
@@ -73,6 +73,7 @@ MIXED: dict[str, dict[str, float]] = {
 # The curves that the vowels show, and the vowels that take the place of a missing one, the nearest first.
 SPOKEN = ("jawOpen", "mouthClose", "mouthFunnel", "mouthPucker")
 NEAREST = {"aa": "oh ee", "ih": "ee aa", "ou": "oh", "ee": "ih aa", "oh": "ou aa"}
+ENDINGS = ("shape", "blendshape", "bs", "morph", "target", "key", "mesh", "geo", "both")  # which say nothing
 PARTS = ("upper", "lower", "up", "down", "in", "out")  # of a shape that others divide, such as `mouthFunnelUL`
 _ROWS = {name: row for row, name in enumerate((*ARKIT_NAMES, *PRESETS))}
 _SIDES = {"left": "Left", "right": "Right"}
@@ -106,6 +107,8 @@ def read_name(name: str) -> Reading | None:
     name = unicodedata.normalize("NFKC", name[:_LETTERS])
     for piece in dict.fromkeys((re.split(r"[.:|/]", name)[-1], name)):
         words = words_of(piece)
+        while words and words[-1] in ENDINGS:
+            words.pop()
         for start, word in enumerate(words):  # what stands before, such as the mesh's name, may be anything unknown
             if found := _phrase(words[start:], is_whole=start == 0):
                 return found

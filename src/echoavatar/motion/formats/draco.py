@@ -56,7 +56,7 @@ def _serve() -> None:
     """Decode what standard input brings."""
     import DracoPy
 
-    with suppress(ImportError):  # Windows has no such limit
+    with suppress(ImportError, OSError, ValueError):  # there are systems without such a limit
         import resource
 
         held = next((line for line in _status() if line.startswith("VmData")), "")

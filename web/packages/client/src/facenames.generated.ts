@@ -323,6 +323,7 @@ export const SPELT: Record<string, string> = {
   "困る": "brow in up",
   "左": "left",
   "怒り": "brow down",
+  "瞬き": "blink",
 };
 
 export const PHRASES: Record<string, [shape: string, isOurs: boolean]> = {
@@ -421,6 +422,7 @@ export const PHRASES: Record<string, [shape: string, isOurs: boolean]> = {
   "mouth press": ["mouthPress", true],
   "mouth pucker": ["mouthPucker", true],
   "mouth roll upper": ["mouthRollUpper", true],
+  "mouth sad": ["mouthFrown", false],
   "mouth shrug upper": ["mouthShrugUpper", true],
   "mouth sideways": ["mouth", false],
   "mouth smile": ["mouthSmile", true],
@@ -482,3 +484,5 @@ export const NEAREST: Record<string, string> = {
 };
 
 export const PARTS: readonly string[] = ["upper", "lower", "up", "down", "in", "out"];
+
+export const ENDINGS: readonly string[] = ["shape", "blendshape", "bs", "morph", "target", "key", "mesh", "geo", "both"];

@@ -1,7 +1,7 @@
 /** What the names of other characters' morph targets say, and how our curves drive these; mirrors `motion/face_names.py`. */
 
 import { toVrm } from "./expressions.js";
-import { APPLE_NAMES, ARKIT_NAMES, MIXED, NEAREST, PARTS, PHRASES, SPELT, SPOKEN, SUMS, VOWELS } from "./facenames.generated.js";
+import { APPLE_NAMES, ARKIT_NAMES, ENDINGS, MIXED, NEAREST, PARTS, PHRASES, SPELT, SPOKEN, SUMS, VOWELS } from "./facenames.generated.js";
 
 const LETTERS = 100; // of a name that are read
 const TOKEN = /[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\x00-\x7f]+/g;
@@ -43,6 +43,7 @@ export function readName(name: string): Reading | null {
   const whole = [...name].slice(0, LETTERS).join("").normalize("NFKC");
   for (const piece of new Set([whole.split(/[.:|/]/).at(-1)!, whole])) {
     const words = wordsOf(piece);
+    while (ENDINGS.includes(words.at(-1) ?? "")) words.pop();
     for (const [start, word] of words.entries()) {
       const found = phrase(words.slice(start), start === 0);
       if (found) return found;
