@@ -16,6 +16,14 @@ from echoavatar.motion.arkit import APPLE_NAMES
 from echoavatar.motion.face_names import driven, face_weights, silent_curves
 
 Array = np.ndarray
+_VRM0 = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh", "joy": "happy", "sorrow": "sad", "fun": "relaxed"} | {
+    "blink_l": "blinkLeft",
+    "blink_r": "blinkRight",
+    "lookup": "lookUp",
+    "lookdown": "lookDown",
+    "lookleft": "lookLeft",
+    "lookright": "lookRight",
+}
 _LOG = logging.getLogger(__name__)
 _TOLD = 6  # curves that a warning names
 _JAW = APPLE_NAMES.index("jawOpen"), sorted(APPLE_NAMES).index("jawOpen")
@@ -36,6 +44,14 @@ def face_on(path: Path, document: dict[str, Any], curves: Float[Array, "t 52"]) 
         told, more = ", ".join(silent[:_TOLD]), len(silent) - _TOLD
         _LOG.warning("%s: nothing on its face shows %s%s", path, told, f" and {more} more" if more > 0 else "")
     return found
+
+
+def expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[str, Float[Array, " t"]]:
+    """Weights of those expressions of a VRM that our curves move, by their names in VRM 1.0."""
+    names = list(dict.fromkeys(name for name, *_ in _binds(document)))
+    shares = driven(names)
+    weights = face_weights(shares, curves)
+    return {name: weights[:, k] for k, name in enumerate(names) if shares[:, k].any()}
 
 
 def _named(document: dict[str, Any], frames: int) -> dict[int, Float[Array, "k n"]]:
@@ -85,8 +101,8 @@ def _binds(document: dict[str, Any]) -> list[tuple[str, int, int, float]]:
         if "mesh" in entry:
             users[entry["mesh"]].append(node)
     for group in extensions.get("VRM", {}).get("blendShapeMaster", {}).get("blendShapeGroups", []):
-        preset = str(group.get("presetName") or "unknown")
-        name = str(group.get("name", "")) if preset == "unknown" else preset
+        preset = str(group.get("presetName") or "unknown").lower()
+        name = str(group.get("name", "")) if preset == "unknown" else _VRM0.get(preset, preset)
         for bind in group.get("binds", []):
             for node in users[bind["mesh"]]:
                 made.append((name, node, bind["index"], bind["weight"] / 100))
