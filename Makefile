@@ -64,7 +64,7 @@ integration-test: .venv-integrations/ready
 
 .venv-test/ready: pyproject.toml constraints.txt $(DISTRIBUTIONS:%=%/pyproject.toml)
 	$(PYTHON) -m venv .venv-test
-	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,usd,dev]' -e './lab[train,pretrained]' \
+	.venv-test/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,mcp,usd,gltf,dev]' -e './lab[train,pretrained]' \
 	    -e ./studio -e ./tools/character
 	touch $@
 

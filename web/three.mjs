@@ -10,6 +10,18 @@ export const MODULES = [
   "@pixiv/three-vrm",
 ];
 
+/** Vite's plugin: of three's decoders Draco's for glTF, or none. Basis' evaluates code, which no page of ours allows. */
+export const decoders = (hasDraco) => ({
+  name: "decoders",
+  apply: "build",
+  enforce: "pre",
+  transform: (code, id) => {
+    if (!/\/(DRACO|KTX2)Loader\.js$/.test(id)) return null;
+    if (!hasDraco || id.endsWith("/KTX2Loader.js")) return "export {};";
+    return code.replace(/const (WASM_BIN_URL|WASM_JS_URL|JS_URL) = .*/g, 'const $1 = "";');
+  },
+});
+
 /** Vite's plugin for a page whose server answers `assets/three.js`. The query changes with the file, for caches. */
 export const three = () => {
   const name = `three.js?v=${createHash("sha256").update(readFileSync(FILE)).digest("hex").slice(0, 8)}`;

@@ -32,6 +32,8 @@ SKIN_JOINTS = 1 << 16  # entries of all skins; avatars have up to 100 skins that
 PRIMITIVES = 1 << 13  # of all skinned nodes; one for each material
 VERTICES = 1 << 20  # of all skinned nodes; avatars have some 100,000
 MORPHS = 1 << 13  # morph targets of all nodes; a face has 50 to 200
+FILE_PARTS = 1 << 11  # buffers and pictures; a scanned scene has some 100
+UNPACKED_BYTES = 1 << 26  # of all compressed data that is unpacked; a million vertices with weights take half
 BINDS = 1 << 14  # morph targets that all expressions name; perfect sync has some 100 expressions
 PIXELS = 1 << 24  # of one picture, 4096 x 4096
 

@@ -17,12 +17,14 @@ import tempfile
 import traceback
 import zlib
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import soundfile
 from tests.files.exports.bodies import child, long_armed
+from tests.motion.formats.repacked import Collected, in_parts, taken_apart, with_draco, with_meshopt
 from tests.tiny_bundle import write_bundle
 
 from echoavatar.cli import main
@@ -133,6 +135,58 @@ def spread(document: dict[str, Any], count: int, kinds: dict[str, str] | None = 
         accessor = document["accessors"][held[name]]
         accessor.update(bufferView=len(document["bufferViews"]) - 1, byteOffset=0, componentType=entry, count=count)
         accessor["type"] = (kinds or {}).get(name, accessor["type"])
+
+
+def unpacking(count: int, stride: int) -> bytes:
+    """A body whose compressed places state, or are, this many rows of zeros."""
+    import meshopt
+
+    document, binary = taken_apart(with_meshopt(long_armed()))
+    rows = np.zeros((min(count, 1 << 20), stride), np.uint8)
+    stored = Collected()
+    stored.data = bytearray(binary)
+    place = stored.add(meshopt.encode_gltf_buffer(rows, "ATTRIBUTES"))
+    index = document["meshes"][0]["primitives"][0]["attributes"]["POSITION"]
+    view = document["bufferViews"][document["accessors"][index]["bufferView"]]
+    view["extensions"]["EXT_meshopt_compression"] |= place | {"count": count, "byteStride": stride}
+    document["accessors"][index]["count"] = count
+    document["buffers"][0]["byteLength"] = len(stored.data)
+    return container(document, stored.data)
+
+
+def draco_of(count: int, columns: int, *, places: int = 1 << 24) -> bytes:
+    """A body whose Draco mesh is this many vertices, with attributes of so many zeros beside them."""
+    import DracoPy
+
+    document, binary = taken_apart(with_draco(long_armed()))
+    points = np.zeros((count, 3), np.float32)
+    points[:, 0] = np.arange(count) % places
+    beside = {number: np.zeros((count, columns), np.uint32) for number in (5, 7)}
+    stored = Collected()
+    stored.data = bytearray(binary)
+    data = DracoPy.encode(points, None, generic_attributes=beside, quantization_bits=24)
+    part = document["meshes"][0]["primitives"][0]
+    entry = part["extensions"]["KHR_draco_mesh_compression"]
+    entry["attributes"] = {"POSITION": 8, "JOINTS_0": 5, "WEIGHTS_0": 7}
+    document["bufferViews"][entry["bufferView"]] = stored.add(data) | {"buffer": 0}
+    for index in part["attributes"].values():
+        document["accessors"][index]["count"] = count
+    document["buffers"][0]["byteLength"] = len(stored.data)
+    return container(document, stored.data)
+
+
+def parted(change: Change) -> File:
+    """A `.gltf` and its parts, whose JSON is changed."""
+
+    def make(path: Path) -> None:
+        made = in_parts(long_armed(), path.parent / "in")
+        document = json.loads(made.read_text("utf-8"))
+        change(document)
+        (path.parent / "in" / "my parts").rename(path.parent / "my parts")
+        (path.parent / "in" / "skin#1.png").rename(path.parent / "skin#1.png")
+        path.write_text(json.dumps(document), "utf-8")
+
+    return File(make, RIG, "gltf")
 
 
 def under_hips(document: dict[str, Any], count: int) -> None:
@@ -269,6 +323,9 @@ FILES: dict[str, File] = {
         EXPORT,
     ),
     "VRM: 1,000 expressions x 100 binds": glb(lambda d: expressions(d, 1_000, 100), EXPORT, of=child),
+    "glTF: 100,000 parts": parted(lambda d: d.update(buffers=[d["buffers"][0] | {"byteLength": 0}] * 100_000)),
+    "glTF: 2,000 x one picture": parted(lambda d: d.update(images=d["images"] * 2_000)),
+    "glTF: a part that is a device": parted(lambda d: d["buffers"][0].update(uri="../../../../../../../dev/zero")),
     "GLB: names of 5 MB with escapes": glb(
         lambda d: [node.update(name="\x1b]0;me\x07" + "x" * 100_000) for node in d["nodes"]]
     ),
@@ -331,6 +388,16 @@ FILES: dict[str, File] = {
     "WAV: no rate": plain(lambda: wav(1, 0), read_audio, "wav"),
     "WAV: four gigabytes, stated": plain(lambda: wav(1, 24_000, stated=0xFFFFFFF0), read_audio, "wav"),
 }
+if all(find_spec(name) for name in ("DracoPy", "meshopt")):  # echoavatar[gltf]
+    FILES |= {
+        "GLB: meshopt of 12 GB, stated": plain(lambda: unpacking(1_000_000_000, 12), RIG, "glb"),
+        "GLB: meshopt of 200 MB": plain(lambda: unpacking(800_000, 256), RIG, "glb"),
+        "GLB: meshopt of a million vertices": plain(lambda: unpacking(1_000_000, 12), RIG, "glb"),
+        "GLB: Draco of 160 MB, twice": plain(lambda: draco_of(80_000, 255, places=7), RIG, "glb")._replace(
+            is_slow=True
+        ),
+        "GLB: Draco of 400,000 vertices": plain(lambda: draco_of(400_000, 4), RIG, "glb"),
+    }
 
 
 def sparse(path: Path, size: int) -> None:

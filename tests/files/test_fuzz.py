@@ -18,6 +18,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.files.exports.bodies import child
+from tests.motion.formats.repacked import with_meshopt
 
 from echoavatar import checkpoint
 from echoavatar.errors import EchoAvatarError
@@ -88,6 +89,7 @@ READERS: dict[str, tuple[Maker, Reader]] = {
     "ogg": (ogg, read_audio),
     "vrm": (lambda path: path.write_bytes(child()), read_rig),
     "skin": (lambda path: path.write_bytes(child()), read_skinned),
+    "meshopt": (lambda path: path.write_bytes(with_meshopt(child())), read_skinned),
     "config": model("config.json"),
     "card": model("card.json"),
     "safetensors": model("model.safetensors"),

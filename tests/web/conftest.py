@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,12 @@ FLAGS = (
 
 
 DROP = """
-([name, base64, type]) => {
-  const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+(files) => {
   const dataTransfer = new DataTransfer();
-  dataTransfer.items.add(new File([bytes], name, { type }));
+  for (const [name, base64, type] of files) {
+    const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
+    dataTransfer.items.add(new File([bytes], name, { type }));
+  }
   for (const kind of ["dragenter", "dragover", "drop"])
     window.dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));
 }
@@ -71,7 +73,11 @@ class PageDriver:
 
     def drop(self, name: str, data: bytes, kind: str = "model/gltf-binary") -> None:
         """Drop a file on the page."""
-        self.page.evaluate(DROP, [name, base64.b64encode(data).decode(), kind])
+        self.drop_all({name: data}, kind)
+
+    def drop_all(self, files: Mapping[str, bytes], kind: str = "") -> None:
+        """Drop several files together."""
+        self.page.evaluate(DROP, [[name, base64.b64encode(data).decode(), kind] for name, data in files.items()])
 
     def shot(self, path: Path) -> None:
         self.page.screenshot(path=path, timeout=120_000)

@@ -8,9 +8,12 @@ import av
 import numpy as np
 import pytest
 import soundfile
+from tests.files.exports.bodies import long_armed
+from tests.motion.formats.repacked import in_parts, oddly_drawn, taken_apart, with_draco, with_meshopt
 from tests.web.make_vrm import make_vrm
 
 from echoavatar.files.avatar.backdrop import BACKDROPS
+from echoavatar.files.avatar.gltf import container
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.server.voice import find_voice
@@ -38,6 +41,52 @@ def test_a_dropped_vrm_moves_with_its_mouth_and_is_scaled_to_its_own_legs(page, 
     before = page.ask(arm)
     page.wait(f"Math.abs({arm} - {before}) > 0.02")
     page.shot(tmp_path / "vrm.png")
+
+
+FORMS = {"oddly drawn": oddly_drawn, "draco": with_draco, "meshopt": with_meshopt}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_dropped_glb_of_another_program_opens_its_mouth(new_page, mock_url, form, tmp_path):
+    """Compressed or not; its one morph target is called as Maya and Character Creator would."""
+    document, binary = taken_apart(long_armed())
+    document["meshes"][1]["extras"] = {"targetNames": ["blendShape1.Jaw_Open"]}
+    driver = new_page(480, 360)
+    driver.open(f"{mock_url}?quality=low")
+    driver.drop("boxes.glb", FORMS[form](container(document, binary)))
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mixamorigHips') !== undefined")
+    driver.wait("document.getElementById('toasts').textContent.includes('eyeBlinkLeft')")
+    driver.click("#begin")
+    driver.wait("__echo.shown.state === 'speaking'")
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mouth').morphTargetInfluences[0] > 0.05")
+    driver.shot(tmp_path / f"{form}.png")
+    assert driver.problems == []
+
+
+def test_a_gltf_is_dropped_with_its_parts(new_page, mock_url, tmp_path):
+    path = in_parts(long_armed(), tmp_path / "in")
+    files = {part.name: part.read_bytes() for part in path.parent.rglob("*") if part.is_file()}
+    document = json.loads(files[path.name])
+    del document["images"]
+    files[path.name] = json.dumps(document).encode()
+    driver = new_page(480, 360)
+    driver.open(f"{mock_url}?quality=low")
+    driver.drop_all({path.name: files[path.name]})
+    driver.wait("document.getElementById('toasts').textContent.includes('is not there')")
+    driver.drop_all(files)
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mixamorigHips') !== undefined")
+    assert driver.problems == []
+
+
+def test_ktx2_textures_are_refused_with_the_cause(page):
+    """Their transcoder evaluates code, which the page's policy forbids."""
+    document, binary = taken_apart(long_armed())
+    document["images"] = [{"mimeType": "image/ktx2", "bufferView": 0}]
+    document["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
+    document["extensionsUsed"] = document["extensionsRequired"] = ["KHR_texture_basisu"]
+    page.drop("boxes.glb", container(document, binary))
+    page.wait("document.getElementById('toasts').textContent.includes('textures are KTX2')")
+    assert page.ask("!!__echo.avatar.driver.vrm")
 
 
 def pauses() -> bytes:
@@ -157,8 +206,8 @@ def test_a_dropped_sound_is_played_and_nonsense_is_explained(page):
     page.wait("document.getElementById('toasts').textContent.includes('holds no sound')")
     whole = make_vrm()
     for data, told in (
-        (b"no model at all", "is not a .vrm or .glb"),
-        (b'{"asset": {}}', "separate parts"),
+        (b"no model at all", "is not a .vrm, .glb or .gltf"),
+        (b'{"buffers": [{"uri": "body.bin"}]}', "refers to “body.bin”"),
         (whole[:-99], "cut off"),
     ):
         page.drop("broken.vrm", data)

@@ -9,8 +9,8 @@ const BUNDLED = [
   "@pixiv/three-vrm-springbone", "@msgpack/msgpack", "fix-webm-duration",
 ];
 
-/** `fileName` is relative to the built page. */
-export function licences(modules: URL, fileName = "licences.txt"): Plugin {
+/** `more` is said first; `fileName` is relative to the built page. */
+export function licences(modules: URL, more = "", fileName = "licences.txt"): Plugin {
   return {
     name: "licences",
     generateBundle() {
@@ -21,7 +21,7 @@ export function licences(modules: URL, fileName = "licences.txt"): Plugin {
         const text = file ? readFileSync(new URL(file, folder), "utf8").trim() : "";
         return `${name} ${version} (${license})\n\n${text}\n`;
       });
-      const head = "The page is EchoAvatar's own (Apache-2.0). It contains:\n\n";
+      const head = `The page is EchoAvatar's own (Apache-2.0). It contains:\n\n${more}`;
       this.emitFile({ type: "asset", fileName, source: head + parts.join(`\n${"-".repeat(80)}\n\n`) });
     },
   };

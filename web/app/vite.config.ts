@@ -1,12 +1,14 @@
 import { defaultClientConditions, defineConfig } from "vite";
-import { three } from "../three.mjs";
+import { decoders, three } from "../three.mjs";
 import { licences } from "./licences.js";
+
+const DECODERS = "the Draco decoder of Google (Apache-2.0), as three.js ships it;\n\n";
 
 // The page is built into the Python package, so that installing it needs no Node.
 export default defineConfig({
   base: "./",
   resolve: { conditions: ["echoavatar-source", ...defaultClientConditions] }, // the client unbuilt
-  plugins: [three(), licences(new URL("../node_modules/", import.meta.url))],
+  plugins: [three(), decoders(true), licences(new URL("../node_modules/", import.meta.url), DECODERS)],
   build: {
     outDir: "../../src/echoavatar/server/static",
     emptyOutDir: true,

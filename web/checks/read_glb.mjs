@@ -4,6 +4,7 @@
 import { readFileSync } from "node:fs";
 import validator from "gltf-validator";
 import { AnimationMixer, Vector3 } from "three";
+import { MeshoptDecoder } from "three/examples/jsm/libs/meshopt_decoder.module.js";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
 
 globalThis.self ??= globalThis;
@@ -11,7 +12,7 @@ globalThis.self ??= globalThis;
 const [file, ...names] = process.argv.slice(2);
 const data = readFileSync(file);
 const report = await validator.validateBytes(new Uint8Array(data), { maxIssues: 20 });
-const gltf = await new GLTFLoader().parseAsync(data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength), "");
+const gltf = await new GLTFLoader().setMeshoptDecoder(MeshoptDecoder).parseAsync(data.buffer.slice(data.byteOffset, data.byteOffset + data.byteLength), "");
 const clip = gltf.animations[0];
 const told = { issues: report.issues, tracks: clip?.tracks.length ?? 0, duration: clip?.duration ?? 0, places: {}, weights: {} };
 if (clip) {

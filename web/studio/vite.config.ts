@@ -1,7 +1,7 @@
 import { readFileSync } from "node:fs";
 import { type Plugin, defaultClientConditions, defineConfig } from "vite";
 import { licences } from "../app/licences.js";
-import { three } from "../three.mjs";
+import { decoders, three } from "../three.mjs";
 import { stamp } from "./stamp.js";
 
 // Two pages, built into the Python package, so that installing it needs no Node. File names contain a hash, so that a
@@ -21,7 +21,8 @@ export default defineConfig({
   resolve: { conditions: ["echoavatar-source", ...defaultClientConditions] }, // the client unbuilt
   plugins: [
     three(),
-    licences(new URL("../node_modules/", import.meta.url), "assets/licences.txt"),
+    decoders(false),
+    licences(new URL("../node_modules/", import.meta.url), "", "assets/licences.txt"),
     stamp(new URL("../", import.meta.url)),
     words(new URL("src/words/en.json", import.meta.url)),
   ],

@@ -24,12 +24,14 @@ from . import SEPARATE
 OK, OPTIONAL, BROKEN = "ok", "--", "!!"
 Finding = tuple[str, str, str]  # mark, what, remark
 EXTRA_OF = {  # packages that come with an extra, by the name they are imported under
+    "DracoPy": "gltf",
     "aiortc": "video",
     "anyio": "serve",
     "elevenlabs": "elevenlabs",
     "huggingface_hub": "hub",
     "mcp": "mcp",
     "mcp_types": "mcp",
+    "meshopt": "gltf",
     "moderngl": "gpu",
     "msgspec": "serve",
     "opentelemetry": "traces",

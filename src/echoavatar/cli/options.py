@@ -21,7 +21,7 @@ RUNTIME_HELP = (
 )
 WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet or hands; may be repeated"
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4, .webm; .vrm with --rig"
-RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb or .bvh"
+RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb, .gltf or .bvh"
 MAP_HELP = (
     "JSON that says which joint is which bone, where that is not found; `echoavatar rig RIG --template` begins it"
 )

@@ -16,9 +16,8 @@ from tests.motion.formats.test_gltf_rig import spoilt
 
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Rig, Take, read_rig, write_take
-from echoavatar.files.exports.target_rig import face_weights, pack_on_rig
-from echoavatar.limits import MORPHS
-from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
+from echoavatar.files.exports.target_rig import pack_on_rig
+from echoavatar.motion.arkit import ARKIT_NAMES, to_vrm
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.formats.gltf_rig import read_gltf_rig
 from echoavatar.motion.ik import body_of_rig
@@ -83,30 +82,6 @@ def test_a_node_with_a_matrix_is_taken_apart(rigs, short: Take, tmp_path: Path) 
     node_0 = read_gltf_rig(tmp_path / "out.vrm").document["nodes"][0]
     assert "matrix" not in node_0
     assert node_0["rotation"] == [0, 0, 0, 1]
-
-
-def test_a_face_goes_to_arkit_names_else_to_vowels_else_nowhere(short: Take) -> None:
-    assert short.face is not None
-    target = {"POSITION": 0}
-    mesh = {"primitives": [{"targets": [target, target]}], "extras": {"targetNames": ["JawOpen", "other"]}}
-    plain = {"nodes": [{"mesh": 0}], "meshes": [mesh]}
-    weights = face_weights(plain, short.face)[0]
-    np.testing.assert_array_equal(weights[:, 0], short.face[:, ARKIT_NAMES.index("jawOpen")])
-    assert not weights[:, 1].any()
-    bind = {"morphTargetBinds": [{"node": 0, "index": 1, "weight": 0.5}]}
-    vrm = {"VRMC_vrm": {"expressions": {"preset": {"aa": bind}}}}
-    silent = {"primitives": [{"targets": [target, target]}]}
-    weights = face_weights({"nodes": [{"mesh": 0}], "meshes": [silent], "extensions": vrm}, short.face)[0]
-    np.testing.assert_allclose(weights[:, 1], 0.5 * to_vrm(short.face)[:, VRM_NAMES.index("aa")], atol=1e-6)
-    assert face_weights({"nodes": [{"mesh": 0}], "meshes": [silent]}, short.face) == {}
-
-
-def test_a_character_in_several_files_is_refused(rigs, short: Take) -> None:  # type: ignore[no-untyped-def]
-    rig = read_rig(rigs["child"])
-    assert rig.gltf is not None
-    rig.gltf.document["buffers"][0]["uri"] = "beside.bin"
-    with pytest.raises(MotionError, match="as one"):
-        pack_on_rig(rig.gltf, rig.retarget(short))
 
 
 def places(value: Any) -> Iterator[tuple[Any, Any]]:
@@ -246,14 +221,6 @@ def test_a_bvh_with_z_up_gets_the_motion_in_its_own_axes_and_unit(metres: float,
     assert given.split("CHANNELS", 2)[2] == made.split("CHANNELS", 2)[2]
     plain, turned = (read_bvh(tmp_path / f"{name}.out.bvh").pose().positions for name in ("plain", "turned"))
     np.testing.assert_allclose(turned, plain, atol=1e-4)
-
-
-def test_more_morph_targets_than_are_read_are_refused() -> None:
-    """One mesh, again and again: the file stays small."""
-    mesh = {"primitives": [{"targets": [{}] * 1_000}]}
-    document = {"nodes": [{"mesh": 0}] * (MORPHS // 1_000 + 1), "meshes": [mesh]}
-    with pytest.raises(ValueError, match="more than 8,192"):
-        face_weights(document, np.zeros((1, 52)))
 
 
 def test_what_is_no_rig_is_named(tmp_path: Path) -> None:

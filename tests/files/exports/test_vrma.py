@@ -10,6 +10,7 @@ from tests.files.exports.readers import node
 
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Take, read_rig
+from echoavatar.files.exports.formats import write_take
 from echoavatar.files.exports.vrma import PRESETS, in_t_pose, pack_vrma
 from echoavatar.motion.arkit import ARKIT_NAMES, to_vrm
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
@@ -45,6 +46,28 @@ def test_three_vrm_animation_reads_body_face_and_gaze(short: Take, tmp_path: Pat
     for k, name in enumerate(ARKIT_NAMES):
         np.testing.assert_allclose(read["custom"][name], short.face[:, k], atol=1e-6)
     assert read["looks"] == 45
+
+
+def test_the_face_is_written_for_the_expressions_that_an_avatar_has(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """Its own jaw, in its own spelling, beside a vowel that it then does not need, and a mood."""
+    rig = read_rig(rigs["child"])
+    assert rig.gltf is not None
+    assert short.face is not None
+    groups = rig.gltf.document["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"]
+    for group, (preset, name) in zip(
+        groups,
+        [("a", "A"), ("unknown", "Jaw_Open"), ("unknown", "mouth_pucker"), ("joy", "Joy"), ("lookleft", "LookLeft")],
+        strict=True,
+    ):
+        group |= {"presetName": preset, "name": name}
+    write_take(tmp_path / "a.vrma", short, rig=rig)
+    read = node("read_vrma.mjs", tmp_path / "a.vrma")
+    assert set(read["preset"]) == {"happy"}
+    assert set(read["custom"]) == {"Jaw_Open", "mouth_pucker"}
+    np.testing.assert_allclose(read["custom"]["Jaw_Open"], short.face[:, ARKIT_NAMES.index("jawOpen")], atol=1e-6)
+    rig.gltf.document["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"] = [{"binds": [7]}]
+    with pytest.raises(MotionError, match=r"child\.vrm"):
+        write_take(tmp_path / "a.vrma", short, rig=rig)
 
 
 def test_on_an_avatar_in_three_vrm_every_joint_is_where_we_put_it(rigs, short: Take, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

@@ -8,7 +8,7 @@ import type { Viewport } from "./viewport.js";
 
 const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i, /(^|[^a-z])head$/i]; // stay in the picture
 
-type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null };
+type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null; readonly silent: readonly string[] };
 
 export class AvatarSlot {
   driver: Driver | null = null;
@@ -25,9 +25,9 @@ export class AvatarSlot {
   constructor(private readonly viewport: Viewport) {}
 
   /** Replaces the avatar; the old one stays if the new one cannot be read. */
-  async load(data: ArrayBuffer): Promise<void> {
+  async load(data: ArrayBuffer, files: ReadonlyMap<string, Blob>): Promise<void> {
     this.shown = "";
-    this.put(await loadAvatar(data));
+    this.put(await loadAvatar(data, { files }));
     this.ours = null;
   }
 

@@ -53,14 +53,14 @@ export class SourceBar {
     element("stop").addEventListener("click", () => this.interrupt());
     const input = element("file") as HTMLInputElement;
     input.addEventListener("change", () => {
-      const file = input.files?.[0];
+      const files = [...(input.files ?? [])];
       input.value = "";
-      if (file) this.onFile(file);
+      this.onFiles(files);
     });
   }
 
-  /** Called with a chosen file; set by `main.ts`. */
-  onFile: (file: File) => void = () => {};
+  /** Called with chosen files; set by `connectDrop`. */
+  onFiles: (files: readonly File[]) => void = () => {};
 
   /** Opens the audio output; call it from a click. */
   async wake(): Promise<void> {

@@ -275,12 +275,12 @@ def character_document(character: Character) -> tuple[dict[str, Any], Buffer]:
     return document, buffer
 
 
-def packed(document: dict[str, Any], buffer: Buffer) -> bytes:
-    """The bytes of a GLB with all that was collected in the buffer."""
+def packed(document: dict[str, Any], buffer: Buffer, more: Sequence[dict[str, Any]] = ()) -> bytes:
+    """The bytes of a GLB with all that was collected in the buffer; `more` buffers have no bytes in the file."""
     document |= {
         "accessors": buffer.accessors,
         "bufferViews": buffer.views,
-        "buffers": [{"byteLength": len(buffer.data)}],
+        "buffers": [{"byteLength": len(buffer.data)}, *more],
     }
     return container(document, buffer.data)
 

@@ -11,6 +11,7 @@ import numpy as np
 from echoavatar.errors import DependencyError, EchoAvatarError, MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.formats.gltf_data import refusing_damage
 from echoavatar.motion.formats.tables import write_csv, write_live_link, write_npz
 from echoavatar.motion.kinematics.upright import OURS
 from echoavatar.whole_file import write_whole
@@ -106,7 +107,12 @@ def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
 
 
 def _vrma(path: Path, take: Take, rig: Rig | None) -> None:
-    write_whole(path, pack_vrma(take if rig is not None else take.on_humanoid()), error=MotionError)
+    if rig is None:
+        data = pack_vrma(take.on_humanoid())
+    else:
+        with refusing_damage(rig.path):
+            data = pack_vrma(take, rig.gltf.document if rig.gltf else None)
+    write_whole(path, data, error=MotionError)
 
 
 def _usd(path: Path, take: Take, _: Rig | None) -> None:

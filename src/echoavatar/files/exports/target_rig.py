@@ -3,10 +3,9 @@
 The skeleton stands with its soles at y = 0, wherever the file has its floor. Its rest pose has no rotations; the rest
 rotations of the file's nodes are restored when the file is written. There its animations are replaced, and everything
 else stays. Local rotations are computed from the world rotations of the bones, so the file's own rest rotations and
-scales are respected. The face drives morph targets with ARKit names, or else the vowels and blinks of a VRM.
+scales are respected.
 """
 
-from collections import defaultdict
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,10 +16,9 @@ import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import BINDS, MORPHS, ROTATIONS
-from echoavatar.motion.arkit import ARKIT_NAMES, VRM_NAMES, to_vrm
 from echoavatar.motion.formats.bvh import read_standing
-from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, refusing_damage, skinned
+from echoavatar.motion.formats.gltf_data import refusing_damage
+from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, skinned
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
 from echoavatar.motion.kinematics import Motion, Skeleton, SkeletonConfig
@@ -31,13 +29,10 @@ from echoavatar.motion.kinematics.rotations import quaternion_from_matrix, quate
 from echoavatar.motion.kinematics.upright import OURS, Stand
 
 from ..avatar.gltf import Buffer, Tracks, packed
+from .rig_face import face_on
 from .take import Take
 
 _HALF_TURN = np.diag([-1.0, 1.0, -1.0])  # about Y
-_VRM0 = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh", "blink": "blink"} | {
-    "blink_l": "blinkLeft",
-    "blink_r": "blinkRight",
-}
 Array = np.ndarray
 
 
@@ -45,7 +40,7 @@ def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
     """The bytes of the character's file with a take that was retargeted to it.
 
     Raises:
-        MotionError: the character's file is damaged, or refers to other files.
+        MotionError: the character's file is damaged.
     """
     with refusing_damage(rig.path):
         return _packed(rig, take)
@@ -54,10 +49,8 @@ def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
 def _packed(rig: GltfRig, take: Take) -> bytes:
     document = rig.document | {"nodes": [dict(node) for node in rig.document["nodes"]]}
     buffers = document.get("buffers", [])
-    if len(buffers) > 1 or (buffers and "uri" in buffers[0]):
-        raise MotionError(f"{rig.path} refers to files beside it; export it as one .glb")
     buffer = Buffer()
-    buffer.data = bytearray(memoryview(rig.binary)[: buffers[0]["byteLength"]] if buffers else b"")
+    buffer.data = bytearray(memoryview(rig.binary.data)[: buffers[0]["byteLength"]] if buffers else b"")
     buffer.data += b"\0" * (-len(buffer.data) % 4)
     buffer.views, buffer.accessors = (list(document.get(key, [])) for key in ("bufferViews", "accessors"))
     tracks = Tracks(buffer, take.motion.frames, take.motion.fps)
@@ -71,10 +64,10 @@ def _packed(rig: GltfRig, take: Take) -> bytes:
             tracks.add(node, "rotation", rotations[:, joint][:, [1, 2, 3, 0]])
     tracks.add(rig.order[0], "translation", hips)
     if take.face is not None:
-        for node, weights in face_weights(document, take.face).items():
+        for node, weights in face_on(rig.path, document, take.face).items():
             tracks.add(node, "weights", weights.reshape(-1))
     document["animations"] = [{"name": "take", "samplers": tracks.samplers, "channels": tracks.channels}]
-    return packed(document, buffer)
+    return packed(document, buffer, buffers[1:])
 
 
 def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:
@@ -120,78 +113,7 @@ def _split_matrix(node: dict[str, Any]) -> None:
     node["scale"] = np.linalg.norm(matrix[:3, :3], axis=0).tolist()
 
 
-def face_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Float[Array, "t n"]]:
-    """Morph target weights of each node with a face; empty where the character has none."""
-    nodes = document["nodes"]
-    known = {name.lower(): curve for name, curve in zip(ARKIT_NAMES, curves.T, strict=True)}
-    found: dict[int, Array] = {}
-    total = 0
-    for node, entry in enumerate(nodes):
-        if "mesh" not in entry:
-            continue
-        names = _target_names(document["meshes"][entry["mesh"]])
-        total += len(names)
-        if total > MORPHS:
-            raise ValueError(f"{total:,} morph targets, more than {MORPHS:,}")
-        if total * len(curves) > ROTATIONS:
-            raise ValueError(f"{total:,} morph targets in {len(curves):,} frames, more than is written; cut the take")
-        if any(name.lower() in known for name in names):
-            silent = np.zeros(len(curves), np.float32)
-            found[node] = np.stack([known.get(name.lower(), silent) for name in names], 1)
-    return found or _expression_weights(document, curves)
-
-
-def _target_names(mesh: dict[str, Any]) -> list[str]:
-    targets = mesh["primitives"][0].get("targets", [])
-    names = mesh.get("extras", {}).get("targetNames")
-    if names is None:  # where VRM 0.x exporters put them
-        names = [target.get("extra", {}).get("name", "") for target in targets]
-    return [str(name) for name in names] if len(names) == len(targets) else [""] * len(targets)
-
-
-def _expression_weights(document: dict[str, Any], curves: Float[Array, "t 52"]) -> dict[int, Array]:
-    """Morph target weights of the VRM's own vowels and blinks."""
-    shares: dict[int, Array] = {}  # of each expression (rows) in each target of a node
-    for expression, node, index, share in _binds(document):
-        if expression not in VRM_NAMES:
-            continue
-        mesh = document["meshes"][document["nodes"][node]["mesh"]]
-        count = len(mesh["primitives"][0].get("targets", []))
-        if 0 <= index < count:
-            table = shares.setdefault(node, np.zeros((len(VRM_NAMES), count), np.float32))
-            table[VRM_NAMES.index(expression), index] += share
-    return {node: np.clip(to_vrm(curves) @ table, 0, 1) for node, table in shares.items()}
-
-
-def _binds(document: dict[str, Any]) -> list[tuple[str, int, int, float]]:
-    """(expression, node, target, weight) of a VRM 1.0 or 0.x."""
-    extensions = document.get("extensions", {})
-    made: list[tuple[str, int, int, float]] = []
-    preset = extensions.get("VRMC_vrm", {}).get("expressions", {}).get("preset", {})
-    for name, entry in preset.items():
-        for bind in entry.get("morphTargetBinds", []):
-            made.append((name, bind["node"], bind["index"], bind.get("weight", 1.0)))
-            _check_binds(made)
-    users: defaultdict[int, list[int]] = defaultdict(list)  # the nodes of each mesh
-    for node, entry in enumerate(document["nodes"]):
-        if "mesh" in entry:
-            users[entry["mesh"]].append(node)
-    for group in extensions.get("VRM", {}).get("blendShapeMaster", {}).get("blendShapeGroups", []):
-        name = _VRM0.get(str(group.get("presetName", "")).lower(), "")
-        for bind in group.get("binds", []):
-            for node in users[bind["mesh"]]:
-                made.append((name, node, bind["index"], bind["weight"] / 100))
-                _check_binds(made)
-    return made
-
-
-def _check_binds(made: list[tuple[str, int, int, float]]) -> None:
-    """Refuse more binds than expressions have; a bind of VRM 0.x counts for each node of its mesh."""
-    if len(made) > BINDS:
-        raise ValueError(f"expressions that name more than {BINDS:,} morph targets")
-
-
-GLTF, BVH = (".vrm", ".glb"), ".bvh"
+GLTF, BVH = (".vrm", ".glb", ".gltf"), ".bvh"
 _SMALLEST, _LARGEST = 0.2, 20.0  # metres from sole to hips
 
 
@@ -271,7 +193,7 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
     if suffix == BVH:
         motion, stand = read_standing(path, given)
         return Rig(path, _standing(motion.skeleton, _lowest(motion.skeleton), path), None, stand)
-    raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb) or a skeleton (.bvh)")
+    raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb, .gltf) or a skeleton (.bvh)")
 
 
 def _lowest(skeleton: Skeleton) -> float:

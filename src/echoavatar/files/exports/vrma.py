@@ -20,16 +20,20 @@ from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 
 from ..avatar.gltf import Buffer, Tracks, packed
+from .rig_face import expression_weights
 from .take import Take
 
 PRESETS = VRM_NAMES[:8]  # vowels and blinks; the gaze is `lookAt`
+MOODS = ("happy", "angry", "sad", "relaxed", "surprised")  # the other presets that an animation may name
 _LEFT_EYE = LIVE_LINK_NAMES.index("leftEyeYaw")
 _RIGHT_EYE = LIVE_LINK_NAMES.index("rightEyeYaw")
 REQUIRED = ("hips", "spine", "head")
 
 
-def pack_vrma(take: Take) -> bytes:
+def pack_vrma(take: Take, avatar: dict[str, Any] | None = None) -> bytes:
     """The bytes of a file with a take on our rig, or on any rig whose bones are known.
+
+    For the VRM of the document `avatar`, the face is written for the expressions that it has.
 
     Raises:
         MotionError: a bone that the format requires is missing.
@@ -56,7 +60,8 @@ def pack_vrma(take: Take) -> bytes:
         },
     }
     if take.face is not None:
-        extension |= _face(take.face, nodes, tracks)
+        theirs = expression_weights(avatar, take.face) if avatar else {}
+        extension |= _face(take.face, theirs, nodes, tracks)
     document = {
         "asset": {"version": "2.0", "generator": "EchoAvatar"},
         "extensionsUsed": ["VRMC_vrm_animation"],
@@ -89,7 +94,9 @@ def _xyzw(wxyz: Float[np.ndarray, "t 4"]) -> Float[np.ndarray, "t 4"]:
     return unit[:, [1, 2, 3, 0]]
 
 
-def _face(curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks) -> dict[str, Any]:
+def _face(
+    curves: Float[np.ndarray, "t 52"], theirs: dict[str, Float[np.ndarray, " t"]], nodes: list[Any], tracks: Tracks
+) -> dict[str, Any]:
     """The extension's expressions and gaze, each driven by a node that is added to `nodes`."""
 
     def node(name: str) -> int:
@@ -101,8 +108,10 @@ def _face(curves: Float[np.ndarray, "t 52"], nodes: list[Any], tracks: Tracks) -
         tracks.add(at, "translation", np.stack([weights, 0 * weights, 0 * weights], 1))
         return {"node": at}
 
-    preset = {name: express(name, weights) for name, weights in zip(PRESETS, to_vrm(curves).T, strict=False)}
-    custom = {name: express(name, weights) for name, weights in zip(ARKIT_NAMES, curves.T, strict=True)}
+    ours = dict(zip(PRESETS, to_vrm(curves).T, strict=False)) | dict(zip(ARKIT_NAMES, curves.T, strict=True))
+    made = {name: express(name, weights) for name, weights in (theirs or ours).items() if not name.startswith("look")}
+    preset = {name: node for name, node in made.items() if name in (*PRESETS, *MOODS)}
+    custom = {name: node for name, node in made.items() if name not in preset}
     look = node("lookAt")
     nodes[look]["translation"] = [0.0, 0.0, 0.0]
     tracks.add(look, "rotation", _xyzw(_gaze(curves)))

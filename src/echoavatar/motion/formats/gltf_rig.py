@@ -5,10 +5,7 @@ subtree of the hips in the file's rest pose. It becomes a skeleton whose rest po
 up, rotated to face +Z. Vertices are skinned in the same pose.
 """
 
-import struct
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,25 +15,15 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from echoavatar.errors import MotionError
-from echoavatar.json_reader import read_object
-from echoavatar.limits import DEPTH, GLB_BYTES, GLTF_BYTES, JOINTS, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES, check_file
+from echoavatar.limits import DEPTH, JOINTS, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES
 
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.rigs import REQUIRED, JointMap, Tree, check_bones, feet_of, find_bones
 from ..kinematics.rotations import matrix_from_quaternion
+from .gltf_data import Binary, attribute, read_accessor, read_chunks, refusing_damage
 
 Array = np.ndarray
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
-_DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-    np.linalg.LinAlgError,
-    struct.error,
-)
 
 
 class GltfRig(NamedTuple):
@@ -44,7 +31,7 @@ class GltfRig(NamedTuple):
 
     path: Path
     document: dict[str, Any]
-    binary: bytes
+    binary: Binary
     order: list[int]  # the node of each joint of the skeleton
     parents: dict[int, int]  # the parent of every node, -1 for the topmost
     worlds: list[Float[Array, "4 4"]]  # world matrix of every node at rest, in the file's axes
@@ -52,33 +39,20 @@ class GltfRig(NamedTuple):
     is_turned: bool  # whether the file faces -Z, so that the skeleton was rotated by 180 degrees about Y
 
 
-@contextmanager
-def refusing_damage(path: Path) -> Iterator[None]:
-    """Raise one error that names the file in place of whatever a damaged or hostile document causes."""
-    try:
-        yield
-    except _DAMAGE as error:
-        raise MotionError(
-            f"{path} does not keep to the glTF format ({type(error).__name__}: {str(error)[:120]}); export it again"
-        ) from error
-
-
 def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
-    """Read a binary glTF with a skin; `given` is the user's map of its bones.
+    """Read a glTF file of a character; `given` is the user's map of its bones.
 
     Raises:
-        MotionError: the file is missing, damaged, compressed, no binary glTF, has no skin, or its bones are not found.
+        MotionError: the file is missing, damaged, no glTF, has no bones, or its bones are not found.
+        DependencyError: the file is compressed, and what unpacks it is missing.
     """
     with refusing_damage(path):
         return _read(path, given)
 
 
 def _read(path: Path, given: JointMap | None) -> GltfRig:
-    document, binary = _chunks(path)
-    used = set(document.get("extensionsRequired", []))
-    if squeezed := used & {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}:
-        raise MotionError(f"{path} is compressed ({squeezed.pop()}); export it without compression")
-    if not document.get("skins"):
+    document, binary = read_chunks(path)
+    if not document.get("skins") and not _humanoid(document):
         raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
     parents = _parents(document["nodes"])
     worlds: list[Array] = [np.eye(4)] * len(parents)
@@ -103,25 +77,6 @@ def _read(path: Path, given: JointMap | None) -> GltfRig:
         vrm=bones,
     )
     return GltfRig(path, document, binary, order, parents, worlds, Skeleton(config), is_turned)
-
-
-def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
-    try:
-        check_file(path, GLB_BYTES, MotionError)
-        with path.open("rb", buffering=0) as file:  # a buffer would copy what is read
-            head = file.read(20)
-            magic, _, _, length, kind = struct.unpack("<4sIIII", head)
-            if magic != b"glTF" or kind != 0x4E4F534A:
-                raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm")
-            document = read_object(
-                file.read(min(length, GLTF_BYTES + 1)), f"the JSON in {path}", most=GLTF_BYTES, error=MotionError
-            )
-            file.seek(28 + length)
-            return document, file.read()
-    except struct.error as error:
-        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
-    except OSError as error:
-        raise MotionError(f"{path} cannot be read; check the name") from error
 
 
 def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
@@ -163,10 +118,10 @@ def _rig(
     document: dict[str, Any], parents: dict[int, int], worlds: list[Array], path: Path, given: JointMap | None
 ) -> tuple[list[int], dict[str, int], tuple[str, ...]]:
     """Nodes of the rig, hips first and parents before children; the index of each bone in that list; their names."""
-    if (entries := sum(len(skin["joints"]) for skin in document["skins"])) > SKIN_JOINTS:
+    if (entries := sum(len(skin["joints"]) for skin in document.get("skins", []))) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
     mapped, kept = _humanoid(document), set[int]()
-    for node in [*(joint for skin in document["skins"] for joint in skin["joints"]), *mapped.values()]:
+    for node in [*(joint for skin in document.get("skins", []) for joint in skin["joints"]), *mapped.values()]:
         while node >= 0 and node not in kept:
             kept.add(node)
             node = parents[node]
@@ -208,10 +163,6 @@ def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
     return tuple(f"{name} {k}" if count[name] > 1 else name for k, name in enumerate(names))
 
 
-_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-
-
 class Skinned(NamedTuple):
     """A character in its rest pose."""
 
@@ -221,10 +172,11 @@ class Skinned(NamedTuple):
 
 
 def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
-    """Read a binary glTF with a skin; as `read_gltf_rig`.
+    """Read a glTF file of a character; as `read_gltf_rig`.
 
     Raises:
         MotionError: as `read_gltf_rig` and `skinned`.
+        DependencyError: as `read_gltf_rig`.
     """
     return skinned(read_gltf_rig(path, given))
 
@@ -245,23 +197,28 @@ def skinned(rig: GltfRig) -> Skinned:
 
 
 def _skin(
-    document: dict[str, Any], binary: bytes, worlds: list[Array], parents: dict[int, int], slot: dict[int, int]
+    document: dict[str, Any], binary: Binary, worlds: list[Array], parents: dict[int, int], slot: dict[int, int]
 ) -> tuple[Float[Array, "v 3"], csr_array]:
-    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints."""
+    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints.
+
+    Where no mesh is skinned, the parts hang on the bones as they are.
+    """
     owner = _owners(parents, slot)
     skins: dict[int, tuple[Array, Array]] = {}
     vertices, owners, shares = [], [], []
-    for skin, part in _skinned_parts(document):
-        if skin not in skins:
-            joints = document["skins"][skin]["joints"]
-            moves = np.array([worlds[joint] for joint in joints]) @ _binds(document, binary, skin)
-            skins[skin] = moves, np.array([owner[joint] for joint in joints], np.int32)
-        moves, known = skins[skin]
-        held = part["attributes"]
-        count = document["accessors"][held["POSITION"]]["count"]
-        places = _accessor(document, binary, held["POSITION"], count)
-        joints = _accessor(document, binary, held["JOINTS_0"], count).astype(int)
-        share = _accessor(document, binary, held["WEIGHTS_0"], count)
+    for node, skin, part in _drawn(document):
+        places = attribute(document, binary, part, "POSITION")
+        if skin is None:
+            joints, share = np.zeros((len(places), 4), int), np.tile([1.0, 0, 0, 0], (len(places), 1))
+            moves, known = worlds[node][None], np.array([owner[node]], np.int32)
+        else:
+            if skin not in skins:
+                bones = document["skins"][skin]["joints"]
+                moves = np.array([worlds[joint] for joint in bones]) @ _binds(document, binary, skin)
+                skins[skin] = moves, np.array([owner[joint] for joint in bones], np.int32)
+            moves, known = skins[skin]
+            joints = attribute(document, binary, part, "JOINTS_0").astype(int)
+            share = attribute(document, binary, part, "WEIGHTS_0")
         if share.shape[1] != 4:
             raise ValueError(f"{share.shape[1]} weights for a vertex, where the format has 4")
         share = share / np.maximum(share.sum(1, keepdims=True), 1e-9)
@@ -277,32 +234,35 @@ def _skin(
     return np.concatenate(vertices), weights
 
 
-def _skinned_parts(document: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:
-    """The skin and each primitive of every skinned node. Raises for more primitives or vertices than a body has."""
+def _drawn(document: dict[str, Any]) -> list[tuple[int, int | None, dict[str, Any]]]:
+    """The node, the skin and each primitive of all skinned meshes, or of all meshes where none is skinned.
+
+    Raises for more primitives or vertices than a body has.
+    """
+    drawn = [(index, node) for index, node in enumerate(document["nodes"]) if "mesh" in node]
+    skinned = [(index, node) for index, node in drawn if "skin" in node]
     found, primitives, vertices = [], 0, 0
-    for node in document["nodes"]:
-        if "mesh" not in node or "skin" not in node:
-            continue
+    for index, node in skinned or ([] if document.get("skins") else drawn):
         parts = document["meshes"][node["mesh"]]["primitives"]
         primitives += len(parts)
         if primitives > PRIMITIVES:
-            raise ValueError(f"skinned meshes of {primitives:,} primitives, and at most {PRIMITIVES:,} are read")
+            raise ValueError(f"meshes of {primitives:,} primitives, and at most {PRIMITIVES:,} are read")
         for part in parts:
-            if "JOINTS_0" in part["attributes"]:
+            if "JOINTS_0" in part["attributes"] or not skinned:
                 vertices += document["accessors"][part["attributes"]["POSITION"]]["count"]
-                found.append((node["skin"], part))
+                found.append((index, node.get("skin"), part))
             if vertices > VERTICES:
-                raise ValueError(f"skinned meshes of {vertices:,} vertices, and at most {VERTICES:,} are read")
+                raise ValueError(f"meshes of {vertices:,} vertices, and at most {VERTICES:,} are read")
     return found
 
 
-def _binds(document: dict[str, Any], binary: bytes, skin: int) -> Float[Array, "j 4 4"]:
+def _binds(document: dict[str, Any], binary: Binary, skin: int) -> Float[Array, "j 4 4"]:
     """The inverse bind matrix of each joint of a skin."""
     entry = document["skins"][skin]
     count = len(entry["joints"])
     if "inverseBindMatrices" not in entry:
         return np.tile(np.eye(4), (count, 1, 1))
-    return _accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
+    return read_accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
 
 
 BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex
@@ -324,17 +284,3 @@ def _owners(parents: dict[int, int], slot: dict[int, int]) -> dict[int, int]:
     for node, parent in parents.items():  # parents first
         owner[node] = slot.get(node, owner[parent])
     return owner
-
-
-def _accessor(document: dict[str, Any], binary: bytes, index: int, count: int) -> Float[Array, "n c"]:
-    """The first `count` elements of an accessor, which must have as many."""
-    accessor = document["accessors"][index]
-    view = document["bufferViews"][accessor["bufferView"]]
-    dtype, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
-    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-    stride = view.get("byteStride", dtype.itemsize * width)
-    if not 0 <= count <= accessor["count"] or start < 0 or stride < dtype.itemsize * width:
-        raise ValueError(f"accessor {index} has a count, offset or stride that cannot be")
-    raw = np.ndarray((count, width), dtype, binary, offset=start, strides=(stride, dtype.itemsize))
-    scale = np.iinfo(dtype).max if accessor.get("normalized") else 1
-    return raw.astype(np.float64) / scale

@@ -1,4 +1,4 @@
-/** A glTF character: bones with VRM or Mixamo names, morph targets with ARKit names. */
+/** A glTF character: bones with VRM or Mixamo names, morph targets with names of a face. */
 
 import { type Mesh, type Object3D, Quaternion } from "three";
 import type { AvatarDriver } from "../driver.js";
@@ -21,6 +21,11 @@ export class GlbDriver implements AvatarDriver {
   /** The bone that carries the root's translation; null before `bind`. */
   get hips(): Object3D | null {
     return this.bones?.hips?.node ?? null;
+  }
+
+  /** The face curves that nothing shows. */
+  get silent(): readonly string[] {
+    return this.morphs?.silent ?? [];
   }
 
   bind({ rig, face }: Pick<ReadyMessage, "rig" | "face">): void {

@@ -1,20 +1,39 @@
-/** Reads a .vrm or .glb file and returns a driver for it. */
+/** Reads a .vrm, .glb or .gltf file and returns a driver for it. */
 
 import { VRMLoaderPlugin, type VRM, VRMUtils } from "@pixiv/three-vrm";
+import { LoadingManager, type WebGLRenderer } from "three";
 import { MeshoptDecoder } from "three/examples/jsm/libs/meshopt_decoder.module.js";
-import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+import { type GLTF, GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+import { targetNames } from "../facenames.js";
 import { GlbDriver } from "./glb.js";
 import { VrmDriver } from "./vrm.js";
 
-/** Throws an error with a message for the user when the bytes are not a VRM or GLB model. */
-export async function loadAvatar(data: ArrayBuffer): Promise<GlbDriver | VrmDriver> {
-  checkContainer(data);
-  const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder);
+export interface LoadOptions {
+  /** The files beside a .gltf, by their names. */
+  readonly files?: ReadonlyMap<string, Blob>;
+  /** What shows the avatar: KTX2 textures need it, and a page whose policy lets their transcoder evaluate code. */
+  readonly renderer?: WebGLRenderer;
+}
+
+/** Throws an error with a message for the user when the bytes are not a VRM or glTF model. */
+export async function loadAvatar(data: ArrayBuffer, options: LoadOptions = {}): Promise<GlbDriver | VrmDriver> {
+  const document = checkedDocument(data);
+  const used: string[] = document.extensionsUsed ?? [];
+  const files = partsOf(document, options.files ?? new Map());
+  const manager = new LoadingManager();
+  manager.setURLModifier((url) => files.get(url) ?? url);
+  const loader = new GLTFLoader(manager).setMeshoptDecoder(MeshoptDecoder);
   loader.register((parser) => new VRMLoaderPlugin(parser));
-  const gltf = await loader.parseAsync(data, "").catch((error: Error) => {
+  const done = await Promise.all([useDraco(loader, used), useBasis(loader, used, options)]);
+  const read = loader.parseAsync(data, "").catch((error: Error) => {
     throw new Error(`the file is damaged inside (${error.message}). Export it again.`);
   });
+  const gltf = await read.finally(() => {
+    for (const decoder of done) decoder?.dispose();
+    for (const address of files.values()) URL.revokeObjectURL(address);
+  });
   gltf.scene.traverse((node) => (node.frustumCulled = false)); // three takes a body to be where its rest pose is
+  nameTargets(gltf);
   const vrm = gltf.userData["vrm"] as VRM | undefined;
   if (!vrm) return new GlbDriver(gltf.scene);
   VRMUtils.removeUnnecessaryVertices(gltf.scene);
@@ -22,12 +41,56 @@ export async function loadAvatar(data: ArrayBuffer): Promise<GlbDriver | VrmDriv
   return new VrmDriver(vrm);
 }
 
-/** Throws an error in plain words for what is often dropped by mistake. */
-function checkContainer(data: ArrayBuffer): void {
-  const head = new DataView(data, 0, Math.min(12, data.byteLength));
-  const first = head.byteLength ? head.getUint8(0) : 0;
-  if (first === 0x7b) throw new Error("it is a .gltf with separate parts. Export one .glb file instead.");
-  if (head.byteLength < 12 || head.getUint32(0, true) !== 0x46546c67) throw new Error("it is not a .vrm or .glb file, whatever its name says.");
-  const length = head.getUint32(8, true);
+async function useDraco(loader: GLTFLoader, used: string[]) {
+  if (!used.includes("KHR_draco_mesh_compression")) return null;
+  const { DRACOLoader, DRACO_GLTF_CONFIG } = await import("three/examples/jsm/loaders/DRACOLoader.js");
+  const draco = new DRACOLoader().setDecoderPath(DRACO_GLTF_CONFIG);
+  loader.setDRACOLoader(draco);
+  return draco;
+}
+
+async function useBasis(loader: GLTFLoader, used: string[], { renderer }: LoadOptions) {
+  if (!used.includes("KHR_texture_basisu")) return null;
+  if (!renderer) throw new Error("its textures are KTX2 (KHR_texture_basisu), which this page cannot read. Export them as PNG or JPEG.");
+  const { KTX2Loader } = await import("three/examples/jsm/loaders/KTX2Loader.js");
+  const basis = new KTX2Loader().detectSupport(renderer);
+  loader.setKTX2Loader(basis);
+  return basis;
+}
+
+/** Lets every mesh know the names of its morph targets, which exporters write in several places. */
+function nameTargets({ scene, parser }: GLTF): void {
+  scene.traverse((node) => {
+    const mesh = parser.json.meshes?.[parser.associations.get(node)?.meshes ?? -1];
+    if (mesh?.primitives[0].targets) node.userData["targetNames"] = targetNames(parser.json, mesh);
+  });
+}
+
+/* eslint-disable-next-line @typescript-eslint/no-explicit-any */
+type Json = any;
+
+/** Addresses of the files that a document refers to. */
+function partsOf({ buffers = [], images = [] }: Json, files: ReadonlyMap<string, Blob>): Map<string, string> {
+  const wanted: string[] = [...buffers, ...images].flatMap(({ uri }) => (uri && !/^data:/.test(uri) ? uri : []));
+  const found = wanted.map((uri) => [uri, files.get(decodeURIComponent(uri.split("/").at(-1)!))] as const);
+  const missing = found.find(([, file]) => !file);
+  if (missing) throw new Error(`it refers to “${missing[0]}”, which is not there. Drop all its files together, or export one .glb file.`);
+  return new Map(found.map(([uri, file]) => [uri, URL.createObjectURL(file!)]));
+}
+
+/** The JSON of a file; throws an error in plain words for what is often dropped by mistake. */
+function checkedDocument(data: ArrayBuffer): Json {
+  const view = new DataView(data);
+  const text = (start: number, length: number): Json => {
+    try {
+      return JSON.parse(new TextDecoder().decode(new Uint8Array(data, start, length)));
+    } catch (error) {
+      throw new Error(`the file is damaged inside (${(error as Error).message}). Export it again.`);
+    }
+  };
+  if (data.byteLength && view.getUint8(0) === 0x7b) return text(0, data.byteLength);
+  if (data.byteLength < 20 || view.getUint32(0, true) !== 0x46546c67) throw new Error("it is not a .vrm, .glb or .gltf file, whatever its name says.");
+  const length = view.getUint32(8, true);
   if (length > data.byteLength) throw new Error(`it is cut off after ${data.byteLength} of ${length} bytes. Copy or download it again.`);
+  return text(20, view.getUint32(12, true));
 }

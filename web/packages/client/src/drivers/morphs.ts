@@ -1,43 +1,30 @@
-/** Drives morph targets with ARKit names, whatever their case and prefix. */
+/** Drives the morph targets of a model by what their names say. */
 
 import type { Mesh, Object3D } from "three";
-
-interface Target {
-  readonly influences: number[];
-  readonly morph: number;
-  readonly curve: number;
-}
+import { ForeignFace } from "../facenames.js";
+import { ARKIT_NAMES } from "../facenames.generated.js";
 
 export class MorphMap {
-  private readonly targets: Target[] = [];
-  /** The face curves that the model has morph targets for. */
-  readonly found = new Set<string>();
+  private readonly faces: { face: ForeignFace; influences: number[] }[] = [];
+  private readonly curves: ReadonlyMap<string, number>;
+  /** The face curves that move nothing. */
+  readonly silent: readonly string[];
 
-  constructor(model: Object3D, names: readonly string[]) {
-    const curves = new Map(names.map((name, curve) => [plain(name), curve]));
+  constructor(model: Object3D, curves: readonly string[]) {
+    this.curves = new Map(curves.map((name, curve) => [name, curve]));
     model.traverse((node) => {
-      const { morphTargetDictionary: dictionary, morphTargetInfluences: influences } = node as Mesh;
+      const { morphTargetDictionary: dictionary, morphTargetInfluences: influences, userData } = node as Mesh;
       if (!dictionary || !influences) return;
-      for (const [name, morph] of Object.entries(dictionary)) {
-        const curve = curves.get(plain(name));
-        if (curve === undefined) continue;
-        this.targets.push({ influences, morph, curve });
-        this.found.add(names[curve]!);
-      }
+      const names = influences.map(() => "");
+      for (const [name, morph] of Object.entries(dictionary)) names[morph] = name;
+      const face = new ForeignFace((userData["targetNames"] as string[] | undefined) ?? names);
+      if (face.isMoving) this.faces.push({ face, influences });
     });
+    this.silent = ARKIT_NAMES.filter((name) => this.faces.every(({ face }) => face.silent.includes(name)));
   }
 
   apply(face: Float32Array): void {
-    for (const { influences, morph, curve } of this.targets) influences[morph] = face[curve] ?? 0;
+    const get = (name: string) => face[this.curves.get(name) ?? -1] ?? 0;
+    for (const { face: theirs, influences } of this.faces) theirs.apply(get, (morph, weight) => (influences[morph] = weight));
   }
-}
-
-/** Normalises a name: `blendShape1.eyeBlink_L` and `EyeBlinkLeft` both become `eyeblinkleft`. */
-export function plain(name: string): string {
-  return name
-    .replace(/^.*[.:]/, "")
-    .replace(/_L$/, "Left")
-    .replace(/_R$/, "Right")
-    .replace(/[_\s]/g, "")
-    .toLowerCase();
 }

@@ -5,17 +5,19 @@ import type { Object3D } from "three";
 import type { AvatarDriver } from "../driver.js";
 import type { Pose } from "../pose.js";
 import type { ReadyMessage } from "../protocol.generated.js";
-import { VRM_EXPRESSIONS, toVrm } from "../expressions.js";
-import { MorphMap, plain } from "./morphs.js";
+import { toVrm } from "../expressions.js";
+import { ForeignFace } from "../facenames.js";
+import { MorphMap } from "./morphs.js";
 
-const PERFECT_SYNC = 30; // an avatar with this many ARKit expressions or morphs needs no vowel expressions
 const EYE_DEGREES = 34; // rotation of an eye at a look curve of 1 (0.6 rad)
 
 export class VrmDriver implements AvatarDriver {
   private joints: { node: Object3D; joint: number }[] = [];
-  private face: string[] = [];
-  private expressions: { name: string; curve: number }[] = [];
+  private curves: ReadonlyMap<string, number> = new Map();
+  private expressions: string[] = [];
+  private expressed = new ForeignFace([]);
   private morphs: MorphMap | null = null;
+  private shown: Float32Array | null = null; // the face of the last pose
   private readonly sign: 1 | -1; // VRM 0.x faces -Z
   private hipScale = 1;
   /** The bone that carries the root's translation; null before `bind`. */
@@ -32,7 +34,6 @@ export class VrmDriver implements AvatarDriver {
 
   bind({ rig, face }: Pick<ReadyMessage, "rig" | "face">): void {
     const { humanoid } = this.vrm;
-    this.face = face;
     this.joints = rig.names.flatMap((name, joint) => {
       const node = humanoid.getNormalizedBoneNode(name as VRMHumanBoneName);
       return node ? [{ node, joint }] : [];
@@ -57,6 +58,13 @@ export class VrmDriver implements AvatarDriver {
 
   update(seconds: number): void {
     this.vrm.update(Math.min(seconds, 0.1));
+    if (this.shown) this.morphs?.apply(this.shown); // the update has put them at rest
+  }
+
+  /** The face curves that nothing shows. */
+  get silent(): readonly string[] {
+    const looks = this.vrm.lookAt ? "eyeLook" : "-";
+    return (this.morphs ?? this.expressed).silent.filter((name) => !name.startsWith(looks));
   }
 
   dispose(): void {
@@ -64,29 +72,24 @@ export class VrmDriver implements AvatarDriver {
     VRMUtils.deepDispose(this.vrm.scene);
   }
 
+  /** The face is shown by the avatar's expressions, or by its morph targets where their names show more of it. */
   private bindFace(face: readonly string[]): void {
-    const curves = new Map(face.map((name, curve) => [plain(name), curve]));
-    const known = this.vrm.expressionManager?.expressions ?? [];
-    this.expressions = known.flatMap(({ expressionName: name }) => {
-      const curve = curves.get(plain(name));
-      return curve === undefined ? [] : [{ name, curve }];
-    });
+    const { lookAt, expressionManager } = this.vrm;
+    const known = (expressionManager?.expressions ?? []).filter(({ binds }) => binds.length);
+    this.curves = new Map(face.map((name, curve) => [name, curve]));
+    this.expressions = known.map(({ expressionName }) => expressionName).filter((name) => !lookAt || !/^look/.test(name));
+    this.expressed = new ForeignFace(this.expressions);
     const morphs = new MorphMap(this.vrm.scene, face);
-    this.morphs = this.expressions.length < PERFECT_SYNC && morphs.found.size >= PERFECT_SYNC ? morphs : null;
-    if (this.vrm.lookAt) this.vrm.lookAt.autoUpdate = false;
+    this.morphs = morphs.silent.length < this.expressed.silent.length ? morphs : null;
+    if (lookAt) lookAt.autoUpdate = false;
   }
 
   private applyFace(face: Float32Array): void {
-    const get = (name: string) => face[this.face.indexOf(name)] ?? 0;
-    const manager = this.vrm.expressionManager;
-    const weights = toVrm(get);
-    this.look(weights);
-    if (this.morphs) this.morphs.apply(face);
-    else if (this.expressions.length >= PERFECT_SYNC) {
-      for (const { name, curve } of this.expressions) manager?.setValue(name, face[curve] ?? 0);
-    } else {
-      VRM_EXPRESSIONS.slice(0, 8).forEach((name, i) => manager?.setValue(name, weights[i]!));
-    }
+    const get = (name: string) => face[this.curves.get(name) ?? -1] ?? 0;
+    this.shown = face;
+    this.look(toVrm(get));
+    if (this.morphs) return;
+    this.expressed.apply(get, (index, weight) => this.vrm.expressionManager?.setValue(this.expressions[index]!, weight));
   }
 
   /** Moves the eyes by bones or by expressions, whichever the avatar has. */

@@ -1,0 +1,85 @@
+"""Draco meshes of a glTF file (`KHR_draco_mesh_compression`), decoded in a process of their own.
+
+Nothing in a Draco mesh tells how much it unpacks to: 38 kB may be 800 MB. So this file is also a program, whose memory
+and seconds are bounded, and which imports nothing else of the package.
+"""
+
+import json
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+
+MEMORY = 224 << 20  # bytes that decoding may take
+SECONDS = 60
+Array = np.ndarray
+
+
+def unpacked(parts: Sequence[tuple[bytes, dict[str, int]]], most: int) -> list[dict[str, Array]]:
+    """The wanted attributes (v, n) of each mesh, of `most` bytes in all.
+
+    `parts` are the bytes of each mesh, and the ids of the attributes by name.
+
+    Raises:
+        ModuleNotFoundError: DracoPy is missing.
+        ValueError: a mesh is damaged or too large, or has no such attribute.
+    """
+    import DracoPy  # noqa: F401  # so that it is this process that finds it missing
+
+    order = json.dumps([[len(data), wanted] for data, wanted in parts]).encode()
+    sent = struct.pack("<II", len(order), most) + order + b"".join(data for data, _ in parts)
+    program = [sys.executable, "-P", __file__]
+    try:
+        done = subprocess.run(program, input=sent, capture_output=True, timeout=SECONDS, check=True)
+    except (subprocess.SubprocessError, OSError) as error:
+        raise ValueError(f"a Draco mesh that is damaged, or takes more than {MEMORY >> 20} MB") from error
+    return list(_received(done.stdout, [list(wanted) for _, wanted in parts]))
+
+
+def _received(data: bytes, names: list[list[str]]) -> Iterator[dict[str, Array]]:
+    """The arrays that the program wrote: kind, rows, columns, and the numbers of each."""
+    at = 0
+    for wanted in names:
+        found = {}
+        for name in wanted:
+            kind, rows, columns = struct.unpack_from("<2sII", data, at)
+            found[name] = np.frombuffer(data, kind.decode(), rows * columns, at + 10).reshape(rows, columns)
+            at += 10 + found[name].nbytes
+        yield found
+
+
+def _serve() -> None:
+    """Decode what standard input brings."""
+    import DracoPy
+
+    with suppress(ImportError, OSError, ValueError):  # there are systems without such a limit
+        import resource
+
+        held = next((line for line in _status() if line.startswith("VmData")), "")
+        most = MEMORY + (int(held.split()[1]) << 10 if held else MEMORY)
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    source, target = sys.stdin.buffer, sys.stdout.buffer
+    length, left = struct.unpack("<II", source.read(8))
+    for size, wanted in json.loads(source.read(length)):
+        mesh: Any = DracoPy.decode(source.read(size))
+        for unique in wanted.values():
+            values = mesh.get_attribute_by_unique_id(unique)["data"]
+            left -= values.nbytes
+            if left < 0:
+                raise MemoryError
+            target.write(struct.pack("<2sII", values.dtype.str[1:].encode(), *values.shape))
+            target.write(np.ascontiguousarray(values).tobytes())
+
+
+def _status() -> list[str]:
+    with suppress(OSError), open("/proc/self/status") as file:
+        return file.readlines()
+    return []
+
+
+if __name__ == "__main__":
+    _serve()

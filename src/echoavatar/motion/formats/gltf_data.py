@@ -1,0 +1,246 @@
+"""Read the data of a glTF file: `.glb`, `.vrm`, or `.gltf` with its parts beside it.
+
+The document is brought into one form: all bytes are in its first buffer, as in a `.glb`, and pictures are in there too.
+Compressed data stays compressed there, and is unpacked where numbers are read (`read_accessor`, `attribute`).
+"""
+
+import base64
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote_to_bytes
+
+import numpy as np
+from jaxtyping import Float
+
+from echoavatar.errors import DependencyError, MotionError
+from echoavatar.json_reader import read_object
+from echoavatar.limits import FILE_PARTS, GLB_BYTES, GLTF_BYTES, UNPACKED_BYTES, VERTICES, check_file
+
+from . import draco
+
+Array = np.ndarray
+DRACO = "KHR_draco_mesh_compression"
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+_DAMAGE = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    np.linalg.LinAlgError,
+    struct.error,
+)
+_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp", b"\xabKTX": "image/ktx2"}
+
+
+@dataclass(frozen=True)
+class Binary:
+    """The bytes of the first buffer, and what has been unpacked of them."""
+
+    data: bytes | bytearray
+    views: dict[int, bytes] = field(default_factory=dict)
+    meshes: dict[int, dict[str, Array]] = field(default_factory=dict)
+
+
+@contextmanager
+def refusing_damage(path: Path) -> Iterator[None]:
+    """Raise one error that names the file in place of whatever a damaged or hostile document causes."""
+    try:
+        yield
+    except _DAMAGE as error:
+        raise MotionError(
+            f"{path} does not keep to the glTF format ({type(error).__name__}: {str(error)[:120]}); export it again"
+        ) from error
+    except ModuleNotFoundError as error:
+        raise DependencyError(
+            f"{path} is compressed, which needs {error.name}: pip install 'echoavatar[gltf]'"
+        ) from error
+
+
+def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
+    """The document of a file and its bytes.
+
+    Raises:
+        MotionError: the file or a part of it is missing, damaged, too large, no glTF, or outside its folder.
+    """
+    try:
+        check_file(path, GLB_BYTES, MotionError)
+        with path.open("rb", buffering=0) as file:  # a buffer would copy what is read
+            if path.suffix.lower() == ".gltf":
+                return _joined(path, _json(file.read(GLTF_BYTES + 1), path), b"")
+            magic, _, _, length, kind = struct.unpack("<4sIIII", file.read(20))
+            if magic != b"glTF" or kind != 0x4E4F534A:
+                raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm")
+            document = _json(file.read(min(length, GLTF_BYTES + 1)), path)
+            file.seek(28 + length)
+            return _joined(path, document, file.read())
+    except struct.error as error:
+        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
+    except OSError as error:
+        raise MotionError(f"{path} cannot be read; check the name") from error
+
+
+def _json(text: bytes, path: Path) -> dict[str, Any]:
+    return read_object(text, f"the JSON in {path}", most=GLTF_BYTES, error=MotionError)
+
+
+def _joined(path: Path, document: dict[str, Any], first: bytes) -> tuple[dict[str, Any], Binary]:
+    """The document with all bytes in its first buffer; further buffers are places for unpacked data, without bytes."""
+    buffers, images = document.get("buffers", []), document.get("images", [])
+    outside = [*buffers[1:], *[entry for entry in (*buffers[:1], *images) if "uri" in entry]]
+    if all(_is_empty(entry) for entry in outside):
+        return document, Binary(first)
+    if len(buffers) + len(images) > FILE_PARTS:
+        raise ValueError(f"{len(buffers) + len(images):,} parts, and at most {FILE_PARTS:,} are read")
+    data, starts, kept = bytearray(), [], [{"byteLength": 0}]
+    for index, entry in enumerate(buffers):
+        if _is_empty(entry):
+            kept.append(entry)
+            starts.append((len(kept) - 1, 0))
+        else:
+            part = _bytes_of(path, entry["uri"], len(data)) if "uri" in entry else first if not index else b""
+            starts.append((0, len(data)))
+            data += memoryview(part)[: entry["byteLength"]]
+            data += b"\0" * (-len(data) % 4)
+    for view in document.get("bufferViews", []):
+        for place in (view, *(view.get("extensions", {}).get(name, {}) for name in MESHOPT)):
+            if "buffer" in place:
+                place["buffer"], start = starts[place["buffer"]]
+                place["byteOffset"] = place.get("byteOffset", 0) + start
+    for image in images:
+        if "uri" in image and not image["uri"].startswith("data:"):
+            part = _bytes_of(path, image.pop("uri"), len(data))
+            kind = next((kind for head, kind in _PICTURES.items() if part.startswith(head)), "image/png")
+            views = document.setdefault("bufferViews", [])
+            image |= {"mimeType": kind, "bufferView": len(views)}
+            views.append({"buffer": 0, "byteOffset": len(data), "byteLength": len(part)})
+            data += part + b"\0" * (-len(part) % 4)
+    kept[0]["byteLength"] = len(data)
+    document["buffers"] = kept
+    return document, Binary(data)
+
+
+def _is_empty(buffer: dict[str, Any]) -> bool:
+    """Whether a buffer only says where unpacked data would be."""
+    return "uri" not in buffer and any(buffer.get("extensions", {}).get(name, {}).get("fallback") for name in MESHOPT)
+
+
+def _bytes_of(path: Path, uri: str, held: int) -> bytes:
+    """The bytes of a `data:` address or of a file in the document's folder, beside `held` bytes that are there."""
+    if uri.startswith("data:"):
+        head, _, text = uri.partition(",")
+        return base64.b64decode(text) if head.endswith(";base64") else unquote_to_bytes(text)
+    folder = path.parent.resolve()
+    part = (folder / unquote_to_bytes(uri).decode()).resolve()
+    if not part.is_relative_to(folder) or ":" in uri.split("/")[0]:
+        raise MotionError(f"{path} refers to {uri!r}, which is outside its folder; export it as one .glb")
+    try:
+        check_file(part, GLB_BYTES - held, MotionError)
+        return part.read_bytes()
+    except OSError as error:
+        raise MotionError(f"{path} refers to {uri!r}, which cannot be read; put it beside the file") from error
+
+
+def attribute(document: dict[str, Any], binary: Binary, part: dict[str, Any], name: str) -> Float[Array, "v n"]:
+    """An attribute of a primitive, whose accessor may be in a Draco mesh."""
+    index = part["attributes"][name]
+    entry = part.get("extensions", {}).get(DRACO)
+    count = document["accessors"][part["attributes"]["POSITION"]]["count"]
+    if entry is None or name not in entry["attributes"]:
+        return read_accessor(document, binary, index, count)
+    if entry["bufferView"] not in binary.meshes:
+        _unpack_meshes(document, binary)
+    values = binary.meshes[entry["bufferView"]][name]
+    if len(values) != count:
+        raise ValueError(f"a Draco mesh of {len(values):,} vertices, where the file states {count:,}")
+    return _scaled(values, document["accessors"][index])
+
+
+def _unpack_meshes(document: dict[str, Any], binary: Binary) -> None:
+    """Unpack what this package reads of all Draco meshes with weights at once: it takes a process."""
+    parts: dict[int, dict[str, int]] = {}
+    for mesh in document["meshes"]:
+        for part in mesh["primitives"]:
+            if entry := part.get("extensions", {}).get(DRACO):
+                names = {"POSITION", "JOINTS_0", "WEIGHTS_0"} & entry["attributes"].keys()
+                parts[entry["bufferView"]] = {name: int(entry["attributes"][name]) for name in sorted(names)}
+    sent = []
+    for index, wanted in parts.items():
+        data, start, view = _view(document, binary, index)
+        sent.append((bytes(memoryview(data)[start:][: view["byteLength"]]), wanted))
+    binary.meshes.update(zip(parts, draco.unpacked(sent, UNPACKED_BYTES), strict=True))
+
+
+def read_accessor(document: dict[str, Any], binary: Binary, index: int, count: int) -> Float[Array, "n c"]:
+    """The first `count` elements of an accessor, which must have as many."""
+    accessor = document["accessors"][index]
+    if not 0 <= count <= accessor["count"]:
+        raise ValueError(f"accessor {index} has a count that cannot be")
+    if "bufferView" in accessor:
+        values = _elements(document, binary, accessor, accessor["type"], count)
+    elif "sparse" in accessor and count <= VERTICES:
+        values = np.zeros((count, _WIDTHS[accessor["type"]]), np.dtype(_TYPES[accessor["componentType"]]))
+    else:
+        raise ValueError(f"accessor {index} has no data")
+    if sparse := accessor.get("sparse"):
+        if not 0 <= sparse["count"] <= accessor["count"]:
+            raise ValueError(f"accessor {index} has more sparse elements than elements")
+        places = _elements(document, binary, sparse["indices"], "SCALAR", sparse["count"])[:, 0]
+        filled = accessor | sparse["values"] | {"byteOffset": sparse["values"].get("byteOffset", 0)}
+        values, here = values.copy(), places < count
+        values[places[here]] = _elements(document, binary, filled, accessor["type"], sparse["count"])[here]
+    return _scaled(values, accessor)
+
+
+def _elements(document: dict[str, Any], binary: Binary, place: dict[str, Any], kind: str, count: int) -> Array:
+    """`count` elements in a view, as they are stored."""
+    data, begin, view = _view(document, binary, place["bufferView"])
+    dtype, width = np.dtype(_TYPES[place["componentType"]]), _WIDTHS[kind]
+    start = begin + place.get("byteOffset", 0)
+    stride = view.get("byteStride", dtype.itemsize * width)
+    if start < 0 or stride < dtype.itemsize * width:
+        raise ValueError("an accessor with an offset or stride that cannot be")
+    return np.ndarray((count, width), dtype, data, offset=start, strides=(stride, dtype.itemsize))
+
+
+def _scaled(values: Array, accessor: dict[str, Any]) -> Float[Array, "n c"]:
+    """Integers that stand for -1 to 1 as these."""
+    found = values.astype(np.float64)
+    if not accessor.get("normalized"):
+        return found
+    return np.maximum(found / np.iinfo(_TYPES[accessor["componentType"]]).max, -1)
+
+
+def _view(document: dict[str, Any], binary: Binary, index: int) -> tuple[Any, int, dict[str, Any]]:
+    """The bytes that hold a view, where it begins in these, and its entry."""
+    view = document["bufferViews"][index]
+    packed = next((view["extensions"][name] for name in MESHOPT if name in view.get("extensions", {})), None)
+    if packed is None:
+        if view.get("buffer", 0) != 0:
+            raise ValueError(f"view {index} is in a buffer without bytes")
+        return binary.data, view.get("byteOffset", 0), view
+    if index not in binary.views:
+        size = int(packed["count"]) * int(packed["byteStride"])
+        held = sum(map(len, binary.views.values()))
+        if min(packed["count"], packed["byteStride"]) < 1 or size + held > UNPACKED_BYTES:
+            raise ValueError(f"compressed data of {size:,} bytes, and at most {UNPACKED_BYTES:,} are unpacked")
+        binary.views[index] = _unpacked(binary.data, packed)
+    return binary.views[index], 0, view | {"byteStride": packed["byteStride"]}
+
+
+def _unpacked(data: bytes | bytearray, packed: dict[str, Any]) -> bytes:
+    import meshopt
+
+    start = packed.get("byteOffset", 0)
+    part = np.frombuffer(data, np.uint8, packed["byteLength"], start)
+    rows = meshopt.decode_gltf_buffer(
+        part, packed["count"], packed["byteStride"], packed["mode"], packed.get("filter", "NONE")
+    )
+    return bytes(rows)
