@@ -4,6 +4,7 @@ import logging
 import os
 import pwd
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,12 @@ UNWRITABLE = Path(os.devnull) / "folder"  # also for root
 
 
 @pytest.fixture(autouse=True)
-def another_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+def another_machine(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     cache._temporary.cache_clear()
     for name in ("HOME", "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
+    yield
+    cache._temporary.cache_clear()
 
 
 def without_a_name(monkeypatch: pytest.MonkeyPatch) -> None:

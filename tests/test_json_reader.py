@@ -84,7 +84,7 @@ OF_OUR_OWN = {
     "src/echoavatar/agents/proxy/bench.py": "what our own child process said",
     "src/echoavatar/bench/start.py": "what our own child process said",
     "studio/src/echoavatar_studio/http.py": "typed messages of bounded length; msgspec refuses surrogates and depth",
-    "lab/src/echoavatar_lab/bench/hostile_clients.py": "answers of the server under test",
+    "src/echoavatar/motion/formats/draco.py": "what its own parent writes",
     "src/echoavatar/server/video/encoder.py": "what its own parent writes",
     "studio/src/echoavatar_studio/page.py": "translations of the operator, a typed table of texts",
     "tools/character/src/echoavatar_character/base.py": "the tools' own data",

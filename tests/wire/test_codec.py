@@ -51,7 +51,7 @@ def test_messages_survive_encoding_and_decoding(message: ClientMessage, encoding
 
 
 @given(content=st.binary(max_size=300))
-@settings(max_examples=300)
+@settings(max_examples=300, deadline=None)
 def test_garbage_is_a_protocol_error_and_nothing_else(content: bytes) -> None:
     with pytest.raises(ProtocolError):
         decode_client(content)
@@ -60,7 +60,7 @@ def test_garbage_is_a_protocol_error_and_nothing_else(content: bytes) -> None:
 
 
 @given(message=messages, cut=st.floats(0, 0.999), flip=st.integers(0, 255))
-@settings(max_examples=300)
+@settings(max_examples=300, deadline=None)
 def test_truncated_and_damaged_messages_are_refused_or_valid(message: ClientMessage, cut: float, flip: int) -> None:
     content = encode(message)
     with pytest.raises(ProtocolError):
