@@ -84,8 +84,9 @@ def check_output(output: Path, *, has_rig: bool) -> None:
 
 
 def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
-    motion, scale = take.motion, 100.0 if rig is None else rig.units_per_metre
-    write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=scale)
+    is_own = rig is not None and rig.gltf is None
+    motion = rig.in_file(take.motion) if rig is not None and is_own else take.motion
+    write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, scale=1.0 if is_own else 100.0)
 
 
 def _glb(path: Path, take: Take, rig: Rig | None) -> None:

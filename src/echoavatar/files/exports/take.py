@@ -10,10 +10,15 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.gltf_clip import read_gltf_clip
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.stance import upright
 from echoavatar.timing import SAMPLE_RATE_HZ
+
+CLIPS = (".glb", ".vrm", ".vrma")
+CENTIMETRE = 0.01  # the unit in which a BVH is read before it is measured
 
 
 @dataclass(frozen=True)
@@ -31,16 +36,20 @@ class Take:
         return Take(retarget(self.motion), self.face, self.audio)
 
 
-def read_take(path: Path) -> Take:
-    """The take in a recording: NPZ from `animate` or `say`, or any BVH whose bones are known.
+def read_take(path: Path, animation: str | None = None) -> Take:
+    """The take in a recording: NPZ from `animate` or `say`, or a BVH or glTF (GLB, VRM, VRMA) whose bones are known.
+
+    `animation` names one of those in a glTF; otherwise the first is read.
 
     Raises:
         MotionError: the file is missing, damaged, or of another kind.
     """
     if path.suffix.lower() == ".bvh":
-        return Take(read_bvh(path))
+        return Take(upright(read_bvh(path, metres_per_unit=CENTIMETRE), CENTIMETRE).motion)
+    if path.suffix.lower() in CLIPS:
+        return Take(read_gltf_clip(path, animation))
     if path.suffix.lower() != ".npz":
-        raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
+        raise MotionError(f"{path} is neither .npz, .bvh nor .glb; give what `animate` or `say` wrote")
     try:
         stored = arrays_of(path, MotionError)
         motion = _recorded(path, stored) if "names" in stored else motion_of(stored)

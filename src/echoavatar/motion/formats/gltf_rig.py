@@ -1,42 +1,44 @@
 """Read the rig of a character from a GLB or VRM file, and its skinned mesh as `measure_body` needs it.
 
 Bones are found by the humanoid map of VRM 1.0 or 0.x, or in a plain GLB by joint names (`kinematics.rigs`). The rig is
-the subtree of the hips in the file's rest pose. It becomes a skeleton whose rest pose has no rotations, in metres, Y
-up, rotated to face +Z. Vertices are skinned in the same pose.
+the subtree of the hips. It is measured in the space in which the hips move, so nothing above them matters: an armature
+may be moved, turned, scaled or mirrored. It becomes a skeleton whose rest pose has no rotations, in metres, Y up,
+facing +Z, its hips above the origin. That pose is the one in which the mesh was bound to the bones, if the file says
+so, because the nodes may stand in the middle of an animation; or else the nodes' own.
 """
 
-import struct
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from echoavatar.errors import MotionError
-from echoavatar.json_reader import read_object
-from echoavatar.limits import DEPTH, GLB_BYTES, GLTF_BYTES, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES, check_file
+from echoavatar.limits import PRIMITIVES, SKIN_JOINTS, VERTICES
 
 from ..kinematics import Skeleton, SkeletonConfig
+from ..kinematics.alignment import has_rest_pose
+from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import REQUIRED, bone_map, feet_of
-from ..kinematics.rotations import matrix_from_quaternion
+from ..kinematics.stance import axes_of, is_persons_size, metres_per_unit
+from .gltf_file import (
+    above,
+    binds_of,
+    node_matrix,
+    parents_of,
+    read_accessor,
+    read_chunks,
+    refusing_damage,
+    unscaled,
+    worlds_of,
+)
 
 Array = np.ndarray
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
-_DAMAGE = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    RecursionError,
-    TypeError,
-    ValueError,
-    np.linalg.LinAlgError,
-    struct.error,
-)
+_EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
+_SAME = 0.99985  # cosine of a degree
 
 
 class GltfRig(NamedTuple):
@@ -47,123 +49,163 @@ class GltfRig(NamedTuple):
     binary: bytes
     order: list[int]  # the node of each joint of the skeleton
     parents: dict[int, int]  # the parent of every node, -1 for the topmost
-    worlds: list[Float[Array, "4 4"]]  # world matrix of every node at rest, in the file's axes
+    matrices: Float[Array, "n 4 4"]  # of every node, as the nodes stand, in the space in which the hips move
     skeleton: Skeleton
-    is_turned: bool  # whether the file faces -Z, so that the skeleton was rotated by 180 degrees about Y
+    frames: Float[Array, "j 3 3"]  # the axes of each joint's node while the skeleton rests; they may be mirrored
+    turn: Float[Array, "3 3"]  # from the axes of the hips' space to ours; it may mirror
+    unit: float  # metres in a unit of the hips' space
+
+    def place(self, node: int) -> Float[Array, "3"]:
+        """Where a node stands in the file, metres in our axes, from the origin of the hips' space."""
+        place: Array = self.unit * self.turn @ self.matrices[node][:3, 3]
+        return place
 
 
-@contextmanager
-def refusing_damage(path: Path) -> Iterator[None]:
-    """Raise one error that names the file in place of whatever a damaged or hostile document causes."""
-    try:
-        yield
-    except _DAMAGE as error:
-        raise MotionError(
-            f"{path} does not keep to the glTF format ({type(error).__name__}: {str(error)[:120]}); export it again"
-        ) from error
-
-
-def read_gltf_rig(path: Path) -> GltfRig:
-    """Read a binary glTF with a skin.
+def read_gltf_rig(path: Path, *, is_skinned: bool = True) -> GltfRig:
+    """Read a binary glTF with a skin, or one without if it only serves as motion.
 
     Raises:
         MotionError: the file is missing, damaged, compressed, no binary glTF, has no skin, or joints of unknown names.
     """
     with refusing_damage(path):
-        return _read(path)
+        return _read(path, is_skinned)
 
 
-def _read(path: Path) -> GltfRig:
-    document, binary = _chunks(path)
+def _read(path: Path, is_skinned: bool) -> GltfRig:
+    document, binary = read_chunks(path)
     used = set(document.get("extensionsRequired", []))
     if squeezed := used & {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}:
         raise MotionError(f"{path} is compressed ({squeezed.pop()}); export it without compression")
-    if not document.get("skins"):
+    if is_skinned and not document.get("skins"):
         raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
-    parents = _parents(document["nodes"])
-    worlds: list[Array] = [np.eye(4)] * len(parents)
-    for node, parent in parents.items():
-        local = _local(document["nodes"][node])
-        worlds[node] = local if parent < 0 else worlds[parent] @ local
+    parents = parents_of(document["nodes"])
     order, bones = _rig(document, parents, path)
-    slot = {node: index for index, node in enumerate(order)}
-    places = np.array([worlds[node][:3, 3] for node in order])
-    is_turned = bool(places[bones["leftUpperArm"], 0] < places[bones["rightUpperArm"], 0])  # as VRM 0.x does
-    if is_turned:
-        places = places * [-1, 1, -1]
-    offsets = [
-        place - (places[slot[parents[node]]] if index else 0)
-        for index, (node, place) in enumerate(zip(order, places, strict=True))
-    ]
-    config = SkeletonConfig(
-        names=_names(document["nodes"], order),
-        parents=tuple(-1 if not index else slot[parents[node]] for index, node in enumerate(order)),
-        offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
-        feet=tuple(feet_of(bones)),
-        vrm=bones,
-    )
-    return GltfRig(path, document, binary, order, parents, worlds, Skeleton(config), is_turned)
-
-
-def _chunks(path: Path) -> tuple[dict[str, Any], bytes]:
+    worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
+    spaces = [*(worlds[node] for node in above(parents, order[0])), np.eye(4)]
     try:
-        check_file(path, GLB_BYTES, MotionError)
-        with path.open("rb", buffering=0) as file:  # a buffer would copy what is read
-            head = file.read(20)
-            magic, _, _, length, kind = struct.unpack("<4sIIII", head)
-            if magic != b"glTF" or kind != 0x4E4F534A:
-                raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm")
-            document = read_object(
-                file.read(min(length, GLTF_BYTES + 1)), f"the JSON in {path}", most=GLTF_BYTES, error=MotionError
-            )
-            file.seek(28 + length)
-            return document, file.read()
-    except struct.error as error:
-        raise MotionError(f"{path} is not binary glTF; export the character as .glb or .vrm") from error
-    except OSError as error:
-        raise MotionError(f"{path} cannot be read; check the name") from error
+        matrices = np.linalg.inv(spaces[0]) @ worlds
+    except np.linalg.LinAlgError as error:
+        raise MotionError(f"{path}: a node above its hips is scaled to nothing; scale it") from error
+    if not np.isfinite(matrices).all():
+        raise ValueError("nodes in places that are not finite")
+    layout = _Layout(matrices[order], [-1, *(order.index(parents[node]) for node in order[1:])], bones)
+    names = _names(document["nodes"], order)
+    if uneven := layout.uneven():
+        raise MotionError(
+            f"{path}: {names[uneven]} is scaled by more in one direction than in another, so what hangs from it would"
+            " be sheared when it moves; apply its scale and export it again"
+        )
+    bound = _bound(document, binary, order, layout)
+    is_posed = bound is not None and not layout.is_like(bound, layout.stands)
+    axes = [unscaled(np.linalg.inv(spaces[0]) @ space) for space in spaces]
+    if bound is not None and not is_posed:
+        axes.insert(0, layout.stands[0] @ bound[0].T)  # those in which the mesh was made
+    try:
+        turn = layout.axes(layout.stands, axes)
+        poses = [layout.axes(bound, [np.eye(3)]) @ bound] if bound is not None and is_posed else []
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
+    places, scale = layout.places(layout.stands), float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
+    unit = scale if is_persons_size(places, scale) else metres_per_unit(places)
+    for frames in [*poses, turn @ layout.stands]:
+        offsets = unit * layout.steps(frames)
+        offsets[0] = [0, (unit * turn @ matrices[order[0]][:3, 3])[1], 0]
+        config = SkeletonConfig(
+            names=names,
+            parents=tuple(layout.parents),
+            offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
+            feet=tuple(feet_of(bones)),
+            vrm=bones,
+        )
+        if has_rest_pose(skeleton := Skeleton(config), bones):
+            break
+    return GltfRig(path, document, binary, order, parents, matrices, skeleton, frames, turn, unit)
 
 
-def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """Each node's parent (-1 for none), parents first. Raises for missing nodes, two parents of one, and cycles."""
-    if len(nodes) > NODES:
-        raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
-    parents = dict.fromkeys(range(len(nodes)), -1)
-    for index, entry in enumerate(nodes):
-        for child in entry.get("children", []):
-            if parents[child] >= 0:
-                raise ValueError(f"node {child} has two parents")
-            parents[child] = index
-    depths = dict.fromkeys([node for node, parent in parents.items() if parent < 0], 0)
-    below = list(depths)
-    for node in below:
-        for child in nodes[node].get("children", []):
-            depths[child] = depths[node] + 1
-            below.append(child)
-    if len(depths) < len(nodes):
-        raise ValueError("a node is among its own parents")
-    if max(depths.values()) > DEPTH:
-        raise ValueError(f"nodes are more than {DEPTH} deep")
-    return {node: parents[node] for node in below}
+class _Layout:
+    """How the joints of a rig lie in the space in which the hips move."""
+
+    def __init__(self, matrices: Float[Array, "j 4 4"], parents: list[int], bones: dict[str, int]) -> None:
+        self.parents, self.bones, self.matrices = parents, bones, matrices
+        self.stands = unscaled(matrices)
+        places = matrices[:, :3, 3]
+        steps = places - places[parents]
+        self._steps = np.einsum("jab,ja->jb", self.stands[parents], steps)  # in the axes of the joint above
+        self.core = set[int]()  # the known bones and what they hang from
+        for joint in bones.values():
+            while joint >= 0 and joint not in self.core:
+                self.core.add(joint)
+                joint = parents[joint]
+
+    def steps(self, frames: Float[Array, "j 3 3"]) -> Float[Array, "j 3"]:
+        """From the joint above to each joint, if the joints were turned so; nothing for the hips."""
+        steps: Array = np.einsum("jab,jb->ja", frames[self.parents], self._steps)
+        steps[0] = 0
+        return steps
+
+    def places(self, frames: Float[Array, "j 3 3"]) -> dict[str, Float[Array, "3"]]:
+        """Where the bones would be from the hips."""
+        places = self.steps(frames)
+        for joint, parent in enumerate(self.parents[1:], start=1):
+            places[joint] += places[parent]
+        return {bone: places[joint] for bone, joint in self.bones.items()}
+
+    def axes(self, frames: Float[Array, "j 3 3"], spaces: list[Float[Array, "3 3"]]) -> Float[Array, "3 3"]:
+        """The matrix from the axes of `frames` to ours."""
+        return axes_of(self.places(frames), spaces, mirrored=bool(np.linalg.det(frames[0]) < 0))
+
+    def uneven(self) -> int:
+        """A joint that shears what hangs from it; 0 for none."""
+        above = [self.parents[joint] for joint in self.bones.values() if joint]
+        sizes = np.linalg.svd(self.matrices[above, :3, :3], compute_uv=False)
+        return next((at for at, size in zip(above, sizes, strict=True) if size[0] > _EVEN * size[2]), 0)
+
+    def is_like(self, one: Float[Array, "j 3 3"], other: Float[Array, "j 3 3"]) -> bool:
+        """Whether two poses differ by less than a degree in every joint."""
+        joints = sorted(self.core - {0})
+        above = [self.parents[joint] for joint in joints]
+        a, b = (frames[above].swapaxes(-1, -2) @ frames[joints] for frames in (one, other))
+        return bool(((a * b).sum((1, 2)) > 1 + 2 * _SAME).all())
 
 
-def _local(node: dict[str, Any]) -> Array:
-    """A node's matrix, relative to its parent."""
-    if "matrix" in node:
-        return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
-    rotation = matrix_from_quaternion(torch.from_numpy(np.array([w, x, y, z], np.float64))).numpy()
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)))
-    matrix[:3, 3] = node.get("translation", (0, 0, 0))
-    return matrix
+def _bound(document: dict[str, Any], binary: bytes, order: list[int], layout: _Layout) -> Float[Array, "j 3 3"] | None:
+    """The axes of the joints when the mesh was bound to them, in its space; None if the file does not say so.
+
+    Joints that no known bone hangs from keep to the one above as their nodes do.
+    """
+    required = {order[layout.bones[bone]] for bone in REQUIRED}
+    for number, skin in enumerate(document.get("skins", [])):
+        if "inverseBindMatrices" not in skin or not required <= set(skin["joints"]):
+            continue
+        binds = binds_of(document, binary, number)
+        if not (np.isfinite(binds).all() and np.abs(np.linalg.det(binds)).min() > 0):
+            continue
+        known = dict(zip(skin["joints"], np.linalg.inv(binds), strict=True))
+        frames, stands = layout.stands.copy(), layout.stands
+        for joint, parent in enumerate(layout.parents):
+            if joint in layout.core and order[joint] in known:
+                frames[joint] = unscaled(known[order[joint]])
+            elif joint:
+                frames[joint] = frames[parent] @ stands[parent].T @ stands[joint]
+        steps, fits = layout.steps(frames), True
+        for joint in layout.core - {0}:  # bones point where they did, and are mirrored as they were
+            parent = layout.parents[joint]
+            if order[joint] in known and order[parent] in known:
+                step = (known[order[joint]] - known[order[parent]])[:3, 3]
+                size = np.linalg.norm(step) * np.linalg.norm(steps[joint])
+                fits &= bool(step @ steps[joint] >= 0.98 * size)
+            fits &= bool(np.linalg.det(frames[joint] @ stands[joint]) * np.linalg.det(frames[0] @ stands[0]) > 0)
+        if fits:
+            return frames
+    return None
 
 
 def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple[list[int], dict[str, int]]:
     """Nodes of the rig, hips first and parents before children, and the index of each bone in that list."""
-    if (entries := sum(len(skin["joints"]) for skin in document["skins"])) > SKIN_JOINTS:
+    skins = document.get("skins", [])
+    if (entries := sum(len(skin["joints"]) for skin in skins)) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
-    joints = {node for skin in document["skins"] for node in skin["joints"]}
+    joints = {node for skin in skins for node in skin["joints"]} or set(parents)
     known = _humanoid(document)
     if not known:
         listed = sorted(joints)
@@ -192,8 +234,8 @@ def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:
     extensions = document.get("extensions", {})
-    if "VRMC_vrm" in extensions:
-        bones = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
+    if own := extensions.keys() & {"VRMC_vrm", "VRMC_vrm_animation"}:
+        bones = extensions[own.pop()]["humanoid"]["humanBones"]
         return {bone: int(entry["node"]) for bone, entry in bones.items()}
     if "VRM" in extensions:
         found: dict[str, int] = {}
@@ -210,12 +252,8 @@ def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
     return tuple(f"{name} {k}" if count[name] > 1 else name for k, name in enumerate(names))
 
 
-_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-
-
 class Skinned(NamedTuple):
-    """A character in its rest pose."""
+    """A character in our rest pose, in metres, its hips above the origin."""
 
     skeleton: Skeleton
     vertices: Float[Array, "v 3"]
@@ -232,49 +270,65 @@ def read_skinned(path: Path) -> Skinned:
 
 
 def skinned(rig: GltfRig) -> Skinned:
-    """The character in a file whose rig has been read.
+    """The character in a file whose rig has been read, in our rest pose, as `plain_rig` gives it.
 
     Raises:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
-    slot = {node: index for index, node in enumerate(rig.order)}
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
-        places, weights = _skin(rig.document, rig.binary, rig.worlds, rig.parents, slot)
-        vertices = places * np.array([-1, 1, -1] if rig.is_turned else 1, np.float32)
+        plain = plain_rig(rig.skeleton)
+        vertices, weights = _skin(rig, _moves(rig, plain))
         if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
             raise ValueError("vertices or weights that are not finite")
-    return Skinned(rig.skeleton, vertices, weights)
+    return Skinned(plain.skeleton, vertices, weights)
 
 
-def _skin(
-    document: dict[str, Any], binary: bytes, worlds: list[Array], parents: dict[int, int], slot: dict[int, int]
-) -> tuple[Float[Array, "v 3"], csr_array]:
-    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints."""
-    owner = _owners(parents, slot)
+def _moves(rig: GltfRig, plain: PlainRig) -> Float[Array, "j 4 4"]:
+    """For each joint, the matrix that takes what hangs from it out of the hips' space into our rest pose."""
+    stands = rig.matrices[rig.order]
+    moves = np.tile(np.eye(4), (len(stands), 1, 1))
+    turns = plain.turns.numpy().swapaxes(-1, -2) @ rig.frames @ unscaled(stands).swapaxes(-1, -2)
+    moves[:, :3, :3] = rig.unit * turns
+    spots = plain.skeleton.rest_positions.double().numpy()
+    moves[:, :3, 3] = spots - (moves[:, :3, :3] @ stands[:, :3, 3:])[..., 0]
+    return moves
+
+
+def _skin(rig: GltfRig, moves: Float[Array, "j 4 4"]) -> tuple[Float[Array, "v 3"], csr_array]:
+    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints.
+
+    What hangs mostly from nodes of another tree, such as those of a second character, is left out.
+    """
+    document, binary, owner = rig.document, rig.binary, _owners(rig)
     skins: dict[int, tuple[Array, Array]] = {}
     vertices, owners, shares = [], [], []
     for skin, part in _skinned_parts(document):
         if skin not in skins:
             joints = document["skins"][skin]["joints"]
-            moves = np.array([worlds[joint] for joint in joints]) @ _binds(document, binary, skin)
-            skins[skin] = moves, np.array([owner[joint] for joint in joints], np.int32)
-        moves, known = skins[skin]
+            known = np.array([owner[joint] for joint in joints], np.int32)
+            skins[skin] = moves[known] @ rig.matrices[joints] @ binds_of(document, binary, skin), known
+        placed, known = skins[skin]
         held = part["attributes"]
         count = document["accessors"][held["POSITION"]]["count"]
-        places = _accessor(document, binary, held["POSITION"], count)
-        joints = _accessor(document, binary, held["JOINTS_0"], count).astype(int)
-        share = _accessor(document, binary, held["WEIGHTS_0"], count)
+        places = read_accessor(document, binary, held["POSITION"], count)
+        joints = read_accessor(document, binary, held["JOINTS_0"], count).astype(int)
+        share = read_accessor(document, binary, held["WEIGHTS_0"], count)
         if share.shape[1] != 4:
             raise ValueError(f"{share.shape[1]} weights for a vertex, where the format has 4")
         share = share / np.maximum(share.sum(1, keepdims=True), 1e-9)
-        vertices.append(_moved(places, share, joints, moves).astype(np.float32))
-        owners.append(known[joints])
-        shares.append(share.astype(np.float32))
-    if not vertices:
+        own = np.where(known[joints] >= 0, share, 0)
+        held_here = own.sum(1)
+        is_own = ~(held_here < 0.5)
+        own = own / np.maximum(held_here, 1e-9)[:, None]
+        places, own, joints = places[is_own], own[is_own], joints[is_own]
+        vertices.append(_moved(places, own, joints, placed).astype(np.float32))
+        owners.append(np.maximum(known[joints], 0))
+        shares.append(own.astype(np.float32))
+    if not sum(map(len, vertices)):
         raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
     share = np.concatenate(shares)
     starts = np.arange(0, share.size + 1, 4)
-    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(slot)))
+    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(rig.order)))
     weights.sum_duplicates()
     return np.concatenate(vertices), weights
 
@@ -298,15 +352,6 @@ def _skinned_parts(document: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]
     return found
 
 
-def _binds(document: dict[str, Any], binary: bytes, skin: int) -> Float[Array, "j 4 4"]:
-    """The inverse bind matrix of each joint of a skin."""
-    entry = document["skins"][skin]
-    count = len(entry["joints"])
-    if "inverseBindMatrices" not in entry:
-        return np.tile(np.eye(4), (count, 1, 1))
-    return _accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
-
-
 BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex
 
 
@@ -320,23 +365,12 @@ def _moved(
     return np.concatenate(moved) if moved else far[:, :3]
 
 
-def _owners(parents: dict[int, int], slot: dict[int, int]) -> dict[int, int]:
-    """The rig's joint of each node: its own, or that of its nearest ancestor in the rig; the hips where none is."""
-    owner = {-1: 0}
-    for node, parent in parents.items():  # parents first
+def _owners(rig: GltfRig) -> dict[int, int]:
+    """The rig's joint of each node: its own, or that of its nearest ancestor in the rig.
+
+    The hips have what is above them; -1 stands for what hangs from elsewhere.
+    """
+    slot, owner = {node: index for index, node in enumerate(rig.order)}, {-1: -1}
+    for node, parent in rig.parents.items():  # parents first
         owner[node] = slot.get(node, owner[parent])
-    return owner
-
-
-def _accessor(document: dict[str, Any], binary: bytes, index: int, count: int) -> Float[Array, "n c"]:
-    """The first `count` elements of an accessor, which must have as many."""
-    accessor = document["accessors"][index]
-    view = document["bufferViews"][accessor["bufferView"]]
-    dtype, width = np.dtype(_TYPES[accessor["componentType"]]), _WIDTHS[accessor["type"]]
-    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-    stride = view.get("byteStride", dtype.itemsize * width)
-    if not 0 <= count <= accessor["count"] or start < 0 or stride < dtype.itemsize * width:
-        raise ValueError(f"accessor {index} has a count, offset or stride that cannot be")
-    raw = np.ndarray((count, width), dtype, binary, offset=start, strides=(stride, dtype.itemsize))
-    scale = np.iinfo(dtype).max if accessor.get("normalized") else 1
-    return raw.astype(np.float64) / scale
+    return owner | dict.fromkeys(above(rig.parents, rig.order[0]), 0)

@@ -47,6 +47,16 @@ class BodyProfile(Config):
         """Write the profile as JSON; raises MotionError where it cannot be written."""
         write_whole(path, self.model_dump_json(indent=1) + "\n", error=MotionError)
 
+    def scaled(self, factor: float) -> "BodyProfile":
+        """The profile of a body so many times as large."""
+
+        def larger(vector: Vector) -> Vector:
+            x, y, z = vector
+            return factor * x, factor * y, factor * z
+
+        parts = [RoundedPart(bone=p.bone, centre=larger(p.centre), radii=larger(p.radii)) for p in self.parts]
+        return BodyProfile(parts=tuple(parts), palm=factor * self.palm, finger=factor * self.finger)
+
     @classmethod
     def load(cls, path: Path) -> "BodyProfile":
         """Read a file of `save`. Raises MotionError if it is missing or not a profile."""
@@ -161,6 +171,8 @@ def measure_body(
         raise MotionError("the mesh holds numbers that are not finite; export it again")
     bones = bone_map(skeleton)
     fits = _tightened(_slices(skeleton, bones, vertices, weights))
+    if not fits:
+        raise MotionError(f"no part of the trunk has {FEWEST} vertices; check the weights")
     rest = skeleton.rest_positions.numpy()
     parts = []
     for fit in fits:
