@@ -7,7 +7,8 @@ facing +Z, its hips above the origin. That pose is the one in which the mesh was
 so, because the nodes may stand in the middle of an animation; or else the nodes' own.
 """
 
-from collections import Counter
+import logging
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,6 +37,7 @@ from .gltf_file import (
 )
 
 Array = np.ndarray
+_log = logging.getLogger(__name__)
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
 _EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
 _SAME = 0.99985  # cosine of a degree
@@ -88,7 +90,8 @@ def _read(path: Path, is_skinned: bool) -> GltfRig:
         raise MotionError(f"{path}: a node above its hips is scaled to nothing; scale it") from error
     if not np.isfinite(matrices).all():
         raise ValueError("nodes in places that are not finite")
-    layout = _Layout(matrices[order], [-1, *(order.index(parents[node]) for node in order[1:])], bones)
+    slot = {node: index for index, node in enumerate(order)}
+    layout = _Layout(matrices[order], [-1, *(slot[parents[node]] for node in order[1:])], bones)
     names = _names(document["nodes"], order)
     if uneven := layout.uneven():
         raise MotionError(
@@ -206,17 +209,7 @@ def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple
     if (entries := sum(len(skin["joints"]) for skin in skins)) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
     joints = {node for skin in skins for node in skin["joints"]} or set(parents)
-    known = _humanoid(document)
-    if not known:
-        listed = sorted(joints)
-        names = _names(document["nodes"], listed)
-        flat = SkeletonConfig(
-            names=names, parents=(-1, *([0] * (len(names) - 1))), offsets=((0.0, 0.0, 0.0),) * len(names)
-        )
-        try:
-            known = {bone: listed[index] for bone, index in bone_map(Skeleton(flat)).items()}
-        except MotionError as error:
-            raise MotionError(f"{path}: {error}") from error
+    known = _humanoid(document) or _named(document, parents, joints, path)
     if missing := [bone for bone in REQUIRED if bone not in known]:
         raise MotionError(f"{path} has no joint for {missing[0]}; check its humanoid map")
     order, kept = [known["hips"]], set[int]()
@@ -230,6 +223,29 @@ def _rig(document: dict[str, Any], parents: dict[int, int], path: Path) -> tuple
     if apart := [bone for bone in REQUIRED if known[bone] not in slot]:
         raise MotionError(f"{path}: its {apart[0]} does not hang from its hips; check the nodes' children")
     return order, {bone: slot[node] for bone, node in known.items() if node in slot}
+
+
+def _named(document: dict[str, Any], parents: dict[int, int], joints: set[int], path: Path) -> dict[str, int]:
+    """The node of each bone, by the names of the joints: of the largest tree of them that has a body's."""
+    trees: defaultdict[int, list[int]] = defaultdict(list)
+    for node in sorted(joints):
+        trees[next((top for top in reversed(above(parents, node)) if top in joints), node)].append(node)
+    found, problems = list[dict[str, int]](), list[MotionError]()
+    for listed in [*sorted(trees.values(), key=len, reverse=True), sorted(joints)]:
+        names = _names(document["nodes"], listed)
+        flat = SkeletonConfig(
+            names=names, parents=(-1, *([0] * (len(names) - 1))), offsets=((0.0, 0.0, 0.0),) * len(names)
+        )
+        try:
+            found.append({bone: listed[index] for bone, index in bone_map(Skeleton(flat)).items()})
+        except MotionError as error:
+            problems.append(error)
+    if not found:
+        raise MotionError(f"{path}: {problems[0]}") from problems[0]
+    if len({bones["hips"] for bones in found}) > 1:
+        name = document["nodes"][found[0]["hips"]].get("name")
+        _log.warning("%s holds several characters; the one with the hips %r is read", path, name)
+    return found[0]
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:

@@ -169,7 +169,7 @@ def measure_body(
     weights = csr_array(weights)
     if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
         raise MotionError("the mesh holds numbers that are not finite; export it again")
-    bones = bone_map(skeleton)
+    bones, vertices = bone_map(skeleton), np.round(vertices, 4)  # so that no slice depends on rounding
     fits = _tightened(_slices(skeleton, bones, vertices, weights))
     if not fits:
         raise MotionError(f"no part of the trunk has {FEWEST} vertices; check the weights")
@@ -186,7 +186,7 @@ def _slices(
 ) -> list[_Fit]:
     """Cut the body at the joints of the spine, and put a generous ellipsoid around each slice."""
     column = [bone for bone in COLUMN if bone in bones]
-    rest = skeleton.rest_positions.numpy()
+    rest = np.round(skeleton.rest_positions.numpy(), 4)
     is_head = weights[:, [bones["head"]]].sum(1) > 0.5
     head = vertices[is_head]
     if len(head) < FEWEST:
