@@ -61,7 +61,16 @@ class Odd:
     second: bool = False  # another character in the scene
     skins: int = 1
     animated: bool = False
+    in_world: bool = False  # whether the mesh is in the world's space, not in that of the hips
     seed: int = 0
+
+    @property
+    def over(self) -> Array:
+        """From the hips' space to the world."""
+        over = np.eye(4)
+        for matrix in self.above:
+            over = over @ matrix
+        return over
 
     @property
     def plain(self) -> "Odd":
@@ -103,6 +112,7 @@ def drawn(seed: int) -> Odd:
         second=some(0.15),
         skins=2 if some(0.2) else 1,
         animated=some(0.2),
+        in_world=some(0.5),
     )
 
 
@@ -228,7 +238,8 @@ def glb(odd: Odd) -> bytes:
     for number, matrix in reversed(list(enumerate(odd.above))):
         nodes.append({"name": f"above {number}", "children": [top], "matrix": matrix.T.reshape(-1).tolist()})
         top = len(nodes) - 1
-    binds = buffer.add(np.linalg.inv(made.bind).swapaxes(-1, -2).astype(np.float32))
+    over = odd.over if odd.in_world else np.eye(4)
+    binds = buffer.add(np.linalg.inv(over @ made.bind).swapaxes(-1, -2).astype(np.float32))
     skins = [{"joints": list(range(joints)), "inverseBindMatrices": binds}] * odd.skins
     meshes = [{"primitives": [_boxes(buffer, made, part, odd)]} for part in range(odd.skins)]
     scene = [top]
@@ -279,6 +290,7 @@ def _boxes(buffer: Buffer, made: Built, part: int, odd: Odd) -> dict[str, Any]:
         box = ROUND * [0.28, 0.18, 0.2] if is_thick else CORNERS * [0.05, 0.02, 0.05]
         placed = made.stretched[joint][:3, 3] + size * box @ turn.T
         moved = made.bind[joint] @ np.linalg.inv(made.stretched[joint])
+        moved = odd.over @ moved if odd.in_world else moved
         points.append(placed @ moved[:3, :3].T + moved[:3, 3])
         owners += [joint] * len(box)
     positions = np.concatenate(points).astype(np.float32)
@@ -385,9 +397,7 @@ def pose_in(path: Path, odd: Odd) -> Array:
     names, worlds = places_in(path) if path.suffix != ".bvh" else places_in_bvh(path)
     own = SCHEMES[odd.scheme]
     at = [names.index(own[name].replace(" ", "_") if path.suffix == ".bvh" else own[name]) for name in NAMES]
-    over = np.eye(4)
-    for matrix in odd.above if path.suffix != ".bvh" else ():
-        over = over @ matrix
+    over = np.eye(4) if path.suffix == ".bvh" else odd.over
     inner = (np.linalg.inv(over) @ worlds[:, at])[..., :3, 3]
     from_hips: Array = (inner - inner[:, :1]) @ np.linalg.inv(odd.baked).T
     return from_hips / (np.linalg.norm(odd.body[NAMES.index("leftLowerLeg")]) / 0.41)

@@ -37,10 +37,10 @@ from .gltf_file import (
 )
 
 Array = np.ndarray
+_SAME = 0.02  # radians, about: as far apart two poses are one
 _log = logging.getLogger(__name__)
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
 _EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
-_SAME = 0.99985  # cosine of a degree
 
 
 class GltfRig(NamedTuple):
@@ -99,13 +99,11 @@ def _read(path: Path, is_skinned: bool) -> GltfRig:
             " be sheared when it moves; apply its scale and export it again"
         )
     bound = _bound(document, binary, order, layout)
-    is_posed = bound is not None and not layout.is_like(bound, layout.stands)
     axes = [unscaled(np.linalg.inv(spaces[0]) @ space) for space in spaces]
-    if bound is not None and not is_posed:
-        axes.insert(0, layout.stands[0] @ bound[0].T)  # those in which the mesh was made
     try:
-        turn = layout.axes(layout.stands, axes)
-        poses = [layout.axes(bound, [np.eye(3)]) @ bound] if bound is not None and is_posed else []
+        turn = layout.axes(layout.stands, axes if bound is None else [*axes, bound.axes])
+        is_posed = bound is not None and np.abs(bound.frames - layout.stands).max() > _SAME
+        poses = [layout.axes(bound.frames, [bound.axes, *axes]) @ bound.frames] if bound and is_posed else []
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
     places, scale = layout.places(layout.stands), float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
@@ -163,43 +161,43 @@ class _Layout:
         sizes = np.linalg.svd(self.matrices[above, :3, :3], compute_uv=False)
         return next((at for at, size in zip(above, sizes, strict=True) if size[0] > _EVEN * size[2]), 0)
 
-    def is_like(self, one: Float[Array, "j 3 3"], other: Float[Array, "j 3 3"]) -> bool:
-        """Whether two poses differ by less than a degree in every joint."""
-        joints = sorted(self.core - {0})
-        above = [self.parents[joint] for joint in joints]
-        a, b = (frames[above].swapaxes(-1, -2) @ frames[joints] for frames in (one, other))
-        return bool(((a * b).sum((1, 2)) > 1 + 2 * _SAME).all())
+
+class _Bound(NamedTuple):
+    """The pose in which a mesh was bound to its bones, the hips as they stand."""
+
+    frames: Float[Array, "j 3 3"]  # the axes of the joints
+    axes: Float[Array, "3 3"]  # those in which the mesh was made
 
 
-def _bound(document: dict[str, Any], binary: bytes, order: list[int], layout: _Layout) -> Float[Array, "j 3 3"] | None:
-    """The axes of the joints when the mesh was bound to them, in its space; None if the file does not say so.
+def _bound(document: dict[str, Any], binary: bytes, order: list[int], layout: _Layout) -> _Bound | None:
+    """The bind pose of the first skin that has a body's bones; None if the file does not say which it was.
 
     Joints that no known bone hangs from keep to the one above as their nodes do.
     """
     required = {order[layout.bones[bone]] for bone in REQUIRED}
+    stands, parents = layout.stands, layout.parents
     for number, skin in enumerate(document.get("skins", [])):
         if "inverseBindMatrices" not in skin or not required <= set(skin["joints"]):
             continue
-        binds = binds_of(document, binary, number)
-        if not (np.isfinite(binds).all() and np.abs(np.linalg.det(binds)).min() > 0):
+        inverse = dict(zip(skin["joints"], binds_of(document, binary, number), strict=True))
+        to_hips = layout.matrices[0] @ inverse[order[0]]  # from the space of the mesh to that of the hips
+        known = {joint: inverse[order[joint]] for joint in layout.core if order[joint] in inverse}
+        if not all(np.isfinite(bind).all() and np.linalg.det(bind) for bind in known.values()):
             continue
-        known = dict(zip(skin["joints"], np.linalg.inv(binds), strict=True))
-        frames, stands = layout.stands.copy(), layout.stands
-        for joint, parent in enumerate(layout.parents):
-            if joint in layout.core and order[joint] in known:
-                frames[joint] = unscaled(known[order[joint]])
-            elif joint:
-                frames[joint] = frames[parent] @ stands[parent].T @ stands[joint]
-        steps, fits = layout.steps(frames), True
-        for joint in layout.core - {0}:  # bones point where they did, and are mirrored as they were
-            parent = layout.parents[joint]
-            if order[joint] in known and order[parent] in known:
-                step = (known[order[joint]] - known[order[parent]])[:3, 3]
-                size = np.linalg.norm(step) * np.linalg.norm(steps[joint])
-                fits &= bool(step @ steps[joint] >= 0.98 * size)
-            fits &= bool(np.linalg.det(frames[joint] @ stands[joint]) * np.linalg.det(frames[0] @ stands[0]) > 0)
-        if fits:
-            return frames
+        places = {joint: to_hips @ np.linalg.inv(bind) for joint, bind in known.items()}
+        frames = stands.copy()
+        for joint, parent in enumerate(parents[1:], start=1):
+            turn = stands[parent].T @ stands[joint]
+            frames[joint] = unscaled(places[joint]) if joint in places else frames[parent] @ turn
+        steps = layout.steps(frames)
+        for joint in places.keys() - {0}:  # bones must point where they did, and be mirrored as they were
+            step = (places[joint] - places.get(parents[joint], places[joint]))[:3, 3]
+            if step @ steps[joint] < 0.98 * np.linalg.norm(step) * np.linalg.norm(steps[joint]):
+                break
+            if np.linalg.det(frames[joint] @ stands[joint]) < 0:
+                break
+        else:
+            return _Bound(frames, unscaled(to_hips))
     return None
 
 

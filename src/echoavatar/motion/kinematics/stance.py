@@ -24,7 +24,7 @@ Places = Mapping[str, Float[Array, "3"]]  # of VRM bones, in the rig's unit and 
 UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 10.0, 100.0)  # metres; those that files are written in
 _STATURE = 1.18  # of a body whose legs and trunk, up to the joint of the head, are 1 long
 _ADULT, _ANYONE, _MEAN = (1.3, 2.2), (0.5, 3.0), 1.7  # metres
-_LEANING, _TURNED = 0.94, 0.985  # cosines of 20 and 10 degrees: as far is an axis from how a body stands along it
+_LEANING, _TURNED = 0.94, 0.9994  # cosines of 20 and 2 degrees: as far from its axes a body stands and faces
 
 
 class Upright(NamedTuple):
@@ -79,23 +79,28 @@ def scaled(skeleton: Skeleton, factor: float) -> Skeleton:
 def axes_of(places: Places, frames: Sequence[Float[Array, "3 3"]] = (np.eye(3),), *, mirrored: bool = False) -> Array:
     """The matrix from the rig's axes to ours (Y up, facing +Z, left +X); for a mirrored rig it has a mirror in it.
 
-    Heads are not exactly above hips. So the body stands along an axis of the first of `frames` that has one near, and
-    likewise faces along one; the columns of a frame are its axes. Without any, it stands as it was measured. A rig is
-    mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes.
+    Heads are not exactly above hips. So the body stands and faces along axes of the first of `frames` that has them
+    near, or at least stands along one; the columns of a frame are its axes. Without any, it stands as it was measured.
+    A rig is mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes.
 
     Raises:
         MotionError: the hips, the head and the two sides are not in the places of a body's.
     """
-    hips = (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2
-    up = _along(places["head"] - hips, frames, _LEANING)
-    across = [places[f"left{bone}"] - places[f"right{bone}"] for bone in ("UpperLeg", "UpperArm")]
-    level = [way - (way @ up) * up for way in across]
-    size = length_of(places)
-    wide = next((way for way in level if np.linalg.norm(way) > 0.02 * size), None)
-    if wide is None or not np.linalg.norm(places["head"] - hips) > 0.1 * size:
+    size, hips = length_of(places), (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2
+    trunk = places["head"] - hips
+    ways = [places[f"left{bone}"] - places[f"right{bone}"] for bone in ("UpperLeg", "UpperArm")]
+    across = next((way for way in ways if np.linalg.norm(np.cross(way, _unit(trunk))) > 0.02 * size), None)
+    if across is None or not np.linalg.norm(trunk) > 0.1 * size:
         raise MotionError("its rest pose is no body's: head and hips, or left and right, are in one place; pose it")
-    left = _along(wide, frames, _TURNED)
-    left = _unit(left - (left @ up) * up)
+    ups = [_nearest(frame, trunk) for frame in frames]
+    kept = [(frame, up) for frame, up in zip(frames, ups, strict=True) if up @ _unit(trunk) > _LEANING]
+    up = kept[0][1] if kept else _unit(trunk)
+    left = _level(across, up)
+    for frame, along in kept:
+        side = _nearest(frame, _level(across, along))
+        if side @ _level(across, along) > _TURNED:
+            up, left = along, side
+            break
     ahead = np.cross(left, up)
     feet = [side for side in ("left", "right") if f"{side}Toes" in places]
     toes = sum(((places[f"{side}Toes"] - places[f"{side}Foot"]) @ ahead for side in feet), 0.0)
@@ -129,15 +134,15 @@ def length_of(places: Places) -> float:
     return float(sum(np.linalg.norm(way) for way in ways))
 
 
-def _along(way: Float[Array, "3"], frames: Sequence[Float[Array, "3 3"]], near: float) -> Float[Array, "3"]:
-    """The axis near to a way, of the first frame that has one; else the way itself, as a unit vector."""
-    way = _unit(way)
-    for frame in frames:
-        axes = np.concatenate([frame.T, -frame.T])
-        best: Array = axes[np.argmax(axes @ way)]
-        if best @ way > near:
-            return best
-    return way
+def _nearest(frame: Float[Array, "3 3"], way: Float[Array, "3"]) -> Float[Array, "3"]:
+    """The axis of a frame, to either side, that is nearest to a way."""
+    axes = np.concatenate([frame.T, -frame.T])
+    nearest: Array = axes[np.argmax(axes @ way)]
+    return nearest
+
+
+def _level(way: Float[Array, "3"], up: Float[Array, "3"]) -> Float[Array, "3"]:
+    return _unit(way - (way @ up) * up)
 
 
 def _unit(way: Float[Array, "3"]) -> Float[Array, "3"]:
