@@ -110,7 +110,8 @@ def scale_of(node: dict[str, Any]) -> Float[Array, "3"]:
     if "matrix" not in node:
         return np.array(node.get("scale", (1, 1, 1)), np.float64)
     matrix = node_matrix(node)[:3, :3]
-    return np.linalg.norm(matrix, axis=0) * [np.sign(np.linalg.det(matrix)), 1, 1]
+    scale: Array = np.linalg.norm(matrix, axis=0) * [np.sign(np.linalg.det(matrix)), 1, 1]
+    return scale
 
 
 def rotation_of(node: dict[str, Any]) -> Float[Array, "4"]:

@@ -59,7 +59,8 @@ def turned(motion: Motion, turn: Float[Array, "3 3"], factor: float) -> Motion:
     """The motion and its rig with all their places turned (and mirrored) by a matrix, and so many times as large."""
 
     def put(places: ArrayLike) -> Array:
-        return factor * np.asarray(places, np.float64) @ turn.T
+        put: Array = factor * np.asarray(places, np.float64) @ turn.T
+        return put
 
     config, matrix = motion.skeleton.config, torch.from_numpy(turn)
     update = {
@@ -103,7 +104,7 @@ def axes_of(places: Places, frames: Sequence[Float[Array, "3 3"]] = (np.eye(3),)
             break
     ahead = np.cross(left, up)
     feet = [side for side in ("left", "right") if f"{side}Toes" in places]
-    toes = sum(((places[f"{side}Toes"] - places[f"{side}Foot"]) @ ahead for side in feet), 0.0)
+    toes = sum(float((places[f"{side}Toes"] - places[f"{side}Foot"]) @ ahead) for side in feet)
     is_mirrored = toes < 0 if abs(toes) > 0.02 * size else mirrored
     return np.stack([left, up, -ahead if is_mirrored else ahead])
 
