@@ -13,6 +13,7 @@ no twist against its parent on average over the clip. Elbows and knees take the 
 """
 
 from collections.abc import Mapping
+from functools import cache
 
 import torch
 import torch.nn.functional as F
@@ -48,11 +49,12 @@ def align(
     for bone in feet:
         found[bone] = _flat(source, pose, source_map, bone) @ _heading(target, target_map, bone).T
     is_straight = _spine_begins_in_line(pose, source_map)
+    least = [_SHORT * leg_length(*rig) for rig in ((target, target_map), (source, source_map))]
     for bone in bones:
         if bone in found:
             continue
         above = _mapped_parent(target, target_map, bone, found)
-        ours, way = _direction(target, target_map, bone), _direction(source, source_map, bone)
+        ours, way = _direction(target, target_map, bone, least[0]), _direction(source, source_map, bone, least[1])
         mean = _mean_without_twist(pose.rotations[:, source_map[bone]], pose, source_map, found, above)
         if bone == "hips":
             rest = target.rest_positions.double()[None]
@@ -69,13 +71,12 @@ def align(
 
 def rest_turns(skeleton: Skeleton, bones: Mapping[str, int]) -> dict[str, Float[Tensor, "3 3"]]:
     """The rotation of each bone from our rest pose to that of a rig that stands or sits upright, in the world."""
-    ours = HUMANOID.config.vrm
+    facing, least = _facing(skeleton, bones), _SHORT * leg_length(skeleton, bones)
     found: dict[str, Tensor] = {}
     for bone in sorted(bones, key=lambda bone: bones[bone]):
         above = _mapped_parent(skeleton, bones, bone, found)
-        base = _facing(skeleton, bones) if above is None else found[above]
-        start = _direction(HUMANOID, ours, bone) if bone in ours else None
-        end = _direction(skeleton, bones, bone)
+        base = facing if above is None else found[above]
+        start, end = _our_direction(bone), _direction(skeleton, bones, bone, least)
         if bone.endswith(("Foot", "Toes")):
             found[bone] = _heading(skeleton, bones, bone)
         elif bone.endswith("Hand") and (turn := _palm_turn(skeleton, bones, bone)) is not None:
@@ -95,8 +96,8 @@ def project_rotation(matrix: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n 3 3"]
     return nearest
 
 
-def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor | None:
-    """Rest direction from a bone to the next one, in its own frame; None for a bone without length."""
+def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str, least: float) -> Tensor | None:
+    """Rest direction from a bone to the next one, in its own frame; None for a bone shorter than `least`."""
     joint = bones[bone]
     if bone.endswith("Hand"):
         named = [bones[name] for name in (f"{bone[:-4]}MiddleProximal", f"{bone[:-4]}IndexProximal") if name in bones]
@@ -112,10 +113,16 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tenso
             child = skeleton.parents[child]
     else:
         offset = torch.tensor(skeleton.config.tips.get(skeleton.names[joint], (0.0, 0.0, 0.0)))
-    least = _SHORT * leg_length(skeleton, bones)
     if bone.endswith("Distal") and child is None and offset.norm() < least:
         offset = skeleton.offsets[joint]  # a fingertip without an end continues its bone
     return _unit(offset.double()) if offset.norm() > least else None
+
+
+@cache
+def _our_direction(bone: str) -> Tensor | None:
+    """The same of our rig, which lacks eyes and jaw."""
+    ours = HUMANOID.config.vrm
+    return _direction(HUMANOID, ours, bone, 0.0) if bone in ours else None
 
 
 def _palm_turn(skeleton: Skeleton, bones: Mapping[str, int], hand: str) -> Tensor | None:

@@ -147,8 +147,11 @@ def with_wrists(motion: Motion) -> Motion:
 def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
     """Parent-relative rotations from world rotations of some joints.
 
-    A joint without a world rotation rests on its parent; between two joints that have one, it gets half the rotation.
+    A joint without a world rotation rests on its parent: in a limb, where it carries twist, anything else would bend
+    the bone. Between two joints of trunk and neck it gets half the rotation.
     """
+    bones = bone_map(target)
+    trunk = {bones[bone] for bone in ("spine", "chest", "upperChest", "neck", "head") if bone in bones}
     full: list[Tensor] = []
     eye = torch.eye(3, dtype=torch.double).expand(frames, 3, 3)
     for joint, parent in enumerate(target.parents):
@@ -157,7 +160,7 @@ def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> 
             continue
         above = full[parent] if parent >= 0 else eye
         below = [j for j in world if target.parents[j] == joint]
-        if len(below) == 1 and parent in world:
+        if len(below) == 1 and below[0] in trunk and parent in world:
             both = [quaternion_from_matrix(rotation) for rotation in (above, world[below[0]])]
             above = matrix_from_quaternion(slerp(both[0], both[1], 0.5))
         full.append(above)
