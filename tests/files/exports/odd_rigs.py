@@ -63,6 +63,8 @@ class Odd:
     second: bool = False  # another character in the scene
     skins: int = 1
     animated: bool = False
+    mirrored_arm: bool = False  # the axes of the right arm's joints, as some programs mirror bones
+    root_joint: bool = False  # the skin lists the node above the hips too
     in_world: bool = False  # whether the mesh is in the world's space, not in that of the hips
     seed: int = 0
 
@@ -123,6 +125,8 @@ def drawn(seed: int) -> Odd:
         skins=2 if some(0.2) else 1,
         animated=some(0.2),
         in_world=some(0.5),
+        mirrored_arm=some(0.15),
+        root_joint=bool(above) and some(0.4),
     )
 
 
@@ -201,6 +205,13 @@ def built(odd: Odd) -> Built:
         matrix = np.tile(np.eye(4), (len(NAMES), 1, 1))
         axes = np.eye(3) if odd.axes is None else matrix_from_axis_angle(torch.from_numpy(odd.axes)).numpy()
         matrix[:, :3, :3] = stands.rotations[0].numpy() @ axes * odd.scales[:, None, None]
+        if odd.mirrored_arm:
+            arm = [
+                k
+                for k, n in enumerate(NAMES)
+                if n.startswith("right") and any(p in n for p in ("Arm", "Hand", *FINGERS))
+            ]
+            matrix[arm, :3, :3] = matrix[arm, :3, :3] @ np.diag([-1.0, 1.0, 1.0])
         matrix[:, :3, 3] = stands.positions[0].numpy() @ odd.baked.T
         unit = np.cbrt(np.linalg.det(odd.baked))
         matrix[:, :3, :3] = odd.baked / unit @ matrix[:, :3, :3]
@@ -249,8 +260,10 @@ def glb(odd: Odd) -> bytes:
         nodes.append({"name": f"above {number}", "children": [top], "matrix": matrix.T.reshape(-1).tolist()})
         top = len(nodes) - 1
     over = odd.over if odd.in_world else np.eye(4)
-    binds = buffer.add(np.linalg.inv(over @ made.bind).swapaxes(-1, -2).astype(np.float32))
-    skins = [{"joints": list(range(joints)), "inverseBindMatrices": binds}] * odd.skins
+    bound = np.concatenate([made.bind, np.eye(4)[None]]) if odd.root_joint else made.bind
+    binds = buffer.add(np.linalg.inv(over @ bound).swapaxes(-1, -2).astype(np.float32))
+    listed = [*range(joints + odd.root_joint)]  # the first node after the joints is right above the hips
+    skins = [{"joints": listed, "inverseBindMatrices": binds}] * odd.skins
     meshes = [{"primitives": [_boxes(buffer, made, part, odd)]} for part in range(odd.skins)]
     scene = [top]
     for skin in range(odd.skins):
@@ -316,7 +329,9 @@ def _boxes(buffer: Buffer, made: Built, part: int, odd: Odd) -> dict[str, Any]:
 
 
 def _parts(matrix: Array) -> dict[str, list[float]]:
-    """Translation, rotation and scale."""
+    """Translation, rotation and scale; a matrix where it mirrors."""
+    if np.linalg.det(matrix[:3, :3]) < 0:
+        return {"matrix": matrix.T.reshape(-1).tolist()}
     scale = np.cbrt(np.linalg.det(matrix[:3, :3]))
     turn = quaternion_from_matrix(torch.from_numpy(matrix[:3, :3] / scale)).numpy()
     return {"translation": matrix[:3, 3].tolist(), "rotation": turn[[1, 2, 3, 0]].tolist(), "scale": [float(scale)] * 3}

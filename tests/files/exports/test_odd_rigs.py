@@ -51,6 +51,8 @@ CASES = {
         BODY, above=(moved(1, 2, 3), _matrix(np.array([0.3, 1, 0]), 3.0), _matrix(np.array([0, -2, 0.2]), 0.1))
     ),
     "mirrored": Odd(BODY, above=(stretched(-1, 1, 1),)),
+    "bones of an arm mirrored": Odd(BODY, pose="A", axes=SOME_AXES, mirrored_arm=True),
+    "a joint above the hips": Odd(BODY, above=(moved(0, 0.3, 0),), root_joint=True),
     "stretched above the hips": Odd(BODY, above=(stretched(1, 1.3, 0.8),)),
     "Z up in centimetres, as Blender writes": Odd(BODY, above=(_matrix(-Z_UP, 0.01),), baked=100 * _turn(Z_UP)),
     "faces +X": Odd(BODY, baked=_turn([0, np.pi / 2, 0])),

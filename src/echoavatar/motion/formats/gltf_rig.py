@@ -23,7 +23,7 @@ from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.alignment import has_rest_pose
 from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import REQUIRED, bone_map, feet_of
-from ..kinematics.stance import axes_of, is_persons_size, metres_per_unit
+from ..kinematics.stance import axes_of, metres_per_unit
 from .gltf_file import (
     above,
     binds_of,
@@ -106,8 +106,7 @@ def _read(path: Path, is_skinned: bool) -> GltfRig:
         poses = [layout.axes(bound.frames, [bound.axes, *axes]) @ bound.frames] if bound and is_posed else []
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
-    places, scale = layout.places(layout.stands), float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
-    unit = scale if is_persons_size(places, scale) else metres_per_unit(places)
+    unit = metres_per_unit(layout.places(layout.stands), float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3])))))
     for frames in [*poses, turn @ layout.stands]:
         offsets = unit * layout.steps(frames)
         offsets[0] = [0, (unit * turn @ matrices[order[0]][:3, 3])[1], 0]

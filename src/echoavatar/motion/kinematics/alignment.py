@@ -29,7 +29,7 @@ _HINGES = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")
 _TRUNK = ("spine", "chest", "upperChest")
 _UP = (0.0, 1.0, 0.0)
 _IN_LINE = 0.94  # cosine of 20 degrees
-_AHEAD = 0.5  # least level share of a tip that tells where a foot points
+_AHEAD, _LEVEL = 0.5, 0.1  # least level share of a tip, and of the way to the toes, that tells where a foot points
 _SHORT = 1.2e-3  # of the leg: the least length of a bone that has a direction
 _BROAD = 0.05  # sine of the least angle between the outermost knuckles, seen from the wrist
 _UPRIGHT = 0.5  # cosine of the greatest angle at which a rest pose counts as one
@@ -224,23 +224,24 @@ def _along_foot(source: Skeleton, pose: Pose, bones: Mapping[str, int], side: st
     """From the ankle to the toes or, without them, to the foot's tip; the heading of the hips if there is neither."""
     foot = bones[f"{side}Foot"]
     if f"{side}Toes" in bones:
-        return pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
-    tip = pose.positions.new_tensor(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
-    along: Tensor = pose.rotations[:, foot] @ tip
-    if float(along[:, [0, 2]].norm(dim=-1).mean()) > _AHEAD * float(tip.norm()) > 0:
-        return along
+        ahead: Tensor = pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
+        least = _LEVEL
+    else:
+        tip = pose.positions.new_tensor(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
+        ahead, least = pose.rotations[:, foot] @ tip, _AHEAD
+    if float(ahead[:, [0, 2]].norm(dim=-1).mean()) > least * float(ahead.norm(dim=-1).mean()) > 0:
+        return ahead
     across = pose.positions[:, bones["leftUpperLeg"]] - pose.positions[:, bones["rightUpperLeg"]]
-    ahead: Tensor = torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
+    ahead = torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
     return ahead
 
 
 def _heading(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
     """Rotation about the vertical to where a flat foot points at rest: as its toes do, or else as the hips face."""
     side = "left" if bone.startswith("left") else "right"
-    if f"{side}Toes" not in bones:
-        return _facing(skeleton, bones)
-    rest = skeleton.rest_positions.double()
-    return _level(rest[bones[f"{side}Toes"]] - rest[bones[f"{side}Foot"]])
+    foot, rest = bones[f"{side}Foot"], skeleton.rest_positions.double()
+    ahead = rest[bones.get(f"{side}Toes", foot)] - rest[foot]
+    return _level(ahead) if ahead[[0, 2]].norm() > _LEVEL * ahead.norm() else _facing(skeleton, bones)
 
 
 def _level(ahead: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:

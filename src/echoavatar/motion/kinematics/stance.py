@@ -109,22 +109,19 @@ def axes_of(places: Places, frames: Sequence[Float[Array, "3 3"]] = (np.eye(3),)
     return np.stack([left, up, -ahead if is_mirrored else ahead])
 
 
-def metres_per_unit(places: Places) -> float:
-    """The unit in which the body has a person's size: an adult's if there is one, or else anyone's.
+def metres_per_unit(places: Places, stated: float | None = None) -> float:
+    """The unit that a file states, if the body has a person's size in it.
 
-    Where none does, the unit that makes it as tall as most people.
+    Or else a usual one in which it has: an adult's size if there is one, then anyone's. Where none does, the unit that
+    makes it as tall as most people.
     """
     tall = _STATURE * length_of(places)
-    for low, high in (_ADULT, _ANYONE):
-        for unit in UNITS:
+    stages = [((stated,), _ANYONE)] if stated else []
+    for units, (low, high) in [*stages, (UNITS, _ADULT), (UNITS, _ANYONE)]:
+        for unit in units:
             if low <= unit * tall <= high:
                 return unit
     return _MEAN / tall
-
-
-def is_persons_size(places: Places, unit: float) -> bool:
-    """Whether the body has a person's size in this unit (metres)."""
-    return bool(_ANYONE[0] <= unit * _STATURE * length_of(places) <= _ANYONE[1])
 
 
 def length_of(places: Places) -> float:
