@@ -116,15 +116,17 @@ def drawn(seed: int) -> Odd:
         angle = draw.choice([np.pi, np.pi / 2, -np.pi / 2, draw.uniform(-3, 3)])
         unit = draw.choice([1.0, 100.0, 1000.0, 1 / 0.0254])
         odd = replace(odd, baked=_turn([0, angle, 0]) * unit)
+    odd = replace(odd, above=tuple(above))
+    metre = np.cbrt(abs(np.linalg.det(odd.over[:3, :3] @ odd.baked)))
+    is_precise = bool(np.linalg.norm(odd.over[:3, 3]) < 10 * metre)  # as 32-bit numbers of a mesh in the world are
     return replace(
         odd,
-        above=tuple(above),
         twists=some(0.4),
         hair=int(draw.integers(0, 4)) if some(0.5) else 0,
         second=some(0.15),
         skins=2 if some(0.2) else 1,
         animated=some(0.2),
-        in_world=some(0.5),
+        in_world=some(0.5) and is_precise,
         mirrored_arm=some(0.15),
         root_joint=bool(above) and some(0.4),
     )

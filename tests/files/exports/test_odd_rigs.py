@@ -44,6 +44,7 @@ CASES = {
     "turned by 90 degrees": Odd(BODY, above=(_matrix(np.array([0, np.pi / 2, 0]), 1.0),)),
     "turned by 60 degrees about a slanting axis": Odd(BODY, above=(_matrix(np.array([0.6, 0.6, 0.6]), 1.0),)),
     "leaning by 15 degrees, the mesh upright": Odd(BODY, above=(_matrix(np.array([0.26, 0, 0]), 1.0),), in_world=True),
+    "leaning, bound in another pose": Odd(BODY, bind="A", above=(_matrix(np.array([0.26, 0, 0]), 1.0),), in_world=True),
     "stretched, the mesh as well, bound in another pose": Odd(
         BODY, pose="one up", bind="A", above=(stretched(1, 1.3, 0.8),), in_world=True
     ),

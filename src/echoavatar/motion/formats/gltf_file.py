@@ -156,4 +156,5 @@ def read_accessor(document: dict[str, Any], binary: bytes, index: int, count: in
         raise ValueError(f"accessor {index} has a count, offset or stride that cannot be")
     raw = np.ndarray((count, width), dtype, binary, offset=start, strides=(stride, dtype.itemsize))
     scale = np.iinfo(dtype).max if accessor.get("normalized") else 1
-    return raw.astype(np.float64) / scale
+    with np.errstate(invalid="ignore"):  # what is no number is looked for by those who need one
+        return raw.astype(np.float64) / scale

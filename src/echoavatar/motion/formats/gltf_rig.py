@@ -100,13 +100,16 @@ def _read(path: Path, is_skinned: bool) -> GltfRig:
         )
     bound = _bound(document, binary, order, layout)
     axes = [unscaled(np.linalg.inv(spaces[0]) @ space) for space in spaces]
+    scale = float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
     try:
         turn = layout.axes(layout.stands, axes if bound is None else [*axes, bound.axes])
-        is_posed = bound is not None and np.abs(bound.frames - layout.stands).max() > _SAME
-        poses = [layout.axes(bound.frames, [bound.axes, *axes]) @ bound.frames] if bound and is_posed else []
+        poses = []
+        if bound is not None and np.abs(bound.frames - layout.stands).max() > _SAME:
+            spaces = layout.nearest([bound.axes, *axes], bound.frames)
+            poses.append(layout.axes(bound.frames, spaces) @ bound.frames)
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
-    unit = metres_per_unit(layout.places(layout.stands), float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3])))))
+    unit = metres_per_unit(layout.places(layout.stands), scale)
     for frames in [*poses, turn @ layout.stands]:
         offsets = unit * layout.steps(frames)
         offsets[0] = [0, (unit * turn @ matrices[order[0]][:3, 3])[1], 0]
@@ -153,6 +156,12 @@ class _Layout:
     def axes(self, frames: Float[Array, "j 3 3"], spaces: list[Float[Array, "3 3"]]) -> Float[Array, "3 3"]:
         """The matrix from the axes of `frames` to ours."""
         return axes_of(self.places(frames), spaces, mirrored=bool(np.linalg.det(frames[0]) < 0))
+
+    def nearest(self, spaces: list[Float[Array, "3 3"]], frames: Float[Array, "j 3 3"]) -> list[Float[Array, "3 3"]]:
+        """The spaces, those first along an axis of which the trunk stands best."""
+        places = self.places(frames)
+        trunk = places["head"] - (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2
+        return sorted(spaces, key=lambda space: -float(np.abs(trunk @ space).max()))
 
     def uneven(self) -> int:
         """A joint that shears what hangs from it; 0 for none."""
