@@ -296,7 +296,7 @@ def read_rig(path: Path) -> Rig:
 
 
 def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
-    """The skeleton with its soles at y = 0: those of its mesh, or else its lowest joint or tip."""
+    """The skeleton with its soles at y = 0: those of the mesh of its feet, or else its lowest joint or tip."""
     bones = skeleton.config.vrm
     if not has_rest_pose(skeleton, bones):
         raise MotionError(
@@ -310,7 +310,11 @@ def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
         tips = [rest[plain.index(name), 1] + tip[1] for name, tip in plain.config.tips.items()]
         low = min([*rest[:, 1].tolist(), *tips])
     else:
-        low = body.vertices[:, 1].min()
+        of_feet = list(feet)
+        for joint, parent in enumerate(plain.parents):
+            of_feet += [joint] if parent in of_feet else []
+        is_foot = body.weights[:, of_feet].sum(1) > 0.5
+        low = body.vertices[is_foot if is_foot.any() else slice(None), 1].min()
     return _on_feet(skeleton, float(rest[feet, 1].min() - low))
 
 
