@@ -118,7 +118,7 @@ def drawn(seed: int) -> Odd:
         odd = replace(odd, baked=_turn([0, angle, 0]) * unit)
     odd = replace(odd, above=tuple(above))
     metre = np.cbrt(abs(np.linalg.det(odd.over[:3, :3] @ odd.baked)))
-    is_precise = bool(np.linalg.norm(odd.over[:3, 3]) < 10 * metre)  # as 32-bit numbers of a mesh in the world are
+    is_precise = bool(np.linalg.norm(odd.over[:3, 3]) < 3 * metre)  # as 32-bit numbers of a mesh in the world are
     return replace(
         odd,
         twists=some(0.4),

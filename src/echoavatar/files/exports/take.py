@@ -49,7 +49,7 @@ def read_take(path: Path, animation: str | None = None) -> Take:
     if path.suffix.lower() in CLIPS:
         return Take(read_gltf_clip(path, animation))
     if path.suffix.lower() != ".npz":
-        raise MotionError(f"{path} is neither .npz, .bvh nor .glb; give what `animate` or `say` wrote")
+        raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; give what `animate` or `say` wrote")
     try:
         stored = arrays_of(path, MotionError)
         motion = _recorded(path, stored) if "names" in stored else motion_of(stored)

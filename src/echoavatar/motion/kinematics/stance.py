@@ -24,7 +24,10 @@ Places = Mapping[str, Float[Array, "3"]]  # of VRM bones, in the rig's unit and 
 UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 10.0, 100.0)  # metres; those that files are written in
 _STATURE = 1.18  # of a body whose legs and trunk, up to the joint of the head, are 1 long
 _ADULT, _ANYONE, _MEAN = (1.3, 2.2), (0.5, 3.0), 1.7  # metres
-_LEANING, _TURNED = 0.94, 0.9994  # cosines of 20 and 2 degrees: as far from its axes a body stands and faces
+_LEANING, _TURNED = (
+    0.94,
+    0.99998,
+)  # cosines of 20 degrees and of a third of one: as far from its axes a body stands and faces
 
 
 class Upright(NamedTuple):
