@@ -53,7 +53,7 @@ def test_a_figure_may_face_between_two_axes(angle: float) -> None:
     np.testing.assert_allclose(stand.rest, about_y(-angle), atol=1e-3)
     places = righted(made, stand._replace(metres=1.0)).pose().positions
     torch.testing.assert_close(places, PERSON.pose().positions, atol=2e-3, rtol=0)
-    assert bool(stand.notes()) == (abs(angle) > 0.1)
+    assert bool(stand.notes(stand.metres)) == (abs(angle) > 0.1)
 
 
 PLACES = {bone: HUMANOID.rest_positions[joint].double().numpy() for bone, joint in HUMANOID.config.vrm.items()}

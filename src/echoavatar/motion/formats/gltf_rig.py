@@ -63,7 +63,7 @@ def read_gltf_rig(path: Path, given: JointMap | None = None, *, is_skinned: bool
         MotionError: the file is missing, damaged, no glTF, has no bones, or its bones are not found.
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
-    with refusing_damage(path):
+    with refusing_damage(path), np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # looked for below
         return _read(path, given, is_skinned)
 
 
@@ -220,14 +220,16 @@ def _rig(
         tops = {node: next((top for top in reversed(above(parents, node)) if top in joints), node) for node in nodes}
         parts = {top: [node for node in nodes if tops[node] == top] for top in joints & set(tops.values())}
         trees = [*sorted(parts.values(), key=lambda part: (-len(part), part)), nodes]
-    found = []
+    found = list[dict[str, int]]()
     for listed in trees:
+        if listed is nodes and found:
+            break
         slot = {node: index for index, node in enumerate(listed)}
         over = [slot.get(parents[node], -1) for node in listed]
         is_mirrored = np.median(np.linalg.det(worlds[listed, :3, :3])) < 0  # by a node above
         tree = Tree([names[node] for node in listed], over, worlds[listed, :3, 3] * [-1 if is_mirrored else 1, 1, 1])
         bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
-        if all(bone in bones for bone in REQUIRED) or (listed is nodes and not found):
+        if all(bone in bones for bone in REQUIRED) or listed is nodes:
             check_bones(tree.names, bones, f"{path}: the rig")
             found.append({bone: listed[joint] for bone, joint in bones.items()})
     known = found[0]
