@@ -58,9 +58,7 @@ def read_take(path: Path, given: JointMap | None = None, animation: str | None =
     if path.suffix.lower() in CLIPS:
         return Take(read_gltf_clip(path, animation, given))
     if given is not None:
-        raise MotionError(
-            f"{path} is no BVH or glTF, and its bones are known; a map is for a BVH or a rig, so leave it out"
-        )
+        raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     if path.suffix.lower() != ".npz":
         raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; give what `animate` or `say` wrote")
     try:

@@ -196,6 +196,8 @@ def _slices(
     arm = rest[bones["leftUpperArm"]]
     is_shoulder = (np.abs(trunk[:, 0]) > CHEST * abs(arm[0])) & (trunk[:, 1] > arm[1] - 0.4 * abs(arm[0]))
     trunk = trunk[~is_shoulder]
+    if not len(trunk):
+        raise MotionError(f"no vertex follows the trunk, and {FEWEST} of a bone are needed; check the weights")
     floors = [float(rest[bones[bone], 1]) for bone in column] + [float(head[:, 1].max())]
     floors[0] = float(np.percentile(trunk[:, 1], 1))
     fits = []
