@@ -26,9 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     listing = kinds.add_parser("list", help="names, lengths and meanings")
-    add = kinds.add_parser("add", help="make an action from a BVH clip of 0.5 to 20 s on any humanoid rig")
+    add = kinds.add_parser("add", help="make an action from a clip of 0.5 to 20 s on any humanoid rig")
     add.add_argument("name", help="letters, digits, underscores; replaces an action of the same name")
-    add.add_argument("clip", type=Path, help="BVH file; begins and ends standing at ease")
+    add.add_argument("clip", type=Path, help="BVH or GLB; begins and ends standing at ease")
+    add.add_argument("--animation", metavar="NAME", help="which one of a GLB (default: the first)")
     add.add_argument(
         "--hold",
         type=float,
@@ -79,14 +80,14 @@ def _list(bundle: str) -> int:
 def _add(args: argparse.Namespace, folder: Path) -> None:
     from echoavatar.engine.pipeline.action_making import action_from_motion, set_from_motion
     from echoavatar.engine.pipeline.runtime import Runtime
+    from echoavatar.files.exports import read_take
     from echoavatar.models.tokenizer import BodyTokenizer
-    from echoavatar.motion.formats import read_bvh
     from echoavatar.motion.formats.joint_map import read_map
 
     library, chunk = _library(folder)
     tokenizer, rig = BodyTokenizer.load(folder / "tokenizer").eval(), Runtime.load(folder).rig
     hold = None if args.hold is None else (args.hold[0], args.hold[1])
-    clip, about = read_bvh(args.clip, read_map(args.map)), args.about
+    clip, about = read_take(args.clip, read_map(args.map), args.animation).motion, args.about
     if rig is None:
         action = action_from_motion(tokenizer, args.name, clip, hold_s=hold, about=about)
     else:

@@ -13,16 +13,18 @@ EXAMPLES = """examples:
   echoavatar export talk.npz -o out.glb --rig me.vrm   your own character with the animation
   echoavatar export clip.bvh -o out.bvh --rig rig.bvh  captured motion on another skeleton
   echoavatar export *.npz -o out/ --format .vrma       each recording into a file of its name
+  echoavatar export pack.glb --animation walk -o walk.bvh   one animation of a character
 
-Recordings are .npz from `animate` or `say`, SMPL motion (.npz), or any BVH of a person. A --map is for the rig; without
---rig, for the BVH.
+Recordings are .npz from `animate` or `say`, SMPL motion (.npz), or any BVH, GLB, VRM or VRMA of a person. A --map is
+for the rig; without --rig, for the recording.
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("recording", type=local_path, nargs="+", metavar="RECORDING", help=".npz or .bvh")
+    parser.add_argument("recording", type=local_path, nargs="+", metavar="RECORDING", help=".npz, .bvh or .glb")
+    parser.add_argument("--animation", metavar="NAME", help="which one of a .glb (default: the first)")
     add_outputs(parser, "recordings")
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
@@ -42,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     batch = Batch(len(places))
     for recording, output in zip(args.recording, places, strict=True):
         with batch.each(recording, output):
-            take = read_take(recording, given if rig is None else None)
+            take = read_take(recording, given if rig is None else None, args.animation)
             write_take(output, take, rig=rig)
             motion = take.motion
             print(f"{output}: {motion.frames} frames at {motion.fps:g} fps, {motion.seconds:.2f} s")

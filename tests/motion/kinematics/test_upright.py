@@ -8,9 +8,10 @@ import pytest
 import torch
 from tests.motion.kinematics.samples import swaying
 
+from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh, write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.upright import UNITS, Stand, measure, of_clip, righted, turned
+from echoavatar.motion.kinematics.upright import UNITS, Stand, axes_of, measure, metres_of, of_clip, righted, turned
 
 PERSON = swaying(4)
 QUARTER = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Y up, facing +Z, becomes Z up, facing -Y
@@ -39,6 +40,42 @@ def test_a_figure_is_turned_upright_and_to_the_front(rest, world, said, tmp_path
     assert (not said) == (not caplog.text)
     torch.testing.assert_close(motion.pose().positions, PERSON.pose().positions, atol=2e-5, rtol=0)
     torch.testing.assert_close(motion.skeleton.offsets[1:], HUMANOID.offsets[1:], atol=2e-5, rtol=0)
+
+
+def about_y(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+
+
+@pytest.mark.parametrize("angle", [0.01, 0.3, 0.8, -2.0])
+def test_a_figure_may_face_between_two_axes(angle: float) -> None:
+    made = turned(PERSON, about_y(angle), about_y(angle))
+    stand = of_clip(made, HUMANOID.config.vrm)
+    np.testing.assert_allclose(stand.rest, about_y(-angle), atol=1e-3)
+    places = righted(made, stand._replace(metres=1.0)).pose().positions
+    torch.testing.assert_close(places, PERSON.pose().positions, atol=2e-3, rtol=0)
+    assert bool(stand.notes(stand.metres)) == (abs(angle) > 0.1)
+
+
+PLACES = {bone: HUMANOID.rest_positions[joint].double().numpy() for bone, joint in HUMANOID.config.vrm.items()}
+
+
+@pytest.mark.parametrize("turn", [STILL, QUARTER, about_y(0.5), np.diag([-1.0, 1, 1]), QUARTER @ np.diag([1.0, 1, -1])])
+def test_the_axes_of_a_figure_are_found_turned_or_mirrored(turn: np.ndarray) -> None:
+    places = {bone: turn @ place for bone, place in PLACES.items()}
+    np.testing.assert_allclose(axes_of(places, [turn]) @ turn, np.eye(3), atol=1e-9)
+
+
+def test_a_figure_in_one_place_has_no_axes() -> None:
+    with pytest.raises(MotionError, match="in one place; pose it"):
+        axes_of({bone: 0 * place for bone, place in PLACES.items()})
+
+
+@pytest.mark.parametrize(
+    ("tall", "stated", "metres"),
+    [(1.7, 1.0, 1.0), (0.6, 1.0, 1.0), (170, 1.0, 0.01), (170, 0.01, 0.01), (5e6, 1.0, None)],
+)
+def test_the_stated_unit_holds_if_it_makes_a_person(tall: float, stated: float, metres: float | None) -> None:
+    assert metres_of(tall, stated) == pytest.approx(1.7 / tall if metres is None else metres)
 
 
 def resized(motion: Motion, size: float) -> Motion:

@@ -10,7 +10,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.ik import BodyProfile, body_of_rig
 from echoavatar.motion.ik.hand_collisions import Body, hand_points
 from echoavatar.motion.kinematics import Skeleton, forward_kinematics
-from echoavatar.motion.kinematics.foot_planting import planted
+from echoavatar.motion.kinematics.foot_planting import sliding
 from echoavatar.motion.kinematics.rigs import bone_map
 
 DIGITS = ("Thumb", "Index", "Middle", "Ring", "Little")
@@ -20,18 +20,8 @@ FINGER_JOINTS = [f"{digit}{part}" for digit in DIGITS for part in ("Proximal", "
 def skate(
     positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
 ) -> float:
-    """Mean horizontal speed of planted feet, centimetres per second; 0 if no foot is ever planted.
-
-    The mean is over all pairs of neighbouring frames in which a foot is planted both times. One still foot and one
-    sliding foot give half the sliding foot's speed.
-    """
-    place = np.asarray(positions, np.float64)
-    is_planted = planted(place, fps, standing_height=standing_height)
-    stays = is_planted[1:] & is_planted[:-1]
-    if not stays.any():
-        return 0.0
-    speed = np.linalg.norm(np.diff(place[..., [0, 2]], axis=0), axis=-1) * fps
-    return float(speed[stays].mean() * 100)
+    """Mean horizontal speed of planted feet (`foot_planting.sliding`), centimetres per second."""
+    return 100 * sliding(positions, fps, standing_height=standing_height)
 
 
 def penetration_depth_m(

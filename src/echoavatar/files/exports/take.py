@@ -10,6 +10,7 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, reorder
 from echoavatar.motion.formats import read_bvh
+from echoavatar.motion.formats.gltf_clip import read_gltf_clip
 from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays, motion_of
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -17,6 +18,8 @@ from echoavatar.motion.kinematics.motion import frame_ratio, resample
 from echoavatar.motion.kinematics.retarget import retarget
 from echoavatar.motion.kinematics.rigs import JointMap
 from echoavatar.timing import SAMPLE_RATE_HZ
+
+CLIPS = (".glb", ".gltf", ".vrm", ".vrma")
 
 
 @dataclass(frozen=True)
@@ -42,18 +45,22 @@ class Take:
         return Take(motion, face, self.audio)
 
 
-def read_take(path: Path, given: JointMap | None = None) -> Take:
-    """The take in a recording: NPZ from `animate` or `say` or of SMPL, or a BVH, whose bones `given` may name.
+def read_take(path: Path, given: JointMap | None = None, animation: str | None = None) -> Take:
+    """The take in a recording: NPZ from `animate` or `say` or of SMPL, or a BVH or glTF, whose bones `given` may name.
+
+    `animation` names one of those in a glTF (GLB, VRM, VRMA); otherwise the first is read.
 
     Raises:
         MotionError: the file is missing, damaged, or of another kind.
     """
     if path.suffix.lower() == ".bvh":
         return Take(read_bvh(path, given))
+    if path.suffix.lower() in CLIPS:
+        return Take(read_gltf_clip(path, animation, given))
     if given is not None:
-        raise MotionError(f"{path} is no BVH, and its bones are known; a map is for a BVH or a rig, so leave it out")
+        raise MotionError(f"{path} has known bones: a map is for a BVH or a rig, so leave it out")
     if path.suffix.lower() != ".npz":
-        raise MotionError(f"{path} is neither .npz nor .bvh; give what `animate` or `say` wrote")
+        raise MotionError(f"{path} is neither .npz nor .bvh nor .glb; give what `animate` or `say` wrote")
     try:
         with NpzArrays(path, MotionError) as packed:
             if is_smpl(packed):

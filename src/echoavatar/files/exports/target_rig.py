@@ -1,12 +1,13 @@
 """The user's character or skeleton (VRM, GLB or BVH): motion is retargeted to it, and written into its own file.
 
-The skeleton stands with its soles at y = 0, wherever the file has its floor. Its rest pose has no rotations; the rest
-rotations of the file's nodes are restored when the file is written. There its animations are replaced, and everything
-else stays. Local rotations are computed from the world rotations of the bones, so the file's own rest rotations and
-scales are respected.
+The skeleton stands with its soles at y = 0 and its hips above the origin, in metres, Y up, facing +Z, whatever place,
+axes and unit its file has. Its rest pose has no rotations. A take is put on the same body in our rest pose and of our
+size (`plain_rig`); so neither rest pose nor size changes a pose. Written into a GLB, it plays where the character
+stands there, and turned, scaled or mirrored as it is. The file's animations are replaced, and everything else stays.
 """
 
-from dataclasses import dataclass
+import logging
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,21 +19,23 @@ from jaxtyping import Float
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.bvh import read_standing
 from echoavatar.motion.formats.gltf_data import refusing_damage
-from echoavatar.motion.formats.gltf_rig import GltfRig, read_gltf_rig, skinned
+from echoavatar.motion.formats.gltf_file import node_matrix, rotation_of, scale_of
+from echoavatar.motion.formats.gltf_rig import GltfRig, Skinned, read_gltf_rig, skinned
 from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measure_body
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
-from echoavatar.motion.kinematics import Motion, Skeleton, SkeletonConfig
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
+from echoavatar.motion.kinematics.alignment import has_rest_pose, leg_length
 from echoavatar.motion.kinematics.motion import align_signs
-from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rigs import JointMap, bone_map, feet_of, is_upright
-from echoavatar.motion.kinematics.rotations import quaternion_from_matrix, quaternion_multiply
-from echoavatar.motion.kinematics.upright import OURS, Stand
+from echoavatar.motion.kinematics.retarget import PlainRig, plain_rig, retarget, with_wrists
+from echoavatar.motion.kinematics.rigs import JointMap, bone_map, feet_of
+from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.motion.kinematics.upright import OURS, Stand, scaled
 
 from ..avatar.gltf import Buffer, Tracks, packed
 from .rig_face import face_on
 from .take import Take
 
-_HALF_TURN = np.diag([-1.0, 1.0, -1.0])  # about Y
+_log = logging.getLogger(__name__)
 Array = np.ndarray
 
 
@@ -55,14 +58,16 @@ def _packed(rig: GltfRig, take: Take) -> bytes:
     buffer.views, buffer.accessors = (list(document.get(key, [])) for key in ("bufferViews", "accessors"))
     tracks = Tracks(buffer, take.motion.frames, take.motion.fps)
     rotations, hips = file_rotations(rig, take.motion)
-    rest = file_rotations(rig, Motion.at_rest(take.motion.skeleton))[0][0]
     mapped = set(take.motion.skeleton.config.vrm.values())
     for joint, node in enumerate(rig.order):
-        is_moving = bool((np.abs((rotations[:, joint] * rest[joint]).sum(-1)) < 1 - 1e-7).any())
+        entry = document["nodes"][node]
+        is_moving = bool((np.abs(rotations[:, joint] @ rotation_of(entry)) < 1 - 1e-7).any())
         if joint in mapped or is_moving:
-            _split_matrix(document["nodes"][node])
-            tracks.add(node, "rotation", rotations[:, joint][:, [1, 2, 3, 0]])
+            _split_matrix(entry)
+            tracks.add(node, "rotation", rotations[:, joint])
     tracks.add(rig.order[0], "translation", hips)
+    if document.get("animations"):
+        _log.warning("%s: its %d animations are left out", rig.path, len(document["animations"]))
     if take.face is not None:
         for node, weights in face_on(rig.path, document, take.face).items():
             tracks.add(node, "weights", weights.reshape(-1))
@@ -71,50 +76,37 @@ def _packed(rig: GltfRig, take: Take) -> bytes:
 
 
 def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"], Float[Array, "t 3"]]:
-    """Local rotations (wxyz) of the file's nodes, and the local position of its hips.
+    """Local rotations (xyzw) of the file's nodes, and the local position of its hips.
 
-    The skeleton's rotations are relative to a rest pose without rotations: between them stand those of the file's node
-    and of its parent at rest.
+    The skeleton's rotations are relative to a rest pose without rotations. Before and after each of them stand the axes
+    of the node above and of the node itself in that pose; a node's own scale may mirror it.
     """
-    local = motion.rotations.astype(np.float64)
-    root = motion.root.astype(np.float64)
-    if rig.is_turned:
-        local *= [1, -1, 1, -1]
-        root = root @ _HALF_TURN
-    for joint, node in enumerate(rig.order):
-        parent = rig.parents[node]
-        above = _rotation(rig.worlds[parent]) if parent >= 0 else np.eye(3)
-        before, after = (quaternion_from_matrix(torch.from_numpy(m)) for m in (above.T, _rotation(rig.worlds[node])))
-        turned = quaternion_multiply(torch.from_numpy(local[:, joint]), after)
-        local[:, joint] = quaternion_multiply(before, turned).numpy()
-
-    over = rig.parents[rig.order[0]]
-    if over >= 0:
-        inverse = np.linalg.inv(rig.worlds[over])
-        root = root @ inverse[:3, :3].T + inverse[:3, 3]
-    return align_signs(local), root
+    above = np.concatenate([rig.turn[None], rig.frames[list(motion.skeleton.parents[1:])]])
+    signs = [np.sign(scale_of(rig.document["nodes"][node])) for node in rig.order]
+    local = above.swapaxes(-1, -2) @ motion.matrices().double().numpy() @ (rig.frames * np.array(signs)[:, None])
+    rotations = align_signs(quaternion_from_matrix(torch.from_numpy(local)).numpy())
+    root = (motion.root.astype(np.float64) - _standing_place(rig, motion.skeleton)) @ rig.turn / rig.unit
+    return rotations[..., [1, 2, 3, 0]], root
 
 
-def _rotation(matrix: Float[Array, "4 4"]) -> Float[Array, "3 3"]:
-    """The rotation in a node's world matrix, without its scale."""
-    u, _, v = np.linalg.svd(matrix[:3, :3])
-    rotation: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    return rotation
+def _standing_place(rig: GltfRig, skeleton: Skeleton) -> Float[Array, "3"]:
+    """Our place of the origin of the hips' space in the file, where its feet are on its own floor."""
+    bones, rest = skeleton.config.vrm, skeleton.rest_positions.double().numpy()
+    feet = [bones["leftFoot"], bones["rightFoot"]]
+    floor = min(rig.place(rig.order[foot])[1] for foot in feet) - rest[feet, 1].min()
+    place: Array = -rig.place(rig.order[0]) * [1, 0, 1] - [0, floor, 0]
+    return place
 
 
 def _split_matrix(node: dict[str, Any]) -> None:
     """Write a node's matrix as translation, rotation and scale: glTF forbids animating a node with a matrix."""
-    if "matrix" not in node:
-        return
-    matrix = np.array(node.pop("matrix"), np.float64).reshape(4, 4).T
-    rotation = quaternion_from_matrix(torch.from_numpy(_rotation(matrix))).numpy()
-    node["translation"] = matrix[:3, 3].tolist()
-    node["rotation"] = rotation[[1, 2, 3, 0]].tolist()
-    node["scale"] = np.linalg.norm(matrix[:3, :3], axis=0).tolist()
+    if "matrix" in node:
+        parts = {"translation": node_matrix(node)[:3, 3], "rotation": rotation_of(node), "scale": scale_of(node)}
+        node |= {name: values.tolist() for name, values in parts.items()}
+        del node["matrix"]
 
 
 GLTF, BVH = (".vrm", ".glb", ".gltf"), ".bvh"
-_SMALLEST, _LARGEST = 0.2, 20.0  # metres from sole to hips
 
 
 @dataclass(frozen=True)
@@ -132,51 +124,72 @@ class Rig:
         Raises:
             MotionError: the names of the take's joints are not known.
         """
-        motion, body, (trunk, kept) = take.motion, self.body, self._trunk
-        moved = keep_hands_on_body(motion, retarget(motion, trunk), body_of_rig(motion.skeleton), body)
+        motion, plain = with_wrists(take.motion), self._plain
+        if has_rest_pose(motion.skeleton, bone_map(motion.skeleton)):
+            motion = plain_rig(motion.skeleton).of_own(motion)
+        moved = retarget(motion, plain.skeleton)
+        moved = keep_hands_on_body(motion, moved, body_of_rig(motion.skeleton), self._plain_body)
         moved = keep_hands_together(motion, moved)
         rotations = moved.rotations[None].copy()
-        HandCollisions(trunk, body).resolve(rotations)
+        HandCollisions(plain.skeleton, self._plain_body).resolve(rotations)
+        moved = plain.to_own(replace(moved, rotations=rotations[0]), plain.skeleton)
         whole = np.tile(np.array([1, 0, 0, 0], np.float32), (motion.frames, self.skeleton.joints, 1))
-        whole[:, kept] = rotations[0]
-        return Take(Motion(self.skeleton, whole, moved.root, moved.fps), take.face, take.audio)
+        whole[:, self._kept] = moved.rotations
+        return Take(Motion(self.skeleton, whole, self._size * moved.root, moved.fps), take.face, take.audio)
 
     @cached_property
-    def _trunk(self) -> tuple[Skeleton, list[int]]:
-        """The joints from the root to every known bone as a skeleton, and their places in the rig's.
+    def _kept(self) -> list[int]:
+        """The joints from the root to every known bone.
 
         The others, such as those of hair and skirts, rest on their parents: nothing is computed for them.
         """
         config, kept = self.skeleton.config, set[int]()
-        for joint in (*bone_map(self.skeleton).values(), *config.feet):
+        for joint in (*config.vrm.values(), *config.feet):
             while joint >= 0 and joint not in kept:
                 kept.add(joint)
                 joint = config.parents[joint]
-        order = sorted(kept)
-        slot = {joint: place for place, joint in enumerate(order)}
-        names = [config.names[joint] for joint in order]
-        trunk = SkeletonConfig(
-            names=tuple(names),
-            parents=tuple(slot.get(config.parents[joint], -1) for joint in order),
-            offsets=tuple(config.offsets[joint] for joint in order),
-            feet=tuple(slot[joint] for joint in config.feet),
-            tips={name: tip for name, tip in config.tips.items() if name in names},
-            vrm={bone: slot[joint] for bone, joint in bone_map(self.skeleton).items()},
-        )
-        return Skeleton(trunk), order
+        return sorted(kept)
 
     @cached_property
-    def body(self) -> BodyProfile:
-        """The body's thickness, measured on the mesh, or estimated from the bones where there is no mesh."""
-        estimated = body_of_rig(self.skeleton)
+    def _size(self) -> float:
+        """How many times as long as ours the legs are."""
+        return leg_length(self.skeleton, self.skeleton.config.vrm) / leg_length(HUMANOID, HUMANOID.config.vrm)
+
+    @cached_property
+    def _plain(self) -> PlainRig:
+        """The kept joints in our rest pose, with legs as long as ours."""
+        config, slot = self.skeleton.config, {joint: place for place, joint in enumerate(self._kept)}
+        names = [config.names[joint] for joint in self._kept]
+        trunk = SkeletonConfig(
+            names=tuple(names),
+            parents=tuple(slot.get(config.parents[joint], -1) for joint in self._kept),
+            offsets=tuple(config.offsets[joint] for joint in self._kept),
+            feet=tuple(slot[joint] for joint in config.feet),
+            tips={name: tip for name, tip in config.tips.items() if name in names},
+            vrm={bone: slot[joint] for bone, joint in config.vrm.items()},
+        )
+        plain, bones = plain_rig(Skeleton(trunk)), config.vrm
+        ankles = float(self.skeleton.rest_positions[[bones["leftFoot"], bones["rightFoot"]], 1].min())
+        return PlainRig(scaled(_on_feet(plain.skeleton, ankles), 1 / self._size), plain.turns)
+
+    @cached_property
+    def _plain_body(self) -> BodyProfile:
+        """The thickness of `_plain`, measured on the mesh, or estimated from the bones where there is no mesh."""
+        estimated = body_of_rig(self._plain.skeleton)
         if self.gltf is None:
             return estimated
         try:
-            measured = measure_body(self.gltf.skeleton, *skinned(self.gltf)[1:])
+            skeleton, vertices, weights = skinned(self.gltf)
+            measured = measure_body(scaled(skeleton, 1 / self._size), vertices / np.float32(self._size), weights)
         except MotionError:
             return estimated
         known = {part.bone: part for part in (*estimated.parts, *measured.parts)}
         return estimated.model_copy(update={"parts": tuple(known.values())})
+
+    @cached_property
+    def body(self) -> BodyProfile:
+        """The body's thickness, metres."""
+        return self._plain_body.scaled(self._size)
 
 
 def read_rig(path: Path, given: JointMap | None = None) -> Rig:
@@ -188,38 +201,45 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
     suffix = path.suffix.lower()
     if suffix in GLTF:
         gltf = read_gltf_rig(path, given)
-        low = float(skinned(gltf).vertices[:, 1].min())
-        return Rig(path, _standing(gltf.skeleton, low, path), gltf)
-    if suffix == BVH:
-        motion, stand = read_standing(path, given)
-        return Rig(path, _standing(motion.skeleton, _lowest(motion.skeleton), path), None, stand)
-    raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb, .gltf) or a skeleton (.bvh)")
-
-
-def _lowest(skeleton: Skeleton) -> float:
-    """Height of the lowest joint or tip, metres."""
-    rest = skeleton.rest_positions.numpy()
-    tips = [rest[skeleton.index(name), 1] + tip[1] for name, tip in skeleton.config.tips.items()]
-    return float(min([*rest[:, 1].tolist(), *tips]))
-
-
-def _standing(skeleton: Skeleton, low: float, path: Path) -> Skeleton:
-    """The skeleton raised or lowered so that the height `low` becomes 0, with bone map and feet filled in."""
+        return Rig(path, _standing(path, gltf.skeleton, skinned(gltf)), gltf)
+    if suffix != BVH:
+        raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb, .gltf) or a skeleton (.bvh)")
+    motion, stand = read_standing(path, given)
+    config = motion.skeleton.config
     try:
-        bones = bone_map(skeleton)
+        bones = bone_map(motion.skeleton)
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
-    config = skeleton.config
-    offsets = np.array(config.offsets)
-    offsets[0, 1] -= low
-    feet = config.feet or tuple(feet_of(bones))
-    placed = Skeleton(
-        config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "vrm": bones, "feet": feet})
-    )
-    hips = float(placed.rest_positions[bones["hips"], 1])
-    if not is_upright(placed, bones) or not _SMALLEST < hips < _LARGEST:
+    known = config.model_copy(update={"vrm": bones, "feet": config.feet or tuple(feet_of(bones))})
+    return Rig(path, _standing(path, Skeleton(known), None), None, stand)
+
+
+def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
+    """The skeleton with its soles at y = 0: those of the mesh of its feet, or else its lowest joint or tip."""
+    bones = skeleton.config.vrm
+    if not has_rest_pose(skeleton, bones):
         raise MotionError(
-            f"{path}: its rest pose does not stand upright (Y up, hips {hips:.2f} m above the"
-            " floor); export it standing, in metres (BVH: in centimetres)"
+            f"{path}: its rest pose is no body's that stands or sits upright, with its head over its hips and its feet"
+            " below; export it standing"
         )
-    return placed
+    plain = plain_rig(skeleton).skeleton if body is None else body.skeleton
+    rest = plain.rest_positions.numpy()
+    feet = [bones["leftFoot"], bones["rightFoot"]]
+    if body is None:
+        tips = [rest[plain.index(name), 1] + tip[1] for name, tip in plain.config.tips.items()]
+        low = min([*rest[:, 1].tolist(), *tips])
+    else:
+        of_feet = list(feet)
+        for joint, parent in enumerate(plain.parents):
+            of_feet += [joint] if parent in of_feet else []
+        is_foot = body.weights[:, of_feet].sum(1) > 0.5
+        low = body.vertices[is_foot if is_foot.any() else slice(None), 1].min()
+    return _on_feet(skeleton, float(rest[feet, 1].min() - low))
+
+
+def _on_feet(skeleton: Skeleton, ankles: float) -> Skeleton:
+    """The skeleton with its hips above the origin, its lower ankle so far above the floor (metres)."""
+    bones, config = skeleton.config.vrm, skeleton.config
+    rest = skeleton.rest_positions[:, 1].double()
+    root = rest[0] - rest[[bones["leftFoot"], bones["rightFoot"]]].min() + ankles
+    return Skeleton(config.model_copy(update={"offsets": ((0.0, float(root), 0.0), *config.offsets[1:])}))

@@ -13,11 +13,10 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, LIVE_LINK_NAMES, VRM_NAMES, to_live_link, to_vrm
-from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.motion import align_signs
-from echoavatar.motion.kinematics.retarget import retarget
+from echoavatar.motion.kinematics.retarget import plain_rig
 from echoavatar.motion.kinematics.rigs import bone_map
-from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 
 from ..avatar.gltf import Buffer, Tracks, packed
 from .rig_face import expression_weights
@@ -76,17 +75,7 @@ def pack_vrma(take: Take, avatar: dict[str, Any] | None = None) -> bytes:
 
 def in_t_pose(motion: Motion) -> Motion:
     """The same motion on a skeleton of the same body that rests in T-pose, which the format requires."""
-    skeleton = motion.skeleton
-    stands = retarget(Motion.at_rest(HUMANOID), skeleton, has_footing=False).pose()
-    places, turns = stands.positions[0].numpy(), stands.rotations[0].double()
-    parents = np.array(skeleton.parents)
-    offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
-    rest = skeleton.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist())), "tips": {}})
-    world = motion.pose().rotations.double() @ turns.transpose(-1, -2)
-    local = world.clone()
-    local[:, 1:] = world[:, parents[1:]].transpose(-1, -2) @ world[:, 1:]
-    rotations = quaternion_from_matrix(local).numpy().astype(np.float32)
-    return Motion(Skeleton(rest), rotations, motion.root, motion.fps)
+    return plain_rig(motion.skeleton).of_own(motion)
 
 
 def _xyzw(wxyz: Float[np.ndarray, "t 4"]) -> Float[np.ndarray, "t 4"]:

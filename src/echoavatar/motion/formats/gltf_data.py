@@ -212,7 +212,8 @@ def _elements(document: dict[str, Any], binary: Binary, place: dict[str, Any], k
 
 def _scaled(values: Array, accessor: dict[str, Any]) -> Float[Array, "n c"]:
     """Integers that stand for -1 to 1 as these."""
-    found = values.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # what is no number is looked for by those who need one
+        found = values.astype(np.float64)
     if not accessor.get("normalized"):
         return found
     return np.maximum(found / np.iinfo(_TYPES[accessor["componentType"]]).max, -1)

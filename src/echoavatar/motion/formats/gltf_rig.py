@@ -1,29 +1,37 @@
 """Read the rig of a character from a GLB or VRM file, and its skinned mesh as `measure_body` needs it.
 
 Bones are found by the humanoid map of VRM 1.0 or 0.x, or in a plain GLB as `kinematics.rigs` finds them. The rig is the
-subtree of the hips in the file's rest pose. It becomes a skeleton whose rest pose has no rotations, in metres, Y
-up, rotated to face +Z. Vertices are skinned in the same pose.
+subtree of the hips. It is measured in the space in which the hips move, so nothing above them matters: an armature
+may be moved, turned, scaled or mirrored. It becomes a skeleton whose rest pose has no rotations, in metres, Y up,
+facing +Z, its hips above the origin. That pose is the one in which the mesh was bound to the bones, if the file says
+so, because the nodes may stand in the middle of an animation; or else the nodes' own.
 """
 
+import logging
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from echoavatar.errors import MotionError
-from echoavatar.limits import DEPTH, JOINTS, NODES, PRIMITIVES, SKIN_JOINTS, VERTICES
+from echoavatar.limits import JOINTS, PRIMITIVES, SKIN_JOINTS, VERTICES
 
 from ..kinematics import Skeleton, SkeletonConfig
+from ..kinematics.alignment import has_rest_pose
+from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import REQUIRED, JointMap, Tree, check_bones, feet_of, find_bones
-from ..kinematics.rotations import matrix_from_quaternion
-from .gltf_data import Binary, attribute, read_accessor, read_chunks, refusing_damage
+from ..kinematics.upright import axes_of, height, metres_of
+from .gltf_data import Binary, attribute, read_chunks, refusing_damage
+from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
 
 Array = np.ndarray
+_SAME = 0.02  # radians, about: as far apart two poses are one
+_log = logging.getLogger(__name__)
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
+_EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
 
 
 class GltfRig(NamedTuple):
@@ -34,119 +42,212 @@ class GltfRig(NamedTuple):
     binary: Binary
     order: list[int]  # the node of each joint of the skeleton
     parents: dict[int, int]  # the parent of every node, -1 for the topmost
-    worlds: list[Float[Array, "4 4"]]  # world matrix of every node at rest, in the file's axes
+    matrices: Float[Array, "n 4 4"]  # of every node, as the nodes stand, in the space in which the hips move
     skeleton: Skeleton
-    is_turned: bool  # whether the file faces -Z, so that the skeleton was rotated by 180 degrees about Y
+    frames: Float[Array, "j 3 3"]  # the axes of each joint's node while the skeleton rests; they may be mirrored
+    turn: Float[Array, "3 3"]  # from the axes of the hips' space to ours; it may mirror
+    unit: float  # metres in a unit of the hips' space
+
+    def place(self, node: int) -> Float[Array, "3"]:
+        """Where a node stands in the file, metres in our axes, from the origin of the hips' space."""
+        place: Array = self.unit * self.turn @ self.matrices[node][:3, 3]
+        return place
 
 
-def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
-    """Read a glTF file of a character; `given` is the user's map of its bones.
+def read_gltf_rig(path: Path, given: JointMap | None = None, *, is_skinned: bool = True) -> GltfRig:
+    """Read a glTF file of a character; one that only serves as motion needs no skin.
+
+    `given` is the user's map of its bones.
 
     Raises:
         MotionError: the file is missing, damaged, no glTF, has no bones, or its bones are not found.
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
-    with refusing_damage(path):
-        return _read(path, given)
+    with refusing_damage(path), np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # looked for below
+        return _read(path, given, is_skinned)
 
 
-def _read(path: Path, given: JointMap | None) -> GltfRig:
+def _read(path: Path, given: JointMap | None, is_skinned: bool) -> GltfRig:
     document, binary = read_chunks(path)
-    if not document.get("skins") and not _humanoid(document):
+    if is_skinned and not document.get("skins") and not _humanoid(document):
         raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
-    parents = _parents(document["nodes"])
-    worlds: list[Array] = [np.eye(4)] * len(parents)
-    for node, parent in parents.items():
-        local = _local(document["nodes"][node])
-        worlds[node] = local if parent < 0 else worlds[parent] @ local
+    parents = parents_of(document["nodes"])
+    worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
     order, bones, names = _rig(document, parents, worlds, path, given)
+    spaces = [*(worlds[node] for node in above(parents, order[0])), np.eye(4)]
+    try:
+        matrices = np.linalg.inv(spaces[0]) @ worlds
+    except np.linalg.LinAlgError as error:
+        raise MotionError(f"{path}: a node above its hips is scaled to nothing; scale it") from error
+    if not np.isfinite(matrices).all():
+        raise ValueError("nodes in places that are not finite")
     slot = {node: index for index, node in enumerate(order)}
-    places = np.array([worlds[node][:3, 3] for node in order])
-    is_turned = bool(places[bones["leftUpperArm"], 0] < places[bones["rightUpperArm"], 0])  # as VRM 0.x does
-    if is_turned:
-        places = places * [-1, 1, -1]
-    offsets = [
-        place - (places[slot[parents[node]]] if index else 0)
-        for index, (node, place) in enumerate(zip(order, places, strict=True))
-    ]
-    config = SkeletonConfig(
-        names=names,
-        parents=tuple(-1 if not index else slot[parents[node]] for index, node in enumerate(order)),
-        offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
-        feet=tuple(feet_of(bones)),
-        vrm=bones,
-    )
-    return GltfRig(path, document, binary, order, parents, worlds, Skeleton(config), is_turned)
+    layout = _Layout(matrices[order], [-1, *(slot[parents[node]] for node in order[1:])], bones)
+    if uneven := layout.uneven():
+        raise MotionError(
+            f"{path}: {names[uneven]} is scaled by more in one direction than in another, so what hangs from it would"
+            " be sheared when it moves; apply its scale and export it again"
+        )
+    bound = _bound(document, binary, order, layout)
+    axes = [unscaled(np.linalg.inv(spaces[0]) @ space) for space in spaces]
+    scale = float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
+    try:
+        turn = layout.axes(layout.stands, axes if bound is None else [*axes, bound.axes])
+        poses = []
+        if bound is not None and np.abs(bound.frames - layout.stands).max() > _SAME:
+            spaces = layout.nearest([bound.axes, *axes], bound.frames)
+            poses.append(layout.axes(bound.frames, spaces) @ bound.frames)
+    except MotionError as error:
+        raise MotionError(f"{path}: {error}") from error
+    unit = metres_of(height(bones, matrices[order, :3, 3]), scale)
+    for frames in [*poses, turn @ layout.stands]:
+        offsets = unit * layout.steps(frames)
+        offsets[0] = [0, (unit * turn @ matrices[order[0]][:3, 3])[1], 0]
+        config = SkeletonConfig(
+            names=names,
+            parents=tuple(layout.parents),
+            offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
+            feet=tuple(feet_of(bones)),
+            vrm=bones,
+        )
+        if has_rest_pose(skeleton := Skeleton(config), bones):
+            break
+    return GltfRig(path, document, binary, order, parents, matrices, skeleton, frames, turn, unit)
 
 
-def _parents(nodes: list[dict[str, Any]]) -> dict[int, int]:
-    """Each node's parent (-1 for none), parents first. Raises for missing nodes, two parents of one, and cycles."""
-    if len(nodes) > NODES:
-        raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
-    parents = dict.fromkeys(range(len(nodes)), -1)
-    for index, entry in enumerate(nodes):
-        for child in entry.get("children", []):
-            if parents[child] >= 0:
-                raise ValueError(f"node {child} has two parents")
-            parents[child] = index
-    depths = dict.fromkeys([node for node, parent in parents.items() if parent < 0], 0)
-    below = list(depths)
-    for node in below:
-        for child in nodes[node].get("children", []):
-            depths[child] = depths[node] + 1
-            below.append(child)
-    if len(depths) < len(nodes):
-        raise ValueError("a node is among its own parents")
-    if max(depths.values()) > DEPTH:
-        raise ValueError(f"nodes are more than {DEPTH} deep")
-    return {node: parents[node] for node in below}
+class _Layout:
+    """How the joints of a rig lie in the space in which the hips move."""
+
+    def __init__(self, matrices: Float[Array, "j 4 4"], parents: list[int], bones: dict[str, int]) -> None:
+        self.parents, self.bones, self.matrices = parents, bones, matrices
+        self.stands = unscaled(matrices)
+        places = matrices[:, :3, 3]
+        steps = places - places[parents]
+        self._steps = np.einsum("jab,ja->jb", self.stands[parents], steps)  # in the axes of the joint above
+        self.core = set[int]()  # the known bones and what they hang from
+        for joint in bones.values():
+            while joint >= 0 and joint not in self.core:
+                self.core.add(joint)
+                joint = parents[joint]
+
+    def steps(self, frames: Float[Array, "j 3 3"]) -> Float[Array, "j 3"]:
+        """From the joint above to each joint, if the joints were turned so; nothing for the hips."""
+        steps: Array = np.einsum("jab,jb->ja", frames[self.parents], self._steps)
+        steps[0] = 0
+        return steps
+
+    def places(self, frames: Float[Array, "j 3 3"]) -> dict[str, Float[Array, "3"]]:
+        """Where the bones would be from the hips."""
+        places = self.steps(frames)
+        for joint, parent in enumerate(self.parents[1:], start=1):
+            places[joint] += places[parent]
+        return {bone: places[joint] for bone, joint in self.bones.items()}
+
+    def axes(self, frames: Float[Array, "j 3 3"], spaces: list[Float[Array, "3 3"]]) -> Float[Array, "3 3"]:
+        """The matrix from the axes of `frames` to ours."""
+        return axes_of(self.places(frames), spaces, mirrored=bool(np.linalg.det(frames[0]) < 0))
+
+    def nearest(self, spaces: list[Float[Array, "3 3"]], frames: Float[Array, "j 3 3"]) -> list[Float[Array, "3 3"]]:
+        """The spaces, those first along an axis of which the trunk stands best."""
+        places = self.places(frames)
+        trunk = places["head"] - (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2
+        return sorted(spaces, key=lambda space: -float(np.abs(trunk @ space).max()))
+
+    def uneven(self) -> int:
+        """A joint that shears what hangs from it; 0 for none."""
+        above = [self.parents[joint] for joint in self.bones.values() if joint]
+        sizes = np.linalg.svd(self.matrices[above, :3, :3], compute_uv=False)
+        return next((at for at, size in zip(above, sizes, strict=True) if size[0] > _EVEN * size[2]), 0)
 
 
-def _local(node: dict[str, Any]) -> Array:
-    """A node's matrix, relative to its parent."""
-    if "matrix" in node:
-        return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
-    rotation = matrix_from_quaternion(torch.from_numpy(np.array([w, x, y, z], np.float64))).numpy()
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)))
-    matrix[:3, 3] = node.get("translation", (0, 0, 0))
-    return matrix
+class _Bound(NamedTuple):
+    """The pose in which a mesh was bound to its bones, the hips as they stand."""
+
+    frames: Float[Array, "j 3 3"]  # the axes of the joints
+    axes: Float[Array, "3 3"]  # those in which the mesh was made
+
+
+def _bound(document: dict[str, Any], binary: Binary, order: list[int], layout: _Layout) -> _Bound | None:
+    """The bind pose of the first skin that has a body's bones; None if the file does not say which it was.
+
+    Joints that no known bone hangs from keep to the one above as their nodes do.
+    """
+    required = {order[layout.bones[bone]] for bone in REQUIRED}
+    stands, parents = layout.stands, layout.parents
+    for number, skin in enumerate(document.get("skins", [])):
+        if "inverseBindMatrices" not in skin or not required <= set(skin["joints"]):
+            continue
+        inverse = dict(zip(skin["joints"], binds_of(document, binary, number), strict=True))
+        to_hips = layout.matrices[0] @ inverse[order[0]]  # from the space of the mesh to that of the hips
+        known = {joint: inverse[order[joint]] for joint in layout.core if order[joint] in inverse}
+        if not all(np.isfinite(bind).all() and np.linalg.det(bind) for bind in known.values()):
+            continue
+        places = {joint: to_hips @ np.linalg.inv(bind) for joint, bind in known.items()}
+        frames = stands.copy()
+        for joint, parent in enumerate(parents[1:], start=1):
+            turn = stands[parent].T @ stands[joint]
+            frames[joint] = unscaled(places[joint]) if joint in places else frames[parent] @ turn
+        steps = layout.steps(frames)
+        for joint in places.keys() - {0}:  # bones must point where they did, and be mirrored as they were
+            step = (places[joint] - places.get(parents[joint], places[joint]))[:3, 3]
+            if step @ steps[joint] < 0.98 * np.linalg.norm(step) * np.linalg.norm(steps[joint]):
+                break
+            if np.linalg.det(frames[joint] @ stands[joint]) < 0:
+                break
+        else:
+            return _Bound(frames, unscaled(to_hips))
+    return None
 
 
 def _rig(
-    document: dict[str, Any], parents: dict[int, int], worlds: list[Array], path: Path, given: JointMap | None
+    document: dict[str, Any], parents: dict[int, int], worlds: Float[Array, "n 4 4"], path: Path, given: JointMap | None
 ) -> tuple[list[int], dict[str, int], tuple[str, ...]]:
     """Nodes of the rig, hips first and parents before children; the index of each bone in that list; their names."""
-    if (entries := sum(len(skin["joints"]) for skin in document.get("skins", []))) > SKIN_JOINTS:
+    skins, mapped, kept = document.get("skins", []), _humanoid(document), set[int]()
+    if (entries := sum(len(skin["joints"]) for skin in skins)) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
-    mapped, kept = _humanoid(document), set[int]()
-    for node in [*(joint for skin in document.get("skins", []) for joint in skin["joints"]), *mapped.values()]:
+    joints = {node for skin in skins for node in skin["joints"]} or (set() if mapped else set(parents))
+    for node in joints | set(mapped.values()):
         while node >= 0 and node not in kept:
             kept.add(node)
             node = parents[node]
     if len(kept) > JOINTS:
         raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
     nodes = [node for node in parents if node in kept]  # parents first
-    place, names = {node: index for index, node in enumerate(nodes)}, _names(document["nodes"], nodes)
-    tree = Tree(names, [place.get(parents[node], -1) for node in nodes], np.array([worlds[n][:3, 3] for n in nodes]))
-    found = find_bones(tree, given, {bone: place[node] for bone, node in mapped.items()})
-    check_bones(names, found, f"{path}: the rig")
-    known = {bone: nodes[joint] for bone, joint in found.items()}
+    names = dict(zip(nodes, _names(document["nodes"], nodes), strict=True))
+    trees: list[list[int]] = [nodes]
+    if not mapped and not given:  # of several characters, the largest
+        tops = {node: next((top for top in reversed(above(parents, node)) if top in joints), node) for node in nodes}
+        parts = {top: [node for node in nodes if tops[node] == top] for top in joints & set(tops.values())}
+        trees = [*sorted(parts.values(), key=lambda part: (-len(part), part)), nodes]
+    found = list[dict[str, int]]()
+    for listed in trees:
+        if listed is nodes and found:
+            break
+        slot = {node: index for index, node in enumerate(listed)}
+        over = [slot.get(parents[node], -1) for node in listed]
+        is_mirrored = np.median(np.linalg.det(worlds[listed, :3, :3])) < 0  # by a node above
+        tree = Tree([names[node] for node in listed], over, worlds[listed, :3, 3] * [-1 if is_mirrored else 1, 1, 1])
+        bones = find_bones(tree, given, {bone: slot[node] for bone, node in mapped.items()})
+        if all(bone in bones for bone in REQUIRED) or listed is nodes:
+            check_bones(tree.names, bones, f"{path}: the rig")
+            found.append({bone: listed[joint] for bone, joint in bones.items()})
+    known = found[0]
+    if len({bones["hips"] for bones in found}) > 1:
+        _log.warning("%s holds several characters; the one with the hips %r is read", path, names[known["hips"]])
     order = [known["hips"]]
     for node in order:
         order += [child for child in document["nodes"][node].get("children", []) if child in kept]
     slot = {node: index for index, node in enumerate(order)}
     if apart := [bone for bone in REQUIRED if known[bone] not in slot]:
         raise MotionError(f"{path}: its {apart[0]} does not hang from its hips; check the nodes' children")
-    bones = {bone: slot[node] for bone, node in known.items() if node in slot}
-    return order, bones, tuple(names[place[node]] for node in order)
+    return order, {bone: slot[node] for bone, node in known.items() if node in slot}, tuple(names[n] for n in order)
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:
     extensions = document.get("extensions", {})
-    if "VRMC_vrm" in extensions:
-        bones = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
+    if own := extensions.keys() & {"VRMC_vrm", "VRMC_vrm_animation"}:
+        bones = extensions[own.pop()]["humanoid"]["humanBones"]
         return {bone: int(entry["node"]) for bone, entry in bones.items()}
     if "VRM" in extensions:
         found: dict[str, int] = {}
@@ -164,7 +265,7 @@ def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
 
 
 class Skinned(NamedTuple):
-    """A character in its rest pose."""
+    """A character in our rest pose, in metres, its hips above the origin."""
 
     skeleton: Skeleton
     vertices: Float[Array, "v 3"]
@@ -182,54 +283,69 @@ def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
 
 
 def skinned(rig: GltfRig) -> Skinned:
-    """The character in a file whose rig has been read.
+    """The character in a file whose rig has been read, in our rest pose, as `plain_rig` gives it.
 
     Raises:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
-    slot = {node: index for index, node in enumerate(rig.order)}
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
-        places, weights = _skin(rig.document, rig.binary, rig.worlds, rig.parents, slot)
-        vertices = places * np.array([-1, 1, -1] if rig.is_turned else 1, np.float32)
+        plain = plain_rig(rig.skeleton)
+        vertices, weights = _skin(rig, _moves(rig, plain))
         if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
             raise ValueError("vertices or weights that are not finite")
-    return Skinned(rig.skeleton, vertices, weights)
+    return Skinned(plain.skeleton, vertices, weights)
 
 
-def _skin(
-    document: dict[str, Any], binary: Binary, worlds: list[Array], parents: dict[int, int], slot: dict[int, int]
-) -> tuple[Float[Array, "v 3"], csr_array]:
+def _moves(rig: GltfRig, plain: PlainRig) -> Float[Array, "j 4 4"]:
+    """For each joint, the matrix that takes what hangs from it out of the hips' space into our rest pose."""
+    stands = rig.matrices[rig.order]
+    moves = np.tile(np.eye(4), (len(stands), 1, 1))
+    turns = plain.turns.numpy().swapaxes(-1, -2) @ rig.frames @ unscaled(stands).swapaxes(-1, -2)
+    moves[:, :3, :3] = rig.unit * turns
+    spots = plain.skeleton.rest_positions.double().numpy()
+    moves[:, :3, 3] = spots - (moves[:, :3, :3] @ stands[:, :3, 3:])[..., 0]
+    return moves
+
+
+def _skin(rig: GltfRig, moves: Float[Array, "j 4 4"]) -> tuple[Float[Array, "v 3"], csr_array]:
     """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints.
 
-    Where no mesh is skinned, the parts hang on the bones as they are.
+    Where no mesh is skinned, the parts hang on the bones as they are. What hangs mostly from nodes of another tree,
+    such as those of a second character, is left out.
     """
-    owner = _owners(parents, slot)
+    document, binary, owner = rig.document, rig.binary, _owners(rig)
     skins: dict[int, tuple[Array, Array]] = {}
     vertices, owners, shares = [], [], []
     for node, skin, part in _drawn(document):
         places = attribute(document, binary, part, "POSITION")
         if skin is None:
             joints, share = np.zeros((len(places), 4), int), np.tile([1.0, 0, 0, 0], (len(places), 1))
-            moves, known = worlds[node][None], np.array([owner[node]], np.int32)
+            known = np.array([owner[node]], np.int32)
+            placed = moves[known] @ rig.matrices[[node]]
         else:
             if skin not in skins:
                 bones = document["skins"][skin]["joints"]
-                moves = np.array([worlds[joint] for joint in bones]) @ _binds(document, binary, skin)
-                skins[skin] = moves, np.array([owner[joint] for joint in bones], np.int32)
-            moves, known = skins[skin]
+                known = np.array([owner[joint] for joint in bones], np.int32)
+                skins[skin] = moves[known] @ rig.matrices[bones] @ binds_of(document, binary, skin), known
+            placed, known = skins[skin]
             joints = attribute(document, binary, part, "JOINTS_0").astype(int)
             share = attribute(document, binary, part, "WEIGHTS_0")
         if share.shape[1] != 4:
             raise ValueError(f"{share.shape[1]} weights for a vertex, where the format has 4")
         share = share / np.maximum(share.sum(1, keepdims=True), 1e-9)
-        vertices.append(_moved(places, share, joints, moves).astype(np.float32))
-        owners.append(known[joints])
-        shares.append(share.astype(np.float32))
-    if not vertices:
+        own = np.where(known[joints] >= 0, share, 0)
+        held_here = own.sum(1)
+        is_own = ~(held_here < 0.5)
+        own = own / np.maximum(held_here, 1e-9)[:, None]
+        places, own, joints = places[is_own], own[is_own], joints[is_own]
+        vertices.append(_moved(places, own, joints, placed).astype(np.float32))
+        owners.append(np.maximum(known[joints], 0))
+        shares.append(own.astype(np.float32))
+    if not sum(map(len, vertices)):
         raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
     share = np.concatenate(shares)
     starts = np.arange(0, share.size + 1, 4)
-    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(slot)))
+    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(rig.order)))
     weights.sum_duplicates()
     return np.concatenate(vertices), weights
 
@@ -256,15 +372,6 @@ def _drawn(document: dict[str, Any]) -> list[tuple[int, int | None, dict[str, An
     return found
 
 
-def _binds(document: dict[str, Any], binary: Binary, skin: int) -> Float[Array, "j 4 4"]:
-    """The inverse bind matrix of each joint of a skin."""
-    entry = document["skins"][skin]
-    count = len(entry["joints"])
-    if "inverseBindMatrices" not in entry:
-        return np.tile(np.eye(4), (count, 1, 1))
-    return read_accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)
-
-
 BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex
 
 
@@ -278,9 +385,12 @@ def _moved(
     return np.concatenate(moved) if moved else far[:, :3]
 
 
-def _owners(parents: dict[int, int], slot: dict[int, int]) -> dict[int, int]:
-    """The rig's joint of each node: its own, or that of its nearest ancestor in the rig; the hips where none is."""
-    owner = {-1: 0}
-    for node, parent in parents.items():  # parents first
+def _owners(rig: GltfRig) -> dict[int, int]:
+    """The rig's joint of each node: its own, or that of its nearest ancestor in the rig.
+
+    The hips have what is above them; -1 stands for what hangs from elsewhere.
+    """
+    slot, owner = {node: index for index, node in enumerate(rig.order)}, {-1: -1}
+    for node, parent in rig.parents.items():  # parents first
         owner[node] = slot.get(node, owner[parent])
-    return owner
+    return owner | dict.fromkeys(above(rig.parents, rig.order[0]), 0)

@@ -47,6 +47,16 @@ class BodyProfile(Config):
         """Write the profile as JSON; raises MotionError where it cannot be written."""
         write_whole(path, self.model_dump_json(indent=1) + "\n", error=MotionError)
 
+    def scaled(self, factor: float) -> "BodyProfile":
+        """The profile of a body so many times as large."""
+
+        def larger(vector: Vector) -> Vector:
+            x, y, z = vector
+            return factor * x, factor * y, factor * z
+
+        parts = [RoundedPart(bone=p.bone, centre=larger(p.centre), radii=larger(p.radii)) for p in self.parts]
+        return BodyProfile(parts=tuple(parts), palm=factor * self.palm, finger=factor * self.finger)
+
     @classmethod
     def load(cls, path: Path) -> "BodyProfile":
         """Read a file of `save`. Raises MotionError if it is missing or not a profile."""
@@ -159,8 +169,10 @@ def measure_body(
     weights = csr_array(weights)
     if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
         raise MotionError("the mesh holds numbers that are not finite; export it again")
-    bones = bone_map(skeleton)
+    bones, vertices = bone_map(skeleton), np.round(vertices, 4)  # so that no slice depends on rounding
     fits = _tightened(_slices(skeleton, bones, vertices, weights))
+    if not fits:
+        raise MotionError(f"no part of the trunk has {FEWEST} vertices; check the weights")
     rest = skeleton.rest_positions.numpy()
     parts = []
     for fit in fits:
@@ -174,7 +186,7 @@ def _slices(
 ) -> list[_Fit]:
     """Cut the body at the joints of the spine, and put a generous ellipsoid around each slice."""
     column = [bone for bone in COLUMN if bone in bones]
-    rest = skeleton.rest_positions.numpy()
+    rest = np.round(skeleton.rest_positions.numpy(), 4)
     is_head = weights[:, [bones["head"]]].sum(1) > 0.5
     head = vertices[is_head]
     if len(head) < FEWEST:
@@ -184,6 +196,8 @@ def _slices(
     arm = rest[bones["leftUpperArm"]]
     is_shoulder = (np.abs(trunk[:, 0]) > CHEST * abs(arm[0])) & (trunk[:, 1] > arm[1] - 0.4 * abs(arm[0]))
     trunk = trunk[~is_shoulder]
+    if not len(trunk):
+        raise MotionError(f"no vertex follows the trunk, and {FEWEST} of a bone are needed; check the weights")
     floors = [float(rest[bones[bone], 1]) for bone in column] + [float(head[:, 1].max())]
     floors[0] = float(np.percentile(trunk[:, 1], 1))
     fits = []

@@ -1,10 +1,11 @@
 """Align the rest poses of two rigs, so that retargeting can copy world rotations.
 
-Each mapped bone gets a constant rotation A with: target world rotation = source world rotation @ A. Three cases:
+Each mapped bone gets a constant rotation A with: target world rotation = source world rotation @ A. It leads from the
+target's rest pose to ours and from ours to the source's (`rest_turns`), so any two rest poses match:
 
-* Torso and shoulders of a rig that stands upright at rest: A corrects the facing alone.
-* Limbs and fingers: A is the parent's A followed by the smallest rotation from the target's bone direction to the
-  source's. So a T-pose and an A-pose match.
+* Torso and shoulders differ in the facing alone.
+* Limbs and fingers are rotated as the bone above, then by the smallest rotation that makes the directions equal.
+* Hands are rotated as their knuckles lie: a palm may face down, ahead or the thigh.
 * Feet and toes: A is measured on the motion, so that standing feet are flat on the floor and point as the source's do.
 
 Some rigs have no meaningful rest pose: their bones all point along a local axis (Bandai-Namco). There A gives each bone
@@ -12,6 +13,7 @@ no twist against its parent on average over the clip. Elbows and knees take the 
 """
 
 from collections.abc import Mapping
+from functools import cache
 
 import torch
 import torch.nn.functional as F
@@ -20,14 +22,16 @@ from torch import Tensor
 
 from .motion import Pose
 from .rotations import least_rotation
-from .skeleton import Skeleton
+from .skeleton import HUMANOID, Skeleton
 
 _LIMBS = ("Arm", "Hand", "Leg", "Thumb", "Index", "Middle", "Ring", "Little")
 _HINGES = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")
 _TRUNK = ("spine", "chest", "upperChest")
 _UP = (0.0, 1.0, 0.0)
 _IN_LINE = 0.94  # cosine of 20 degrees
-_AHEAD = 0.5  # least level share of a tip that tells where a foot points
+_AHEAD, _LEVEL = 0.5, 0.1  # least level share of a tip, and of the way to the toes, that tells where a foot points
+_SHORT = 1.2e-3  # of the leg: the least length of a bone that has a direction
+_BROAD = 0.05  # sine of the least angle between the outermost knuckles, seen from the wrist
 _UPRIGHT = 0.5  # cosine of the greatest angle at which a rest pose counts as one
 
 
@@ -37,34 +41,50 @@ def align(
     """The rotation A of each bone that both rigs have. `pose` is the source's motion in double precision."""
     bones = [bone for bone in target_map if bone in source_map]
     bones.sort(key=lambda bone: target_map[bone])
-    has_rest = _stands_upright(source, source_map)
-    facing = _facing(source, source_map, target, target_map) if has_rest else torch.eye(3).double()
-    is_straight = has_rest or _spine_begins_in_line(pose, source_map)
+    feet = [bone for bone in bones if bone.endswith(("Foot", "Toes"))]
     found: dict[str, Tensor] = {}
+    if has_rest_pose(source, source_map):
+        theirs, own = rest_turns(source, source_map), rest_turns(target, target_map)
+        found = {bone: theirs[bone] @ own[bone].T for bone in bones}
+    for bone in feet:
+        found[bone] = _flat(source, pose, source_map, bone) @ _heading(target, target_map, bone).T
+    is_straight = _spine_begins_in_line(pose, source_map)
+    least = [_SHORT * leg_length(*rig) for rig in ((target, target_map), (source, source_map))]
     for bone in bones:
+        if bone in found:
+            continue
         above = _mapped_parent(target, target_map, bone, found)
-        ours, theirs = _direction(target, target_map, bone), _direction(source, source_map, bone)
-        rotations = pose.rotations[:, source_map[bone]]
-        if bone.endswith(("Foot", "Toes")):
-            found[bone] = _flat(source, pose, source_map, bone) @ _level_rest(target, target_map, bone).T
-        elif has_rest:
-            is_limb = any(part in bone for part in _LIMBS)
-            base = found[above] if above is not None else facing
-            found[bone] = (
-                base if not is_limb or ours is None or theirs is None else least_rotation(base @ ours, theirs) @ base
-            )
+        ours, way = _direction(target, target_map, bone, least[0]), _direction(source, source_map, bone, least[1])
+        mean = _mean_without_twist(pose.rotations[:, source_map[bone]], pose, source_map, found, above)
+        if bone == "hips":
+            rest = target.rest_positions.double()[None]
+            still = Pose(torch.eye(3).double().expand(1, target.joints, 3, 3), rest)
+            found[bone] = _hips_frame(pose, source_map) @ _hips_frame(still, target_map).T
+        elif ours is None or way is None or (bone in _TRUNK and not is_straight):
+            found[bone] = mean
+        elif bone.endswith(_HINGES):
+            found[bone] = _from_hinge(pose, source_map, bone, ours, way)
         else:
-            mean = _mean_without_twist(rotations, pose, source_map, found, above)
-            if bone == "hips":
-                rest = target.rest_positions.double()[None]
-                still = Pose(torch.eye(3).double().expand(1, target.joints, 3, 3), rest)
-                found[bone] = _hips_frame(pose, source_map) @ _hips_frame(still, target_map).T
-            elif ours is None or theirs is None or (bone in _TRUNK and not is_straight):
-                found[bone] = mean
-            elif bone.endswith(_HINGES):
-                found[bone] = _from_hinge(pose, source_map, bone, ours, theirs)
-            else:
-                found[bone] = least_rotation(mean @ ours, theirs) @ mean
+            found[bone] = least_rotation(mean @ ours, way) @ mean
+    return found
+
+
+def rest_turns(skeleton: Skeleton, bones: Mapping[str, int]) -> dict[str, Float[Tensor, "3 3"]]:
+    """The rotation of each bone from our rest pose to that of a rig that stands or sits upright, in the world."""
+    facing, least = _facing(skeleton, bones), _SHORT * leg_length(skeleton, bones)
+    found: dict[str, Tensor] = {}
+    for bone in sorted(bones, key=lambda bone: bones[bone]):
+        above = _mapped_parent(skeleton, bones, bone, found)
+        base = facing if above is None else found[above]
+        start, end = _our_direction(bone), _direction(skeleton, bones, bone, least)
+        if bone.endswith(("Foot", "Toes")):
+            found[bone] = _heading(skeleton, bones, bone)
+        elif bone.endswith("Hand") and (turn := _palm_turn(skeleton, bones, bone)) is not None:
+            found[bone] = turn
+        elif start is None or end is None or not any(part in bone for part in _LIMBS):
+            found[bone] = base
+        else:
+            found[bone] = least_rotation(base @ start, end) @ base
     return found
 
 
@@ -76,8 +96,8 @@ def project_rotation(matrix: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n 3 3"]
     return nearest
 
 
-def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor | None:
-    """Rest direction from a bone to the next one, in its own frame; None for a bone without length."""
+def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str, least: float) -> Tensor | None:
+    """Rest direction from a bone to the next one, in its own frame; None for a bone shorter than `least`."""
     joint = bones[bone]
     if bone.endswith("Hand"):
         named = [bones[name] for name in (f"{bone[:-4]}MiddleProximal", f"{bone[:-4]}IndexProximal") if name in bones]
@@ -93,9 +113,32 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tenso
             child = skeleton.parents[child]
     else:
         offset = torch.tensor(skeleton.config.tips.get(skeleton.names[joint], (0.0, 0.0, 0.0)))
-    if bone.endswith("Distal") and child is None and offset.norm() < 1e-3:
+    if bone.endswith("Distal") and child is None and offset.norm() < least:
         offset = skeleton.offsets[joint]  # a fingertip without an end continues its bone
-    return _unit(offset.double()) if offset.norm() > 1e-3 else None
+    return _unit(offset.double()) if offset.norm() > least else None
+
+
+@cache
+def _our_direction(bone: str) -> Tensor | None:
+    """The same of our rig, which lacks eyes and jaw."""
+    ours = HUMANOID.config.vrm
+    return _direction(HUMANOID, ours, bone, 0.0) if bone in ours else None
+
+
+def _palm_turn(skeleton: Skeleton, bones: Mapping[str, int], hand: str) -> Tensor | None:
+    """The rotation of a hand from our rest pose, by its outermost knuckles; None where they say nothing."""
+    knuckles = [f"{hand[:-4]}{digit}Proximal" for digit in ("Index", "Middle", "Ring", "Little")]
+    knuckles = [bone for bone in knuckles if bone in bones]
+    if len(knuckles) < 2:
+        return None
+    frames = []
+    for rig, joints in ((skeleton, bones), (HUMANOID, HUMANOID.config.vrm)):
+        rest = rig.rest_positions.double()
+        first, last = (_unit(rest[joints[bone]] - rest[joints[hand]]) for bone in (knuckles[0], knuckles[-1]))
+        if float(torch.linalg.cross(first, last).norm()) < _BROAD:
+            return None
+        frames.append(_frame(first + last, first - last))
+    return frames[0] @ frames[1].T
 
 
 def _below() -> dict[str, tuple[str, ...]]:
@@ -132,14 +175,22 @@ def _mapped_parent(target: Skeleton, bones: Mapping[str, int], bone: str, found:
     return None
 
 
-def _stands_upright(source: Skeleton, bones: Mapping[str, int]) -> bool:
-    """Whether the rest pose is meaningful: head over hips over feet, hip joints apart, shoulders along the hips."""
-    rest = source.rest_positions
-    heights = [float(rest[bones[bone], 1]) for bone in ("head", "hips", "leftLowerLeg", "leftFoot")]
-    is_descending = all(a > b + 0.1 for a, b in zip(heights, heights[1:], strict=False))
+def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
+    """Length of thigh and shin, mean of both sides, metres."""
+    rest = skeleton.rest_positions  # not offsets: a rig may have extra joints in a bone
+    chains = [[bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")]
+    return float(sum(rest[chain].diff(dim=0).norm(dim=-1).sum() for chain in chains) / 2)
+
+
+def has_rest_pose(source: Skeleton, bones: Mapping[str, int]) -> bool:
+    """Whether the rest pose is a body's, standing or sitting: head over hips over feet, left and right apart."""
+    rest, size = source.rest_positions, leg_length(source, bones)
+    heights = [float(rest[bones[bone], 1]) for bone in ("head", "hips", "leftFoot")]
+    is_descending = all(a > b + 0.12 * size for a, b in zip(heights, heights[1:], strict=False))
     hips, shoulders = (rest[bones[f"left{bone}"]] - rest[bones[f"right{bone}"]] for bone in ("UpperLeg", "UpperArm"))
     trunk, turn = _unit(rest[bones["head"]] - rest[bones["hips"]]), (_unit(hips) * _unit(shoulders)).sum()
-    return is_descending and float(hips.norm()) > 0.05 and float(trunk[1]) > _UPRIGHT and float(turn) > _UPRIGHT
+    is_wide = float(hips.norm()) > 0.06 * size
+    return is_descending and is_wide and float(trunk[1]) > _UPRIGHT and float(turn) > _UPRIGHT
 
 
 def _spine_begins_in_line(pose: Pose, bones: Mapping[str, int]) -> bool:
@@ -151,14 +202,12 @@ def _spine_begins_in_line(pose: Pose, bones: Mapping[str, int]) -> bool:
     return float((_unit(first) * _unit(whole)).sum()) > _IN_LINE
 
 
-def _facing(source: Skeleton, a: Mapping[str, int], target: Skeleton, b: Mapping[str, int]) -> Tensor:
-    """Rotation about the vertical from the facing of the target's rest pose to that of the source's."""
-    across = [
-        skeleton.rest_positions[bones["leftUpperLeg"]] - skeleton.rest_positions[bones["rightUpperLeg"]]
-        for skeleton, bones in ((target, b), (source, a))
-    ]
-    flat = [vector.double() * torch.tensor([1.0, 0, 1.0]).double() for vector in across]
-    return least_rotation(flat[0], flat[1])
+def _facing(skeleton: Skeleton, bones: Mapping[str, int]) -> Tensor:
+    """Rotation about the vertical from the facing of our rest pose to that of a rig's."""
+    rest = skeleton.rest_positions.double()
+    across = rest[bones["leftUpperLeg"]] - rest[bones["rightUpperLeg"]]
+    left = across.new_tensor([1.0, 0.0, 0.0])
+    return least_rotation(left, across * left.new_tensor([1.0, 0.0, 1.0]))
 
 
 def _flat(source: Skeleton, pose: Pose, bones: Mapping[str, int], bone: str) -> Tensor:
@@ -175,22 +224,24 @@ def _along_foot(source: Skeleton, pose: Pose, bones: Mapping[str, int], side: st
     """From the ankle to the toes or, without them, to the foot's tip; the heading of the hips if there is neither."""
     foot = bones[f"{side}Foot"]
     if f"{side}Toes" in bones:
-        return pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
-    tip = pose.positions.new_tensor(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
-    along: Tensor = pose.rotations[:, foot] @ tip
-    if float(along[:, [0, 2]].norm(dim=-1).mean()) > _AHEAD * float(tip.norm()) > 0:
-        return along
+        ahead: Tensor = pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
+        least = _LEVEL
+    else:
+        tip = pose.positions.new_tensor(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
+        ahead, least = pose.rotations[:, foot] @ tip, _AHEAD
+    if float(ahead[:, [0, 2]].norm(dim=-1).mean()) > least * float(ahead.norm(dim=-1).mean()) > 0:
+        return ahead
     across = pose.positions[:, bones["leftUpperLeg"]] - pose.positions[:, bones["rightUpperLeg"]]
-    ahead: Tensor = torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
+    ahead = torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
     return ahead
 
 
-def _level_rest(target: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
+def _heading(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
+    """Rotation about the vertical to where a flat foot points at rest: as its toes do, or else as the hips face."""
     side = "left" if bone.startswith("left") else "right"
-    if f"{side}Toes" not in bones:
-        return torch.eye(3).double()
-    rest = target.rest_positions.double()
-    return _level(rest[bones[f"{side}Toes"]] - rest[bones[f"{side}Foot"]])
+    foot, rest = bones[f"{side}Foot"], skeleton.rest_positions.double()
+    ahead = rest[bones.get(f"{side}Toes", foot)] - rest[foot]
+    return _level(ahead) if ahead[[0, 2]].norm() > _LEVEL * ahead.norm() else _facing(skeleton, bones)
 
 
 def _level(ahead: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:

@@ -58,6 +58,21 @@ def planted(
     return is_planted
 
 
+def sliding(
+    positions: NDArray[np.floating], fps: float, *, standing_height: NDArray[np.floating] | float | None = None
+) -> float:
+    """Mean horizontal speed of planted feet, metres per second; 0 if no foot is ever planted.
+
+    The mean is over all pairs of neighbouring frames in which a foot is planted both times. One still foot and one
+    sliding foot give half the sliding foot's speed.
+    """
+    place = np.asarray(positions, np.float64)
+    is_planted = planted(place, fps, standing_height=standing_height)
+    stays = is_planted[1:] & is_planted[:-1]
+    speed = np.linalg.norm(np.diff(place[..., [0, 2]], axis=0), axis=-1) * fps
+    return float(speed[stays].mean()) if stays.any() else 0.0
+
+
 FADE_SECONDS = 0.25
 MAX_SLIDE_SPEED = 0.35  # metres per second; a faster foot steps, or is dragged on purpose
 STEP_SECONDS = 0.27  # least time between two stances of one foot

@@ -8,6 +8,7 @@ floor and kept still (`foot_planting`). `LiveRetarget` takes each frame by itsel
 which must stand upright; the stages behind the decoder correct its feet.
 """
 
+import logging
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -18,12 +19,16 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 
-from .alignment import align
-from .foot_planting import foot_contacts, settle_feet
+from .alignment import align, leg_length, rest_turns
+from .foot_planting import foot_contacts, settle_feet, sliding
 from .motion import Motion, Pose, forward_kinematics
-from .rigs import bone_map, is_upright, known_bones
+from .rigs import bone_map, feet_of, is_upright, known_bones
 from .rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from .skeleton import HUMANOID, Skeleton
+
+_log = logging.getLogger(__name__)
+_LEG = leg_length(HUMANOID, HUMANOID.config.vrm)
+_WORSE, _SEEN = 1.25, 1.0  # times the skating of the source, and cm/s beyond that, from which on a warning says so
 
 
 def retarget(motion: Motion, target: Skeleton = HUMANOID, *, has_footing: bool = True) -> Motion:
@@ -50,9 +55,73 @@ def retarget(motion: Motion, target: Skeleton = HUMANOID, *, has_footing: bool =
     moved = Motion(target, quaternions, root.numpy().astype(np.float32), motion.fps)
     if not has_footing:
         return moved
-    size = min(1.0, leg_length(target, ours) / leg_length(HUMANOID, bone_map(HUMANOID)))
-    contacts = foot_contacts(motion) | foot_contacts(moved, stands_on_rest=True, size=size)
-    return settle_feet(moved, contacts)
+    sizes = [leg_length(rig, bones) / _LEG for rig, bones in ((source, theirs), (target, ours))]
+    contacts = foot_contacts(motion, size=sizes[0])
+    contacts |= foot_contacts(moved, stands_on_rest=True, size=min(1.0, sizes[1]))
+    settled = settle_feet(moved, contacts)
+    before, after = (_skate(clip, size) for clip, size in zip((motion, settled), sizes, strict=True))
+    if after > _WORSE * before + _SEEN:
+        _log.warning("planted feet slide at %.1f cm/s on this body, and at %.1f in the recording", after, before)
+    return settled
+
+
+def _skate(motion: Motion, size: float) -> float:
+    """Mean speed of planted toes, cm/s on a body of our rig's size."""
+    places = motion.pose().positions[:, feet_of(bone_map(motion.skeleton))[1::2]].numpy() / size
+    return 100 * sliding(places, motion.fps)
+
+
+class PlainRig(NamedTuple):
+    """A rig in our rest pose: arms stretched to the sides, legs down, feet flat, whatever pose its file has at rest.
+
+    Its own motion, relative to its own rest pose, and motion relative to this one lead to the same places.
+    """
+
+    skeleton: Skeleton
+    turns: Float[Tensor, "j 3 3"]  # of each joint in the world, from this rest pose to the rig's own
+
+    def of_own(self, motion: Motion) -> Motion:
+        """The motion relative to this rest pose."""
+        above = self._above()
+        return _posed(motion, self.skeleton, above.mT @ motion.matrices().double() @ self.turns)
+
+    def to_own(self, motion: Motion, own: Skeleton) -> Motion:
+        """The motion relative to the rest pose of the rig itself."""
+        return _posed(motion, own, self._above() @ motion.matrices().double() @ self.turns.mT)
+
+    def _above(self) -> Tensor:
+        parents = list(self.skeleton.parents)
+        return torch.cat([torch.eye(3).double()[None], self.turns[parents[1:]]])
+
+
+def _posed(motion: Motion, skeleton: Skeleton, rotations: Tensor) -> Motion:
+    return Motion(skeleton, quaternion_from_matrix(rotations).numpy().astype(np.float32), motion.root, motion.fps)
+
+
+def plain_rig(skeleton: Skeleton) -> PlainRig:
+    """The rig with its bones as they rest in ours, and its hips where they are.
+
+    Raises:
+        MotionError: the rig's bones are not known.
+    """
+    bones, config = bone_map(skeleton), skeleton.config
+    found, named = rest_turns(skeleton, bones), {joint: bone for bone, joint in bones.items()}
+    turns: list[Tensor] = []
+    for joint, parent in enumerate(skeleton.parents):
+        above = turns[parent] if parent >= 0 else found["hips"]
+        turns.append(found[named[joint]] if joint in named else above)
+    offsets = [
+        offset if parent < 0 else turns[parent].T @ offset
+        for parent, offset in zip(skeleton.parents, skeleton.offsets.double(), strict=True)
+    ]
+    tips = {
+        name: turns[skeleton.index(name)].T @ torch.tensor(tip, dtype=torch.double) for name, tip in config.tips.items()
+    }
+    update = {
+        "offsets": tuple(tuple(offset.tolist()) for offset in offsets),
+        "tips": {name: tuple(tip.tolist()) for name, tip in tips.items()},
+    }
+    return PlainRig(Skeleton(config.model_copy(update=update)), torch.stack(turns))
 
 
 def with_wrists(motion: Motion) -> Motion:
@@ -75,18 +144,14 @@ def with_wrists(motion: Motion) -> Motion:
     return Motion(Skeleton(longer), np.concatenate([motion.rotations, still], 1), motion.root, motion.fps)
 
 
-def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
-    """Length of thigh and shin, mean of both sides, metres."""
-    rest = skeleton.rest_positions  # not offsets: a rig may have extra joints in a bone
-    chains = [[bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")]
-    return float(sum(rest[chain].diff(dim=0).norm(dim=-1).sum() for chain in chains) / 2)
-
-
 def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
     """Parent-relative rotations from world rotations of some joints.
 
-    A joint without a world rotation rests on its parent; between two joints that have one, it gets half the rotation.
+    A joint without a world rotation rests on its parent: in a limb, where it carries twist, anything else would bend
+    the bone. Between two joints of trunk and neck it gets half the rotation.
     """
+    bones = bone_map(target)
+    trunk = {bones[bone] for bone in ("spine", "chest", "upperChest", "neck", "head") if bone in bones}
     full: list[Tensor] = []
     eye = torch.eye(3, dtype=torch.double).expand(frames, 3, 3)
     for joint, parent in enumerate(target.parents):
@@ -95,7 +160,7 @@ def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> 
             continue
         above = full[parent] if parent >= 0 else eye
         below = [j for j in world if target.parents[j] == joint]
-        if len(below) == 1 and parent in world:
+        if len(below) == 1 and below[0] in trunk and parent in world:
             both = [quaternion_from_matrix(rotation) for rotation in (above, world[below[0]])]
             above = matrix_from_quaternion(slerp(both[0], both[1], 0.5))
         full.append(above)

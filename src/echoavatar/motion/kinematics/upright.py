@@ -1,16 +1,18 @@
 """How a figure stands in its file: unit, up and facing are measured on it, because most formats do not say them.
 
-`measure` needs the rest pose alone and serves clips and rigs. `of_clip` looks at the motion as well, because some
-programs turn the root of an upright rest pose in every frame. `righted` gives the same motion in metres, Y up, facing
-+Z.
+`measure` needs the rest pose alone. `of_clip` looks at the motion as well, because some programs turn the root of an
+upright rest pose in every frame. `righted` gives the same motion in metres, Y up, facing +Z. `axes_of` and `metres_of`
+serve glTF, whose nodes say how a figure may lean and which unit is meant, and may mirror it.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
 from jaxtyping import Float
+
+from echoavatar.errors import MotionError
 
 from .motion import Motion
 from .rotations import quaternion_from_matrix, quaternion_multiply
@@ -33,6 +35,9 @@ _STANDING = 0.5  # cosine: trunk and legs of a standing figure are nearer to the
 _CLEAR = 0.75  # cosine: a direction that belongs to one axis
 _FLOOR = 0.2  # of the height: a floor at 0 is not farther from the lower foot
 _LYING = (0.02, 0.35)  # of the height: how high over a floor at 0 the hips of a lying figure are
+_LEANING, _TURNED = 0.94, 0.99998  # cosines of 20 degrees and of a third of one: how far from its axes a body is
+_ANYONE, _MEAN = (0.5, 3.0), 1.7  # heights of people, metres
+_SAME = 2.99  # trace of a turn by 6 degrees, of which nobody needs to know
 _SAMPLES = 64  # frames of a clip that are looked at
 _SIDES = ("left", "right")
 _NEEDED = {"hips", "head"} | {s + bone for s in _SIDES for bone in ("UpperArm", "UpperLeg", "LowerLeg", "Foot")}
@@ -50,7 +55,7 @@ class Stand(NamedTuple):
 
     def notes(self, usual: float = 0.01) -> list[str]:
         """What is assumed, in words."""
-        rest, world = (not np.array_equal(turn, np.eye(3)) for turn in (self.rest, self.world))
+        rest, world = (np.trace(turn) < _SAME for turn in (self.rest, self.world))
         what = "it" if rest and world else "its rest pose" if rest else "its motion"
         notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
         if self.metres != usual:
@@ -65,14 +70,14 @@ OURS = Stand()  # in centimetres
 def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: float = 0.01) -> Stand:
     """How a rest pose stands: its joints are at `places`, in the file's axes and unit.
 
-    Turns are made of quarter turns, and none for a rest pose that does not stand. The unit is `usual` (metres) where no
-    unit makes a person of the figure, or where the bones that tell are missing.
+    A figure that leans is not straightened, and one that does not stand is not turned. The unit is `usual` (metres)
+    where no unit makes a person of the figure, or where the bones that tell are missing.
     """
     if _NEEDED - bones.keys() or not np.isfinite(places).all():
         return Stand(metres=usual)
     at = {bone: places[joint].astype(np.float64) for bone, joint in bones.items()}
     tall = height(bones, places)
-    metres = next((unit for _, unit, least, most in UNITS if least <= tall * unit <= most), usual)
+    metres = _unit_of(tall) or usual
     lines = [_unit(at["head"] - at["hips"]), *(_unit(at["hips"] - at[f"{side}Foot"]) for side in _SIDES)]
     up = _axis(np.sum(lines, axis=0))
     if min(up @ line for line in lines) < _STANDING:
@@ -81,8 +86,10 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     hips, shoulders = (at[f"left{bone}"] - at[f"right{bone}"] for bone in ("UpperLeg", "UpperArm"))
     ahead = np.cross(hips, up)
     toes = sum((at[f"{side}Toes"] - at[f"{side}Foot"] for side in _SIDES if f"{side}Toes" in at), np.zeros(3))
-    front = _axis(turn @ ahead * [1, 0, 1])
-    if front @ _unit(turn @ ahead) > _CLEAR and toes @ ahead >= 0 and shoulders @ hips >= 0:  # no twisted figure
+    level = _unit(turn @ ahead) * [1, 0, 1]
+    if np.linalg.norm(level) > _CLEAR and toes @ ahead >= 0 and shoulders @ hips >= 0:  # no twisted figure
+        near, level = _axis(level), _unit(level)
+        front = near if near @ level > _TURNED else level
         turn = np.array([np.cross([0, 1, 0], front), [0, 1, 0], front]) @ turn
     return Stand(turn, turn, metres, tall * metres)
 
@@ -140,6 +147,56 @@ def turned(motion: Motion, rest: _Turn, world: _Turn, scale: float = 1.0) -> Mot
     return Motion(Skeleton(config.model_copy(update=changed)), rotations, root.astype(np.float32), motion.fps)
 
 
+def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),), *, mirrored: bool = False) -> _Turn:
+    """The matrix from the rig's axes to ours (Y up, facing +Z, left +X); for a mirrored rig it has a mirror in it.
+
+    Heads are not exactly above hips. So the body stands and faces along axes of the first of `frames` that has them
+    near, or at least stands along one; the columns of a frame are its axes. Without any, it stands as it was measured.
+    A rig is mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes.
+
+    Raises:
+        MotionError: the hips, the head and the two sides are not in the places of a body's.
+    """
+    line = [places[bone] for bone in ("leftFoot", "leftLowerLeg", "leftUpperLeg", "head")]
+    size, hips = (
+        np.linalg.norm(np.diff(line, axis=0), axis=1).sum(),
+        (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2,
+    )
+    trunk = places["head"] - hips
+    ways = [places[f"left{bone}"] - places[f"right{bone}"] for bone in ("UpperLeg", "UpperArm")]
+    across = next((way for way in ways if np.linalg.norm(np.cross(way, _unit(trunk))) > 0.02 * size), None)
+    if across is None or not np.linalg.norm(trunk) > 0.1 * size:
+        raise MotionError("its rest pose is no body's: head and hips, or left and right, are in one place; pose it")
+    ups = [_nearest(frame, trunk) for frame in frames]
+    kept = [(frame, up) for frame, up in zip(frames, ups, strict=True) if up @ _unit(trunk) > _LEANING]
+    up = kept[0][1] if kept else _unit(trunk)
+    left = _level(across, up)
+    for frame, along in kept:
+        side = _nearest(frame, _level(across, along))
+        if side @ _level(across, along) > _TURNED:
+            up, left = along, side
+            break
+    ahead = np.cross(left, up)
+    feet = [side for side in ("left", "right") if f"{side}Toes" in places]
+    toes = sum(float((places[f"{side}Toes"] - places[f"{side}Foot"]) @ ahead) for side in feet)
+    is_mirrored = toes < 0 if abs(toes) > 0.02 * size else mirrored
+    return np.stack([left, up, -ahead if is_mirrored else ahead])
+
+
+def metres_of(tall: float, stated: float) -> float:
+    """Metres in the unit of a figure so tall: the `stated` unit if that makes a person of it, or else a usual one."""
+    return stated if _ANYONE[0] <= tall * stated <= _ANYONE[1] else _unit_of(tall) or _MEAN / tall
+
+
+def _unit_of(tall: float) -> float | None:
+    return next((unit for _, unit, least, most in UNITS if least <= tall * unit <= most), None)
+
+
+def scaled(skeleton: Skeleton, factor: float) -> Skeleton:
+    """The rig so many times as large."""
+    return turned(Motion.at_rest(skeleton), np.eye(3), np.eye(3), factor).skeleton
+
+
 def _triples(rows: Iterable[np.ndarray]) -> tuple[tuple[float, float, float], ...]:
     return tuple((float(x), float(y), float(z)) for x, y, z in rows)
 
@@ -158,6 +215,18 @@ def _axis(vector: _Vector) -> _Vector:
     most = int(np.abs(vector).argmax())
     nearest[most] = 1.0 if vector[most] >= 0 else -1.0
     return nearest
+
+
+def _nearest(frame: _Turn, way: _Vector) -> _Vector:
+    """The axis of a frame, to either side, that is nearest to a way."""
+    axes = np.concatenate([frame.T, -frame.T])
+    nearest: np.ndarray = axes[np.argmax(axes @ way)]
+    return nearest
+
+
+def _level(way: _Vector, up: _Vector) -> _Vector:
+    level: np.ndarray = _unit(way - (way @ up) * up)
+    return level
 
 
 def _unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:

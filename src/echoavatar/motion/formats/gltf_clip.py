@@ -1,0 +1,129 @@
+"""Read an animation of a character in a GLB, VRM or VRMA file as motion.
+
+Keys are sampled at the rate at which most of them come. A bone's rotation is that of its node against the rest pose of
+the rig (`gltf_rig`), so animated nodes above the hips count, and so do scales.
+"""
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from echoavatar.errors import MotionError
+from echoavatar.limits import ROTATIONS
+from echoavatar.timing import FRAME_RATE_HZ
+
+from ..kinematics import Motion
+from ..kinematics.rigs import JointMap
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
+from .gltf_data import read_accessor, refusing_damage
+from .gltf_file import Array, above, node_matrix, rotation_of, scale_of, unscaled
+from .gltf_rig import GltfRig, read_gltf_rig
+
+_log = logging.getLogger(__name__)
+_RATES = (1.0, 240.0)  # keys per second that count as a frame rate
+_PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+
+
+def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | None = None) -> Motion:
+    """The animation of this name, or the first; `given` is the user's map of the bones.
+
+    Raises:
+        MotionError: the file is missing or damaged, its bones are not known, or it has no such animation.
+        DependencyError: the file is compressed, and what unpacks it is missing.
+    """
+    rig = read_gltf_rig(path, given, is_skinned=False)
+    with refusing_damage(path):
+        known = {str(entry.get("name", k)): entry for k, entry in enumerate(rig.document.get("animations", []))}
+        if not known or (animation is not None and animation not in known):
+            named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"
+            raise MotionError(f"{path} has no animation {named}".replace(" ;", ";"))
+        if animation is None and len(known) > 1:
+            _log.warning("%s has %d animations (%s); the first is read", path, len(known), ", ".join(known))
+        return _sampled(rig, known[animation or next(iter(known))])
+
+
+def _sampled(rig: GltfRig, entry: dict[str, Any]) -> Motion:
+    needed = {*rig.order, *above(rig.parents, rig.order[0])}
+    tracks: dict[tuple[int, str], tuple[Array, Array, str]] = {}
+    for channel in entry["channels"]:
+        node, path = channel["target"].get("node", -1), channel["target"]["path"]
+        if node in needed and path in _PATHS:
+            tracks[node, path] = _keys(rig, entry["samplers"][channel["sampler"]], _PATHS[path])
+    if not tracks:
+        raise MotionError(f"{rig.path}: its animation {entry.get('name', '')!r} moves no bone; choose another")
+    first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
+    steps = np.concatenate([np.diff(keys) for keys, _, _ in tracks.values()])
+    fps = 1 / float(np.median(steps)) if steps.size else float(FRAME_RATE_HZ)
+    fps = float(round(fps)) if abs(fps - round(fps)) < 2e-3 * fps else fps
+    fps = fps if _RATES[0] <= fps <= _RATES[1] else float(FRAME_RATE_HZ)
+    frames = int((last - first) * fps + 1e-3) + 1
+    if frames * len(needed) > ROTATIONS:
+        raise MotionError(f"{rig.path}: {frames:,} frames of {len(needed)} bones are more than is read; cut it")
+    times = first + np.arange(frames) / fps
+    nodes = rig.document["nodes"]
+    root = next(node for node, parent in rig.parents.items() if parent < 0)
+    outside = rig.matrices[root] @ np.linalg.inv(node_matrix(nodes[root]))  # from the world to the hips' space
+    worlds = {-1: outside}
+    for node, parent in rig.parents.items():  # parents first
+        if node in needed:
+            own = {path: _at(tracks[node, path], times) for path in _PATHS if (node, path) in tracks}
+            worlds[node] = worlds[parent] @ (_matrices(nodes[node], own) if own else node_matrix(nodes[node]))
+    full = np.stack([np.broadcast_to(worlds[node], (frames, 4, 4)) for node in rig.order], 1)
+    turned = rig.turn @ unscaled(full) @ rig.frames.swapaxes(-1, -2)
+    local = turned.copy()
+    local[:, 1:] = turned[:, list(rig.skeleton.parents[1:])].swapaxes(-1, -2) @ turned[:, 1:]
+    places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T - rig.place(rig.order[0]) * [1, 0, 1]
+    rotations = quaternion_from_matrix(torch.from_numpy(local)).numpy().astype(np.float32)
+    return Motion(rig.skeleton, rotations, places.astype(np.float32), fps)
+
+
+def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Array, " k"], Float[Array, "k n c"], str]:
+    """Times, values (with tangents before and after for a cubic spline) and kind of interpolation."""
+    counts = [rig.document["accessors"][sampler[key]]["count"] for key in ("input", "output")]
+    times, values = (
+        read_accessor(rig.document, rig.binary, sampler[key], count)
+        for key, count in zip(("input", "output"), counts, strict=True)
+    )
+    kind = sampler.get("interpolation", "LINEAR")
+    values = values.reshape(len(times), 3 if kind == "CUBICSPLINE" else 1, width)
+    if not len(times) or not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
+        raise ValueError("keys that do not rise, or are not finite")
+    return times[:, 0], values, kind
+
+
+def _at(track: tuple[Array, Array, str], times: Float[Array, " t"]) -> Float[Array, "t c"]:
+    """The values at these times."""
+    keys, values, kind = track
+    last = len(keys) - 1
+    before = np.clip(np.searchsorted(keys, times + 1e-6, "right") - 1, 0, last)
+    after = np.minimum(before + 1, last)
+    span = keys[after] - keys[before]
+    share = np.clip((times - keys[before]) / np.where(span > 0, span, 1), 0, 1)[:, None]
+    share = np.zeros_like(share) if kind == "STEP" else share
+    if kind == "CUBICSPLINE":
+        (_, start, leaving), (arriving, end, _) = values[before].swapaxes(0, 1), values[after].swapaxes(0, 1)
+        slopes = span[:, None] * (leaving * share * (1 - share) ** 2 - arriving * share**2 * (1 - share))
+        curve: Array = start + (end - start) * share**2 * (3 - 2 * share) + slopes
+        return curve
+    start, end = values[before, 0], values[after, 0]
+    if values.shape[-1] == 4:
+        turns = [torch.from_numpy(turn[:, [3, 0, 1, 2]]) for turn in (start, end)]
+        between: Array = slerp(turns[0], turns[1], torch.from_numpy(share[:, 0])).numpy()[:, [1, 2, 3, 0]]
+        return between
+    mixed: Array = start + share * (end - start)
+    return mixed
+
+
+def _matrices(node: dict[str, Any], own: dict[str, Float[Array, "t c"]]) -> Float[Array, "t 4 4"]:
+    """A node's matrix at each time; what is not animated is as the node has it."""
+    frames = len(next(iter(own.values())))
+    matrices = np.tile(np.eye(4), (frames, 1, 1))
+    turns = own.get("rotation", rotation_of(node)[None])
+    matrices[:, :3, :3] = matrix_from_quaternion(torch.from_numpy(turns[:, [3, 0, 1, 2]])).numpy()
+    matrices[:, :3, :3] *= own.get("scale", scale_of(node)[None])[:, None]
+    matrices[:, :3, 3] = own.get("translation", node_matrix(node)[:3, 3])
+    return matrices

@@ -1,0 +1,97 @@
+"""The nodes of a glTF file: their tree, their matrices, and the binds of its skins."""
+
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from echoavatar.limits import DEPTH, NODES
+
+from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from .gltf_data import Binary, read_accessor
+
+Array = np.ndarray
+
+
+def parents_of(nodes: list[dict[str, Any]]) -> dict[int, int]:
+    """Each node's parent (-1 for none), parents first. Raises for missing nodes, two parents of one, and cycles."""
+    if len(nodes) > NODES:
+        raise ValueError(f"{len(nodes)} nodes, and at most {NODES} are read")
+    parents = dict.fromkeys(range(len(nodes)), -1)
+    for index, entry in enumerate(nodes):
+        for child in entry.get("children", []):
+            if parents[child] >= 0:
+                raise ValueError(f"node {child} has two parents")
+            parents[child] = index
+    depths = dict.fromkeys([node for node, parent in parents.items() if parent < 0], 0)
+    below = list(depths)
+    for node in below:
+        for child in nodes[node].get("children", []):
+            depths[child] = depths[node] + 1
+            below.append(child)
+    if len(depths) < len(nodes):
+        raise ValueError("a node is among its own parents")
+    if max(depths.values()) > DEPTH:
+        raise ValueError(f"nodes are more than {DEPTH} deep")
+    return {node: parents[node] for node in below}
+
+
+def above(parents: dict[int, int], node: int) -> list[int]:
+    """The nodes that a node hangs from, the nearest first."""
+    found = []
+    while (node := parents[node]) >= 0:
+        found.append(node)
+    return found
+
+
+def node_matrix(node: dict[str, Any]) -> Float[Array, "4 4"]:
+    """A node's matrix, relative to its parent."""
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
+    rotation = matrix_from_quaternion(torch.from_numpy(np.array([w, x, y, z], np.float64))).numpy()
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)))
+    matrix[:3, 3] = node.get("translation", (0, 0, 0))
+    return matrix
+
+
+def scale_of(node: dict[str, Any]) -> Float[Array, "3"]:
+    """A node's scale; a matrix that mirrors does so along X."""
+    if "matrix" not in node:
+        return np.array(node.get("scale", (1, 1, 1)), np.float64)
+    matrix = node_matrix(node)[:3, :3]
+    scale: Array = np.linalg.norm(matrix, axis=0) * [np.sign(np.linalg.det(matrix)), 1, 1]
+    return scale
+
+
+def rotation_of(node: dict[str, Any]) -> Float[Array, "4"]:
+    """A node's rotation (xyzw)."""
+    turn = unscaled(node_matrix(node)) * np.sign(scale_of(node))
+    rotation: Array = quaternion_from_matrix(torch.from_numpy(turn)).numpy()[[1, 2, 3, 0]]
+    return rotation
+
+
+def worlds_of(locals_: dict[int, Array], parents: dict[int, int]) -> Float[Array, "n *t 4 4"]:
+    """World matrices of nodes; `parents` lists parents first."""
+    worlds = np.empty((len(parents), *locals_[0].shape))
+    for node, parent in parents.items():
+        worlds[node] = locals_[node] if parent < 0 else worlds[parent] @ locals_[node]
+    return worlds
+
+
+def unscaled(matrix: Float[Array, "*n 4 4"]) -> Float[Array, "*n 3 3"]:
+    """The axes of a node, at right angles and of length 1; mirrored where its matrix mirrors."""
+    u, _, v = np.linalg.svd(matrix[..., :3, :3])
+    axes: Array = u @ v
+    return axes
+
+
+def binds_of(document: dict[str, Any], binary: Binary, skin: int) -> Float[Array, "j 4 4"]:
+    """The inverse bind matrix of each joint of a skin."""
+    entry = document["skins"][skin]
+    count = len(entry["joints"])
+    if "inverseBindMatrices" not in entry:
+        return np.tile(np.eye(4), (count, 1, 1))
+    return read_accessor(document, binary, entry["inverseBindMatrices"], count).reshape(-1, 4, 4).transpose(0, 2, 1)

@@ -1,0 +1,81 @@
+"""Animations of a GLB as motion: keys between frames, names, and files without any."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from tests.files.exports.bodies import NAMES, offsets_of
+from tests.files.exports.odd_rigs import Odd, glb
+
+from echoavatar.errors import MotionError
+from echoavatar.files.avatar.gltf import Buffer, container
+from echoavatar.files.exports import read_take
+from echoavatar.motion.formats.gltf_clip import read_gltf_clip
+from echoavatar.motion.formats.gltf_data import read_chunks
+from echoavatar.motion.kinematics.rotations import angle_between
+
+BODY = offsets_of(body=0.9, legs=1.1, arms=1.2)
+
+
+def animated(path: Path, change: Callable[[Buffer], dict], *, name: str = "one") -> Path:  # type: ignore[type-arg]
+    """A plain rig whose left upper arm has one track."""
+    data = glb(Odd(BODY))
+    path.write_bytes(data)
+    document, binary = read_chunks(path)
+    buffer = Buffer()
+    buffer.data, buffer.views, buffer.accessors = bytearray(binary.data), document["bufferViews"], document["accessors"]
+    sampler = change(buffer)
+    document["buffers"] = [{"byteLength": len(buffer.data)}]
+    channel = {"sampler": 0, "target": {"node": NAMES.index("leftUpperArm"), "path": "rotation"}}
+    document["animations"] = [
+        {"name": "still", "samplers": [sampler], "channels": [channel | {"target": {"node": 0, "path": "rotation"}}]},
+        {"name": name, "samplers": [sampler], "channels": [channel]},
+    ]
+    path.write_bytes(container(document, bytes(buffer.data)))
+    return path
+
+
+def turn(angle: float) -> list[float]:
+    return [0, 0, float(np.sin(angle / 2)), float(np.cos(angle / 2))]
+
+
+@pytest.mark.parametrize("kind", ["LINEAR", "STEP", "CUBICSPLINE"])
+def test_keys_between_frames_are_interpolated(kind: str, tmp_path: Path) -> None:
+    """A quarter turn in half a second, by keys that come ten times a second and then once."""
+
+    def keys(buffer: Buffer) -> dict:  # type: ignore[type-arg]
+        times = np.array([0, 0.1, 0.2, 0.3, 0.5], np.float32)
+        turns = np.array([turn(np.pi * t) for t in times], np.float32)
+        if kind == "CUBICSPLINE":
+            slopes = np.pi / 2 * np.array([[0, 0, q[3], -q[2]] for q in turns], np.float32)
+            turns = np.stack([slopes, turns, slopes], 1).reshape(-1, 4)
+        return {"input": buffer.add(times, bounds=True), "output": buffer.add(turns), "interpolation": kind}
+
+    motion = read_gltf_clip(animated(tmp_path / "a.glb", keys), "one")
+    assert motion.fps == 10
+    assert motion.frames == 6
+    wanted = np.pi * np.array([0, 0.1, 0.2, 0.3, 0.3 if kind == "STEP" else 0.4, 0.5])
+    arm = motion.matrices()[:, motion.skeleton.config.vrm["leftUpperArm"]]
+    cosines, sines = np.cos(wanted), np.sin(wanted)
+    for frame, cosine, sine in zip(arm, cosines, sines, strict=True):
+        matrix = torch.tensor([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]], dtype=torch.float32)
+        assert angle_between(frame, matrix) < 2e-3
+
+
+def test_an_animation_is_chosen_by_its_name(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    def keys(buffer: Buffer) -> dict:  # type: ignore[type-arg]
+        times, turns = np.array([0, 0.1], np.float32), np.array([turn(0), turn(1)], np.float32)
+        return {"input": buffer.add(times), "output": buffer.add(turns)}
+
+    path = animated(tmp_path / "a.glb", keys)
+    with caplog.at_level(logging.WARNING):
+        assert read_take(path).motion.frames == 2
+    assert "has 2 animations (still, one)" in caplog.text
+    with pytest.raises(MotionError, match="no animation named 'run'; it has still, one"):
+        read_take(path, animation="run")
+    (tmp_path / "none.glb").write_bytes(glb(Odd(BODY)))
+    with pytest.raises(MotionError, match="has no animation; choose another"):
+        read_take(tmp_path / "none.glb")
