@@ -8,7 +8,7 @@ model's state changes when the engine makes the session's next chunk.
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,46 +18,25 @@ from echoavatar.models.audio import StreamResampler
 from echoavatar.motion.expression import DANCING, MOODS, RESTING, Expression
 from echoavatar.motion.gaze import Gaze
 from echoavatar.motion.idle_motion import IdleMotion
-from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.motion.stages.modes import FREE, MotionOptions
-from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
+from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
 from .listener import TURN_S, Listener, Sign
 from .music import AUDIBLE, Heard, MusicPlayer
-from .pipeline import ActionLibrary
 from .pipeline.undo import Patch
 from .playout import Delivery, PlayoutBuffer
 from .settling import Settling
 
+if TYPE_CHECKING:
+    from .engine import Engine
+
 LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
 REPLAN_AHEAD = 2  # chunks that an action waits at most behind motion made earlier, if the player reports its place
-
-
-class Host(Protocol):
-    """The engine, as its sessions see it."""
-
-    chunk: ChunkSize
-    actions: ActionLibrary
-    additions: frozenset[str]  # `Runtime.session`: additions of sessions to the models' motion
-    step_seconds: float  # duration of the last step
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """The rig of all sessions."""
-
-    def wake(self) -> None:
-        """Tell the workers that a chunk may be due."""
-
-    def tick(self) -> int:
-        """Make every chunk that is due, in the calling thread."""
-
-    def release(self, core: "SessionCore") -> None:
-        """Free the session's seat."""
 
 
 class ChunkPlan(NamedTuple):
@@ -74,7 +53,7 @@ class SessionCore:
 
     def __init__(
         self,
-        host: Host,
+        host: "Engine",
         seat: int,
         *,
         seed: int,
