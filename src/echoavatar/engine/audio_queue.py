@@ -250,11 +250,14 @@ class AudioQueue:
         while with_speech and filled < self._size and self._pieces:
             utterance, start, samples = self._pop(self._size - filled)
             chunk[filled : filled + len(samples)] = samples
-            spans.append(Span(utterance, start, filled, len(samples)))
+            if spans and spans[-1].utterance == utterance:
+                spans[-1] = spans[-1]._replace(length=spans[-1].length + len(samples))
+            else:
+                spans.append(Span(utterance, start, filled, len(samples)))
             filled += len(samples)
             self._begun = utterance
             self._ends[utterance] = number * self._size + filled
-        self._chunks[number], self._spans[number] = chunk, _joined(spans)
+        self._chunks[number], self._spans[number] = chunk, tuple(spans)
         self._scheduled += 1
         self._spans.pop(number - KEPT_SPANS - 1, None)
 
@@ -302,14 +305,3 @@ class AudioQueue:
             kept = [span for span in spans if span.offset < offset]
             self._spans[chunk] = tuple(span._replace(length=min(span.length, offset - span.offset)) for span in kept)
         self._next, self._scheduled = min(self._next, chunk), chunk
-
-
-def _joined(spans: list[Span]) -> tuple[Span, ...]:
-    """Neighbouring runs of the same utterance as one."""
-    out: list[Span] = []
-    for span in spans:
-        if out and out[-1].utterance == span.utterance:
-            out[-1] = out[-1]._replace(length=out[-1].length + span.length)
-        else:
-            out.append(span)
-    return tuple(out)
