@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -63,16 +63,13 @@ def animate(
     audio = np.concatenate(heard) if heard else np.zeros(0, np.float32)
     if not len(audio):
         raise AudioError("there is no sound in it; give a file with at least one sample")
-    whole = _at_rate(chunks, fps)
+    if fps == FRAME_RATE_HZ:
+        whole = join(chunks)
+    else:
+        display = StreamInterpolator(fps)
+        whole = join([*(display.push(chunk) for chunk in chunks), display.finish()])
     seconds = time.perf_counter() - started
     return cut_to_sound(whole, audio, skeleton=pipeline.skeleton, fps=fps, seconds=seconds)
-
-
-def _at_rate(chunks: Sequence[MotionChunk], fps: float) -> MotionChunk:
-    if fps == FRAME_RATE_HZ:
-        return join(chunks)
-    display = StreamInterpolator(fps)
-    return join([*(display.push(chunk) for chunk in chunks), display.finish()])
 
 
 def cut_to_sound(
