@@ -79,7 +79,10 @@ class Engine:
         self._look_ahead, self._rewind = look_ahead, rewind
         own_workers = torch.get_num_threads() if pipeline.device.type == "cpu" else 0
         self._workers = own_workers if workers is None else workers
-        self._pool = ThreadPoolExecutor(self._workers, "worker", _in_one_thread) if self._workers > 1 else None
+        # Torch's thread count is a setting of each thread.
+        self._pool = (
+            ThreadPoolExecutor(self._workers, "worker", torch.set_num_threads, (1,)) if self._workers > 1 else None
+        )
         self._lock, self._awake = threading.RLock(), threading.Condition()
 
     @property
@@ -308,11 +311,6 @@ class Engine:
         except Exception as error:
             for session in ready:
                 session.fail(error)
-
-
-def _in_one_thread() -> None:
-    """Torch's thread count is a setting of each thread: one for a worker, unchanged elsewhere."""
-    torch.set_num_threads(1)
 
 
 def load(
