@@ -183,15 +183,6 @@ def _literal(what: Mapping[str, Any]) -> Schema:
     return kept
 
 
-def _pipecat(tool: Schema) -> Schema:
-    return {
-        "name": tool["name"],
-        "description": tool["description"],
-        "properties": tool["parameters"]["properties"],
-        "required": tool["parameters"]["required"],
-    }
-
-
 def _renamed(key: str) -> Callable[[Schema], Schema]:
     return lambda tool: {"name": tool["name"], "description": tool["description"], key: tool["parameters"]}
 
@@ -203,6 +194,8 @@ _FORMS: Mapping[str, Callable[[Schema], Schema]] = {
     "anthropic": _renamed("input_schema"),
     "mcp": _renamed("inputSchema"),
     "elevenlabs": _elevenlabs,
-    "pipecat": _pipecat,
+    "pipecat": lambda tool: {
+        key: tool.get(key, tool["parameters"].get(key)) for key in ("name", "description", "properties", "required")
+    },
     "livekit": dict,
 }
