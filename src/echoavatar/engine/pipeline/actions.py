@@ -8,8 +8,7 @@ have a meaning only to the tokenizer that made them, so a library is part of its
 
 import json
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -129,20 +128,8 @@ class Action:
         return cls(name, codes, hold, about, guides, overlay, is_set, chunk)
 
 
-@dataclass(frozen=True)
-class ActionLibrary(Mapping[str, Action]):
-    """Actions by name, in the order they were added."""
-
-    actions: Mapping[str, Action] = field(default_factory=dict)
-
-    def __getitem__(self, name: str) -> Action:
-        return self.actions[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.actions)
-
-    def __len__(self) -> int:
-        return len(self.actions)
+class ActionLibrary(dict[str, Action]):
+    """Actions by name, in the order they were added. It is not changed: `with_action` makes another."""
 
     def find(self, name: str) -> Action:
         """The action of that name; case, spaces and hyphens do not matter.
@@ -151,18 +138,18 @@ class ActionLibrary(Mapping[str, Action]):
             EchoAvatarError: there is no such action; the message lists the known ones.
         """
         wanted = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
-        if wanted not in self.actions:
-            known = ", ".join(self.actions) or "none: this bundle has no actions.json"
+        if wanted not in self:
+            known = ", ".join(self) or "none: this bundle has no actions.json"
             raise EchoAvatarError(f"no action {name!r}; there are: {known}")
-        return self.actions[wanted]
+        return self[wanted]
 
     def with_action(self, action: Action) -> "ActionLibrary":
         """The library with this action added; it replaces one of the same name."""
-        return ActionLibrary({**self.actions, action.name: action})
+        return ActionLibrary({**self, action.name: action})
 
     def save(self, folder: Path) -> None:
         """Write `actions.json`."""
-        rows = [action.to_json() for action in self.actions.values()]
+        rows = [action.to_json() for action in self.values()]
         lines = ",\n".join("  " + json.dumps(row) for row in rows)
         write_whole(folder / FILE, '{"version": 1, "actions": [\n' + lines + "\n]}\n")
 
