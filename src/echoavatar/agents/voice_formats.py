@@ -45,10 +45,10 @@ def is_file(data: bytes) -> bool:
 
 
 class Decoder:
-    """Decodes one stream of one format."""
+    """Decodes one stream of one format; channels beside each other, of PCM, become one."""
 
-    def __init__(self, kind: str = "pcm", rate: int = SAMPLE_RATE_HZ) -> None:
-        self._kind = kind
+    def __init__(self, kind: str = "pcm", rate: int = SAMPLE_RATE_HZ, channels: int = 1) -> None:
+        self._kind, self._channels = kind, channels
         self._rest = b""  # an incomplete sample at the end of the last block
         self._stream = None
         if rate != SAMPLE_RATE_HZ:
@@ -58,9 +58,11 @@ class Decoder:
         """Decode the next bytes; `is_last` also flushes the resampler."""
         if self._kind == "pcm":
             data = self._rest + data
-            whole = len(data) // 2 * 2
+            whole = len(data) // (2 * self._channels) * 2 * self._channels
             self._rest = data[whole:]
             samples = np.frombuffer(data[:whole], "<i2")
+            if self._channels > 1:
+                samples = samples.reshape(-1, self._channels).mean(axis=1).astype(np.int16)
         else:
             samples = _TABLES[self._kind][np.frombuffer(data, np.uint8)]
         if self._stream is None:

@@ -10,12 +10,9 @@ import time
 from collections import deque
 from collections.abc import AsyncIterator
 from contextlib import suppress
-from typing import Any
 
 import msgspec
 import numpy as np
-import soxr
-from jaxtyping import Shaped
 
 from echoavatar.agents.client import Avatar
 from echoavatar.errors import EchoAvatarError
@@ -34,6 +31,7 @@ from echoavatar.wire.messages import (
     State,
 )
 
+from ..voice_formats import Decoder, Pcm
 from .backend import AvatarBackend
 from .playback import AvatarChunk, Event, Flushed, Playback, UtteranceDone, make_chunk
 
@@ -48,41 +46,26 @@ class SpeechResampler:
     """Resamples one stream of an agent's speech from any rate to the session's, without a seam between blocks."""
 
     def __init__(self) -> None:
-        self._rate = SAMPLE_RATE_HZ
-        self._rest = b""  # the beginning of a sample
-        self._stream: Any = None
+        self.reset()
 
-    def push(self, pcm: Speech, rate: int, channels: int = 1) -> Shaped[np.ndarray, " t"]:
+    def push(self, pcm: Speech, rate: int, channels: int = 1) -> Pcm:
         """Resample a block; some of its samples may come out with the next block.
 
         A service that passes on what it reads cuts samples in two, and then the next block has the other half.
         """
-        if isinstance(pcm, bytes | bytearray | memoryview):
-            data, size = self._rest + bytes(pcm), 2 * channels
-            whole = len(data) // size * size
-            self._rest = data[whole:]
-            pcm = np.frombuffer(data[:whole], "<i2")
-        if channels > 1:
-            pcm = np.asarray(pcm.reshape(-1, channels).mean(axis=1), np.int16)
-        if rate != self._rate:
-            self._rate, self._stream = rate, None
-            if rate != SAMPLE_RATE_HZ:
-                self._stream = soxr.ResampleStream(rate, SAMPLE_RATE_HZ, 1, dtype="int16")
-        return pcm if self._stream is None else self._stream.resample_chunk(pcm)
+        if (rate, channels) != self._form:
+            self._form, self._decoder = (rate, channels), Decoder("pcm", rate, channels)
+        return self._decoder.push(pcm.astype("<i2").tobytes() if isinstance(pcm, np.ndarray) else bytes(pcm))
 
-    def flush(self) -> Shaped[np.ndarray, " t"]:
+    def flush(self) -> Pcm:
         """The rest of the stream; the next block starts another one."""
-        rest, self._rest = np.zeros(0, np.int16), b""
-        if self._stream is not None:
-            rest = self._stream.resample_chunk(rest, last=True)
-            self._stream.clear()
+        rest = self._decoder.push(b"", is_last=True)
+        self.reset()
         return rest
 
     def reset(self) -> None:
         """Drop samples that have not come out yet."""
-        self._rest = b""
-        if self._stream is not None:
-            self._stream.clear()
+        self._form, self._decoder = (SAMPLE_RATE_HZ, 1), Decoder()
 
 
 class AvatarBridge:
