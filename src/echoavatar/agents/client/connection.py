@@ -270,10 +270,7 @@ class Avatar:
 
     # ---- receiving
 
-    def __aiter__(self) -> AsyncIterator[ServerMessage]:
-        return self._messages()
-
-    async def _messages(self) -> AsyncIterator[ServerMessage]:
+    async def __aiter__(self) -> AsyncIterator[ServerMessage]:
         while True:
             try:
                 message = await self.receive()
