@@ -156,15 +156,10 @@ class SpeechItems:
 
     def find(self, item_id: str | None, content_index: int = 0, sample: float = inf) -> SpeechItem | None:
         """Find an item by its id; of its parts the last, or the one with this sample."""
-        wanted = item_id, content_index
-        return next(
-            (
-                item
-                for item in reversed(self._items)
-                if (item.item_id, item.content_index) == wanted and item.first <= sample
-            ),
-            None,
-        )
+        for item in reversed(self._items):
+            if (item.item_id, item.content_index) == (item_id, content_index) and item.first <= sample:
+                return item
+        return None
 
     def of(self, seg: int) -> SpeechItem | None:
         """Find an item by the avatar's utterance number."""
@@ -214,9 +209,7 @@ class Conversation:
 
     def detach(self) -> None:
         """The avatar's session is gone."""
-        if self._pending_cut is not None:
-            self._pending_cut.cancel()
-            self._pending_cut = None
+        self._stop_waiting()
         self.items.forget()
 
     def on_avatar_sound(self, message: Sound) -> None:
@@ -369,10 +362,13 @@ class Conversation:
 
     async def _finish_cut(self, avatar: Avatar) -> None:
         """Wait no longer for the client's report: the model speaks again."""
-        if self._pending_cut is not None:
-            self._pending_cut.cancel()
-            self._pending_cut = None
+        if self._stop_waiting():
             await avatar.interrupt(self._cut_at)
+
+    def _stop_waiting(self) -> bool:
+        """Do not cut at the estimate; returns whether that was to come."""
+        waiting, self._pending_cut = self._pending_cut, None
+        return waiting is not None and waiting.cancel()
 
     @property
     def is_cutting(self) -> bool:
@@ -395,10 +391,7 @@ class Conversation:
         estimate, item.cut = item.cut, heard
         for later in following:  # they will not be heard either
             later.cut = 0 if later.cut is None else later.cut
-        if self._pending_cut is not None:
-            self._pending_cut.cancel()
-            self._pending_cut = None
-        elif estimate is not None and heard > estimate - TRUNCATE_TOLERANCE:
+        if not self._stop_waiting() and estimate is not None and heard > estimate - TRUNCATE_TOLERANCE:
             return  # the avatar was cut there already
         if estimate is None and item.is_ended and heard >= item.samples:
             return  # all of it was heard
