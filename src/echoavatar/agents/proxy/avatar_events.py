@@ -12,7 +12,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from jaxtyping import Int16
 
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.messages import ActionStatus, Flush, Motion, Ready, ServerMessage, Sound
@@ -61,11 +60,6 @@ def blendshapes(motion: Motion, item: SpeechItem, chunk: int) -> AvatarEvent:
     }
 
 
-def blendshapes_done(item: SpeechItem) -> AvatarEvent:
-    """All face frames of an item were sent."""
-    return {"type": "response.animation_blendshapes.done", **_address(item)}
-
-
 def body(motion: Motion, item: SpeechItem | None, chunk: int = 0) -> AvatarEvent:
     """The body. Between utterances it has no item to refer to, and carries the face as well."""
     event = {
@@ -89,30 +83,8 @@ def flush(message: Flush, item: SpeechItem | None) -> AvatarEvent:
     return event
 
 
-def music(at: int, pcm: Int16[np.ndarray, " s"]) -> AvatarEvent:
-    """Music to play beside the voice: 24 kHz, s16le, mono."""
-    return {"type": "echoavatar.music.delta", "at": at, "delta": _text(pcm.astype("<i2").tobytes())}
-
-
-def action_status(message: ActionStatus) -> AvatarEvent:
-    """The status of an action or of music."""
-    return {
-        "type": "echoavatar.action_status",
-        "id": message.id,
-        "name": message.name,
-        "status": message.status,
-        "at": message.at,
-        "reason": message.reason,
-    }
-
-
 def _address(item: SpeechItem) -> AvatarEvent:
-    return {
-        "response_id": item.response_id,
-        "item_id": item.item_id,
-        "output_index": item.output_index,
-        "content_index": item.content_index,
-    }
+    return {key: getattr(item, key) for key in ("response_id", "item_id", "output_index", "content_index")}
 
 
 def _text(blob: bytes) -> str:
@@ -140,7 +112,7 @@ class EventWriter:
                 if item is not None and item.is_over and not item.is_announced:
                     item.is_announced = True
                     if self._ready.face:
-                        yield blendshapes_done(item)
+                        yield {"type": "response.animation_blendshapes.done", **_address(item)}
             case Flush():
                 cut = self._conversation.items.of(message.seg)
                 for item in self._conversation.items:
@@ -148,7 +120,8 @@ class EventWriter:
                 self._motion = None
                 yield flush(message, cut)
             case ActionStatus():
-                yield action_status(message)
+                told = {key: getattr(message, key) for key in ("id", "name", "status", "at", "reason")}
+                yield {"type": "echoavatar.action_status", **told}
 
     def _frames(self, motion: Motion, item: SpeechItem | None) -> Iterator[AvatarEvent]:
         if item is None or item.cut is not None or motion.at not in item.clock:
@@ -170,4 +143,4 @@ class EventWriter:
                 return
             samples = np.clip(difference, -32_768, 32_767).astype(np.int16)
         if samples.any():
-            yield music(message.at, samples)
+            yield {"type": "echoavatar.music.delta", "at": message.at, "delta": _text(samples.astype("<i2").tobytes())}
