@@ -5,34 +5,31 @@ In this process, `InProcessSocket` is a WebSocket to the server's ASGI applicati
 
 import asyncio
 import contextlib
-from collections.abc import Awaitable, Callable, Iterator, MutableMapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from starlette.types import ASGIApp, Message
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError, ConnectionClosedOK
 from websockets.frames import Close
 
 from echoavatar.agents.client import Avatar, MessageSocket, RemoteTools, stream_url
 from echoavatar.engine import Engine, load
+from echoavatar.engine.tools import Schema
 from echoavatar.errors import EchoAvatarError
 from echoavatar.server import ServerSettings, create_app
 from echoavatar.server.run import Server
 from echoavatar.wire.codec import subprotocol
 from echoavatar.wire.messages import Hello
 
-Message = MutableMapping[str, Any]
-Application = Callable[
-    [Message, Callable[[], Awaitable[Message]], Callable[[Message], Awaitable[None]]], Awaitable[None]
-]
 MAX_QUEUED_FRAMES = 1024  # messages for a reader that does not read
-Schema = dict[str, Any]
 
 
 class InProcessSocket:
     """The client's side of one WebSocket connection to an ASGI application."""
 
-    def __init__(self, app: Application) -> None:
+    def __init__(self, app: ASGIApp) -> None:
         scope = {
             "type": "websocket",
             "asgi": {"version": "3.0"},
@@ -87,7 +84,7 @@ class InProcessSocket:
         kind = ConnectionClosedOK if code in (1000, 1001) else ConnectionClosedError
         self._closed = kind(Close(code, reason), None)
 
-    async def _serve(self, app: Application, scope: Message) -> None:
+    async def _serve(self, app: ASGIApp, scope: Message) -> None:
         try:
             await app(scope, self._out.get, self._in.put)
         finally:
