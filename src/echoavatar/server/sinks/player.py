@@ -9,6 +9,7 @@ where nobody reports a position.
 import logging
 import threading
 import time
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterable
 
@@ -65,56 +66,34 @@ class PoseTrack:
     """Motion that is still to be shown. The writer bounds its length; poses behind the reader are dropped."""
 
     def __init__(self) -> None:
-        self._blocks: deque[tuple[int, Pose]] = deque()
+        self._frames: deque[tuple[int, Pose]] = deque()  # one frame each, with its clock
 
     @property
     def end(self) -> int:
         """The clock up to which there are poses; 0 if there are none."""
-        if not self._blocks:
-            return 0
-        at, pose = self._blocks[-1]
-        return at + len(pose.root) * SAMPLES_PER_FRAME
+        return self._frames[-1][0] + SAMPLES_PER_FRAME if self._frames else 0
 
     def put(self, at: int, pose: Pose) -> None:
         """Add frames from `at` on; they replace existing poses from that moment on."""
-        if self._blocks and at < self.end:
-            self.cut(at)
-        self._blocks.append((at, pose))
+        self.cut(at)
+        self._frames.extend((at + k * SAMPLES_PER_FRAME, _frame(pose, k)) for k in range(len(pose.root)))
 
     def cut(self, at: int) -> None:
         """Remove all poses from `at` on."""
-        kept = deque[tuple[int, Pose]]()
-        for start, pose in self._blocks:
-            frames = min(len(pose.root), max(0, -(-(at - start) // SAMPLES_PER_FRAME)))
-            if frames:
-                face = None if pose.face is None else pose.face[:frames]
-                kept.append((start, Pose(pose.rotations[:frames], pose.root[:frames], face)))
-        self._blocks = kept
+        while self._frames and self._frames[-1][0] >= at:
+            self._frames.pop()
 
     def read(self, at: float) -> Pose | None:
         """The pose at a moment, interpolated between the two frames around it; beyond either end, the nearest frame."""
-        while len(self._blocks) > 1 and self._blocks[1][0] < at - HISTORY_SAMPLES:
-            self._blocks.popleft()
-        if not self._blocks:
+        while len(self._frames) > 1 and self._frames[1][0] < at - HISTORY_SAMPLES:
+            self._frames.popleft()
+        if not self._frames:
             return None
-        before, after = self._beside(at)
+        following = bisect_right(self._frames, at, key=lambda frame: frame[0])
+        before = self._frames[max(following - 1, 0)]
+        after = self._frames[min(following, len(self._frames) - 1)]
         share = 0.0 if after[0] <= before[0] else (at - before[0]) / (after[0] - before[0])
-        return _interpolate(before[1], after[1], min(max(share, 0.0), 1.0))
-
-    def _beside(self, at: float) -> tuple[tuple[int, Pose], tuple[int, Pose]]:
-        """The last frame not after `at`, and the frame that follows it."""
-        before: tuple[int, Pose] | None = None
-        for start, pose in self._blocks:
-            for_block = int((at - start) // SAMPLES_PER_FRAME)
-            if for_block < 0:
-                first = start, _frame(pose, 0)
-                return (before or first), first
-            k = min(for_block, len(pose.root) - 1)
-            before = start + k * SAMPLES_PER_FRAME, _frame(pose, k)
-            if k + 1 < len(pose.root):
-                return before, (before[0] + SAMPLES_PER_FRAME, _frame(pose, k + 1))
-        assert before is not None  # there is at least one block
-        return before, before
+        return _interpolate(before[1], after[1], share)
 
 
 def _frame(pose: Pose, k: int) -> Pose:
@@ -182,7 +161,7 @@ class SinkPlayer:
                 last = self._track.end - SAMPLES_PER_FRAME  # the last pose is held beyond it
                 held, at = pose, round(min(moment, last))
             if held is not None:
-                self._show(Frame(held.rotations, held.root, held.face, now - began, at))
+                self.shown += self._quietly(self._sink.send, Frame(*held, now - began, at))
         self._quietly(self._sink.close)
 
     def _hear(self) -> None:
@@ -204,14 +183,10 @@ class SinkPlayer:
         face = None if pose.face is None else self._sink.faces(pose.face)
         self._track.put(at, pose._replace(face=face))
 
-    def _show(self, frame: Frame) -> None:
-        if self._quietly(lambda: self._sink.send(frame)):
-            self.shown += 1
-
-    def _quietly(self, what: Callable[[], None]) -> bool:
+    def _quietly(self, what: Callable[..., None], *given: Frame) -> bool:
         """Call `what`; the first failure is logged, and none is raised."""
         try:
-            what()
+            what(*given)
         except Exception as error:
             self.failed += 1
             if self.failed == 1:
