@@ -79,6 +79,8 @@ class Engine:
         self._look_ahead, self._rewind = look_ahead, rewind
         own_workers = torch.get_num_threads() if pipeline.device.type == "cpu" else 0
         self._workers = own_workers if workers is None else workers
+        self.is_batched = self._workers == 0  # sessions are stepped together, and one more in a step costs hardly more
+        self.workers = max(1, self._workers)  # threads that can make use of `work`
         # Torch's thread count is a setting of each thread.
         self._pool = (
             ThreadPoolExecutor(self._workers, "worker", torch.set_num_threads, (1,)) if self._workers > 1 else None
@@ -89,11 +91,6 @@ class Engine:
     def skeleton(self) -> Skeleton:
         """The rig of all sessions."""
         return self.pipeline.skeleton
-
-    @property
-    def has_face(self) -> bool:
-        """Whether motion has a face."""
-        return self.pipeline.face is not None
 
     @property
     def free(self) -> int:
@@ -154,16 +151,6 @@ class Engine:
         """Sleep until `wake` is called, at most `seconds`; not at all if `wake` was called since `wakes` was read."""
         with self._awake:
             self._awake.wait_for(lambda: self.wakes != wakes, seconds)
-
-    @property
-    def is_batched(self) -> bool:
-        """Whether sessions are stepped together, so that one more in a step costs hardly more."""
-        return self._workers == 0
-
-    @property
-    def workers(self) -> int:
-        """How many threads can make use of `work`."""
-        return max(1, self._workers)
 
     def tick(self) -> int:
         """Step every session that is ready; return how many were. Raises what a step raises."""
@@ -245,15 +232,14 @@ class Engine:
         """Make a chunk of each session; a fault ends the session that causes it, or stops the engine."""
         try:
             self._make(ready)
+            return
         except Exception as fault:
             _LOG.exception("a step failed")
             if not self._can_step():
                 self.fault = fault
                 return
-        else:
-            return
         for session in ready:
-            if session.error is None and (session.is_ready or session.is_making):
+            if session.is_ready:
                 try:
                     self._make([session])
                 except Exception as error:

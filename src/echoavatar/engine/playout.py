@@ -39,22 +39,17 @@ class PlayoutBuffer:
         self.taken = 0  # sample up to which motion was taken
         self.end = 0  # sample up to which there is motion
         self.source = "idle"
-        self._out: deque[Delivery] = deque()
+        self.waiting: deque[Delivery] = deque()  # for the reader
         self._recent: dict[int, MotionChunk] = {}  # by chunk, as shown
         self._blend = InertialBlend()
         self._fresh = 0  # first frame that may be new
         self._shown: MotionChunk | None = None  # the two frames before it, until the blend has begun
 
-    @property
-    def untaken(self) -> int:
-        """Deliveries that wait for the reader."""
-        return len(self._out)
-
     def take(self) -> Delivery | None:
         """The next delivery, or None."""
-        if not self._out:
+        if not self.waiting:
             return None
-        delivery = self._out.popleft()
+        delivery = self.waiting.popleft()
         self.taken = delivery.start + len(delivery.motion.root) * SAMPLES_PER_FRAME
         return delivery
 
@@ -73,7 +68,7 @@ class PlayoutBuffer:
         cut = skip * SAMPLES_PER_FRAME
         start = chunk * self._frames * SAMPLES_PER_FRAME + cut
         music = None if heard.music is None else heard.music[cut:]
-        self._out.append(Delivery(new, start, epoch, heard.audio[cut:], music, source))
+        self.waiting.append(Delivery(new, start, epoch, heard.audio[cut:], music, source))
 
     def go_back(self, sample: int) -> None:
         """Take back all motion after this sample."""
@@ -87,8 +82,8 @@ class PlayoutBuffer:
                 self._recent[chunk] = self._recent[chunk].part(0, left)
         self._shown = self._last_two()
         self._blend = InertialBlend()
-        kept = [_until(delivery, self._fresh) for delivery in self._out]
-        self._out = deque(delivery for delivery in kept if len(delivery.motion.root))
+        kept = [_until(delivery, self._fresh) for delivery in self.waiting]
+        self.waiting = deque(delivery for delivery in kept if len(delivery.motion.root))
 
     def _last_two(self) -> MotionChunk | None:
         chunks = [self._recent[chunk] for chunk in sorted(self._recent)[-2:]]

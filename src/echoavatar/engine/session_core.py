@@ -88,13 +88,7 @@ class SessionCore:
     # ---- sound in
 
     def push(self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ, *, utterance: int = 0) -> None:
-        """Add speech of the avatar: mono (s,) or (s, channels), float in [-1, 1] or int16, at any sample rate.
-
-        Raises:
-            AudioError: the samples or the rate are invalid.
-            QueueFullError: too much is waiting.
-            EchoAvatarError: the session is finished or closed.
-        """
+        """Add speech of the avatar, see `Session.push`; a higher `utterance` than before begins a new one."""
         with self._lock:
             self._check_open()
             self._queue.push(audio, rate, utterance)
@@ -124,11 +118,7 @@ class SessionCore:
         self._host.wake()
 
     def listen(self, audio: Float[np.ndarray, "..."], rate: int = SAMPLE_RATE_HZ) -> None:
-        """Sound of the user: a listening posture and eye contact while it lasts, nods at pauses.
-
-        Raises:
-            AudioError: the samples or the rate are invalid.
-        """
+        """Sound of the user, see `Session.listen`: a listening posture while it lasts, nods at pauses."""
         with self._lock:
             if self._user_resampler is None or self._user_resampler.rate != rate:
                 self._user_resampler = StreamResampler(rate)
@@ -279,7 +269,7 @@ class SessionCore:
         with self._lock:
             played = self._barge_in.played
             if played is None:
-                return self._playout.untaken
+                return len(self._playout.waiting)
             return -((played - self._playout.end) // self.chunk.samples)
 
     @property
@@ -296,7 +286,7 @@ class SessionCore:
     def is_ready(self) -> bool:
         """Whether a chunk may be made now: there is sound for it, and it is not too far ahead of the player."""
         with self._lock:
-            if self.error is not None or self.is_making:
+            if self.error is not None or self._making is not None:
                 return self.error is None
             ahead = self.ahead
             if self._look_ahead is not None and ahead >= self._look_ahead:
@@ -306,11 +296,6 @@ class SessionCore:
             return self._music.is_playing and (self._barge_in.played is None or ahead < self.music_ahead)
 
     # ---- for the engine
-
-    @property
-    def is_making(self) -> bool:
-        """Whether a chunk was begun and not ended."""
-        return self._making is not None
 
     def fail(self, error: Exception) -> None:
         """A fault ends the session: no more chunks are made. Its owner sees `error` and closes it."""

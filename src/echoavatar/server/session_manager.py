@@ -252,7 +252,7 @@ class SessionManager:
             frame_rate=FRAME_RATE_HZ,
             chunk_samples=self.engine.chunk.samples,
             rig=self.rig,
-            face=tuple(ARKIT_NAMES) if self.engine.has_face else (),
+            face=tuple(ARKIT_NAMES) if self.engine.pipeline.face is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
             latency=Latency(algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds),
