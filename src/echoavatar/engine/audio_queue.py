@@ -133,8 +133,9 @@ class AudioQueue:
         An utterance that has just begun is not torn by silence: a whole chunk of silence goes before it, and by the
         next one more of it may be there.
         """
-        is_short = self.waiting < self._size
-        self._lay(with_speech=not (is_short and self._is_beginning))
+        first = self._pieces[0].utterance if self._pieces else 0
+        is_beginning = first == self._newest != self._begun and not self._is_complete
+        self._lay(with_speech=self.waiting >= self._size or not is_beginning)
 
     def stall(self) -> None:
         """The source is late: complete the chunk in hand with silence, so that idle motion goes on."""
@@ -203,11 +204,6 @@ class AudioQueue:
     def _in_hand(self) -> int:
         """Samples of the chunk that is scheduled in part."""
         return len(self._chunks.get(self._scheduled, ()))
-
-    @property
-    def _is_beginning(self) -> bool:
-        first = self._pieces[0].utterance if self._pieces else 0
-        return bool(self._pieces) and first == self._newest != self._begun and not self._is_complete
 
     def _check_room(self, seconds: float, *, is_new: bool) -> None:
         is_whole = seconds > self._seconds  # would never fit

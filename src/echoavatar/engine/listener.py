@@ -68,7 +68,10 @@ class Listener:
         step = FRAME / SAMPLE_RATE_HZ
         if level > max(SOUND_DB, self._floor + OVER_FLOOR_DB):
             self._silence, self._speech = 0.0, self._speech + step
-            if self._speech > 0.1 and (not self.is_listening or self._is_due_again()):
+            is_over = (
+                self._has_nodded and self._at / SAMPLE_RATE_HZ - self._nodded > NOD_S
+            )  # the posture is taken again
+            if self._speech > 0.1 and (is_over or not self.is_listening):
                 self.is_listening, self._has_nodded = True, False
                 return [Noticed("begins", self._at)]
             return []
@@ -79,10 +82,6 @@ class Listener:
             self.is_listening, self._speech = False, 0.0
             return [Noticed("ends", self._at)]
         return []
-
-    def _is_due_again(self) -> bool:
-        """Whether a nod has ended, after which the posture is taken again."""
-        return self._has_nodded and self._at / SAMPLE_RATE_HZ - self._nodded > NOD_S
 
     def _pause(self) -> list[Noticed]:
         now = self._at / SAMPLE_RATE_HZ

@@ -128,11 +128,7 @@ class Tracks:
             if not folder.is_dir():
                 raise EchoAvatarError(f"no folder {folder} with music; make it, or name another")
             self._paths |= _found(folder)
-
-    @property
-    def titles(self) -> tuple[str, ...]:
-        """All titles."""
-        return tuple(self._paths)
+        self.titles = tuple(self._paths)
 
     def find(self, title: str | None) -> str:
         """The exact title; case and underscores do not matter. Without a title (None or empty) the first one.
