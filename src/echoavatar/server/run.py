@@ -20,6 +20,7 @@ from websockets.frames import Frame, Opcode
 from echoavatar.errors import EchoAvatarError
 from echoavatar.wire.codec import TOO_LARGE, encode, negotiate
 from echoavatar.wire.messages import CLOSE_CODES, MAX_MESSAGE_BYTES, Error
+from echoavatar.wire.rates import Limiter, Rate
 from echoavatar.wire.sockets import CONNECTIONS, WebServer
 
 from .session_manager import SessionManager
@@ -41,7 +42,7 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
     def __init__(self, *args: Any, **more: Any) -> None:
         super().__init__(*args, **more)
         self.close_timeout = CLOSE_S
-        self._allowance, self._counted_at = CONTROL_FRAMES_AT_ONCE, time.monotonic()
+        self._control_frames = Limiter()
         self._unanswered, self._is_answered, self._refused_at = 0, False, 0.0
 
     def data_received(self, data: bytes) -> None:
@@ -130,11 +131,8 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
             self.transport.abort()
 
     def _is_allowed(self) -> bool:
-        now = time.monotonic()
-        earned = (now - self._counted_at) * CONTROL_FRAMES_A_SECOND
-        self._allowance, self._counted_at = min(CONTROL_FRAMES_AT_ONCE, self._allowance + earned) - 1, now
-        is_read = self.transport.get_write_buffer_size() < MAX_UNREAD_BYTES
-        if self._allowance >= 0 and is_read:
+        is_often = self._control_frames.wait("", Rate(CONTROL_FRAMES_AT_ONCE, 60 * CONTROL_FRAMES_A_SECOND)) > 0
+        if not is_often and self.transport.get_write_buffer_size() < MAX_UNREAD_BYTES:
             return True
         if not self.transport.is_closing():
             self.transport.abort()
