@@ -1,10 +1,12 @@
 """The sound formats in which voice agents send speech: what their names mean, and their samples at 24 kHz."""
 
+import io
 import re
 
 import numpy as np
+import soundfile
 import soxr
-from jaxtyping import Int16, UInt8
+from jaxtyping import Int16
 
 from echoavatar.timing import SAMPLE_RATE_HZ
 
@@ -71,21 +73,12 @@ class Decoder:
         return made
 
 
-def _ulaw(code: UInt8[np.ndarray, " n"]) -> Pcm:
-    """Mu-law: 8 segments of 16 steps, inverted bits, bias 33 at 14 bits."""
-    code = ~code
-    segment, step = (code >> 4) & 7, code & 15
-    size = (((2 * step.astype(np.int32) + 33) << segment) - 33) * 4
-    return np.where(code & 128, -size, size).astype(np.int16)
+def _table(kind: str) -> Pcm:
+    """The sample of each of the 256 codes."""
+    codes = io.BytesIO(bytes(range(256)))
+    table: Pcm
+    table, _ = soundfile.read(codes, dtype="int16", samplerate=8_000, channels=1, format="RAW", subtype=kind.upper())
+    return table
 
 
-def _alaw(code: UInt8[np.ndarray, " n"]) -> Pcm:
-    """A-law: the first two segments are linear; every other bit is inverted."""
-    code = code ^ 0x55
-    segment, step = ((code >> 4) & 7).astype(np.int32), (code & 15).astype(np.int32)
-    size = np.where(segment == 0, 2 * step + 1, (2 * step + 33) << np.maximum(segment - 1, 0)) * 8
-    return np.where(code & 128, size, -size).astype(np.int16)
-
-
-_CODES = np.arange(256, dtype=np.uint8)
-_TABLES = {"ulaw": _ulaw(_CODES), "alaw": _alaw(_CODES)}
+_TABLES = {kind: _table(kind) for kind in ("ulaw", "alaw")}
