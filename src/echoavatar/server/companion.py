@@ -89,11 +89,8 @@ class ToolAccess(NamedTuple):
 
     def choices(self, name: str, argument: str) -> list[str]:
         """The values that an argument of a tool may take; empty if the tool does not list any."""
-        for tool in self.tools:
-            function = tool["function"]
-            if function["name"] == name:
-                return list(function["parameters"]["properties"][argument].get("enum", ()))
-        return []
+        arguments = {tool["function"]["name"]: tool["function"]["parameters"]["properties"] for tool in self.tools}
+        return list(arguments.get(name, {}).get(argument, {}).get("enum", ()))
 
 
 class ChatModel:
@@ -161,8 +158,7 @@ class ChatModel:
         return text.strip() if isinstance(text, str) else ""
 
     async def _message(self, request: dict[str, Any]) -> dict[str, Any]:
-        body = json.dumps(request).encode()
-        answer = await asyncio.to_thread(self._post, "/chat/completions", body, "application/json")
+        answer = await asyncio.to_thread(self._post, "/chat/completions", request)
         try:
             message: dict[str, Any] = dict(answer["choices"][0]["message"])
             message["tool_calls"] = [
@@ -181,10 +177,8 @@ class ChatModel:
             result = {"status": "rejected", "reason": str(error)}
         return {"role": "tool", "tool_call_id": call.get("id"), "content": json.dumps(result)}
 
-    def _post(self, path: str, body: bytes, kind: str) -> dict[str, Any]:
-        headers = {"content-type": kind}
-        if self._key:
-            headers["authorization"] = f"Bearer {self._key}"
+    def _post(self, path: str, body: object, kind: str = "application/json") -> dict[str, Any]:
+        headers = {"content-type": kind} | ({"authorization": f"Bearer {self._key}"} if self._key else {})
         try:
             result = outgoing.ask(self._url + path, body, headers=headers, seconds=TIMEOUT_S)
         except outgoing.OutgoingError as error:
@@ -304,13 +298,9 @@ Companion = ChatModel | Scripted
 
 def _find_action(text: str, actions: Sequence[str]) -> str:
     """The action that the text names, by its own name or by a synonym."""
-    for name in actions:
-        if re.search(rf"\b{re.escape(name.replace('_', ' '))}\b", text):
-            return name
-    for words, name in SYNONYMS.items():
-        if name in actions and re.search(rf"\b{words}", text):
-            return name
-    return ""
+    own = [(rf"\b{re.escape(name.replace('_', ' '))}\b", name) for name in actions]
+    others = [(rf"\b{words}", name) for words, name in SYNONYMS.items() if name in actions]
+    return next((name for words, name in own + others if re.search(words, text)), "")
 
 
 def _title_argument(text: str, titles: Sequence[str]) -> dict[str, str]:
