@@ -48,7 +48,7 @@ def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
         return
     try:
         page, host = urlsplit(origin), urlsplit(f"//{headers.get('host', '')}")
-        bare = page.hostname == "localhost" or _address(page.hostname or "")
+        bare = page.hostname == "localhost" or ip_of(page.hostname or "")
         if page.netloc == host.netloc and bare:
             return
         if is_loopback(page.hostname or "") and is_loopback(host.hostname or ""):
@@ -71,18 +71,18 @@ def is_own_host(host: str, names: Collection[str]) -> bool:
     if "@" in host:
         return False
     own = {urlsplit(name if "://" in name else f"//{name}").hostname for name in names}
-    return asked == "localhost" or _address(asked) is not None or asked in own
+    return asked == "localhost" or ip_of(asked) is not None or asked in own
 
 
 def is_loopback(host: str) -> bool:
     """Whether the host can be reached from this machine only."""
-    address = _address(host)
+    address = ip_of(host)
     return host == "localhost" or (address is not None and address.is_loopback)
 
 
 def network_of(address: str) -> str:
     """The part of an address that its holder cannot change at will: all of IPv4, the first 64 bits of IPv6."""
-    found = _address(address.partition("%")[0])
+    found = ip_of(address.partition("%")[0])
     if found is None:
         return address
     if found.version == 4:
@@ -90,7 +90,7 @@ def network_of(address: str) -> str:
     return str(found.ipv4_mapped or ipaddress.ip_network((int(found) >> 64 << 64, 64)))
 
 
-def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+def ip_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
     """The IP address that a host is given by; None for a name."""
     try:
         return ipaddress.ip_address(host)

@@ -5,10 +5,10 @@ behind names of mDNS (`.local`), which only its own network can resolve. In thei
 offer came from, which is right where no router lies between; elsewhere the browser's own checks reach the server first.
 """
 
-import ipaddress
 from collections.abc import Iterator
 
 from echoavatar.errors import DependencyError, EchoAvatarError
+from echoavatar.wire.guard import ip_of
 
 try:
     from aiortc.sdp import MediaDescription, SessionDescription
@@ -59,7 +59,7 @@ def _without_excess(lines: list[str], address: str) -> Iterator[str]:
             continue
         if parts[4].endswith(".local"):
             parts[4] = address
-        if len(seen) < MOST_CANDIDATES and (parts[4], parts[5]) not in seen and _is_address(parts[4]):
+        if len(seen) < MOST_CANDIDATES and (parts[4], parts[5]) not in seen and ip_of(parts[4]):
             seen.add((parts[4], parts[5]))
             yield " ".join(parts[:8])
 
@@ -71,11 +71,3 @@ def _shorten(medium: MediaDescription) -> None:
         medium.rtp.codecs, medium.fmt = kept, [codec.payloadType for codec in kept]
     medium.rtp.headerExtensions = medium.rtp.headerExtensions[:MOST_EACH]
     medium.ssrc, medium.ssrc_group = [], []
-
-
-def _is_address(host: str) -> bool:
-    try:
-        ipaddress.ip_address(host)
-    except ValueError:
-        return False
-    return True
