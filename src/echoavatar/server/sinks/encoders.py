@@ -21,6 +21,7 @@ from typing import Literal, NamedTuple, get_args
 import msgspec
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES, HEAD_AND_EYES, VRM_NAMES, reorder, to_live_link, to_vrm
 from echoavatar.timing import SAMPLE_RATE_HZ
@@ -110,17 +111,10 @@ class LiveLinkEncoder:
 
 def head_angles(chain: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "3"]:
     """Yaw, pitch and roll (rad) of the head relative to the trunk, from the rotations (wxyz) of neck and head."""
-    w, x, y, z = 1.0, 0.0, 0.0, 0.0
-    for a, b, c, d in chain:
-        w, x, y, z = (
-            w * a - x * b - y * c - z * d,
-            w * b + x * a + y * d - z * c,
-            w * c - x * d + y * a + z * b,
-            w * d + x * c - y * b + z * a,
-        )
-    yaw = np.arctan2(2 * (x * z + w * y), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * x - y * z), -1, 1))
-    roll = np.arctan2(2 * (x * y + w * z), 1 - 2 * (x * x + z * z))
+    whole = Rotation.identity()
+    for joint in chain:
+        whole *= Rotation.from_quat(joint, scalar_first=True)
+    yaw, pitch, roll = whole.as_euler("YXZ")
     return np.array([-yaw, pitch, roll], np.float32)
 
 
