@@ -44,7 +44,10 @@ class Outbox:
         if isinstance(message, Motion):
             if "motion" not in self._wants:
                 return
-            self._make_room()
+            motions = [kept for kept in self._queue if isinstance(kept, Motion)]
+            if len(motions) >= MOST_MOTION:
+                self._queue.remove(motions[0])
+                self.dropped += 1
         elif isinstance(message, Sound | PackedSound) and "audio" not in self._wants:
             return
         self._queue.append(message)
@@ -90,12 +93,6 @@ class Outbox:
         """The client is gone."""
         self._closed = True
         self._queue.clear()
-
-    def _make_room(self) -> None:
-        motions = [message for message in self._queue if isinstance(message, Motion)]
-        if len(motions) >= MOST_MOTION:
-            self._queue.remove(motions[0])
-            self.dropped += 1
 
 
 class Relay(Outbox):
