@@ -4,8 +4,9 @@ import argparse
 import asyncio
 import sys
 import time
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.outgoing import redacted
@@ -85,7 +86,9 @@ class _Show:
             await asyncio.wait([watching], timeout=0.1)
             if watching.done():
                 watching.result()
-        work = [watching, asyncio.ensure_future(self._pictures()), asyncio.ensure_future(self._sounds())]
+        stream, output = self._stream, self._output
+        pairs = ((stream.picture, output.show), (stream.sound, output.hear))
+        work = [watching, *(asyncio.ensure_future(self._pass_on(take, show)) for take, show in pairs)]
         try:
             done, _ = await asyncio.wait(work, timeout=self._args.seconds, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
@@ -98,17 +101,11 @@ class _Show:
             await self._stream.close()
         print(f"{self._stream.shown} pictures, {self._stream.skipped} left out", file=sys.stderr)
 
-    async def _pictures(self) -> None:
+    async def _pass_on(self, take: Callable[[], Awaitable[Any]], show: Callable[[Any], None]) -> None:
         while True:
-            picture = await self._stream.picture()
+            taken = await take()
             async with self._lock:
-                await asyncio.to_thread(self._output.show, picture)
-
-    async def _sounds(self) -> None:
-        while True:
-            sound = await self._stream.sound()
-            async with self._lock:
-                await asyncio.to_thread(self._output.hear, sound)
+                await asyncio.to_thread(show, taken)
 
     async def _watch(self) -> None:
         """Take the messages of one session after another."""
