@@ -14,6 +14,7 @@ import mcp_types as types
 from mcp.server.lowlevel import Server
 from mcp.server.stdio import stdio_server
 from mcp.server.transport_security import TransportSecuritySettings
+from mcp.shared.exceptions import MCPError
 from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
@@ -39,8 +40,6 @@ def create_server(tools: RemoteTools) -> "Server[Any]":
         try:
             declared = await asyncio.to_thread(tools.schemas, "mcp")
         except EchoAvatarError as error:
-            from mcp.shared.exceptions import MCPError
-
             raise MCPError(types.INTERNAL_ERROR, str(error)) from error
         return types.ListToolsResult(tools=[types.Tool.model_validate(tool) for tool in declared])
 

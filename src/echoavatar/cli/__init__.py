@@ -180,11 +180,7 @@ def _start_log(level: int) -> None:
 
 
 def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:
-    """The parser with all commands; those in `filled` know their arguments, and their modules are imported.
-
-    Raises:
-        DependencyError: one of them comes with another distribution, which is not installed.
-    """
+    """The parser with all commands; those in `filled` know their arguments. Raises as `command_module`."""
     parser = argparse.ArgumentParser(
         prog="echoavatar",
         description="An audio stream becomes full-body motion, in real time.",

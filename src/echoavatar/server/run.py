@@ -210,8 +210,7 @@ def serve(
     """Serve until SIGINT or SIGTERM; port 0 takes any free one. `on_ready` receives the address.
 
     Raises:
-        EchoAvatarError: the port is taken, or may not be used; the certificate or its key cannot be used; or the engine
-            failed again and again.
+        EchoAvatarError: as `WebServer`; or the engine failed again and again.
     """
     server = Server(app, host=host, port=port, on_ready=on_ready, certificate=ssl_certfile, key=ssl_keyfile)
     gc.collect()

@@ -92,11 +92,7 @@ class SessionManager:
         return self._known(self._sessions, name or next(reversed(self._sessions), ""))
 
     async def load_track(self, title: str) -> Float[np.ndarray, " s"]:
-        """Decode a track, away from the event loop.
-
-        Raises:
-            EchoAvatarError: no such title, or a file that cannot be read.
-        """
+        """Decode a track, away from the event loop; raises what `Tracks.load` raises."""
         return await to_thread.run_sync(self.tracks.load, title, limiter=self._decoders)
 
     @property

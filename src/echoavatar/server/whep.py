@@ -283,11 +283,7 @@ class VideoDesk:
         return Response(answer, 201, {"location": f"/v1/whep/{name}"}, "application/sdp")
 
     def _wish(self, request: Request) -> tuple[str, Shot]:
-        """The character, and how it is pictured, as the query of an address asks.
-
-        Raises:
-            EchoAvatarError: there is no such character or view.
-        """
+        """The character, and how it is pictured, as the query of an address asks."""
         query, settings = request.query_params, self._settings
         character, view = query.get("character", CHARACTERS[0]), query.get("view", VIEWS[0])
         if character not in CHARACTERS:

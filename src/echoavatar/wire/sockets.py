@@ -143,10 +143,7 @@ async def serve_websockets(
 ) -> WebSocketServer:
     """Start a server of the websockets library on a guarded socket. A connection needs `files_each` open files.
 
-    Lines of `noisy_logs`, which clients can cause, are limited. Further options are the library's.
-
-    Raises:
-        EchoAvatarError: the port is taken, or may not be used.
+    Lines of `noisy_logs`, which clients can cause, are limited. Further options are the library's. Raises as `listen`.
     """
     log_less(*noisy_logs)
     guard = ConnectionGuard(count_places(connections, files_each=files_each))
@@ -158,10 +155,9 @@ async def serve_websockets(
 async def serve_streams(
     handler: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]], host: str, port: int
 ) -> asyncio.Server:
-    """Start a server of plain TCP. The handler itself bounds its connections, because only it knows their messages.
+    """Start a server of plain TCP; raises as `listen`.
 
-    Raises:
-        EchoAvatarError: the port is taken, or may not be used.
+    The handler itself bounds its connections, because only it knows their messages.
     """
     log_less()
     raise_file_limit()

@@ -111,22 +111,13 @@ class RemoteBackend:
         self._tools = RemoteTools(url, token=token)
 
     async def open(self, hello: Hello) -> Avatar:
-        """Open a session there.
-
-        Raises:
-            ConnectionLostError: no server answers there.
-            ProtocolError: the token is wrong, or no seat is free.
-        """
+        """Open a session there; raises as `Avatar.open`."""
         avatar = Avatar(self._url, msgspec.structs.replace(hello, token=self._token))
         await avatar.open()
         return avatar
 
     async def tools(self) -> list[Schema]:
-        """The tools that a language model may call there: name, description and parameters of each.
-
-        Raises:
-            EchoAvatarError: the server does not answer, or refuses the request.
-        """
+        """The tools that a language model may call there, see `RemoteTools.schemas`."""
         return await asyncio.to_thread(self._tools.schemas)
 
     def page(self, session: str) -> str:

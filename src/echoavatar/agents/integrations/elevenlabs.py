@@ -152,12 +152,8 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         if self._device is not None:
             await _maybe(self._device.interrupt())
             self._down.clear()
-        if self._has_failed or not self.bridge.is_busy:
-            return
-        try:
-            await self.bridge.interrupt()
-        except EchoAvatarError:
-            self._has_failed = True
+        if self.bridge.is_busy and not self._has_failed:
+            await self._try(self.bridge.interrupt())
 
     # ---- internals
 

@@ -54,11 +54,7 @@ class Relay:
         return len(self._upstreams)
 
     async def start(self, host: str = "127.0.0.1", port: int = 8766) -> int:
-        """Start to listen and return the port; port 0 takes any free one.
-
-        Raises:
-            EchoAvatarError: the port is taken or not permitted.
-        """
+        """Start to listen and return the port; port 0 takes any free one. Raises as `wire.sockets.listen`."""
         self._names = (*self._settings.origins, host)
         self._server = await serve_websockets(
             self._serve_client,

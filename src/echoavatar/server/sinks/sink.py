@@ -95,11 +95,7 @@ def parse_address(text: str) -> Address:
 
 
 def check_address(text: str) -> None:
-    """Check that `make_sink` would accept the address, before a rig is known.
-
-    Raises:
-        EchoAvatarError: see `make_sink`.
-    """
+    """Check that `make_sink` would accept the address, before a rig is known; raises what it raises."""
     make_sink(text, Rig(names=("hips",), parents=(-1,), rest=((0.0, 0.0, 0.0),))).close()
 
 

@@ -140,11 +140,7 @@ class VideoSource:
 
 
 def prepare(shot: Shot, character: str = "") -> None:
-    """Read a character and draw it once, so that the first viewer does not wait for that.
-
-    Raises:
-        EchoAvatarError: there is no such character or background.
-    """
+    """Read a character and draw it once, so that the first viewer does not wait for that; raises as `VideoSource`."""
     config = HUMANOID.config
     rig = Rig(names=config.names, parents=config.parents, rest=config.offsets)
     VideoSource(rig, shot, character=character).picture(0)
