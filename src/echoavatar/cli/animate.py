@@ -5,15 +5,12 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
-
-from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 
 from .batch import STDIN, Batch, add_outputs, outputs
-from .options import MAP_HELP, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
+from .options import MAP_HELP, RIG_HELP, VIEWS, add_picture, add_pipeline, local_path, progress, seed, size
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 EXAMPLES = """examples:
@@ -72,7 +69,6 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.motion.stages.modes import MotionOptions
 
     places = outputs(args.audio, args.output, args.format, known=SUFFIXES, kind="sound")
-    is_quiet = not sys.stderr.isatty()
     for output in places:
         check_output(output, has_rig=args.rig is not None)
     if args.map is not None and args.rig is None:
@@ -94,14 +90,11 @@ def run(args: argparse.Namespace) -> int:
     batch = Batch(len(args.audio))
     for sound, output in zip(args.audio, places, strict=True):
         with batch.each(sound, output):
-            bar = tqdm(
-                unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]", disable=is_quiet
-            )
-            with bar, _readable(sound) as path:
-                blocks, said = stream_audio(path), partial(advance, bar)
-                done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, progress=said)
-            is_hidden = is_quiet or output.suffix.lower() not in FILMS
-            with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
+            bar = progress(unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]")
+            with bar as show, _readable(sound) as path:
+                blocks = stream_audio(path)
+                done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, progress=show)
+            with progress(is_hidden=output.suffix.lower() not in FILMS, unit="frame", desc="filming") as show:
                 Animation(*done).save(
                     output,
                     rig=rig,
@@ -111,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
                     background=args.background,
                     alpha=args.alpha,
                     renderer=args.renderer,
-                    progress=partial(advance, bar),
+                    progress=show,
                 )
             print(
                 f"{output}: {done.motion.frames} frames at {fps:g} fps, {done.motion.seconds:.2f} s; "

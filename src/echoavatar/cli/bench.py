@@ -3,17 +3,13 @@
 import argparse
 import json
 import statistics
-import sys
 from contextlib import suppress
-from functools import partial
 from typing import TYPE_CHECKING
-
-from tqdm import tqdm
 
 from echoavatar.errors import DependencyError
 
 from . import command_module
-from .options import add_model, add_pipeline, advance
+from .options import add_model, add_pipeline, progress
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
@@ -135,8 +131,8 @@ def _stream(args: argparse.Namespace) -> int:
     from echoavatar.bench.stream import bench_stream
 
     pipeline = _pipeline(args, args.precision)
-    with tqdm(unit="chunk", disable=not sys.stderr.isatty()) as bar:
-        report = bench_stream(pipeline, seconds=args.seconds, sessions=args.sessions, progress=partial(advance, bar))
+    with progress(unit="chunk") as show:
+        report = bench_stream(pipeline, seconds=args.seconds, sessions=args.sessions, progress=show)
     print(f"{'stage':<14}{'p50 ms':>10}{'p95 ms':>10}{'p99 ms':>10}")
     for stage, values in report.stages_ms.items():
         print(f"{stage:<14}" + "".join(f"{value:>10.2f}" for value in values))
@@ -150,8 +146,8 @@ def _sessions(args: argparse.Namespace) -> int:
     from echoavatar.bench.sessions import bench_neighbour, bench_sessions, summary
 
     pipeline = _pipeline(args)
-    with tqdm(total=len(args.counts), unit="load", leave=False) as bar:
-        loads = bench_sessions(pipeline, args.counts, seconds=args.seconds, progress=partial(advance, bar))
+    with progress(unit="load", leave=False) as show:
+        loads = bench_sessions(pipeline, args.counts, seconds=args.seconds, progress=show)
     print(f"{'sessions':<10}{'p50 ms':>10}{'p99 ms':>10}{'busy':>8}{'MB each':>10}  in real time")
     for load in loads:
         numbers = f"{load.p50_ms:>10.1f}{load.p99_ms:>10.1f}{load.busy:>8.2f}{load.memory_mb:>10.2f}"
@@ -201,8 +197,8 @@ def _face(args: argparse.Namespace) -> int:
 def _start(args: argparse.Namespace) -> int:
     from echoavatar.bench.start import bench_start
 
-    with tqdm(total=args.runs, unit="start", leave=False, disable=not sys.stderr.isatty()) as bar:
-        report = bench_start(args.model, runs=args.runs, progress=partial(advance, bar))
+    with progress(total=args.runs, unit="start", leave=False) as show:
+        report = bench_start(args.model, runs=args.runs, progress=show)
     print(f"{'s':<10}{'first':>8}{'warm':>8}{'least':>8}")
     for name, values in (report.phases | {"animate": report.animate, "--help": report.help}).items():
         print(f"{name:<10}{values[0]:>8.2f}{statistics.median(values[1:]):>8.2f}{min(values):>8.2f}")

@@ -5,17 +5,14 @@ With an output folder, it writes bundled speech and music as films and models, a
 
 import argparse
 import webbrowser
-from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
-
-from tqdm import tqdm
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder
 
 from . import serve
-from .options import DEVICE_HELP, add_model, advance, seed
+from .options import DEVICE_HELP, add_model, progress, seed
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
 
@@ -72,14 +69,14 @@ def _files(args: argparse.Namespace) -> int:
             sound = source.read_bytes()
             audio = read_audio(source)
         print(f"{title}: {len(audio) / 24_000:.1f} s of sound")
-        with tqdm(unit="s", desc="  animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]") as bar:
-            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=partial(advance, bar))
+        with progress(unit="s", desc="  animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]") as show:
+            done = animate(pipeline, in_blocks(audio), seed=args.seed, progress=show)
         print(f"  real-time factor {done.real_time_factor:.2f} (below 1 is faster than real time)")
         animation, motion = Animation(*done), done.motion
         animation.save(args.output / f"{name}.glb")
         if not args.no_video:
-            with tqdm(total=motion.frames, unit="frame", desc="  filming") as bar:
-                animation.save(args.output / f"{name}.mp4", size=(960, 540), progress=partial(advance, bar))
+            with progress(unit="frame", desc="  filming") as show:
+                animation.save(args.output / f"{name}.mp4", size=(960, 540), progress=show)
         moving.append(GltfAnimation(name, motion.rotations, motion.root, face=done.face))
         clips.append(PageClip(title, name, sound))
     page = args.output / "index.html"

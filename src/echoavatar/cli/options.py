@@ -3,11 +3,10 @@
 import argparse
 import os
 import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from tqdm import tqdm
+from typing import Any
 
 TOKEN = "ECHOAVATAR_TOKEN"
 LARGEST_SEED = 1 << 62
@@ -97,6 +96,15 @@ def size(text: str) -> tuple[int, int]:
     return sides
 
 
-def advance(bar: "tqdm[object]", to: float, _: float = 0) -> None:
-    """Move a bar to a position. The total, which some callers pass as well, is ignored."""
-    bar.update(to - bar.n)
+@contextmanager
+def progress(*, is_hidden: bool = False, **look: Any) -> Iterator[Callable[..., None]]:
+    """A bar on standard error if that is a terminal; yields what moves it: `done`, and the total where known."""
+    from tqdm import tqdm
+
+    with tqdm(disable=is_hidden or None, **look) as bar:
+
+        def show(done: float, total: float | None = None) -> None:
+            bar.total = total or bar.total
+            bar.update(done - bar.n)
+
+        yield show

@@ -3,11 +3,9 @@
 import argparse
 from pathlib import Path
 
-from tqdm import tqdm
-
 from echoavatar.errors import EchoAvatarError
 
-from .options import MAP_HELP, seed
+from .options import MAP_HELP, progress, seed
 
 EXAMPLES = """examples:
   echoavatar refine-fingers take.bvh take_fingers.bvh                  both hands, to match the arms
@@ -51,13 +49,8 @@ def run(args: argparse.Namespace) -> int:
     motion, stand = read_standing(args.motion, read_map(args.map))
     frozen = frozen_hands(motion)
     model = FingerModel.load(args.model) if args.model else load_shipped()
-    with tqdm(unit="step") as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        refined = refine_fingers(model, motion, hands=args.hands, seed=args.seed, progress=progress)
+    with progress(unit="step") as show:
+        refined = refine_fingers(model, motion, hands=args.hands, seed=args.seed, progress=show)
     write_bvh(args.output, refined.skeleton, refined.rotations, refined.root, refined.fps, stand=stand)
     sides = frozen if args.hands == "frozen" else () if args.hands == "both" else (args.hands,)
     what = "no frozen hands, nothing changed" if refined is motion else ", ".join(sides) or "both hands"

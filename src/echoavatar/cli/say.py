@@ -3,17 +3,14 @@
 import argparse
 import asyncio
 import json
-import sys
 import time
 from contextlib import AsyncExitStack, closing
 from pathlib import Path
 
-from tqdm import tqdm
-
 from echoavatar.errors import EchoAvatarError
 from echoavatar.outgoing import redacted
 
-from .options import add_server, local_path, seed
+from .options import add_server, local_path, progress, seed
 from .play import SINK_HELP
 
 PATIENCE_S = 60.0  # for the next second of motion
@@ -69,10 +66,9 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
         recorder = Recorder(avatar.ready)
         group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))
         shown = stack.enter_context(closing(group))
-        bar = stack.enter_context(
-            tqdm(total=len(samples) / SAMPLE_RATE_HZ, unit="s", disable=not sys.stderr.isatty(), desc="motion")
-        )
-        wanted, left = 0, BYTES_A_SECOND * (bar.total + SPARE_S)
+        seconds = len(samples) / SAMPLE_RATE_HZ
+        show = stack.enter_context(progress(total=seconds, unit="s", desc="motion"))
+        wanted, left = 0, BYTES_A_SECOND * (seconds + SPARE_S)
         async with asyncio.timeout(PATIENCE_S) as patience:
             if args.act:
                 await avatar.act(args.act)
@@ -90,7 +86,7 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
                     case Motion():
                         first = first or time.perf_counter() - began
                         size += len(message.rotations) + len(message.root) + len(message.face)
-                        bar.update(min(bar.total, recorder.end / SAMPLE_RATE_HZ) - bar.n)
+                        show(min(seconds, recorder.end / SAMPLE_RATE_HZ))
                     case Sound() if not is_live:
                         await avatar.played(avatar.received)
                     case ActionStatus(status="rejected"):
