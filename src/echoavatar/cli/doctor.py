@@ -44,7 +44,6 @@ EXTRA_OF = {  # packages that come with an extra, by the name they are imported 
     "uvicorn": "serve",
     "websockets": "serve",
 }
-_NOT_FOR_IMPORT = (".__main__", ".migrations.env")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -93,7 +92,7 @@ def _modules() -> list[Finding]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for module in pkgutil.walk_packages(echoavatar.__path__, "echoavatar.", onerror=lambda name: None):
-            if module.name.endswith(_NOT_FOR_IMPORT) or ".migrations." in module.name:
+            if module.name.endswith(".__main__"):
                 continue
             try:
                 importlib.import_module(module.name)
