@@ -58,7 +58,6 @@ class ActionScheduler:
         self._actions: deque[ScheduledAction] = deque(maxlen=KEPT)
         self._statuses: deque[ActStatus] = deque(maxlen=4 * KEPT)
         self._reported: set[tuple[str, Status]] = set()
-        self._quiet: set[str] = set()  # ids of actions that are not reported
         self._number = 0
 
     def ask(
@@ -91,10 +90,9 @@ class ActionScheduler:
                 self._statuses.append(rejected)
             return rejected
         self._end_at(chunk, f"{action.name} was asked for")
-        if is_own:
-            self._quiet.add(id)
-        self._actions.append(ScheduledAction(id, action, intensity, chunk, action.length(hold_s), is_own=is_own))
-        return self._report(ActStatus(id, action.name, "accepted", chunk * self._size))
+        act = ScheduledAction(id, action, intensity, chunk, action.length(hold_s), is_own=is_own)
+        self._actions.append(act)
+        return self._report(act, "accepted", chunk)
 
     def knows(self, name: str) -> bool:
         """Whether the library has such an action."""
@@ -137,9 +135,9 @@ class ActionScheduler:
         """A chunk of motion was made: its action has started, and those that end with it are done."""
         for act in tuple(self._actions):
             if act.begin <= chunk and act.length > 0:
-                self._report(ActStatus(act.id, act.action.name, "started", act.begin * self._size))
+                self._report(act, "started", act.begin)
             if act.end <= chunk + 1:
-                self._report(ActStatus(act.id, act.action.name, "done", act.end * self._size, act.reason))
+                self._report(act, "done", act.end)
 
     def take(self) -> list[ActStatus]:
         """Statuses since the last call, in order."""
@@ -150,21 +148,20 @@ class ActionScheduler:
     def _end_at(self, chunk: int, reason: str) -> None:
         for place, act in enumerate(self._actions):
             if act.end > chunk:
-                length = max(0, chunk - act.begin)
-                self._actions[place] = replace(act, length=length, reason=reason)
-                if length == 0:
-                    self._report(ActStatus(act.id, act.action.name, "done", chunk * self._size, reason))
+                ended = self._actions[place] = replace(act, length=max(0, chunk - act.begin), reason=reason)
+                if ended.length == 0:
+                    self._report(ended, "done", chunk)
 
-    def _report(self, status: ActStatus) -> ActStatus:
+    def _report(self, act: ScheduledAction, status: Status, chunk: int) -> ActStatus:
         """Report each status once, even if a chunk is made again."""
-        if status.id not in self._quiet and (status.id, status.status) not in self._reported:
-            self._reported.add((status.id, status.status))
-            self._statuses.append(status)
-        if len(self._reported) + len(self._quiet) > 16 * KEPT:
+        told = ActStatus(act.id, act.action.name, status, chunk * self._size, act.reason if status == "done" else "")
+        if not act.is_own and (act.id, status) not in self._reported:
+            self._reported.add((act.id, status))
+            self._statuses.append(told)
+        if len(self._reported) > 16 * KEPT:
             live = {act.id for act in self._actions}
             self._reported = {known for known in self._reported if known[0] in live}
-            self._quiet &= live
-        return status
+        return told
 
 
 def _short(value: float) -> str:
