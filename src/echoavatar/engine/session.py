@@ -1,7 +1,6 @@
 """A session, as users have it: push audio, interrupt it with `clear`, iterate motion."""
 
 from collections.abc import Iterator
-from types import TracebackType
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -108,7 +107,5 @@ class Session:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
