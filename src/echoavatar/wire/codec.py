@@ -1,7 +1,7 @@
 """Encode and decode messages: MessagePack in binary frames, or JSON (blobs in base64) in text frames."""
 
 from collections.abc import Iterable
-from typing import cast, get_args
+from typing import Any, cast, get_args
 
 import msgspec
 
@@ -31,10 +31,18 @@ class ProtocolError(EchoAvatarError):
         self.retry_after = retry_after
 
 
-# Not strict: 24000.0 is a whole number, as some languages write it.
-_TO_CLIENT = (msgspec.msgpack.Decoder(ServerMessage, strict=False), msgspec.json.Decoder(ServerMessage, strict=False))
-_TO_SERVER = (msgspec.msgpack.Decoder(ClientMessage, strict=False), msgspec.json.Decoder(ClientMessage, strict=False))
-_ENCODERS = (msgspec.msgpack.Encoder(), msgspec.json.Encoder())
+class _Typed(msgspec.Struct):
+    type: str
+
+
+def _decoders(kind: Any) -> dict[Encoding, Any]:
+    """Not strict: 24000.0 is a whole number, as some languages write it."""
+    return {"msgpack": msgspec.msgpack.Decoder(kind, strict=False), "json": msgspec.json.Decoder(kind, strict=False)}
+
+
+_TO_CLIENT, _TO_SERVER, _PEEK = (_decoders(kind) for kind in (ServerMessage, ClientMessage, _Typed))
+_BROKEN = (msgspec.DecodeError, RecursionError, UnicodeError)
+_SERVER_TYPES = tuple(kind.__struct_config__.tag for kind in get_args(ServerMessage))
 
 
 def subprotocol(encoding: Encoding, version: int = VERSIONS[-1]) -> str:
@@ -50,7 +58,7 @@ def negotiate(offered: Iterable[str]) -> tuple[Encoding, int] | None:
 
 def encode(message: ClientMessage | ServerMessage, encoding: Encoding = "msgpack") -> bytes:
     """Encode one message as one frame."""
-    return _ENCODERS[ENCODINGS.index(encoding)].encode(message)
+    return (msgspec.json if encoding == "json" else msgspec.msgpack).encode(message)
 
 
 def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientMessage:
@@ -60,7 +68,7 @@ def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientM
         ProtocolError: the frame is malformed or too large, or is a message that only servers send.
     """
     try:
-        return cast(ClientMessage, _TO_SERVER[_check(frame, encoding)].decode(_bytes(frame)))
+        return cast(ClientMessage, _decode(_TO_SERVER, frame, encoding))
     except _BROKEN as error:
         raise _refusal(frame, encoding, error) from error
 
@@ -72,41 +80,26 @@ def decode_server(frame: bytes | str, encoding: Encoding = "msgpack") -> ServerM
         ProtocolError: the frame is malformed.
     """
     try:
-        return cast(ServerMessage, _TO_CLIENT[_check(frame, encoding)].decode(_bytes(frame)))
+        return cast(ServerMessage, _decode(_TO_CLIENT, frame, encoding))
     except _BROKEN as error:
         if _type_of(frame, encoding) not in (None, *_SERVER_TYPES):
             return None
         raise _refusal(frame, encoding, error) from error
 
 
-_BROKEN = (msgspec.DecodeError, RecursionError, UnicodeError)
-_SERVER_TYPES = tuple(kind.__struct_config__.tag for kind in get_args(ServerMessage))
-
-
-class _Typed(msgspec.Struct):
-    type: str
-
-
-_PEEK = (msgspec.msgpack.Decoder(_Typed), msgspec.json.Decoder(_Typed))
-
-
-def _check(frame: bytes | str, encoding: Encoding) -> int:
-    """Check the kind and size of a frame; returns the decoder's index."""
+def _decode(decoders: dict[Encoding, Any], frame: bytes | str, encoding: Encoding) -> object:
+    """Check the kind and size of a frame, and decode it."""
     if isinstance(frame, str) != (encoding == "json"):
         kind = "text" if isinstance(frame, str) else "binary"
         raise ProtocolError("bad_message", f"a {kind} frame, but {subprotocol(encoding)} was agreed on")
     if len(frame) > MAX_MESSAGE_BYTES:
         raise ProtocolError("too_large", TOO_LARGE)
-    return ENCODINGS.index(encoding)
-
-
-def _bytes(frame: bytes | str) -> bytes:
-    return frame if isinstance(frame, bytes) else frame.encode()
+    return decoders[encoding].decode(frame)
 
 
 def _type_of(frame: bytes | str, encoding: Encoding) -> str | None:
     try:
-        return _PEEK[ENCODINGS.index(encoding)].decode(_bytes(frame)).type
+        return str(_PEEK[encoding].decode(frame).type)
     except _BROKEN:
         return None
 
