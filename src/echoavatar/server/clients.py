@@ -91,11 +91,10 @@ class RequestPace:
         elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1013})
         else:
-            await refusal(str(too_often("too many requests came from this address", seconds)), seconds)(
-                scope, receive, send
-            )
+            answer = refusal(str(too_often("too many requests came from this address", seconds)), 429, seconds=seconds)
+            await answer(scope, receive, send)
 
 
-def refusal(reason: str, seconds: float) -> JSONResponse:
-    """The answer 429, which says when to try again."""
-    return JSONResponse({"error": reason}, 429, {"retry-after": str(math.ceil(seconds))})
+def refusal(reason: str, status: int, *, seconds: float = 0.0) -> JSONResponse:
+    """An answer that says why, and where there are any, after how many seconds to try again."""
+    return JSONResponse({"error": reason}, status, {"retry-after": str(math.ceil(seconds))} if seconds else None)

@@ -9,11 +9,12 @@ from pathlib import Path
 import anyio
 import anyio.to_thread
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 
 from echoavatar.errors import EchoAvatarError
 
+from .clients import refusal
 from .session_manager import SessionManager
 from .tool_routes import answering, read_json
 
@@ -62,7 +63,7 @@ def voice_route(manager: SessionManager) -> Route:
         if request.method != "POST":
             return {"voice": voice, "max_letters": MAX_LETTERS}
         if not voice:
-            return JSONResponse({"error": "no voice here; install espeak-ng or flite"}, 404)
+            return refusal("no voice here; install espeak-ng or flite", 404)
         text = (await read_json(request, manager.settings.origins, most=8 * MAX_LETTERS)).get("text")
         if not isinstance(text, str):
             raise EchoAvatarError('send {"text": "..."}')

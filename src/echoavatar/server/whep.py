@@ -20,7 +20,7 @@ from anyio import CapacityLimiter, to_thread
 from starlette.middleware import Middleware
 from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
 
 from echoavatar.errors import DependencyError, EchoAvatarError
@@ -33,7 +33,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.guard import check_origin
 from echoavatar.wire.rates import too_often
 
-from .clients import client_of
+from .clients import client_of, refusal
 from .outbox import Relay
 from .page import file_answer
 from .session import ServerSession
@@ -158,11 +158,9 @@ class Viewer:
         """
         try:
             await self._peer.setRemoteDescription(RTCSessionDescription(offer, "offer"))
-            kinds = self._add_tracks()
-            if "video" in kinds:
-                await self._peer.setLocalDescription(await self._peer.createAnswer())
-            else:
+            if "video" not in self._add_tracks():
                 raise EchoAvatarError("the SDP offer asks for no video; offer to receive video and audio")
+            await self._peer.setLocalDescription(await self._peer.createAnswer())
         except Exception as error:  # a parser of foreign text fails in many ways
             raise _unanswerable(error) from error
         self._session.join(self._outbox, received=None)
@@ -264,13 +262,12 @@ class VideoDesk:
     async def _begin(self, request: Request) -> Response:
         check_origin(request.headers, self._settings.origins)
         if "application/sdp" not in request.headers.get("content-type", ""):
-            return _refusal(415, "send application/sdp")
+            return refusal("send application/sdp", 415)
         session = asked_session(self._manager, request, dict(request.path_params))
         (character, shot), offer = self._wish(request), await read_body(request, MOST_BYTES)
         client = client_of(request.scope)
         if not (self.free or self._giving_way(client)):
-            retry = {"retry-after": str(RETRY_S)}
-            return _refusal(503, f"all {self._settings.video} renderers are taken; try again later", retry)
+            return refusal(f"all {self._settings.video} renderers are taken; try again later", 503, seconds=RETRY_S)
         await self._manager.clients.check("offers", client)
         given, host = offer.decode("utf-8", "replace"), request.client.host if request.client else ""
         try:
@@ -343,7 +340,7 @@ class VideoDesk:
     async def _end(self, request: Request) -> Response:
         viewer = self._viewers.get(request.path_params["viewer"])
         if viewer is None:
-            return _refusal(404, "there is no such viewer, or it has ended")
+            return refusal("there is no such viewer, or it has ended", 404)
         await viewer.close()
         return Response(status_code=200)
 
@@ -353,7 +350,3 @@ def _unanswerable(error: Exception) -> EchoAvatarError:
         return error
     _LOG.info("an SDP offer was refused: %r", error)
     return EchoAvatarError("this SDP offer cannot be answered; ask for VP8 or H.264, and Opus")
-
-
-def _refusal(status: int, reason: str, headers: dict[str, str] | None = None) -> Response:
-    return JSONResponse({"error": reason}, status, headers)
