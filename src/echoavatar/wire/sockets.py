@@ -97,7 +97,7 @@ class WebServer(uvicorn.Server):
         guard = ConnectionGuard(count_places(connections))
         log_less()
         self._listener, self._on_ready = listen(host, port), on_ready
-        self.address = f"{'https' if certificate else 'http'}://{address_of(host, self._listener)}"
+        self.address = f"{'https' if certificate else 'http'}://{address_of(host, self._listener.getsockname()[1])}"
         config = uvicorn.Config(
             RequestChecks(app, None if names is None else (*names, host)),
             http=guard.protocol,
@@ -164,10 +164,9 @@ async def serve_streams(
     return await asyncio.start_server(handler, sock=listen(host, port), backlog=BACKLOG)
 
 
-def address_of(host: str, listener: socket.socket) -> str:
+def address_of(host: str, port: int) -> str:
     """Host and port for a URL."""
-    name = f"[{host}]" if ":" in host else host
-    return f"{name}:{listener.getsockname()[1]}"
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def count_places(wanted: int, *, files_each: int = 1) -> int:
