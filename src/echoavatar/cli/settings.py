@@ -102,12 +102,9 @@ def _value(action: argparse.Action, found: Any, name: str) -> Any:
         if text not in _TRUE + _FALSE:
             raise EchoAvatarError(f"the setting {name} is {found!r}; it is true or false")
         return action.const if text in _TRUE else action.default
-    if isinstance(action, argparse._AppendAction):
+    if isinstance(action, argparse._AppendAction) or isinstance(action.nargs, int):
         texts = found if isinstance(found, list) else str(found).split(",")
-        return [_converted(action.type or str, text, name) for text in texts]
-    if isinstance(action.nargs, int):
-        texts = found if isinstance(found, list) else str(found).split(",")
-        if len(texts) != action.nargs:
+        if isinstance(action.nargs, int) and len(texts) != action.nargs:
             raise EchoAvatarError(f"the setting {name} is {found!r}; it has {action.nargs} values")
         return [_converted(action.type or str, text, name) for text in texts]
     if action.choices is not None and found not in action.choices and str(found) not in map(str, action.choices):
