@@ -227,6 +227,7 @@ class VideoDesk:
         self._manager, self._settings = manager, manager.settings
         self._viewers: dict[str, Viewer] = {}
         self._taken = 0  # renderers, also of viewers that are being answered or are ending
+        manager.metrics.viewers.set_function(lambda: self._taken)
         self._worker = CapacityLimiter(1)  # reads offers and makes renderers, one after the other
         prepare(Shot(self._settings.video_size, renderer=self._settings.video_renderer))
 
@@ -322,7 +323,6 @@ class VideoDesk:
         name = secrets.token_urlsafe(16)
         viewer = Viewer(session, source, self._settings.ice_servers, lambda: self._free(name), client)
         self._viewers[name] = viewer
-        self._manager.metrics.viewers.set(self._taken)
         try:
             return name, await viewer.answer(offer)
         except BaseException:
@@ -332,10 +332,9 @@ class VideoDesk:
     def _free(self, name: str) -> None:
         viewer = self._viewers.pop(name)
         self._taken -= 1
-        metrics = self._manager.metrics
-        metrics.viewers.set(self._taken)
-        metrics.pictures.labels("shown").inc(viewer.stream.shown)
-        metrics.pictures.labels("skipped").inc(viewer.stream.skipped)
+        pictures = self._manager.metrics.pictures
+        pictures.labels("shown").inc(viewer.stream.shown)
+        pictures.labels("skipped").inc(viewer.stream.skipped)
 
     async def _end(self, request: Request) -> Response:
         viewer = self._viewers.get(request.path_params["viewer"])
