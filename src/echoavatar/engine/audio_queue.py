@@ -67,6 +67,7 @@ class AudioQueue:
         self._is_complete = True  # whether the newest utterance is
         self._begun = 0  # the newest utterance of which something was scheduled
         self._pieces: deque[_Piece] = deque()
+        self._count = 0  # utterances among the pieces
         # the clock, by chunk number; the chunk at `_scheduled` may be there in part
         self._next, self._scheduled = 0, 0
         self._chunks: dict[int, Samples] = {}
@@ -209,7 +210,7 @@ class AudioQueue:
         remedy = "send it in parts" if is_whole else "let the session play some of it before you send more"
         if self.waiting / SAMPLE_RATE_HZ + seconds > self._seconds:
             raise QueueFullError(f"more than {self._seconds:.0f} s of audio are waiting; {remedy}")
-        if is_new and len({piece.utterance for piece in self._pieces}) >= MAX_UTTERANCES:
+        if is_new and self._count >= MAX_UTTERANCES:
             raise QueueFullError(f"{MAX_UTTERANCES} utterances are waiting; {remedy}")
 
     def _begin(self, utterance: int) -> None:
@@ -231,6 +232,7 @@ class AudioQueue:
         if last is not None and last.utterance == self._newest and len(last.samples) < self._size:
             self._pieces[-1] = last._replace(samples=np.concatenate([last.samples, samples]))
         else:
+            self._count += last is None or last.utterance != self._newest
             self._pieces.append(_Piece(self._newest, self._pushed, samples))
         self._pushed += len(samples)
         self.waiting += len(samples)
@@ -260,7 +262,10 @@ class AudioQueue:
         first = self._pieces.popleft()
         taken = first._replace(samples=first.samples[:most])
         if len(first.samples) > most:
-            self._pieces.appendleft(first._replace(start=first.start + most, samples=first.samples[most:]))
+            rest = first._replace(start=first.start + most, samples=first.samples[most:])
+            self._pieces.appendleft(rest)
+        elif not self._pieces or self._pieces[0].utterance != first.utterance:
+            self._count -= 1
         self.waiting -= len(taken.samples)
         return taken
 
@@ -269,6 +274,7 @@ class AudioQueue:
         first = self._pieces[0] if self._pieces and self._pieces[0].utterance <= last else None
         self._pieces = deque(piece for piece in self._pieces if piece.utterance > last)
         self.waiting = sum(len(piece.samples) for piece in self._pieces)
+        self._count = len({piece.utterance for piece in self._pieces})
         if self._newest <= last:
             self._is_complete = True
             self._resampler = None
