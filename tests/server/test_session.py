@@ -12,20 +12,7 @@ from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar.wire.blobs import pack_audio, unpack_pose
 from echoavatar.wire.codec import ProtocolError, encode
-from echoavatar.wire.messages import (
-    Action,
-    ActionStatus,
-    Audio,
-    End,
-    Flush,
-    Hello,
-    Interrupt,
-    Motion,
-    Music,
-    Played,
-    Sound,
-    State,
-)
+from echoavatar.wire.messages import ActionStatus, Audio, End, Flush, Hello, Interrupt, Motion, Played, Sound, State
 
 
 def test_silence_is_made_just_in_time_and_goes_on() -> None:
@@ -215,7 +202,7 @@ def test_an_action_during_speech_made_ahead_replaces_what_was_not_shown() -> Non
     room.speak(1, 8.0)
     room.session.finish(End(seg=1))
     room.go(1.0)
-    room.session.act(Action(id="a", name="wave"))
+    room.session.act("wave", id="a")
     room.go(8.0)
     statuses = [(s.status, s.at) for s in room.box.of(ActionStatus)]
     assert [status for status, _ in statuses] == ["accepted", "started", "done"]
@@ -228,7 +215,7 @@ def test_an_action_during_speech_made_ahead_replaces_what_was_not_shown() -> Non
 
 def test_an_unknown_action_is_answered_with_the_list() -> None:
     room = Room()
-    room.session.act(Action(id="a", name="fly"))
+    room.session.act("fly", id="a")
     (status,) = room.box.of(ActionStatus)
     assert (status.id, status.status, status.choices) == ("a", "rejected", ("wave", "bow"))
 
@@ -236,7 +223,7 @@ def test_an_unknown_action_is_answered_with_the_list() -> None:
 def test_music_is_heard_danced_to_and_ends() -> None:
     room = Room()
     room.go(0.5)
-    room.session.play(Music(id="m", op="play"), "Tune", np.full(48_000, 0.2, np.float32))
+    room.session.play("Tune", np.full(48_000, 0.2, np.float32), id="m")
     room.go(5.0)
     assert [s.status for s in room.box.of(ActionStatus)] == ["accepted", "started", "done"]
     assert np.count_nonzero(room.sound()) == 48_000
@@ -256,7 +243,7 @@ def test_a_song_that_a_client_sends_is_danced_to(monkeypatch: pytest.MonkeyPatch
 
 def test_speech_over_music_is_whole_and_known_by_its_number() -> None:
     room = Room()
-    room.session.play(Music(id="m", op="play"), "Tune", np.full(20 * 24_000, 0.01, np.float32))
+    room.session.play("Tune", np.full(20 * 24_000, 0.01, np.float32), id="m")
     room.go(2.0)
     room.speak(1, 1.0, level=0.5)
     room.session.finish(End(seg=1))
@@ -265,7 +252,7 @@ def test_speech_over_music_is_whole_and_known_by_its_number() -> None:
     assert len(loud) == 24_000
     spoken = {at // CHUNK_SAMPLES for at in loud}
     assert {chunk for chunk, seg in room.segs().items() if seg == 1} == spoken
-    room.session.stop_music(Music(id="n", op="stop"))
+    room.session.stop_music(id="n")
     room.go(3.0)
     assert room.box.of(ActionStatus)[-1].id == "m"
 

@@ -28,7 +28,7 @@ from echoavatar.limits import read_text
 from echoavatar.wire.guard import check_origin
 
 from .session_manager import SessionManager
-from .tool_routes import answering, asked_session, call_tool, read_body, read_json
+from .tool_routes import answering, asked_session, read_body, read_json
 
 Do = Callable[[str, dict[str, Any]], Awaitable[dict[str, Any]]]
 MAX_HISTORY_TURNS = 24  # turns, of both sides together
@@ -363,7 +363,7 @@ async def _talk(manager: SessionManager, companion: Companion, request: Request)
     did: list[dict[str, Any]] = []
 
     async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        result = await call_tool(manager, session, name, arguments)
+        result = await manager.toolbox.call(session, name, arguments, manager.load_track)
         did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
         return result
 

@@ -61,12 +61,10 @@ class Connection:
             manager.metrics.refused.inc()
             await self._socket.close(1013)
             return
-        manager.metrics.connections.set(manager.connections)
         try:
             await self._talk()
         finally:
             manager.admission.leave(self._silence)
-            manager.metrics.connections.set(manager.connections)
             if self._session is not None:
                 manager.leave(self._session, self._outbox, for_good=self._left in GOODBYES)
             # Tracebacks refer back to this connection, and the cycle lives until the garbage collector runs. So drop
@@ -167,9 +165,9 @@ class Connection:
                 self._manager.metrics.interrupts.inc()
                 session.interrupt(message)
             case Action():
-                session.act(message)
+                session.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
             case Music(op="stop"):
-                session.stop_music(message)
+                session.stop_music(id=message.id)
             case Music():
                 await self._play(session, message)
             case Ping():
@@ -188,7 +186,7 @@ class Connection:
         title = message.title or next(iter(tracks.titles), "")
         try:
             title = tracks.find(title)
-            session.play(message, title, await self._manager.load_track(title))
+            session.play(title, await self._manager.load_track(title), id=message.id)
         except EchoAvatarError as error:
             reason = str(error)
             self._outbox.put(answer(message.id, title, "rejected", session.end, reason=reason, choices=tracks.titles))

@@ -4,6 +4,7 @@ The engine's clock is the protocol's, and the engine's `Pacer` says when a chunk
 calls of a `SessionCore`, and deliveries messages. All methods run on the event loop and do not block.
 """
 
+import itertools
 import logging
 import time
 from collections import deque
@@ -20,7 +21,6 @@ from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.messages import (
-    Action,
     ActionState,
     ActionStatus,
     Audio,
@@ -29,7 +29,6 @@ from echoavatar.wire.messages import (
     Flush,
     Hello,
     Interrupt,
-    Music,
     Played,
     ServerMessage,
     Sound,
@@ -47,6 +46,7 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger(__name__)
 MOST_FLUSHES = 64  # that are kept for clients that resume
+_NUMBERS = itertools.count(1)  # of what tools ask for
 KEPT_S = 8.0  # of sent motion and sound, kept for clients that join or resume
 _STATES: dict[str, AvatarState] = {"action": "acting", "speech": "speaking", "music": "dancing", "idle": "idle"}
 
@@ -232,26 +232,26 @@ class ServerSession:
             self.trace.forget()
         self.on_change()
 
-    def act(self, message: Action) -> ActStatus:
-        """Begin an action; clients receive its statuses."""
+    def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None, id: str = "") -> ActStatus:
+        """Begin an action; clients receive its statuses. Without an `id`, as of a tool, it gets one."""
         self._follow_player()
-        asked = self.core.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
+        asked = self.core.act(name, intensity=intensity, hold_s=hold_s, id=id or f"tool-{next(_NUMBERS)}")
         self._tell_statuses()
         return asked
 
-    def play(self, message: Music, title: str, track: Float[np.ndarray, " s"]) -> None:
+    def play(self, title: str, track: Float[np.ndarray, " s"], *, id: str = "") -> None:
         """Play a track instead of the one that plays now."""
-        for status in self._track.ask(message.id, title, self.end):
+        for status in self._track.ask(id or f"tool-{next(_NUMBERS)}", title, self.end):
             self.tell(status)
         self._follow_player()
         self.core.play(title, track)
         self.on_change()
 
-    def stop_music(self, message: Music) -> None:
+    def stop_music(self, *, id: str = "") -> None:
         """Fade the music out."""
         self._follow_player()
         self.core.stop_music()
-        self.tell(answer(message.id, "stop", "done", self.end))
+        self.tell(answer(id or f"tool-{next(_NUMBERS)}", "stop", "done", self.end))
 
     def played(self, message: Played, outbox: Outbox) -> None:
         """Take a client's report of its position; reports from before the last flush are ignored.

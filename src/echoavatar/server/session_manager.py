@@ -55,6 +55,9 @@ class SessionManager:
         self.metrics.seats.set(engine.seats)
         self.tracks = Tracks(settings.music)
         self.admission = Admission(settings.connections, settings.connections_per_address)
+        self.metrics.connections.set_function(lambda: self.connections)
+        self.metrics.sessions.set_function(lambda: self.sessions)
+        self.metrics.step.set_function(lambda: engine.step_seconds)
         self.clients = ClientLimits(settings.rates, settings.token)
         self.is_draining = False
         self._thread = EngineThread(engine)
@@ -155,7 +158,6 @@ class SessionManager:
             self._keep_keys(session)
             session.close()
             self._alarms.pop(session.name).cancel()
-            self.metrics.sessions.set(self.sessions)
 
     def _seat(self, hello: Hello) -> ServerSession:
         if self.engine.free == 0:
@@ -185,7 +187,6 @@ class SessionManager:
             core.on_motion = self._trace(session, core.on_motion)
         self._sessions[session.name] = self._keys[session.key] = session
         self._wake(session)
-        self.metrics.sessions.set(self.sessions)
         return session
 
     def _trace(self, session: ServerSession, collect: Callable[[], None]) -> Callable[[], None]:
@@ -344,7 +345,6 @@ class SessionManager:
     def _tell_stats(self) -> None:
         self._watch()
         step_s = self.engine.step_seconds
-        self.metrics.step.set(step_s)
         for session in self._sessions.values():
             for outbox in session.listeners:
                 outbox.put(session.stats(step_s=step_s, sessions=self.sessions, dropped=outbox.dropped))

@@ -1,23 +1,18 @@
 """Tools over HTTP, for agents without a connection of their own to a session: declarations and calls."""
 
-import itertools
 from collections.abc import Awaitable, Callable
 from typing import Any, cast, get_args
 
 import anyio
-import numpy as np
-from jaxtyping import Float
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from echoavatar.engine import ActStatus
 from echoavatar.engine.tools import Schema, Style
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin
-from echoavatar.wire.messages import Action, Music
 
 from .clients import client_of, refusal
 from .session import ServerSession
@@ -25,8 +20,8 @@ from .session_manager import SessionManager
 
 SECONDS = 15.0
 MOST_BYTES = 16_384
-STATUSES = {"unauthorized": 401, "forbidden_origin": 403, "unknown_session": 404}  # of protocol errors; others 400
-_NUMBERS = itertools.count(1)
+# Of protocol errors; others 400.
+STATUSES = {"unauthorized": 401, "forbidden_origin": 403, "unknown_session": 404, "overloaded": 429}
 
 
 async def read_body(request: Request, most: int, *, seconds: float = SECONDS) -> bytes:
@@ -47,31 +42,6 @@ async def read_body(request: Request, most: int, *, seconds: float = SECONDS) ->
     return bytes(body)
 
 
-class ToolActor:
-    """A session as the tools see it; all clients receive the statuses of their calls."""
-
-    def __init__(self, session: ServerSession) -> None:
-        self._session = session
-        self._id = f"tool-{next(_NUMBERS)}"
-
-    def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
-        """Begin an action."""
-        return self._session.act(Action(id=self._id, name=name, intensity=intensity, hold=hold_s))
-
-    def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
-        """Play a track."""
-        self._session.play(Music(id=self._id, op="play", title=title), title, track)
-
-    def stop_music(self) -> None:
-        """Fade the music out."""
-        self._session.stop_music(Music(id=self._id, op="stop"))
-
-
-async def call_tool(manager: SessionManager, session: ServerSession, name: str, arguments: dict[str, Any]) -> Schema:
-    """Run the tool a model asked for, in a session."""
-    return await manager.toolbox.call(ToolActor(session), name, arguments, manager.load_track)
-
-
 def tool_routes(manager: SessionManager) -> list[BaseRoute]:
     """GET /v1/tools, GET /v1/sessions, POST /v1/tools/NAME of `{"session": ..., "arguments": {...}}`."""
 
@@ -83,7 +53,7 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
 
     async def sessions(request: Request) -> Response:
         if not lists_sessions(manager, request):
-            return JSONResponse({"error": "this server does not say who is there; name a session"}, 403)
+            return refusal("this server does not say who is there; name a session", 403)
         return JSONResponse({"sessions": list(manager.names)})
 
     async def call(request: Request) -> Schema:
@@ -93,7 +63,7 @@ def tool_routes(manager: SessionManager) -> list[BaseRoute]:
             raise EchoAvatarError('"arguments" must be an object')
         session = asked_session(manager, request, message)
         await manager.clients.check("commands", client_of(request.scope))
-        return await call_tool(manager, session, request.path_params["name"], arguments)
+        return await manager.toolbox.call(session, request.path_params["name"], arguments, manager.load_track)
 
     return [
         Route("/v1/tools", answering(manager, declarations)),
@@ -116,11 +86,9 @@ def answering(
             answer = await handle(request)
             return answer if isinstance(answer, Response) else JSONResponse(answer)
         except ProtocolError as error:
-            if error.code == "overloaded":
-                return refusal(str(error), error.retry_after)
-            return JSONResponse({"error": str(error)}, STATUSES.get(error.code, 400))
+            return refusal(str(error), STATUSES.get(error.code, 400), seconds=error.retry_after)
         except EchoAvatarError as error:
-            return JSONResponse({"error": str(error)}, failure)
+            return refusal(str(error), failure)
 
     return answer
 
