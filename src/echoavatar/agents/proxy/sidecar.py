@@ -108,21 +108,19 @@ class AvatarSidecar:
 
     async def _serve(self, avatar: Avatar) -> None:
         await self._upstream_spoke.wait()
-        await self._attach(avatar)
-        writer = EventWriter(self._conversation, avatar.ready, idle=self._settings.idle)
+        writer = await self._attach(avatar)
         async for message in avatar:
             if isinstance(message, Ready):
                 if not message.resumed:
                     self._conversation.detach()
-                await self._attach(avatar)
-                writer = EventWriter(self._conversation, avatar.ready, idle=self._settings.idle)
+                writer = await self._attach(avatar)
                 continue
             if isinstance(message, Sound):
                 self._conversation.on_avatar_sound(message)
             for event in writer.events_for(message):
                 await self._send_down(event)
 
-    async def _attach(self, avatar: Avatar) -> None:
+    async def _attach(self, avatar: Avatar) -> EventWriter:
         """Use an avatar session, new or resumed."""
         assert self._tools is not None
         self._tools.session = avatar.ready.session
@@ -132,6 +130,7 @@ class AvatarSidecar:
         if self._settings.tools and not self._tool_calls.declared:
             self._tool_calls.declared = await asyncio.to_thread(self._tools.schemas, "openai")
             await self._tool_calls.offer()
+        return EventWriter(self._conversation, avatar.ready, idle=self._settings.idle)
 
     # ---- events, off the relay's path
 

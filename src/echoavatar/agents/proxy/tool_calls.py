@@ -29,12 +29,10 @@ class ToolCalls:
         self.declared: list[dict[str, Any]] = []  # the avatar's tools in the Realtime form; empty: none are offered
         self._send, self._do = send, do
         self._client_tools: list[Any] = []  # declared by the client
-        self._client_names: set[str] = set()  # names of those tools
         self._session_type: Any = None  # the session's `type`
         self._is_begun = self._is_offered = False
         self._answered: set[str] = set()  # ids of calls
-        self._running: dict[str | None, list[asyncio.Task[None]]] = {}  # by response id
-        self._called: dict[str | None, list[str]] = {}
+        self._calls: dict[str | None, list[tuple[str, asyncio.Task[None]]]] = {}  # by response id
         self._following_up: set[asyncio.Task[None]] = set()
         self._follow_ups = 0
 
@@ -45,7 +43,6 @@ class ToolCalls:
             self._session_type, self._is_begun = inside(session, "type") or self._session_type, True
         if tools is not None:
             self._client_tools = tools
-        self._client_names = _names(self._client_tools)
 
     async def offer(self) -> None:
         """Add the avatar's tools to the session, once."""
@@ -73,7 +70,7 @@ class ToolCalls:
             )
         elif event.type == "response.function_call_arguments.done" and event.name:
             self._begin(event.call_id, event.name, event.arguments, event.response_id)
-        elif event.type == "response.done" and _text(event.response, "id") in self._running:
+        elif event.type == "response.done" and _text(event.response, "id") in self._calls:
             task = asyncio.create_task(self._follow_up(event.response))
             self._following_up.add(task)
             task.add_done_callback(self._following_up.discard)
@@ -83,13 +80,12 @@ class ToolCalls:
         self._follow_ups = 0
 
     def _begin(self, call: str | None, name: str | None, arguments: Any, response: str | None) -> None:
-        avatar_names = {tool["name"] for tool in self.declared} - self._client_names
+        avatar_names = {tool["name"] for tool in self.declared} - _names(self._client_tools)
         if call is None or name is None or name not in avatar_names or call in self._answered:
             return
         self._answered.add(call)
-        self._called.setdefault(response, []).append(name)
         task = asyncio.create_task(self._answer(call, name, arguments))
-        self._running.setdefault(response, []).append(task)
+        self._calls.setdefault(response, []).append((name, task))
 
     async def _answer(self, call: str, name: str, arguments: Any) -> None:
         try:
@@ -102,21 +98,20 @@ class ToolCalls:
 
     async def _follow_up(self, response: Any) -> None:
         """A response is complete: ask the model to continue if it made calls only, or needs a result."""
-        key = _text(response, "id")
-        tasks, names = self._running.pop(key, []), self._called.pop(key, [])
-        await asyncio.gather(*tasks, return_exceptions=True)
+        calls = self._calls.pop(_text(response, "id"), [])
+        await asyncio.gather(*(task for _, task in calls), return_exceptions=True)
         items = inside(response, "output")
         kinds = [inside(item, "type") for item in items] if isinstance(items, list) else []
-        is_silent = "message" not in kinds and kinds.count("function_call") <= len(names)
+        is_silent = "message" not in kinds and kinds.count("function_call") <= len(calls)
         if inside(response, "status") in ("cancelled", "failed") or self._follow_ups >= MAX_FOLLOW_UPS:
             return
-        if is_silent or any(name in TOOLS_WITH_ANSWERS for name in names):
+        if is_silent or any(name in TOOLS_WITH_ANSWERS for name, _ in calls):
             self._follow_ups += 1
             await self._send({"type": "response.create"})
 
     def cancel(self) -> None:
         """Cancel everything: the conversation is over."""
-        for task in (*self._following_up, *(task for tasks in self._running.values() for task in tasks)):
+        for task in (*self._following_up, *(task for calls in self._calls.values() for _, task in calls)):
             task.cancel()
 
 
