@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from echoavatar.errors import EchoAvatarError
 
 from . import command_module
-from .options import MAP_HELP
+from .options import MAP_HELP, add_model
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline.actions import ActionLibrary
@@ -44,11 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     remove.add_argument("name", help="name of the action")
     build = kinds.add_parser("build", help="make the built-in actions for this bundle's tokenizer")
     for child in (listing, add, remove, build):
-        child.add_argument(
-            "--model",
-            default="default",
-            help="name of a shipped bundle, or a folder (default: %(default)s); changes need a folder",
-        )
+        add_model(child, "name of a shipped bundle, or a folder, which changes need")
 
 
 def run(args: argparse.Namespace) -> int:

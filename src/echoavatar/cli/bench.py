@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         description="Time events sent directly, through a plain relay and through the proxy, in one run.",
     )
     proxy.add_argument("--seconds", type=float, default=60.0, help="length of the speech (default: %(default)s)")
-    proxy.add_argument("--model", default="default", help="bundle of the avatar (default: %(default)s)")
+    add_model(proxy, "bundle of the avatar")
     proxy.add_argument("--avatar", metavar="URL", help="a running server instead of a new one")
 
     start = kinds.add_parser(

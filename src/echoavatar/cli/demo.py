@@ -12,7 +12,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder
 
 from . import serve
-from .options import DEVICE_HELP, add_model, progress, seed
+from .options import DEVICE_HELP, add_model, add_repeated, progress, seed
 
 CLIPS = (("speech", "Speech"), ("music", "Music"))
 
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=int, default=8765, help="port of the live page; 0 takes any free one (default: %(default)s)"
     )
-    parser.add_argument("--sink", action="append", default=[], metavar="URL", help=serve.SINK_HELP)
+    add_repeated(parser, "--sink", "URL", serve.SINK_HELP)
     add_model(parser)
     parser.add_argument("--device", default="cpu", help=DEVICE_HELP)
     parser.add_argument("--seed", type=seed, default=0, help="seed of the motion in the files (default: %(default)s)")

@@ -4,7 +4,7 @@ import argparse
 import asyncio
 import sys
 
-from .options import add_server, choose_token
+from .options import add_repeated, add_server, choose_token
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,13 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --http, what agents must send; default: $ECHOAVATAR_AGENT_TOKEN, else none on this machine, a "
         "random one on a network",
     )
-    parser.add_argument(
-        "--origin",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="with --http, let pages of this host connect; repeat for more",
-    )
+    add_repeated(parser, "--origin", "URL", "with --http, let pages of this host connect")
 
 
 def run(args: argparse.Namespace) -> int:

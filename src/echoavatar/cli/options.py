@@ -26,9 +26,14 @@ MAP_HELP = (
 )
 
 
-def add_model(parser: argparse.ArgumentParser) -> None:
+def add_model(parser: argparse.ArgumentParser, what: str = "bundle name or folder") -> None:
     """Declare `--model`."""
-    parser.add_argument("--model", default="default", help="bundle name or folder (default: %(default)s)")
+    parser.add_argument("--model", default="default", help=f"{what} (default: %(default)s)")
+
+
+def add_repeated(parser: argparse.ArgumentParser, option: str, metavar: str, what: str) -> None:
+    """Declare an option that may be given several times."""
+    parser.add_argument(option, action="append", default=[], metavar=metavar, help=f"{what}; repeat for more")
 
 
 def add_pipeline(parser: argparse.ArgumentParser) -> None:

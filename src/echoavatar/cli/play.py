@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .options import MAP_HELP
 
-SINK_HELP = "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]; repeat for more"
+SINK_HELP = "show the motion at vmc://HOST[:PORT], livelink://HOST[:PORT] or json://HOST[:PORT]"
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.npz
   echoavatar play talk.npz --sink vmc://127.0.0.1              VSeeFace, Warudo, Unity, Unreal, Blender
@@ -19,7 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("recording", type=Path, metavar="RECORDING", help=".npz written by `animate` or `say`, or .bvh")
-    parser.add_argument("--sink", action="append", required=True, metavar="URL", help=SINK_HELP)
+    parser.add_argument("--sink", action="append", required=True, metavar="URL", help=f"{SINK_HELP}; repeat for more")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
 

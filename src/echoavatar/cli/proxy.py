@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from echoavatar.errors import EchoAvatarError
 from echoavatar.outgoing import redacted
 
-from .options import TOKEN
+from .options import TOKEN, add_model, add_repeated
 
 if TYPE_CHECKING:
     from echoavatar.agents.proxy import ProxySettings
@@ -42,12 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tools", action="store_true", help="offer gestures and music to the model, and carry out its calls"
     )
     parser.add_argument("--no-idle", action="store_true", help="send motion for speech only, none in between")
-    parser.add_argument(
-        "--origin", action="append", default=[], metavar="URL", help="let pages of this host connect; repeat for more"
-    )
-    parser.add_argument(
-        "--model", default="default", help="bundle for the server that it starts (default: %(default)s)"
-    )
+    add_repeated(parser, "--origin", "URL", "let pages of this host connect")
+    add_model(parser, "bundle for the server that it starts")
     parser.add_argument(
         "--seats", type=int, default=3, help="conversations with an avatar at the same time (default: %(default)s)"
     )
@@ -73,11 +69,10 @@ def run(args: argparse.Namespace) -> int:
 
 async def _proxy(settings: "ProxySettings", host: str, port: int) -> None:
     from echoavatar.agents.proxy import Relay
+    from echoavatar.wire.sockets import address_of
 
     relay = Relay(settings)
-    taken = await relay.start(host, port)
-    name = f"[{host}]" if ":" in host else host
-    where = f"ws://{name}:{taken}/v1/realtime"
+    where = f"ws://{address_of(host, await relay.start(host, port))}/v1/realtime"
     print(f"echoavatar proxy is at {where}  (avatar at {redacted(settings.avatar)}; Ctrl-C stops)", flush=True)
     stopped = asyncio.Event()
     loop = asyncio.get_running_loop()

@@ -10,7 +10,7 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError
 from echoavatar.outgoing import redacted
 
-from .options import add_server, local_path, progress, seed
+from .options import add_repeated, add_server, local_path, progress, seed
 from .play import SINK_HELP
 
 PATIENCE_S = 60.0  # for the next second of motion
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
     parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
     parser.add_argument("--seed", type=seed, default=0, help="seed of the motion (default: %(default)s)")
-    parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
+    add_repeated(parser, "--sink", "URL", SINK_HELP)
     parser.add_argument(
         "--live", action="store_true", help="run at the speed of playback instead of as fast as possible"
     )

@@ -10,11 +10,11 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError
 
 from . import command_module
-from .options import RENDERER_HELP, RENDERER_NAMES, TOKEN, add_pipeline, choose_token
+from .options import RENDERER_HELP, RENDERER_NAMES, TOKEN, add_pipeline, add_repeated, choose_token
 
 SINK_HELP = (
-    "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT]; repeat for more. "
-    "unity://HOST[:PORT] serves a Unity project of the paper's authors; it needs an imported bundle and no other sink"
+    "also show the avatar elsewhere: vmc://HOST[:PORT], livelink://HOST[:PORT], json://HOST[:PORT], or unity://HOST[:PORT]"
+    " for a Unity project of the paper's authors, which needs an imported bundle and no other sink"
 )
 
 VIDEO_HELP = (
@@ -44,20 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--token",
         help=f"token that clients must send; default: ${TOKEN}, else none on this machine, a random one on a network",
     )
-    parser.add_argument(
-        "--origin",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="let pages of this host connect, such as https://avatar.example.org; repeat for more",
-    )
-    parser.add_argument(
-        "--proxy",
-        action="append",
-        default=[],
-        metavar="ADDRESS",
-        help="address or network of a proxy whose X-Forwarded-For is believed; repeat for more (default: none)",
-    )
+    add_repeated(parser, "--origin", "URL", "let pages of this host connect, such as https://avatar.example.org")
+    add_repeated(parser, "--proxy", "ADDRESS", "address or network of a proxy whose X-Forwarded-For is believed")
     parser.add_argument("--music", type=Path, metavar="FOLDER", help="folder with more tracks for play_music")
     parser.add_argument(
         "--ahead",
@@ -84,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--certificate", "--tls-cert", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", "--tls-key", metavar="PEM", help="private key of --certificate, without a password")
-    parser.add_argument("--sink", action="append", default=[], metavar="URL", help=SINK_HELP)
+    add_repeated(parser, "--sink", "URL", SINK_HELP)
     parser.add_argument(
         "--audio-port", type=int, default=12345, help="with unity://, port for audio (default: %(default)s)"
     )
@@ -99,13 +87,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--video-size", type=int, default=512, metavar="PIXELS", help="width and height, even (default: %(default)s)"
     )
     parser.add_argument("--video-renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
-    parser.add_argument(
-        "--ice",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="STUN or TURN server for video viewers behind routers, such as stun:stun.example.org; repeat for more",
-    )
+    ice = "STUN or TURN server for video viewers behind routers, such as stun:stun.example.org"
+    add_repeated(parser, "--ice", "URL", ice)
     parser.add_argument("--open", action="store_true", help="open the page in the browser")
 
 
