@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
+
 from echoavatar.wire.messages import Limits
 
 from .clients import ClientRates
@@ -38,9 +40,4 @@ class ServerSettings:
     @property
     def limits(self) -> Limits:
         """The limits that `ready` tells clients."""
-        return Limits(
-            inbox_seconds=self.inbox_seconds,
-            ahead_seconds=self.ahead_seconds,
-            resume_seconds=self.resume_seconds,
-            ping_seconds=self.ping_seconds,
-        )
+        return msgspec.convert(self, Limits, from_attributes=True)
