@@ -58,7 +58,7 @@ def negotiate(offered: Iterable[str]) -> tuple[Encoding, int] | None:
 
 def encode(message: ClientMessage | ServerMessage, encoding: Encoding = "msgpack") -> bytes:
     """Encode one message as one frame."""
-    return (msgspec.json if encoding == "json" else msgspec.msgpack).encode(message)
+    return msgspec.json.encode(message) if encoding == "json" else msgspec.msgpack.encode(message)
 
 
 def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientMessage:

@@ -48,6 +48,10 @@ class SpeechResampler:
     def __init__(self) -> None:
         self.reset()
 
+    def reset(self) -> None:
+        """Drop samples that have not come out yet."""
+        self._form, self._decoder = (SAMPLE_RATE_HZ, 1), Decoder()
+
     def push(self, pcm: Speech, rate: int, channels: int = 1) -> Pcm:
         """Resample a block; some of its samples may come out with the next block.
 
@@ -62,10 +66,6 @@ class SpeechResampler:
         rest = self._decoder.push(b"", is_last=True)
         self.reset()
         return rest
-
-    def reset(self) -> None:
-        """Drop samples that have not come out yet."""
-        self._form, self._decoder = (SAMPLE_RATE_HZ, 1), Decoder()
 
 
 class AvatarBridge:
