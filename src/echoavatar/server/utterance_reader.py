@@ -50,9 +50,8 @@ class UtteranceReader:
         if self._is_past(seg):
             return False
         self.accept(seg, 0)
-        is_news = seg == self.seg and not self._is_ended
-        self._is_ended = self._is_ended or is_news
-        return is_news
+        was_ended, self._is_ended = self._is_ended, True
+        return not was_ended
 
     def cut(self, seg: int) -> None:
         """Ignore whatever still arrives of utterances up to this one."""

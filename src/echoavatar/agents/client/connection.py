@@ -4,6 +4,7 @@ Utterances are kept until they have been played, so that they can be sent again 
 """
 
 import asyncio
+import itertools
 import logging
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
@@ -217,7 +218,7 @@ class Avatar:
         self._dial = dial or self._dial_websocket
         self._socket: MessageSocket | None = None
         self._utterances = UtteranceQueue(hello.audio)
-        self._requests = 0
+        self._ids = (f"py-{number}" for number in itertools.count(1))
         self._opened_at = 0.0  # by the loop's clock
         self._short_lived = 0  # connections in a row that broke soon after they were opened
 
@@ -244,19 +245,19 @@ class Avatar:
 
     async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> str:
         """Request an action; its id comes back in `ActionStatus` messages."""
-        request = Action(id=self._next_id(), name=name, intensity=intensity, hold=hold)
+        request = Action(id=next(self._ids), name=name, intensity=intensity, hold=hold)
         await self.send(request)
         return request.id
 
     async def play_music(self, title: str = "") -> str:
         """Play one of `ready.tracks`."""
-        request = Music(id=self._next_id(), op="play", title=title)
+        request = Music(id=next(self._ids), op="play", title=title)
         await self.send(request)
         return request.id
 
     async def stop_music(self) -> None:
         """Fade the music out."""
-        await self.send(Music(id=self._next_id(), op="stop"))
+        await self.send(Music(id=next(self._ids), op="stop"))
 
     async def played(self, at: int) -> None:
         """Report how far playback is; without reports the server goes by the wall clock."""
@@ -378,10 +379,6 @@ class Avatar:
     async def _send_due(self) -> None:
         for message in self._utterances.due():
             await self.send(message)
-
-    def _next_id(self) -> str:
-        self._requests += 1
-        return f"py-{self._requests}"
 
 
 @asynccontextmanager

@@ -214,8 +214,7 @@ class Conversation:
 
     def on_avatar_sound(self, message: Sound) -> None:
         """Note where a chunk of an item lies on the avatar's clock; call this before the chunk's motion is used."""
-        item = self.items.of(message.seg)
-        if item is not None:
+        if (item := self.items.of(message.seg)) is not None:
             item.note_returned(message.at)
 
     # ---- the model
