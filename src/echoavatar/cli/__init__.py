@@ -98,8 +98,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if (separate := " ".join(words[:2])) in SEPARATE:
             command_module(separate)  # raises where it is not installed
         args = build_parser([asked]).parse_args(words)
-        level = logging.WARNING - 10 * args.verbose + 10 * args.quiet
-        _start_log(level)
+        handler = logging.StreamHandler()
+        handler.setFormatter(LogFormat("%(levelname)s %(name)s: %(message)s"))
+        logging.basicConfig(level=logging.WARNING - 10 * args.verbose + 10 * args.quiet, handlers=[handler])
         with disk_errors("the output"):
             code: int = command_module(args.command).run(args)
             sys.stdout.flush()
@@ -171,12 +172,6 @@ class LogFormat(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         """The line as `printable` shows it."""
         return printable(super().format(record))
-
-
-def _start_log(level: int) -> None:
-    handler = logging.StreamHandler()
-    handler.setFormatter(LogFormat("%(levelname)s %(name)s: %(message)s"))
-    logging.basicConfig(level=level, handlers=[handler])
 
 
 def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:

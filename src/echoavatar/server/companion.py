@@ -342,33 +342,32 @@ def chat_routes(manager: SessionManager) -> list[BaseRoute]:
         return {"name": companion().name, "hears": companion().hears}
 
     async def talk(request: Request) -> dict[str, Any]:
-        return await _talk(manager, companion(), request)
+        message = await read_json(request, manager.settings.origins, most=1 << 16)
+        text = message.get("text")
+        if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
+            raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
+        session = asked_session(manager, request, message)
+        did: list[dict[str, Any]] = []
+
+        async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
+            result = await manager.toolbox.call(session, name, arguments, manager.load_track)
+            did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
+            return result
+
+        doing = ToolAccess(manager.toolbox.schemas("openai-chat"), do)
+        return {"say": await companion().reply(text, _history(message.get("history")), doing), "did": did}
 
     async def hear(request: Request) -> dict[str, Any]:
-        return {"text": await companion().transcribe(await _sound(manager, request))}
+        check_origin(request.headers, manager.settings.origins)
+        if request.headers.get("content-type") != "audio/wav":  # a form on another page cannot say so
+            raise EchoAvatarError("send audio/wav")
+        return {"text": await companion().transcribe(await read_body(request, MOST_SOUND))}
 
     return [
         Route("/v1/chat", answering(manager, name, failure=503)),
         Route("/v1/chat", answering(manager, talk), methods=["POST"]),
         Route("/v1/chat/ears", answering(manager, hear), methods=["POST"]),
     ]
-
-
-async def _talk(manager: SessionManager, companion: Companion, request: Request) -> dict[str, Any]:
-    message = await read_json(request, manager.settings.origins, most=1 << 16)
-    text = message.get("text")
-    if not isinstance(text, str) or not text.strip() or len(text) > MOST_LETTERS:
-        raise EchoAvatarError(f'send {{"text": "..."}} of at most {MOST_LETTERS} letters')
-    session = asked_session(manager, request, message)
-    did: list[dict[str, Any]] = []
-
-    async def do(name: str, arguments: dict[str, Any]) -> dict[str, Any]:
-        result = await manager.toolbox.call(session, name, arguments, manager.load_track)
-        did.append({"name": name, "arguments": arguments, "status": result.get("status", "done")})
-        return result
-
-    doing = ToolAccess(manager.toolbox.schemas("openai-chat"), do)
-    return {"say": await companion.reply(text, _history(message.get("history")), doing), "did": did}
 
 
 def _history(given: Any) -> list[ChatTurn]:
@@ -379,10 +378,3 @@ def _history(given: Any) -> list[ChatTurn]:
         for row in rows
         if isinstance(row, dict) and row.get("role") in ("user", "assistant") and isinstance(row.get("text"), str)
     ]
-
-
-async def _sound(manager: SessionManager, request: Request) -> bytes:
-    check_origin(request.headers, manager.settings.origins)
-    if request.headers.get("content-type") != "audio/wav":  # a form on another page cannot say so
-        raise EchoAvatarError("send audio/wav")
-    return await read_body(request, MOST_SOUND)
