@@ -35,7 +35,7 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
         MotionError: the file is missing or damaged, its bones are not known, or it has no such animation.
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
-    rig = read_gltf_rig(path, given, is_skinned=False)
+    rig = read_gltf_rig(path, given)
     with refusing_damage(path):
         known = {str(entry.get("name", k)): entry for k, entry in enumerate(rig.document.get("animations", []))}
         if not known or (animation is not None and animation not in known):

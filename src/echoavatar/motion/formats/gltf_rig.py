@@ -54,23 +54,19 @@ class GltfRig(NamedTuple):
         return place
 
 
-def read_gltf_rig(path: Path, given: JointMap | None = None, *, is_skinned: bool = True) -> GltfRig:
-    """Read a glTF file of a character; one that only serves as motion needs no skin.
-
-    `given` is the user's map of its bones.
+def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
+    """Read a glTF file of a character or of motion; `given` is the user's map of its bones.
 
     Raises:
         MotionError: the file is missing, damaged, no glTF, has no bones, or its bones are not found.
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
     with refusing_damage(path), np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # looked for below
-        return _read(path, given, is_skinned)
+        return _read(path, given)
 
 
-def _read(path: Path, given: JointMap | None, is_skinned: bool) -> GltfRig:
+def _read(path: Path, given: JointMap | None) -> GltfRig:
     document, binary = read_chunks(path)
-    if is_skinned and not document.get("skins") and not _humanoid(document):
-        raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
     parents = parents_of(document["nodes"])
     worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
     order, bones, names = _rig(document, parents, worlds, path, given)
@@ -289,6 +285,10 @@ def skinned(rig: GltfRig) -> Skinned:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
+        if not rig.document.get("skins") and not _humanoid(rig.document):
+            raise MotionError(
+                f"{rig.path} has no skin, so nothing says which vertex follows which bone; export it rigged"
+            )
         plain = plain_rig(rig.skeleton)
         vertices, weights = _skin(rig, _moves(rig, plain))
         if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
@@ -320,7 +320,7 @@ def _skin(rig: GltfRig, moves: Float[Array, "j 4 4"]) -> tuple[Float[Array, "v 3
         places = attribute(document, binary, part, "POSITION")
         if skin is None:
             joints, share = np.zeros((len(places), 4), int), np.tile([1.0, 0, 0, 0], (len(places), 1))
-            known = np.array([owner[node]], np.int32)
+            known = np.array([owner[node] if rig.parents[node] >= 0 else 0], np.int32)  # loose parts go with the hips
             placed = moves[known] @ rig.matrices[[node]]
         else:
             if skin not in skins:
