@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
-from echoavatar.motion.kinematics.rigs import finger_bones, known_bones
+from echoavatar.motion.kinematics.named_bones import finger_bones
+from echoavatar.motion.kinematics.rigs import known_bones
 
 
 class Scheme(NamedTuple):

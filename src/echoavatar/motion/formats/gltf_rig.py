@@ -21,8 +21,9 @@ from echoavatar.limits import JOINTS, PRIMITIVES, SKIN_JOINTS, VERTICES
 
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.alignment import has_rest_pose
+from ..kinematics.joint_tree import REQUIRED, Tree
 from ..kinematics.retarget import PlainRig, plain_rig
-from ..kinematics.rigs import REQUIRED, JointMap, Tree, check_bones, feet_of, find_bones
+from ..kinematics.rigs import JointMap, check_bones, feet_of, find_bones
 from ..kinematics.upright import axes_of, height, metres_of
 from .gltf_data import Binary, attribute, read_chunks, refusing_damage
 from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
@@ -269,12 +270,7 @@ class Skinned(NamedTuple):
 
 
 def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
-    """Read a glTF file of a character; as `read_gltf_rig`.
-
-    Raises:
-        MotionError: as `read_gltf_rig` and `skinned`.
-        DependencyError: as `read_gltf_rig`.
-    """
+    """Read a glTF file of a character; raises what `read_gltf_rig` and `skinned` raise."""
     return skinned(read_gltf_rig(path, given))
 
 

@@ -13,26 +13,10 @@ import numpy as np
 from echoavatar.errors import MotionError
 
 from .joint_tree import REQUIRED, SIDES, Tree
-from .named_bones import finger_bones, named_bones
+from .named_bones import named_bones
 from .shaped_bones import shaped_bones
 from .skeleton import HUMANOID, Skeleton
 
-__all__ = [
-    "BONES",
-    "REQUIRED",
-    "SIDES",
-    "JointMap",
-    "Tree",
-    "UnknownRigError",
-    "bone_map",
-    "check_bones",
-    "feet_of",
-    "find_bones",
-    "finger_bones",
-    "is_upright",
-    "known_bones",
-    "with_bones",
-]
 _log = logging.getLogger(__name__)
 BONES = (*HUMANOID.names, "leftEye", "rightEye", "jaw")
 LONG_FEET = 0.1  # of the height, both together: shorter ones say nothing about the front
