@@ -344,6 +344,28 @@ def push_to_hub(folder: Path, name: str, *, private: bool = False) -> str:
     return str(done.commit_url)
 
 
+_CARD = """---
+license: {licence}
+library_name: echoavatar
+tags: [audio-to-motion, co-speech-gesture, dance, avatar, streaming]
+---
+# {name}
+
+An EchoAvatar bundle: sound becomes full-body motion, in real time.
+
+```python
+import echoavatar
+
+animation = echoavatar.animate("talk.wav", model="{name}")
+animation.save("talk.glb")
+```
+
+| part | trained on | licence |
+|---|---|---|
+{rows}
+"""
+
+
 def model_card(folder: Path, name: str) -> str:
     """The hub's page of a bundle: its use, and what each part's card says of its data and licence.
 
@@ -356,30 +378,7 @@ def model_card(folder: Path, name: str) -> str:
     licences = {str(card.get("licence", "unknown")) for card in cards.values()}
     licence = licences.pop().lower() if len(licences) == 1 else "other"
     rows = [f"| {part} | {_cell(card, 'data')} | {_cell(card, 'licence')} |" for part, card in cards.items()]
-    return "\n".join(
-        [
-            "---",
-            f"license: {licence if licence == 'apache-2.0' else 'other'}",
-            "library_name: echoavatar",
-            "tags: [audio-to-motion, co-speech-gesture, dance, avatar, streaming]",
-            "---",
-            f"# {name}",
-            "",
-            "An EchoAvatar bundle: sound becomes full-body motion, in real time.",
-            "",
-            "```python",
-            "import echoavatar",
-            "",
-            f'animation = echoavatar.animate("talk.wav", model="{name}")',
-            'animation.save("talk.glb")',
-            "```",
-            "",
-            "| part | trained on | licence |",
-            "|---|---|---|",
-            *rows,
-            "",
-        ]
-    )
+    return _CARD.format(name=name, rows="\n".join(rows), licence=licence if licence == "apache-2.0" else "other")
 
 
 def _cell(card: Mapping[str, object], key: str) -> str:

@@ -21,7 +21,7 @@ from echoavatar.limits import JOINTS, PRIMITIVES, SKIN_JOINTS, VERTICES
 
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.alignment import has_rest_pose
-from ..kinematics.joint_tree import REQUIRED, Tree
+from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
 from ..kinematics.rigs import JointMap, check_bones, feet_of, find_bones
 from ..kinematics.upright import axes_of, height, metres_of
@@ -121,11 +121,7 @@ class _Layout:
         places = matrices[:, :3, 3]
         steps = places - places[parents]
         self._steps = np.einsum("jab,ja->jb", self.stands[parents], steps)  # in the axes of the joint above
-        self.core = set[int]()  # the known bones and what they hang from
-        for joint in bones.values():
-            while joint >= 0 and joint not in self.core:
-                self.core.add(joint)
-                joint = parents[joint]
+        self.core = with_parents(bones.values(), parents)
 
     def steps(self, frames: Float[Array, "j 3 3"]) -> Float[Array, "j 3"]:
         """From the joint above to each joint, if the joints were turned so; nothing for the hips."""
@@ -200,14 +196,11 @@ def _rig(
     document: dict[str, Any], parents: dict[int, int], worlds: Float[Array, "n 4 4"], path: Path, given: JointMap | None
 ) -> tuple[list[int], dict[str, int], tuple[str, ...]]:
     """Nodes of the rig, hips first and parents before children; the index of each bone in that list; their names."""
-    skins, mapped, kept = document.get("skins", []), _humanoid(document), set[int]()
+    skins, mapped = document.get("skins", []), _humanoid(document)
     if (entries := sum(len(skin["joints"]) for skin in skins)) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
     joints = {node for skin in skins for node in skin["joints"]} or (set() if mapped else set(parents))
-    for node in joints | set(mapped.values()):
-        while node >= 0 and node not in kept:
-            kept.add(node)
-            node = parents[node]
+    kept = with_parents(joints | set(mapped.values()), parents)
     if len(kept) > JOINTS:
         raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
     nodes = [node for node in parents if node in kept]  # parents first
