@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from tests.files.exports.bodies import NAMES, offsets_of
 from tests.files.exports.moving import clapping
-from tests.files.exports.odd_rigs import TOLERANCE, Odd, _matrix, _turn, glb, outcomes, places_in, tried
+from tests.files.exports.odd import Odd, _matrix, _turn, glb
+from tests.files.exports.odd_rigs import TOLERANCE, outcomes, places_in, tried
 from tests.motion.formats.test_gltf_rig import spoilt
 from tests.motion.stages.test_modes import walking
 
