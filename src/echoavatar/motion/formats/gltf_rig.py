@@ -204,7 +204,9 @@ def _rig(
     if len(kept) > JOINTS:
         raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
     nodes = [node for node in parents if node in kept]  # parents first
-    names = dict(zip(nodes, _names(document["nodes"], nodes), strict=True))
+    names = {node: str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes}
+    count = Counter(names.values())
+    names = {node: f"{name} {k}" if count[name] > 1 else name for k, (node, name) in enumerate(names.items())}
     trees: list[list[int]] = [nodes]
     if not mapped and not given:  # of several characters, the largest
         tops = {node: next((top for top in reversed(above(parents, node)) if top in joints), node) for node in nodes}
@@ -246,12 +248,6 @@ def _humanoid(document: dict[str, Any]) -> dict[str, int]:
             found[stem + thumb + (_OLD_THUMB[part] if thumb else part)] = int(entry["node"])
         return found
     return {}
-
-
-def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
-    names = [str(nodes[node].get("name") or f"joint {node}") for node in order]
-    count = Counter(names)
-    return tuple(f"{name} {k}" if count[name] > 1 else name for k, name in enumerate(names))
 
 
 class Skinned(NamedTuple):

@@ -109,22 +109,17 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
     return BodyProfile(parts=tuple(parts), palm=_OURS.palm * hand, finger=_OURS.finger * hand)
 
 
-def _ours() -> BodyProfile:
-    """The profile of the first shipped character without her hair, as `measure_body` gives it."""
-    rows: tuple[tuple[str, Vector, Vector], ...] = (
-        ("hips", (0.0, 0.0133, 0.007), (0.1955, 0.1349, 0.1408)),
-        ("spine", (0.0, 0.0576, 0.027), (0.1975, 0.1262, 0.1395)),
-        ("chest", (0.0, 0.0625, 0.0327), (0.2487, 0.1374, 0.143)),
-        ("upperChest", (0.0, 0.0825, 0.0128), (0.2717, 0.1402, 0.1368)),
-        ("neck", (0.0, 0.0405, 0.0058), (0.0402, 0.0594, 0.0419)),
-        ("head", (0.0, 0.0499, 0.0295), (0.0949, 0.1367, 0.1126)),
-    )
-    parts = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in rows]
-    return BodyProfile.model_validate({"parts": parts, "palm": 0.019, "finger": 0.0117})
-
-
-_OURS = _ours()
-
+# of the first shipped character without her hair, as `measure_body` gave it: bone, centre, radii
+_ROWS: tuple[tuple[str, Vector, Vector], ...] = (
+    ("hips", (0.0, 0.0133, 0.007), (0.1955, 0.1349, 0.1408)),
+    ("spine", (0.0, 0.0576, 0.027), (0.1975, 0.1262, 0.1395)),
+    ("chest", (0.0, 0.0625, 0.0327), (0.2487, 0.1374, 0.143)),
+    ("upperChest", (0.0, 0.0825, 0.0128), (0.2717, 0.1402, 0.1368)),
+    ("neck", (0.0, 0.0405, 0.0058), (0.0402, 0.0594, 0.0419)),
+    ("head", (0.0, 0.0499, 0.0295), (0.0949, 0.1367, 0.1126)),
+)
+_PARTS = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in _ROWS]
+_OURS = BodyProfile.model_validate({"parts": _PARTS, "palm": 0.019, "finger": 0.0117})
 
 SHAPES = {  # of an ellipsoid: its height in slices; the percentile that tells its depth; how much of its slice it holds
     "hips": (2.2, 98, 94),
