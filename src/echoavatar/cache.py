@@ -12,11 +12,6 @@ _LOG = logging.getLogger(__name__)
 NOWHERE = Path(os.devnull) / "echoavatar"  # nothing can be written there
 
 
-def user_cache() -> Path:
-    """The package's folder in the user's cache, or else a temporary one; see `first_writable`."""
-    return first_writable(*user_caches())
-
-
 def user_caches() -> list[Path]:
     """The package's folder in the user's cache; none for a user without a home, as containers have."""
     named = Path(os.environ.get("XDG_CACHE_HOME", ""))

@@ -69,10 +69,10 @@ def pull(
         EchoAvatarError: there is no network or no such repository, or the repository needs a login.
         CheckpointError: the hub states what cannot be, a file is not what it stated, or there is no room for it.
     """
-    hub = _hub(name)
+    hub, globs = _hub(name), [f"{each}*" if each.endswith("/") else each for each in only or ()]
     try:
         commit, stated = _stated(_described(hub, name, revision), name)
-        files = [file for file in stated if only is None or _matches(file.name, only)]
+        files = [file for file in stated if only is None or any(fnmatch(file.name, glob) for glob in globs)]
         storage = Path(hub.constants.HF_HUB_CACHE) / f"models--{name.replace('/', '--')}"
         if output is None and hub.constants.HF_HUB_CACHE.startswith("~"):
             raise EchoAvatarError(f"{name}: this user has no home folder to keep it in; set HF_HOME, or give a folder")
@@ -202,10 +202,6 @@ def _check_inside(root: Path, path: Path) -> None:
         is_inside = False
     if not is_inside:
         raise CheckpointError(f"{path} leads out of {root}; remove the link, or choose another folder")
-
-
-def _matches(name: str, patterns: Sequence[str]) -> bool:
-    return any(fnmatch(name, f"{pattern}*" if pattern.endswith("/") else pattern) for pattern in patterns)
 
 
 def _is_there(file: _File, path: Path, blob: Path) -> bool:
@@ -344,6 +340,28 @@ def push_to_hub(folder: Path, name: str, *, private: bool = False) -> str:
     return str(done.commit_url)
 
 
+_CARD = """---
+license: {licence}
+library_name: echoavatar
+tags: [audio-to-motion, co-speech-gesture, dance, avatar, streaming]
+---
+# {name}
+
+An EchoAvatar bundle: sound becomes full-body motion, in real time.
+
+```python
+import echoavatar
+
+animation = echoavatar.animate("talk.wav", model="{name}")
+animation.save("talk.glb")
+```
+
+| part | trained on | licence |
+|---|---|---|
+{rows}
+"""
+
+
 def model_card(folder: Path, name: str) -> str:
     """The hub's page of a bundle: its use, and what each part's card says of its data and licence.
 
@@ -356,30 +374,7 @@ def model_card(folder: Path, name: str) -> str:
     licences = {str(card.get("licence", "unknown")) for card in cards.values()}
     licence = licences.pop().lower() if len(licences) == 1 else "other"
     rows = [f"| {part} | {_cell(card, 'data')} | {_cell(card, 'licence')} |" for part, card in cards.items()]
-    return "\n".join(
-        [
-            "---",
-            f"license: {licence if licence == 'apache-2.0' else 'other'}",
-            "library_name: echoavatar",
-            "tags: [audio-to-motion, co-speech-gesture, dance, avatar, streaming]",
-            "---",
-            f"# {name}",
-            "",
-            "An EchoAvatar bundle: sound becomes full-body motion, in real time.",
-            "",
-            "```python",
-            "import echoavatar",
-            "",
-            f'animation = echoavatar.animate("talk.wav", model="{name}")',
-            'animation.save("talk.glb")',
-            "```",
-            "",
-            "| part | trained on | licence |",
-            "|---|---|---|",
-            *rows,
-            "",
-        ]
-    )
+    return _CARD.format(name=name, rows="\n".join(rows), licence=licence if licence == "apache-2.0" else "other")
 
 
 def _cell(card: Mapping[str, object], key: str) -> str:

@@ -118,11 +118,10 @@ def opened(
 
 
 def fetch(url: str, body: object = None, *, most: int = MOST_BYTES, **request: Any) -> bytes:
-    """The whole answer to a request; see `opened` for the rest of the arguments.
+    """The whole answer to a request, with the arguments and errors of `opened`.
 
     Raises:
-        EchoAvatarError: as `opened`.
-        OutgoingError: as `opened`; the answer breaks off or is longer than `most`.
+        OutgoingError: also where the answer breaks off or is longer than `most`.
     """
     got = bytearray()
     with opened(url, body, **request) as answer:
@@ -134,12 +133,7 @@ def fetch(url: str, body: object = None, *, most: int = MOST_BYTES, **request: A
 
 
 def ask(url: str, body: object = None, **request: Any) -> Any:
-    """The JSON value that answers a request, None for an empty answer; see `fetch`.
-
-    Raises:
-        EchoAvatarError: as `fetch`.
-        OutgoingError: as `fetch`; the answer is not JSON.
-    """
+    """The JSON value that answers a request, None for an empty answer; as `fetch`, and OutgoingError for no JSON."""
     got = fetch(url, body, **request)
     return read_json(got, f"the answer of {redacted(url)}", error=OutgoingError) if got.strip() else None
 

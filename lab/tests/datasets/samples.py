@@ -10,7 +10,8 @@ import torch
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
-from echoavatar.motion.kinematics.rigs import bone_map, finger_bones
+from echoavatar.motion.kinematics.named_bones import finger_bones
+from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import (
     axis_angle_from_quaternion,
     quaternion_conjugate,

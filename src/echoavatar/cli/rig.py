@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("character", type=Path, metavar="CHARACTER", help="rigged character, .glb, .vrm or .gltf")
     parser.add_argument("-o", "--output", type=Path, help="where to write, .json; without it --template prints")
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
-    parser.add_argument("--template", action="store_true", help="write a file for --map instead; reads .bvh as well")
+    parser.add_argument("--template", action="store_true", help="write a file for --map instead; reads clips as well")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from tests.files.exports.bodies import NAMES, offsets_of
-from tests.files.exports.odd_rigs import Odd, glb
+from tests.files.exports.odd import Odd, glb
 
 from echoavatar.errors import MotionError
 from echoavatar.files.avatar.gltf import Buffer, container

@@ -147,6 +147,7 @@ def test_a_vrm_of_rigid_parts_on_its_bones_is_read(tmp_path: Path, short: Take) 
     np.testing.assert_allclose(
         of_hand.mean(0), read.skeleton.rest_positions[rig.skeleton.config.vrm["leftHand"]], atol=1e-3
     )
+    assert read.weights[:, [rig.skeleton.config.vrm["hips"]]].sum() > 100  # the body hangs on no bone
     assert rig.gltf is not None
     pack_on_rig(rig.gltf, rig.retarget(short))
 

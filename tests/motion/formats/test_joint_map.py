@@ -167,6 +167,8 @@ def test_the_template_holds_what_was_found_and_null_for_the_rest(glb: Path, bvh:
     half = spoilt(tmp_path / "half.glb", long_armed(), without_a_knee)
     assert [bone for bone, joint in map_of(half).items() if joint is None] == ["leftLowerLeg", *BONES[-3:]]
     assert map_of(half)["rightLowerLeg"] == "mixamorig:RightLeg"
+    clip = spoilt(tmp_path / "clip.glb", long_armed(), lambda document: document.pop("skins"))
+    assert map_of(clip) == map_of(known)
 
 
 def without_a_knee(document):

@@ -85,6 +85,17 @@ def test_a_finely_meshed_mouth_does_not_outvote_the_skull() -> None:
     assert finer.parts == measure_body(HUMANOID, positions, weights).parts
 
 
+@pytest.mark.parametrize(("noise", "change"), [(1e-6, 2e-4), (1e-4, 1e-3)])
+def test_rounding_changes_no_measure_by_more_than_its_size(noise: float, change: float) -> None:
+    """No slice, cell or vertex decides alone."""
+    draw, weights = np.random.default_rng(0), humanoid_weights(CHARACTER)[SKIN]
+    profile = measure_body(HUMANOID, CHARACTER.positions[SKIN], weights)
+    for _ in range(4):
+        moved = CHARACTER.positions[SKIN] + draw.normal(0, noise, (len(weights), 3))
+        for one, other in zip(profile.parts, measure_body(HUMANOID, moved, weights).parts, strict=True):
+            np.testing.assert_allclose(one.centre + one.radii, other.centre + other.radii, atol=change)
+
+
 def test_meshes_that_do_not_fit_are_refused() -> None:
     vertices, weights = np.zeros((100, 3), np.float32), np.zeros((100, HUMANOID.joints), np.float32)
     with pytest.raises(MotionError, match="do not fit a rig of 52 joints"):

@@ -6,7 +6,8 @@ from tests.motion.kinematics.samples import chain, recorded
 
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.rigs import UnknownRigError, bone_map, finger_bones, known_bones
+from echoavatar.motion.kinematics.named_bones import finger_bones
+from echoavatar.motion.kinematics.rigs import UnknownRigError, bone_map, known_bones
 
 UNREAL = SCHEMES["Unreal 4"]
 

@@ -7,7 +7,8 @@ from tests.motion.kinematics.samples import recorded
 
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.rigs import REQUIRED, known_bones
+from echoavatar.motion.kinematics.joint_tree import REQUIRED
+from echoavatar.motion.kinematics.rigs import known_bones
 
 NAMELESS = {
     "numbers": "bone_{:02}",

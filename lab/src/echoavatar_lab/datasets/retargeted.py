@@ -21,9 +21,10 @@ from echoavatar.motion.ik.hand_contact import find_arm, move_hand
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.kinematics.easing import falloff
 from echoavatar.motion.kinematics.foot_planting import foot_contacts
+from echoavatar.motion.kinematics.joint_tree import SIDES
 from echoavatar.motion.kinematics.joint_words import read_name
 from echoavatar.motion.kinematics.retarget import with_wrists
-from echoavatar.motion.kinematics.rigs import SIDES, bone_map, feet_of
+from echoavatar.motion.kinematics.rigs import bone_map, feet_of
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar_lab.data.faults import skate
 from echoavatar_lab.data.statistics import arm_length

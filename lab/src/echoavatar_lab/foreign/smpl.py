@@ -17,9 +17,9 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.errors import CheckpointError, MotionError
-from echoavatar.motion.formats.smpl import is_smpl, smpl_motion
+from echoavatar.motion.formats.smpl import is_smpl, skeleton, smpl_motion
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
-from echoavatar.motion.kinematics import Motion
+from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 
 from .foreign_files import read_pickled_table
 
@@ -37,7 +37,7 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
             if not is_smpl(stored):
                 raise MotionError(f"{path} lacks 'poses'; it is not SMPL-X motion")
             betas = np.asarray(stored["betas"], np.float64).ravel() if body_model and "betas" in stored else np.zeros(0)
-            return smpl_motion(path, stored, None if body_model is None else rest_joints(body_model, betas))
+            return smpl_motion(path, stored, None if body_model is None else _rig_at(rest_joints(body_model, betas)))
     except FileNotFoundError as error:
         raise MotionError(f"{path} does not exist; check the name") from error
     except NPZ_ERRORS as error:
@@ -55,6 +55,17 @@ def rest_joints(body_model: Path, betas: Float[np.ndarray, " n"]) -> Float[np.nd
     used = min(shapes, len(betas))
     joints: Float[np.ndarray, "55 3"] = regressor @ (template + directions[..., :used] @ betas[:used])
     return joints
+
+
+def _rig_at(rest: Float[np.ndarray, "55 3"]) -> Skeleton:
+    """The joints at the places of a body model, with our hips' place and the feet on the floor."""
+    ours = skeleton()
+    places = rest - rest[0] + HUMANOID.rest_positions[0].numpy()
+    parents = np.array(ours.parents)
+    offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
+    lowest_toes = places[ours.indices(("left_foot", "right_foot")), 1].min()
+    offsets[0, 1] -= lowest_toes - float(HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1])
+    return Skeleton(ours.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist()))}))
 
 
 @lru_cache(maxsize=2)

@@ -90,10 +90,6 @@ def _bvh(path: Path, take: Take, rig: Rig | None) -> None:
     write_bvh(path, motion.skeleton, motion.rotations, motion.root, motion.fps, stand=stand)
 
 
-def _glb(path: Path, take: Take, rig: Rig | None) -> None:
-    write_whole(path, _packed(path, take, rig), error=MotionError)
-
-
 def _packed(path: Path, take: Take, rig: Rig | None) -> bytes:
     """The bytes of a GLB: the user's character where a rig is given, else ours."""
     if rig is not None:
@@ -113,14 +109,6 @@ def _vrma(path: Path, take: Take, rig: Rig | None) -> None:
         with refusing_damage(rig.path):
             data = pack_vrma(take, rig.gltf.document if rig.gltf else None)
     write_whole(path, data, error=MotionError)
-
-
-def _usd(path: Path, take: Take, _: Rig | None) -> None:
-    write_usd(path, load_character(), take)
-
-
-def _fbx(path: Path, take: Take, rig: Rig | None) -> None:
-    write_fbx(path, _packed(path, take, rig), take.motion.fps)
 
 
 def _npz(path: Path, take: Take, _: Rig | None) -> None:
@@ -158,11 +146,10 @@ _WRITERS: Mapping[str, Writer] = {  # by the ending of the file's name, the long
     FACE47_CSV: _face47_csv,
     SMPLX_NPZ: lambda path, take, _: write_smplx(path, take),
     ".bvh": _bvh,
-    ".glb": _glb,
-    ".vrm": _glb,
+    **dict.fromkeys((".glb", ".vrm"), lambda path, *take: write_whole(path, _packed(path, *take), error=MotionError)),
     ".vrma": _vrma,
-    **dict.fromkeys(USD, _usd),
-    ".fbx": _fbx,
+    **dict.fromkeys(USD, lambda path, take, _: write_usd(path, load_character(), take)),
+    ".fbx": lambda path, take, rig: write_fbx(path, _packed(path, take, rig), take.motion.fps),
     ".npz": _npz,
     ".csv": _csv,
 }

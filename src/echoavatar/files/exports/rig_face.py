@@ -5,6 +5,8 @@ They are found by their names, or through the expressions of a VRM, whichever sh
 
 import logging
 from collections import defaultdict
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from echoavatar.motion.arkit import APPLE_NAMES
 from echoavatar.motion.face_names import driven, face_weights, silent_curves
 
 Array = np.ndarray
+_Bind = tuple[str, int, int, float]  # expression, node, morph target, weight
 _VRM0 = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh", "joy": "happy", "sorrow": "sad", "fun": "relaxed"} | {
     "blink_l": "blinkLeft",
     "blink_r": "blinkRight",
@@ -87,15 +90,20 @@ def _expressed(document: dict[str, Any]) -> tuple[Float[Array, "k e"], dict[int,
     return driven(names), tables
 
 
-def _binds(document: dict[str, Any]) -> list[tuple[str, int, int, float]]:
-    """(expression, node, target, weight) of a VRM 1.0 or 0.x."""
+def _binds(document: dict[str, Any]) -> list[_Bind]:
+    """What the expressions of a VRM bind. A bind of VRM 0.x counts for each node of its mesh."""
+    made = list(islice(_each_bind(document), BINDS + 1))
+    if len(made) > BINDS:
+        raise ValueError(f"expressions that name more than {BINDS:,} morph targets")
+    return made
+
+
+def _each_bind(document: dict[str, Any]) -> Iterator[_Bind]:
     extensions = document.get("extensions", {})
-    made: list[tuple[str, int, int, float]] = []
     expressions = extensions.get("VRMC_vrm", {}).get("expressions", {})
     for name, entry in [item for kind in ("preset", "custom") for item in expressions.get(kind, {}).items()]:
         for bind in entry.get("morphTargetBinds", []):
-            made.append((name, bind["node"], bind["index"], bind.get("weight", 1.0)))
-            _check_binds(made)
+            yield name, bind["node"], bind["index"], bind.get("weight", 1.0)
     users: defaultdict[int, list[int]] = defaultdict(list)  # the nodes of each mesh
     for node, entry in enumerate(document["nodes"]):
         if "mesh" in entry:
@@ -105,15 +113,7 @@ def _binds(document: dict[str, Any]) -> list[tuple[str, int, int, float]]:
         name = str(group.get("name", "")) if preset == "unknown" else _VRM0.get(preset, preset)
         for bind in group.get("binds", []):
             for node in users[bind["mesh"]]:
-                made.append((name, node, bind["index"], bind["weight"] / 100))
-                _check_binds(made)
-    return made
-
-
-def _check_binds(made: list[tuple[str, int, int, float]]) -> None:
-    """Refuse more binds than expressions have; a bind of VRM 0.x counts for each node of its mesh."""
-    if len(made) > BINDS:
-        raise ValueError(f"expressions that name more than {BINDS:,} morph targets")
+                yield name, node, bind["index"], bind["weight"] / 100
 
 
 def target_names(document: dict[str, Any], mesh: dict[str, Any]) -> list[str]:

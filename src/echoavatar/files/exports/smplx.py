@@ -5,18 +5,16 @@ rest position, Y up. The shape is the mean body (`betas` are 0); a user with the
 follows `jawOpen`. No map from ARKit's curves to FLAME's expressions is published, so `expressions` are 0.
 """
 
-import io
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats.smpl import skeleton
+from echoavatar.motion.formats.tables import write_arrays
 from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion
-from echoavatar.whole_file import write_whole
 
 from .take import Take
 
@@ -49,6 +47,4 @@ def write_smplx(path: Path, take: Take) -> None:
         "gender": np.array("neutral"),
         "mocap_frame_rate": np.array(motion.fps),
     }
-    packed = io.BytesIO()
-    np.savez_compressed(packed, allow_pickle=False, **arrays)
-    write_whole(path, packed.getvalue(), error=MotionError)
+    write_arrays(path, arrays)

@@ -25,6 +25,7 @@ from echoavatar.motion.ik import BodyProfile, HandCollisions, body_of_rig, measu
 from echoavatar.motion.ik.hand_contact import keep_hands_on_body, keep_hands_together
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from echoavatar.motion.kinematics.alignment import has_rest_pose, leg_length
+from echoavatar.motion.kinematics.joint_tree import with_parents
 from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import PlainRig, plain_rig, retarget, with_wrists
 from echoavatar.motion.kinematics.rigs import JointMap, bone_map, feet_of
@@ -143,12 +144,8 @@ class Rig:
 
         The others, such as those of hair and skirts, rest on their parents: nothing is computed for them.
         """
-        config, kept = self.skeleton.config, set[int]()
-        for joint in (*config.vrm.values(), *config.feet):
-            while joint >= 0 and joint not in kept:
-                kept.add(joint)
-                joint = config.parents[joint]
-        return sorted(kept)
+        config = self.skeleton.config
+        return sorted(with_parents((*config.vrm.values(), *config.feet), config.parents))
 
     @cached_property
     def _size(self) -> float:

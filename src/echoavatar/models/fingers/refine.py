@@ -20,7 +20,8 @@ from torch import Tensor
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
 from echoavatar.motion.kinematics.alignment import align
-from echoavatar.motion.kinematics.rigs import bone_map, finger_bones
+from echoavatar.motion.kinematics.named_bones import finger_bones
+from echoavatar.motion.kinematics.rigs import bone_map
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import FRAME_RATE_HZ
 

@@ -333,7 +333,8 @@ def _assemble(joints: list[_Joint], frames: _Frames, fps: float, notes: list[str
     if any(kind == "scale" for joint in joints for kind, _ in joint.channels):
         notes.append("scale channels are left out")
     longest = max((float(np.linalg.norm(place.mean(0))) for place in places[1:]), default=0.0) or 1.0
-    while len(joints) > 1 and _travels(joints, places) > _RIGID * longest:
+    # the only child of the root travels
+    while [joint.parent for joint in joints].count(0) == 1 and np.ptp(places[1], axis=0).max() > _RIGID * longest:
         joints, rotations, places = _merge_root(joints, rotations, places)
     stretch = max((float(np.ptp(place, axis=0).max()) for place in places[1:]), default=0.0)
     if stretch > _RIGID * longest:
@@ -362,12 +363,6 @@ def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
     step[:, 0], step[:, 1 + axis] = np.cos(half), np.sin(half)
     product: _Frames = quaternion_multiply(torch.from_numpy(quaternion.copy()), torch.from_numpy(step)).numpy()
     return product
-
-
-def _travels(joints: list[_Joint], places: list[_Frames]) -> float:
-    """How far the only child of the root moves in it; 0 where there are several."""
-    is_only = [j for j, joint in enumerate(joints) if joint.parent == 0] == [1]
-    return float(np.ptp(places[1], axis=0).max()) if is_only else 0.0
 
 
 def _merge_root(

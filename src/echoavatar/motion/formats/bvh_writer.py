@@ -40,12 +40,11 @@ def write_bvh(
     """
     motion = Motion(skeleton, np.asarray(rotations, np.float32), np.asarray(root, np.float32), fps)
     motion, scale = turned(motion, stand.rest.T, stand.world.T), 1 / stand.metres
-    skeleton = motion.skeleton
-    angles = np.degrees(_continuous_euler(motion.rotations, order))[:, _depth_first(skeleton)]
-    angles = angles.reshape(motion.frames, -1)
+    hierarchy, listed = _hierarchy(motion.skeleton, scale, order)
+    angles = np.degrees(_continuous_euler(motion.rotations, order))[:, listed].reshape(motion.frames, -1)
     table = np.concatenate([motion.root.astype(np.float64) * scale, angles], 1)
     row = " ".join(["%.6f"] * table.shape[1])
-    lines = ["HIERARCHY", *_hierarchy(skeleton, scale, order), "MOTION", f"Frames: {motion.frames}"]
+    lines = ["HIERARCHY", *hierarchy, "MOTION", f"Frames: {motion.frames}"]
     lines += [f"Frame Time: {1 / fps:.9f}", *(row % tuple(frame) for frame in table.tolist())]
     write_whole(path, "\n".join(lines) + "\n", error=MotionError)
 
@@ -65,22 +64,15 @@ def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:
     return angles
 
 
-def _depth_first(skeleton: Skeleton) -> list[int]:
-    """Joints in the order in which the file lists them."""
-    order, waiting = [], [0]
-    while waiting:
-        order.append(waiting.pop())
-        waiting += [j for j in reversed(range(skeleton.joints)) if skeleton.parents[j] == order[-1]]
-    return order
-
-
-def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> list[str]:
+def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> tuple[list[str], list[int]]:
+    """The lines of the HIERARCHY block, and the joints in their order."""
     axes = " ".join(f"{axis.upper()}rotation" for axis in order)
     offsets = skeleton.offsets.double().numpy() * scale
     tips = skeleton.config.tips
-    lines: list[str] = []
+    lines, listed = list[str](), list[int]()
 
     def put(joint: int, depth: int) -> None:
+        listed.append(joint)
         pad, inner = "\t" * depth, "\t" * (depth + 1)
         name = skeleton.names[joint]
         lines.append(f"{pad}{'ROOT' if depth == 0 else 'JOINT'} {name}")
@@ -96,7 +88,7 @@ def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> list[str]:
         lines.append(f"{pad}}}")
 
     put(0, 0)
-    return lines
+    return lines, listed
 
 
 def _words(values: NDArray[np.float64]) -> str:

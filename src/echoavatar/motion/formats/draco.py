@@ -8,7 +8,7 @@ import json
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -37,19 +37,15 @@ def unpacked(parts: Sequence[tuple[bytes, dict[str, int]]], most: int) -> list[d
         done = subprocess.run(program, input=sent, capture_output=True, timeout=SECONDS, check=True)
     except (subprocess.SubprocessError, OSError) as error:
         raise ValueError(f"a Draco mesh that is damaged, or takes more than {MEMORY >> 20} MB") from error
-    return list(_received(done.stdout, [list(wanted) for _, wanted in parts]))
-
-
-def _received(data: bytes, names: list[list[str]]) -> Iterator[dict[str, Array]]:
-    """The arrays that the program wrote: kind, rows, columns, and the numbers of each."""
-    at = 0
-    for wanted in names:
-        found = {}
-        for name in wanted:
-            kind, rows, columns = struct.unpack_from("<2sII", data, at)
-            found[name] = np.frombuffer(data, kind.decode(), rows * columns, at + 10).reshape(rows, columns)
-            at += 10 + found[name].nbytes
-        yield found
+    found, at = list[dict[str, Array]](), 0
+    for _, wanted in parts:
+        found.append({})
+        for name in wanted:  # kind, rows, columns, and the numbers
+            kind, rows, columns = struct.unpack_from("<2sII", done.stdout, at)
+            numbers = np.frombuffer(done.stdout, kind.decode(), rows * columns, at + 10)
+            found[-1][name] = numbers.reshape(rows, columns)
+            at += 10 + numbers.nbytes
+    return found
 
 
 def _serve() -> None:

@@ -35,7 +35,7 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
         MotionError: the file is missing or damaged, its bones are not known, or it has no such animation.
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
-    rig = read_gltf_rig(path, given, is_skinned=False)
+    rig = read_gltf_rig(path, given)
     with refusing_damage(path):
         known = {str(entry.get("name", k)): entry for k, entry in enumerate(rig.document.get("animations", []))}
         if not known or (animation is not None and animation not in known):
@@ -83,11 +83,7 @@ def _sampled(rig: GltfRig, entry: dict[str, Any]) -> Motion:
 
 def _keys(rig: GltfRig, sampler: dict[str, Any], width: int) -> tuple[Float[Array, " k"], Float[Array, "k n c"], str]:
     """Times, values (with tangents before and after for a cubic spline) and kind of interpolation."""
-    counts = [rig.document["accessors"][sampler[key]]["count"] for key in ("input", "output")]
-    times, values = (
-        read_accessor(rig.document, rig.binary, sampler[key], count)
-        for key, count in zip(("input", "output"), counts, strict=True)
-    )
+    times, values = (read_accessor(rig.document, rig.binary, sampler[key]) for key in ("input", "output"))
     kind = sampler.get("interpolation", "LINEAR")
     values = values.reshape(len(times), 3 if kind == "CUBICSPLINE" else 1, width)
     if not len(times) or not (np.isfinite(times).all() and np.isfinite(values).all() and (np.diff(times) > 0).all()):
@@ -107,15 +103,15 @@ def _at(track: tuple[Array, Array, str], times: Float[Array, " t"]) -> Float[Arr
     if kind == "CUBICSPLINE":
         (_, start, leaving), (arriving, end, _) = values[before].swapaxes(0, 1), values[after].swapaxes(0, 1)
         slopes = span[:, None] * (leaving * share * (1 - share) ** 2 - arriving * share**2 * (1 - share))
-        curve: Array = start + (end - start) * share**2 * (3 - 2 * share) + slopes
-        return curve
+        between: Array = start + (end - start) * share**2 * (3 - 2 * share) + slopes
+        return between
     start, end = values[before, 0], values[after, 0]
     if values.shape[-1] == 4:
         turns = [torch.from_numpy(turn[:, [3, 0, 1, 2]]) for turn in (start, end)]
-        between: Array = slerp(turns[0], turns[1], torch.from_numpy(share[:, 0])).numpy()[:, [1, 2, 3, 0]]
-        return between
-    mixed: Array = start + share * (end - start)
-    return mixed
+        between = slerp(turns[0], turns[1], torch.from_numpy(share[:, 0])).numpy()[:, [1, 2, 3, 0]]
+    else:
+        between = start + share * (end - start)
+    return between
 
 
 def _matrices(node: dict[str, Any], own: dict[str, Float[Array, "t c"]]) -> Float[Array, "t 4 4"]:

@@ -21,8 +21,9 @@ from echoavatar.limits import JOINTS, PRIMITIVES, SKIN_JOINTS, VERTICES
 
 from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.alignment import has_rest_pose
+from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
-from ..kinematics.rigs import REQUIRED, JointMap, Tree, check_bones, feet_of, find_bones
+from ..kinematics.rigs import JointMap, check_bones, feet_of, find_bones
 from ..kinematics.upright import axes_of, height, metres_of
 from .gltf_data import Binary, attribute, read_chunks, refusing_damage
 from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
@@ -54,23 +55,19 @@ class GltfRig(NamedTuple):
         return place
 
 
-def read_gltf_rig(path: Path, given: JointMap | None = None, *, is_skinned: bool = True) -> GltfRig:
-    """Read a glTF file of a character; one that only serves as motion needs no skin.
-
-    `given` is the user's map of its bones.
+def read_gltf_rig(path: Path, given: JointMap | None = None) -> GltfRig:
+    """Read a glTF file of a character or of motion; `given` is the user's map of its bones.
 
     Raises:
         MotionError: the file is missing, damaged, no glTF, has no bones, or its bones are not found.
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
     with refusing_damage(path), np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # looked for below
-        return _read(path, given, is_skinned)
+        return _read(path, given)
 
 
-def _read(path: Path, given: JointMap | None, is_skinned: bool) -> GltfRig:
+def _read(path: Path, given: JointMap | None) -> GltfRig:
     document, binary = read_chunks(path)
-    if is_skinned and not document.get("skins") and not _humanoid(document):
-        raise MotionError(f"{path} has no skin, so nothing says which vertex follows which bone; export it rigged")
     parents = parents_of(document["nodes"])
     worlds = worlds_of({node: node_matrix(document["nodes"][node]) for node in parents}, parents)
     order, bones, names = _rig(document, parents, worlds, path, given)
@@ -124,11 +121,7 @@ class _Layout:
         places = matrices[:, :3, 3]
         steps = places - places[parents]
         self._steps = np.einsum("jab,ja->jb", self.stands[parents], steps)  # in the axes of the joint above
-        self.core = set[int]()  # the known bones and what they hang from
-        for joint in bones.values():
-            while joint >= 0 and joint not in self.core:
-                self.core.add(joint)
-                joint = parents[joint]
+        self.core = with_parents(bones.values(), parents)
 
     def steps(self, frames: Float[Array, "j 3 3"]) -> Float[Array, "j 3"]:
         """From the joint above to each joint, if the joints were turned so; nothing for the hips."""
@@ -203,18 +196,17 @@ def _rig(
     document: dict[str, Any], parents: dict[int, int], worlds: Float[Array, "n 4 4"], path: Path, given: JointMap | None
 ) -> tuple[list[int], dict[str, int], tuple[str, ...]]:
     """Nodes of the rig, hips first and parents before children; the index of each bone in that list; their names."""
-    skins, mapped, kept = document.get("skins", []), _humanoid(document), set[int]()
+    skins, mapped = document.get("skins", []), _humanoid(document)
     if (entries := sum(len(skin["joints"]) for skin in skins)) > SKIN_JOINTS:
         raise ValueError(f"skins of {entries:,} joints, and at most {SKIN_JOINTS:,} are read")
     joints = {node for skin in skins for node in skin["joints"]} or (set() if mapped else set(parents))
-    for node in joints | set(mapped.values()):
-        while node >= 0 and node not in kept:
-            kept.add(node)
-            node = parents[node]
+    kept = with_parents(joints | set(mapped.values()), parents)
     if len(kept) > JOINTS:
         raise ValueError(f"{len(kept):,} joints, and at most {JOINTS:,} are read")
     nodes = [node for node in parents if node in kept]  # parents first
-    names = dict(zip(nodes, _names(document["nodes"], nodes), strict=True))
+    names = {node: str(document["nodes"][node].get("name") or f"joint {node}") for node in nodes}
+    count = Counter(names.values())
+    names = {node: f"{name} {k}" if count[name] > 1 else name for k, (node, name) in enumerate(names.items())}
     trees: list[list[int]] = [nodes]
     if not mapped and not given:  # of several characters, the largest
         tops = {node: next((top for top in reversed(above(parents, node)) if top in joints), node) for node in nodes}
@@ -258,12 +250,6 @@ def _humanoid(document: dict[str, Any]) -> dict[str, int]:
     return {}
 
 
-def _names(nodes: list[dict[str, Any]], order: list[int]) -> tuple[str, ...]:
-    names = [str(nodes[node].get("name") or f"joint {node}") for node in order]
-    count = Counter(names)
-    return tuple(f"{name} {k}" if count[name] > 1 else name for k, name in enumerate(names))
-
-
 class Skinned(NamedTuple):
     """A character in our rest pose, in metres, its hips above the origin."""
 
@@ -273,12 +259,7 @@ class Skinned(NamedTuple):
 
 
 def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
-    """Read a glTF file of a character; as `read_gltf_rig`.
-
-    Raises:
-        MotionError: as `read_gltf_rig` and `skinned`.
-        DependencyError: as `read_gltf_rig`.
-    """
+    """Read a glTF file of a character; raises what `read_gltf_rig` and `skinned` raise."""
     return skinned(read_gltf_rig(path, given))
 
 
@@ -289,6 +270,10 @@ def skinned(rig: GltfRig) -> Skinned:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
+        if not rig.document.get("skins") and not _humanoid(rig.document):
+            raise MotionError(
+                f"{rig.path} has no skin, so nothing says which vertex follows which bone; export it rigged"
+            )
         plain = plain_rig(rig.skeleton)
         vertices, weights = _skin(rig, _moves(rig, plain))
         if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
@@ -320,7 +305,7 @@ def _skin(rig: GltfRig, moves: Float[Array, "j 4 4"]) -> tuple[Float[Array, "v 3
         places = attribute(document, binary, part, "POSITION")
         if skin is None:
             joints, share = np.zeros((len(places), 4), int), np.tile([1.0, 0, 0, 0], (len(places), 1))
-            known = np.array([owner[node]], np.int32)
+            known = np.array([owner[node] if rig.parents[node] >= 0 else 0], np.int32)  # loose parts go with the hips
             placed = moves[known] @ rig.matrices[[node]]
         else:
             if skin not in skins:

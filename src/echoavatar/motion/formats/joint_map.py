@@ -44,10 +44,10 @@ def read_map(path: Path | None) -> dict[str, str | None] | None:
 
 
 def map_of(path: Path) -> dict[str, str | None]:
-    """The map of a character (.glb, .vrm) or clip (.bvh), with None for the bones that were not found.
+    """The map of a character or clip (.glb, .vrm, .bvh), with None for the bones that were not found.
 
     Raises:
-        MotionError: the file cannot be read, or has no skin.
+        MotionError: the file cannot be read.
     """
     found: Mapping[str, str]
     try:

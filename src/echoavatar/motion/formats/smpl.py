@@ -20,7 +20,7 @@ from echoavatar.errors import MotionError
 from echoavatar.limits import ROTATIONS, STILL_ROTATIONS
 
 from ..kinematics.motion import Motion
-from ..kinematics.rigs import finger_bones
+from ..kinematics.named_bones import finger_bones
 from ..kinematics.rotations import quaternion_from_axis_angle
 from ..kinematics.skeleton import HUMANOID, Skeleton, SkeletonConfig
 from ..kinematics.upright import of_clip, righted
@@ -46,32 +46,12 @@ _PLACES = ("trans", "transl", "smpl_trans", "translation")
 _RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
 _ASSUMED_HZ = 30.0
 _UPRIGHT = 0.6  # least height of the mean direction of the spine
-_BODY = (  # name, parent, VRM bone
-    ("pelvis", -1, "hips"),
-    ("left_hip", 0, "leftUpperLeg"),
-    ("right_hip", 0, "rightUpperLeg"),
-    ("spine1", 0, "spine"),
-    ("left_knee", 1, "leftLowerLeg"),
-    ("right_knee", 2, "rightLowerLeg"),
-    ("spine2", 3, "chest"),
-    ("left_ankle", 4, "leftFoot"),
-    ("right_ankle", 5, "rightFoot"),
-    ("spine3", 6, "upperChest"),
-    ("left_foot", 7, "leftToes"),
-    ("right_foot", 8, "rightToes"),
-    ("neck", 9, "neck"),
-    ("left_collar", 9, "leftShoulder"),
-    ("right_collar", 9, "rightShoulder"),
-    ("head", 12, "head"),
-    ("left_shoulder", 13, "leftUpperArm"),
-    ("right_shoulder", 14, "rightUpperArm"),
-    ("left_elbow", 16, "leftLowerArm"),
-    ("right_elbow", 17, "rightLowerArm"),
-    ("left_wrist", 18, "leftHand"),
-    ("right_wrist", 19, "rightHand"),
-    ("jaw", 15, ""),
-    ("left_eye_smplhf", 15, ""),
-    ("right_eye_smplhf", 15, ""),
+_BODY = (  # name:VRM bone; each hangs from what its bone hangs from
+    "pelvis:hips left_hip:leftUpperLeg right_hip:rightUpperLeg spine1:spine left_knee:leftLowerLeg"
+    " right_knee:rightLowerLeg spine2:chest left_ankle:leftFoot right_ankle:rightFoot spine3:upperChest"
+    " left_foot:leftToes right_foot:rightToes neck:neck left_collar:leftShoulder right_collar:rightShoulder head:head"
+    " left_shoulder:leftUpperArm right_shoulder:rightUpperArm left_elbow:leftLowerArm right_elbow:rightLowerArm"
+    " left_wrist:leftHand right_wrist:rightHand"
 )
 _FACE = {  # from the head joint, metres
     "jaw": (0.0, 0.0, 0.02),
@@ -81,29 +61,24 @@ _FACE = {  # from the head joint, metres
 _DIGITS = {"index": "Index", "middle": "Middle", "pinky": "Little", "ring": "Ring", "thumb": "Thumb"}
 
 
-def _table() -> list[tuple[str, int, str]]:
-    rows = list(_BODY)
-    for side, wrist in (("left", 20), ("right", 21)):
-        bones = finger_bones(side)
-        for digit, ours in _DIGITS.items():
-            for k, bone in enumerate(bones[ours], start=1):
-                rows.append((f"{side}_{digit}{k}", wrist if k == 1 else len(rows) - 1, bone))
-    return rows
-
-
 def skeleton() -> Skeleton:
     """The 55 joints at the positions of our humanoid."""
-    rows, rest = _table(), HUMANOID.rest_positions.numpy()
-    head = rest[HUMANOID.index("head")]
-    places = [rest[HUMANOID.index(bone)] if bone else head + np.array(_FACE[name]) for name, _, bone in rows]
-    offsets = [places[j] - (places[parent] if parent >= 0 else 0) for j, (_, parent, _) in enumerate(rows)]
+    bones = dict(pair.split(":") for pair in _BODY.split()) | dict.fromkeys(_FACE, "")
+    for side in ("left", "right"):
+        for digit, ours in _DIGITS.items():
+            bones |= {f"{side}_{digit}{k}": bone for k, bone in enumerate(finger_bones(side)[ours], start=1)}
+    config = HUMANOID.config
+    by_bone = {bone: joint for joint, bone in enumerate(bones.values()) if bone}
+    over = {bone: (*config.names, "")[config.parents[HUMANOID.index(bone)]] for bone in by_bone}
     return Skeleton(
         SkeletonConfig(
-            names=tuple(name for name, _, _ in rows),
-            parents=tuple(parent for _, parent, _ in rows),
-            offsets=tuple((float(x), float(y), float(z)) for x, y, z in offsets),
-            tips={name: HUMANOID.config.tips[bone] for name, _, bone in rows if bone in HUMANOID.config.tips},
-            vrm={bone: j for j, (_, _, bone) in enumerate(rows) if bone},
+            names=tuple(bones),
+            parents=tuple(by_bone.get(over.get(bone, "head"), -1) for bone in bones.values()),
+            offsets=tuple(
+                config.offsets[HUMANOID.index(bone)] if bone else _FACE[name] for name, bone in bones.items()
+            ),
+            tips={name: config.tips[bone] for name, bone in bones.items() if bone in config.tips},
+            vrm=by_bone,
         )
     )
 
@@ -113,10 +88,8 @@ def is_smpl(names: Collection[str]) -> bool:
     return "skeleton" not in names and any(name in names for name in (*_POSES, "body_pose", "pose_body"))
 
 
-def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rest: Float[np.ndarray, "55 3"] | None = None) -> Motion:
-    """The motion in the arrays of `path`, Y up, standing on the floor.
-
-    `rest` are the joints' rest positions in the body model, where the user has one.
+def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | None = None) -> Motion:
+    """The motion in the arrays of `path`, Y up, standing on the floor; `rig` has other places than `skeleton`.
 
     Raises:
         MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
@@ -133,7 +106,7 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rest: Float[np.nda
     fps = _ASSUMED_HZ if rate is None or rate.size != 1 else rate.item()
     if not 0 < fps < 1000:
         raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
-    rig = skeleton() if rest is None else _skeleton_at(rest)
+    rig = rig or skeleton()
     rotations = quaternion_from_axis_angle(torch.from_numpy(poses)).numpy().astype(np.float32)
     motion = Motion(rig, rotations, trans.astype(np.float32), fps)
     stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
@@ -180,17 +153,6 @@ def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t
         elif first < 2:
             raise MotionError(f"{path}: {name} {part.shape}; SMPL has (t, {3 * count}) for {frames} frames")
     return whole
-
-
-def _skeleton_at(rest: Float[np.ndarray, "55 3"]) -> Skeleton:
-    """The joints at the places of a body model, with our hips' place and the feet on the floor."""
-    ours = skeleton()
-    places = rest - rest[0] + HUMANOID.rest_positions[0].numpy()
-    parents = np.array(ours.parents)
-    offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
-    lowest_toes = places[ours.indices(("left_foot", "right_foot")), 1].min()
-    offsets[0, 1] -= lowest_toes - float(HUMANOID.rest_positions[HUMANOID.index("leftToes"), 1])
-    return Skeleton(ours.config.model_copy(update={"offsets": tuple(map(tuple, offsets.tolist()))}))
 
 
 def _on_floor(motion: Motion) -> Motion:

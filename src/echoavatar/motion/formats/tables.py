@@ -72,8 +72,13 @@ def write_npz(path: Path | str, motion: Motion, **beside: np.ndarray) -> None:
         "fps": np.array(motion.fps),
         "skeleton": np.array(motion.skeleton.config.model_dump_json()),
     }
+    write_arrays(path, arrays | beside)
+
+
+def write_arrays(path: Path | str, arrays: Mapping[str, Any]) -> None:
+    """Write arrays as NPZ without pickles, completely or not at all."""
     packed = io.BytesIO()
-    np.savez_compressed(packed, **(arrays | beside))
+    np.savez_compressed(packed, allow_pickle=False, **arrays)
     write_whole(path, packed.getvalue(), error=MotionError)
 
 

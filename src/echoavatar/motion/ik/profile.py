@@ -5,12 +5,11 @@ rest pose (`measure_body`), scaled from bone lengths (`body_of_rig`), or read fr
 hand.
 """
 
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from pydantic import Field, ValidationError
 from scipy.sparse import csr_array
 
@@ -110,42 +109,29 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
     return BodyProfile(parts=tuple(parts), palm=_OURS.palm * hand, finger=_OURS.finger * hand)
 
 
-def _ours() -> BodyProfile:
-    """The profile of the first shipped character without her hair, as `measure_body` gives it."""
-    rows: tuple[tuple[str, Vector, Vector], ...] = (
-        ("hips", (0.0, 0.0133, 0.007), (0.1955, 0.1349, 0.1408)),
-        ("spine", (0.0, 0.0576, 0.027), (0.1975, 0.1262, 0.1395)),
-        ("chest", (0.0, 0.0625, 0.0327), (0.2487, 0.1374, 0.143)),
-        ("upperChest", (0.0, 0.0825, 0.0128), (0.2717, 0.1402, 0.1368)),
-        ("neck", (0.0, 0.0405, 0.0058), (0.0402, 0.0594, 0.0419)),
-        ("head", (0.0, 0.0499, 0.0295), (0.0949, 0.1367, 0.1126)),
-    )
-    parts = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in rows]
-    return BodyProfile.model_validate({"parts": parts, "palm": 0.019, "finger": 0.0117})
+# of the first shipped character without her hair, as `measure_body` gave it: bone, centre, radii
+_ROWS: tuple[tuple[str, Vector, Vector], ...] = (
+    ("hips", (0.0, 0.0133, 0.007), (0.1955, 0.1349, 0.1408)),
+    ("spine", (0.0, 0.0576, 0.027), (0.1975, 0.1262, 0.1395)),
+    ("chest", (0.0, 0.0625, 0.0327), (0.2487, 0.1374, 0.143)),
+    ("upperChest", (0.0, 0.0825, 0.0128), (0.2717, 0.1402, 0.1368)),
+    ("neck", (0.0, 0.0405, 0.0058), (0.0402, 0.0594, 0.0419)),
+    ("head", (0.0, 0.0499, 0.0295), (0.0949, 0.1367, 0.1126)),
+)
+_PARTS = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in _ROWS]
+_OURS = BodyProfile.model_validate({"parts": _PARTS, "palm": 0.019, "finger": 0.0117})
 
-
-_OURS = _ours()
-
-
-HEIGHTS = {"upperChest": 1.7, "neck": 1.5, "head": 1.08}  # of an ellipsoid, relative to its slice of the body
-TRUNK_HEIGHT = 2.2  # the same for the other slices
-COVERED = 0.97  # share of a slice's vertices that must lie inside; the rest are hems, buckles, strands
-CHEST = 0.72  # of the way to the shoulder joints: near their height, vertices further out do not belong to the chest
+SHAPES = {  # of an ellipsoid: its height in slices; the percentile that tells its depth; how much of its slice it holds
+    "hips": (2.2, 98, 94),
+    "upperChest": (1.7, 92, 92),
+    "neck": (1.5, 90, 30),  # most of its slice belongs to the shoulders
+    "head": (1.08, 99, 87),
+}
+OTHER_SHAPE = (2.2, 95, 93)
+WIDTH = 98  # the percentile that tells the width of all
+CHEST = 0.72  # of the way to the shoulder joints: near their height, what is further out does not belong to the chest
 GRID = 0.015  # metres
-FEWEST = 24  # vertices in a slice
-ROUNDS, STEP = 20, 0.002  # of shrinking; metres per step
-
-
-@dataclass
-class _Fit:
-    bone: str
-    slice: Float[np.ndarray, "v 3"]  # the vertices that it must cover together with its neighbours
-    middle: Float[np.ndarray, " 3"]
-    radii: Float[np.ndarray, " 3"]
-
-    def holds(self, points: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, " v"]:
-        inside: np.ndarray = (((points - self.middle) / self.radii) ** 2).sum(1) <= 1
-        return inside
+FEWEST = 24  # vertices of the head, points of the grid in a slice
 
 
 def measure_body(
@@ -169,84 +155,82 @@ def measure_body(
     weights = csr_array(weights)
     if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
         raise MotionError("the mesh holds numbers that are not finite; export it again")
-    bones, vertices = bone_map(skeleton), np.round(vertices, 4)  # so that no slice depends on rounding
-    fits = _tightened(_slices(skeleton, bones, vertices, weights))
-    if not fits:
-        raise MotionError(f"no part of the trunk has {FEWEST} vertices; check the weights")
-    rest = skeleton.rest_positions.numpy()
+    bones, rest = bone_map(skeleton), skeleton.rest_positions.numpy()
     parts = []
-    for fit in fits:
-        centre, radii = (np.round(v, 4).tolist() for v in (fit.middle - [0, *rest[bones[fit.bone], 1:]], fit.radii))
-        parts.append(RoundedPart.model_validate({"bone": fit.bone, "centre": centre, "radii": radii}))
+    for bone, (middle, radii) in _slices(skeleton, bones, vertices, weights).items():
+        centre, radii = (np.round(v, 4).tolist() for v in (middle - [0, *rest[bones[bone], 1:]], radii))
+        parts.append(RoundedPart.model_validate({"bone": bone, "centre": centre, "radii": radii}))
     return BodyProfile(parts=tuple(parts), **_hand(skeleton, bones, vertices, weights))
 
 
 def _slices(
     skeleton: Skeleton, bones: dict[str, int], vertices: Float[np.ndarray, "v 3"], weights: csr_array
-) -> list[_Fit]:
-    """Cut the body at the joints of the spine, and put a generous ellipsoid around each slice."""
+) -> dict[str, tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]]:
+    """Cut the body at the joints of the spine: middle and radii of an ellipsoid around each slice, by its bone."""
     column = [bone for bone in COLUMN if bone in bones]
-    rest = np.round(skeleton.rest_positions.numpy(), 4)
+    rest = skeleton.rest_positions.numpy()
     is_head = weights[:, [bones["head"]]].sum(1) > 0.5
-    head = vertices[is_head]
-    if len(head) < FEWEST:
-        raise MotionError(f"{len(head)} vertices follow the head, {FEWEST} are needed; check the weights")
-    trunk = vertices[(weights[:, [bones[bone] for bone in column]].sum(1) > 0.5) & ~is_head]
-    head, trunk = _thinned(head), _thinned(trunk)
-    arm = rest[bones["leftUpperArm"]]
-    is_shoulder = (np.abs(trunk[:, 0]) > CHEST * abs(arm[0])) & (trunk[:, 1] > arm[1] - 0.4 * abs(arm[0]))
-    trunk = trunk[~is_shoulder]
-    if not len(trunk):
+    is_trunk = (weights[:, [bones[bone] for bone in column]].sum(1) > 0.5) & ~is_head
+    if (count := int(is_head.sum())) < FEWEST:
+        raise MotionError(f"{count} vertices follow the head, {FEWEST} are needed; check the weights")
+    if not is_trunk.any():
         raise MotionError(f"no vertex follows the trunk, and {FEWEST} of a bone are needed; check the weights")
-    floors = [float(rest[bones[bone], 1]) for bone in column] + [float(head[:, 1].max())]
-    floors[0] = float(np.percentile(trunk[:, 1], 1))
-    fits = []
-    for bone, bottom, top in zip(column, floors, floors[1:], strict=False):
-        inside = head if bone == "head" else trunk[(trunk[:, 1] >= bottom) & (trunk[:, 1] <= top)]
-        if len(inside) >= FEWEST:
-            fits.append(_around(bone, inside))
-    return fits
+    head, (trunk, share) = _on_grid(vertices[is_head]), _on_grid(vertices[is_trunk])
+    out, up = np.abs(rest[bones["leftUpperArm"], :2])
+    share = share * (1 - _beyond(np.abs(trunk[:, 0]), CHEST * out) * _beyond(trunk[:, 1], up - 0.4 * out))
+    low, high = vertices[is_head, 1].min(), vertices[is_head, 1].max()
+    borders = [_percentile(trunk[:, 1], share, 1), *rest[[bones[bone] for bone in column[1:]], 1], high]
+    found = {}
+    for bone, bottom, top in zip(column, borders, borders[1:], strict=False):
+        if bone == "head":
+            found[bone] = _around(bone, *head, low, high)
+            continue
+        inside = share * _beyond(trunk[:, 1], bottom) * (1 - _beyond(trunk[:, 1], top))
+        if inside.sum() >= FEWEST:
+            found[bone] = _around(bone, trunk, inside, bottom, top)
+    return found
 
 
-def _thinned(points: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "n 3"]:
-    """One vertex of each cell of a grid: a finely meshed mouth must not outvote the back of the skull."""
-    return points[np.unique(np.round(points / GRID), axis=0, return_index=True)[1]]
+def _on_grid(points: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """The nodes of a grid around points, and how near the nearest point is: 1 on a node, 0 from the next node on.
 
-
-def _around(bone: str, inside: Float[np.ndarray, "v 3"]) -> _Fit:
-    low, high = np.percentile(inside, [1, 99], axis=0)
-    low[1], high[1] = inside[:, 1].min(), inside[:, 1].max()
-    high[0] = max(high[0], -low[0])
-    low[0] = -high[0]
-    middle, half = (low + high) / 2, (high - low) / 2
-    half[1] *= HEIGHTS.get(bone, TRUNK_HEIGHT)
-    away = ((inside - middle) / half) ** 2
-    scale = np.sqrt(((away[:, 0] + away[:, 2]) / np.maximum(1 - away[:, 1], 0.05)).max())
-    return _Fit(bone, inside, middle, half * np.array([scale, 1, scale]))
-
-
-def _tightened(fits: list[_Fit]) -> list[_Fit]:
-    """Shrink every ellipsoid at the front, back and sides while all of them together still cover every slice.
-
-    None loses more than half of a radius: where neighbours reach over a short slice, it would vanish.
+    A finely meshed mouth does not outvote the back of the skull, and points that move a little change little.
     """
-    least = [fit.radii / 2 for fit in fits]
-    steps = [np.array(step) for step in ((0, 0, -STEP), (0, 0, STEP), (0, 0, -STEP), (STEP, 0, 0))]
-    for _ in range(ROUNDS):
-        for i, fit in enumerate(fits):
-            for step in steps:
-                shift = step * [0, 0, 1]
-                smaller = replace(fit, middle=fit.middle + shift, radii=fit.radii - np.abs(step))
-                others = [*fits[:i], smaller, *fits[i + 1 :]]
-                if (smaller.radii >= least[i]).all() and all(
-                    _covered(part.slice, others) >= COVERED for part in others
-                ):
-                    fits[i] = fit = smaller
-    return fits
+    places = points.astype(np.float64) / GRID
+    nodes = np.floor(places)[:, None] + np.indices((2, 2, 2)).reshape(3, 8).T
+    found, slot = np.unique(nodes.reshape(-1, 3), axis=0, return_inverse=True)
+    share = np.zeros(len(found))
+    np.maximum.at(share, slot.ravel(), (1 - np.abs(places[:, None] - nodes)).prod(-1).ravel())
+    return found * GRID, share
 
 
-def _covered(points: Float[np.ndarray, "v 3"], fits: list[_Fit]) -> float:
-    return float(np.any([fit.holds(points) for fit in fits], axis=0).mean())
+def _beyond(values: Float[np.ndarray, " n"], border: float) -> Float[np.ndarray, " n"]:
+    """1 for what lies beyond a border and 0 for what does not, with a slope of one cell between."""
+    beyond: np.ndarray = np.clip((values - border) / GRID + 0.5, 0, 1)
+    return beyond
+
+
+def _percentile(values: Float[np.ndarray, " n"], share: Float[np.ndarray, " n"], percent: float) -> float:
+    """The value below which so much of all shares lies, each spread over the cells that it touches."""
+    first = np.floor(values.min() / GRID)
+    places = values / GRID - first
+    cell = places.astype(int)
+    counts = np.bincount(np.append(cell, cell + 1), np.append(share * (1 - places % 1), share * (places % 1)))
+    upto = np.append(0, counts.cumsum())
+    return GRID * float(first - 0.5 + np.interp(percent / 100 * upto[-1], upto, np.arange(len(upto))))
+
+
+def _around(
+    bone: str, points: Float[np.ndarray, "n 3"], share: Float[np.ndarray, " n"], bottom: float, top: float
+) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    tall, depth, held = SHAPES.get(bone, OTHER_SHAPE)
+    wide = _percentile(np.abs(points[:, 0]), share, WIDTH)
+    back, front = (_percentile(points[:, 2], share, percent) for percent in (100 - depth, depth))
+    middle = np.array([0, bottom + top, back + front]) / 2
+    half = np.array([wide, tall * (top - bottom) / 2, (front - back) / 2])
+    x, y, z = (((points - middle) / half) ** 2).T
+    larger = _percentile(wide * np.sqrt((x + z) / np.maximum(1 - y, 0.05)), share, held) / wide
+    return middle, half * [larger, 1, larger]
 
 
 def _hand(

@@ -103,7 +103,7 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str, least: f
         named = [bones[name] for name in (f"{bone[:-4]}MiddleProximal", f"{bone[:-4]}IndexProximal") if name in bones]
         child = named[0] if named else None
     else:
-        child = next((bones[b] for b in _BELOW.get(bone, ()) if b in bones), None)
+        child = _next_joint(bones, bone)
     if child is not None:
         offset = torch.zeros(3)
         while child != joint:  # unmapped bones in between continue the direction
@@ -141,28 +141,19 @@ def _palm_turn(skeleton: Skeleton, bones: Mapping[str, int], hand: str) -> Tenso
     return frames[0] @ frames[1].T
 
 
-def _below() -> dict[str, tuple[str, ...]]:
-    table: dict[str, tuple[str, ...]] = {
-        "hips": ("spine",),
-        "spine": ("chest", "upperChest", "neck"),
-        "chest": ("upperChest", "neck"),
-        "upperChest": ("neck",),
-        "neck": ("head",),
-    }
-    for side in ("left", "right"):
-        chains: list[tuple[str, ...]]
-        chains = [("Shoulder", "UpperArm", "LowerArm", "Hand"), ("UpperLeg", "LowerLeg", "Foot", "Toes")]
-        chains += [
-            (f"{digit}Proximal", f"{digit}Intermediate", f"{digit}Distal")
-            for digit in ("Index", "Middle", "Ring", "Little")
-        ]
-        chains.append(("ThumbMetacarpal", "ThumbProximal", "ThumbDistal"))
-        for chain in chains:
-            table |= {side + a: (side + b,) for a, b in zip(chain, chain[1:], strict=False)}
-    return table
+_FIRST_CHILD = {
+    HUMANOID.names[parent]: HUMANOID.names[joint]
+    for joint, parent in reversed(list(enumerate(HUMANOID.parents)))
+    if parent >= 0
+}
 
 
-_BELOW = _below()
+def _next_joint(bones: Mapping[str, int], bone: str) -> int | None:
+    """The joint of the next bone outward or upward; a spine may lack some."""
+    following = _FIRST_CHILD.get(bone, "")
+    while following in _TRUNK and following not in bones:
+        following = _FIRST_CHILD[following]
+    return bones.get(following)
 
 
 def _mapped_parent(target: Skeleton, bones: Mapping[str, int], bone: str, found: Mapping[str, Tensor]) -> str | None:

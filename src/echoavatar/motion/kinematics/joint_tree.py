@@ -1,6 +1,6 @@
 """The joints of a file as a tree, and what its limbs say about the trunk between them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +15,16 @@ REQUIRED = ("hips", "head") + tuple(
 )
 UPRIGHT = 0.7  # cosine; the head goes up from the neck, a jaw or the brim of a hat does not
 END = 0.09  # of the height where the arms meet: the end of a head is farther from it, a head is nearer to the neck
+
+
+def with_parents(joints: Iterable[int], parents: Sequence[int] | Mapping[int, int]) -> set[int]:
+    """The joints and all that they hang from."""
+    found = set[int]()
+    for joint in joints:
+        while joint >= 0 and joint not in found:
+            found.add(joint)
+            joint = parents[joint]
+    return found
 
 
 @dataclass(frozen=True)

@@ -53,15 +53,9 @@ CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
 LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
 LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
-
-
-def _table() -> dict[str, str]:
-    table = {word: f"side {side}" for side, words in _SIDES.items() for word in words.split()}
-    table |= {word: part for part, words in _PARTS.items() for word in words.split()}
-    return table | dict.fromkeys(_HELPERS.split(), "helper") | dict.fromkeys(_FILLERS.split(), "")
-
-
-_WORDS = _table()
+_WORDS = {word: f"side {side}" for side, words in _SIDES.items() for word in words.split()}
+_WORDS |= {word: part for part, words in _PARTS.items() for word in words.split()}
+_WORDS |= dict.fromkeys(_HELPERS.split(), "helper") | dict.fromkeys(_FILLERS.split(), "")
 _LONGEST = max(map(len, _WORDS))
 
 

@@ -13,26 +13,10 @@ import numpy as np
 from echoavatar.errors import MotionError
 
 from .joint_tree import REQUIRED, SIDES, Tree
-from .named_bones import finger_bones, named_bones
+from .named_bones import named_bones
 from .shaped_bones import shaped_bones
-from .skeleton import HUMANOID, Skeleton
+from .skeleton import HUMANOID, Skeleton, other_side
 
-__all__ = [
-    "BONES",
-    "REQUIRED",
-    "SIDES",
-    "JointMap",
-    "Tree",
-    "UnknownRigError",
-    "bone_map",
-    "check_bones",
-    "feet_of",
-    "find_bones",
-    "finger_bones",
-    "is_upright",
-    "known_bones",
-    "with_bones",
-]
 _log = logging.getLogger(__name__)
 BONES = (*HUMANOID.names, "leftEye", "rightEye", "jaw")
 LONG_FEET = 0.1  # of the height, both together: shorter ones say nothing about the front
@@ -74,13 +58,10 @@ def with_bones(skeleton: Skeleton, given: JointMap) -> Skeleton:
     """
     config = skeleton.config
     found = find_bones(_tree(config.names, config.parents, config.offsets), given)
-    ends = {f"{side}Hand": -1 for side in SIDES if _has_tip(skeleton, found.get(f"{side}LowerArm"))}  # `with_wrists`
+    tipped = {joint for joint, name in enumerate(config.names) if name in config.tips}
+    ends = {f"{side}Hand": -1 for side in SIDES if found.get(f"{side}LowerArm") in tipped}  # `with_wrists`
     check_bones(skeleton.names, ends | found)
     return Skeleton(config.model_copy(update={"vrm": found}))
-
-
-def _has_tip(skeleton: Skeleton, joint: int | None) -> bool:
-    return joint is not None and skeleton.names[joint] in skeleton.config.tips
 
 
 def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str, int] | None = None) -> dict[str, int]:
@@ -112,7 +93,7 @@ def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
     shaped = shaped_bones(tree)
     said = [(bone, tree.said[joint].side) for bone, joint in shaped.items() if tree.said[joint].side]
     if 2 * sum(bone.startswith(side) for bone, side in said) < len(said):
-        shaped = {_other_side(bone): joint for bone, joint in shaped.items()}
+        shaped = {other_side(bone): joint for bone, joint in shaped.items()}
     sure = {bone: joint for bone, joint in named.items() if bone in REQUIRED}
     if len(sure) < CHANCE and shaped:
         return shaped
@@ -131,13 +112,6 @@ def _is_crossed(tree: Tree, bones: Mapping[str, int]) -> bool:
     sizes = [float(np.linalg.norm(way)) for way in (up, left, ahead)]
     is_back = float(left @ np.cross(up, ahead)) < -0.5 * float(np.prod(sizes))
     return is_back and sizes[2] > LONG_FEET * sizes[0]
-
-
-def _other_side(bone: str) -> str:
-    for side, other in (SIDES, SIDES[::-1]):
-        if bone.startswith(side):
-            return other + bone.removeprefix(side)
-    return bone
 
 
 def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the rig") -> None:

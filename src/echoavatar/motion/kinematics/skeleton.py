@@ -216,10 +216,6 @@ def _humanoid() -> SkeletonConfig:
     legs = [i for i, name in enumerate(names) if name.endswith(("Leg", "Foot", "Toes"))]
     hands = [i for i, name in enumerate(names) if any(digit in name for digit in _FINGERS)]
     lower = (0, *legs)
-    swap = {"left": "right", "right": "left"}
-    mirror = tuple(
-        names.index(swap[side] + name[len(side) :]) if (side := _side(name)) else i for i, name in enumerate(names)
-    )
     return SkeletonConfig(
         names=names,
         parents=tuple(-1 if row[1] is None else names.index(row[1]) for row in rows),
@@ -229,15 +225,19 @@ def _humanoid() -> SkeletonConfig:
             "upper": tuple(i for i in range(len(names)) if i not in lower and i not in hands),
             "hands": tuple(hands),
         },
-        mirror=mirror,
+        mirror=tuple(names.index(other_side(name)) for name in names),
         feet=tuple(names.index(n) for n in ("leftFoot", "leftToes", "rightFoot", "rightToes")),
         tips=_TIPS | {"right" + name[4:]: (-x, y, z) for name, (x, y, z) in _TIPS.items() if name.startswith("left")},
         vrm={name: i for i, name in enumerate(names)},
     )
 
 
-def _side(name: str) -> str:
-    return next((side for side in ("left", "right") if name.startswith(side)), "")
+def other_side(bone: str) -> str:
+    """The same bone on the other side; the bone itself in the middle of the body."""
+    for side, other in (("left", "right"), ("right", "left")):
+        if bone.startswith(side):
+            return other + bone.removeprefix(side)
+    return bone
 
 
 HUMANOID = Skeleton(_humanoid())

@@ -2,7 +2,8 @@
 
 `measure` needs the rest pose alone. `of_clip` looks at the motion as well, because some programs turn the root of an
 upright rest pose in every frame. `righted` gives the same motion in metres, Y up, facing +Z. `axes_of` and `metres_of`
-serve glTF, whose nodes say how a figure may lean and which unit is meant, and may mirror it.
+serve glTF, whose nodes say how a figure may lean and which unit is meant, and may mirror it. Both find the axes by
+`_standing`.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -79,18 +80,13 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     tall = height(bones, places)
     metres = _unit_of(tall) or usual
     lines = [_unit(at["head"] - at["hips"]), *(_unit(at["hips"] - at[f"{side}Foot"]) for side in _SIDES)]
-    up = _axis(np.sum(lines, axis=0))
+    up = _nearest(np.eye(3), np.sum(lines, axis=0))
     if min(up @ line for line in lines) < _STANDING:
         return Stand(metres=metres, tall=tall * metres)
-    turn = _lifted(up)
     hips, shoulders = (at[f"left{bone}"] - at[f"right{bone}"] for bone in ("UpperLeg", "UpperArm"))
     ahead = np.cross(hips, up)
-    toes = sum((at[f"{side}Toes"] - at[f"{side}Foot"] for side in _SIDES if f"{side}Toes" in at), np.zeros(3))
-    level = _unit(turn @ ahead) * [1, 0, 1]
-    if np.linalg.norm(level) > _CLEAR and toes @ ahead >= 0 and shoulders @ hips >= 0:  # no twisted figure
-        near, level = _axis(level), _unit(level)
-        front = near if near @ level > _TURNED else level
-        turn = np.array([np.cross([0, 1, 0], front), [0, 1, 0], front]) @ turn
+    is_plain = ahead.any() and _toes(at) @ ahead >= 0 and shoulders @ hips >= 0  # no twisted figure
+    turn = _standing(hips, [(np.eye(3), up)]) if is_plain else _lifted(up)
     return Stand(turn, turn, metres, tall * metres)
 
 
@@ -115,7 +111,7 @@ def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True)
     places = some.pose(torch.float64).positions.numpy()
     feet = places[:, [bones["leftFoot"], bones["rightFoot"]]]
     mean = _unit(places[:, bones["head"]] - feet.mean(1)).mean(0)
-    axis, usual = _axis(mean), stand.rest[1]
+    axis, usual = _nearest(np.eye(3), mean), stand.rest[1]
     if axis @ mean < _CLEAR or axis @ usual > _STANDING:
         return stand
     tall = stand.tall / stand.metres
@@ -158,29 +154,33 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
         MotionError: the hips, the head and the two sides are not in the places of a body's.
     """
     line = [places[bone] for bone in ("leftFoot", "leftLowerLeg", "leftUpperLeg", "head")]
-    size, hips = (
-        np.linalg.norm(np.diff(line, axis=0), axis=1).sum(),
-        (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2,
-    )
-    trunk = places["head"] - hips
+    size = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+    trunk = places["head"] - (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2
     ways = [places[f"left{bone}"] - places[f"right{bone}"] for bone in ("UpperLeg", "UpperArm")]
     across = next((way for way in ways if np.linalg.norm(np.cross(way, _unit(trunk))) > 0.02 * size), None)
     if across is None or not np.linalg.norm(trunk) > 0.1 * size:
         raise MotionError("its rest pose is no body's: head and hips, or left and right, are in one place; pose it")
-    ups = [_nearest(frame, trunk) for frame in frames]
-    kept = [(frame, up) for frame, up in zip(frames, ups, strict=True) if up @ _unit(trunk) > _LEANING]
-    up = kept[0][1] if kept else _unit(trunk)
-    left = _level(across, up)
-    for frame, along in kept:
-        side = _nearest(frame, _level(across, along))
-        if side @ _level(across, along) > _TURNED:
-            up, left = along, side
-            break
-    ahead = np.cross(left, up)
-    feet = [side for side in ("left", "right") if f"{side}Toes" in places]
-    toes = sum(float((places[f"{side}Toes"] - places[f"{side}Foot"]) @ ahead) for side in feet)
+    ups = [(frame, _nearest(frame, trunk)) for frame in frames]
+    near = [(frame, up) for frame, up in ups if up @ _unit(trunk) > _LEANING]
+    turn = _standing(across, near or [(np.zeros((3, 3)), _unit(trunk))])
+    toes = float(_toes(places) @ turn[2])
     is_mirrored = toes < 0 if abs(toes) > 0.02 * size else mirrored
-    return np.stack([left, up, -ahead if is_mirrored else ahead])
+    return turn * [[1], [1], [-1 if is_mirrored else 1]]
+
+
+def _standing(across: _Vector, ups: Sequence[tuple[_Turn, _Vector]]) -> _Turn:
+    """The turn to our axes of a body whose left side is `across`: along the first up whose frame has its side too."""
+    lefts = [_unit(across - (across @ up) * up) for _, up in ups]
+    sides = [_nearest(frame, left) for (frame, _), left in zip(ups, lefts, strict=True)]
+    best = next((k for k, (side, left) in enumerate(zip(sides, lefts, strict=True)) if side @ left > _TURNED), -1)
+    left, up = (lefts[0], ups[0][1]) if best < 0 else (sides[best], ups[best][1])
+    return np.stack([left, up, np.cross(left, up)])
+
+
+def _toes(places: Mapping[str, _Vector]) -> _Vector:
+    """From the feet to their toes, both together; nothing without any."""
+    toes = [places[f"{side}Toes"] - places[f"{side}Foot"] for side in _SIDES if f"{side}Toes" in places]
+    return np.sum(toes, axis=0) if toes else np.zeros(3)
 
 
 def metres_of(tall: float, stated: float) -> float:
@@ -209,24 +209,11 @@ def _lifted(up: _Vector) -> _Turn:
     return np.outer(axis, axis) + np.outer([0, 1, 0], up) - np.outer(up, [0, 1, 0])
 
 
-def _axis(vector: _Vector) -> _Vector:
-    """The axis, with its sign, that a vector is nearest to."""
-    nearest = np.zeros(3)
-    most = int(np.abs(vector).argmax())
-    nearest[most] = 1.0 if vector[most] >= 0 else -1.0
-    return nearest
-
-
 def _nearest(frame: _Turn, way: _Vector) -> _Vector:
     """The axis of a frame, to either side, that is nearest to a way."""
     axes = np.concatenate([frame.T, -frame.T])
     nearest: np.ndarray = axes[np.argmax(axes @ way)]
     return nearest
-
-
-def _level(way: _Vector, up: _Vector) -> _Vector:
-    level: np.ndarray = _unit(way - (way @ up) * up)
-    return level
 
 
 def _unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:

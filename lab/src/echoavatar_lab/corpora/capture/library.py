@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import butter, sosfiltfilt
 
-from echoavatar.cache import user_cache
+from echoavatar.cache import first_writable, user_caches
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.json_reader import read_json
 from echoavatar.motion.formats import read_bvh
@@ -108,7 +108,7 @@ def open_library(path: Path) -> CapturedLibrary:
         MotionError: there is neither, or it is damaged.
     """
     if path.is_dir():
-        kept = user_cache() / f"captured-{_digest(path)}.npz"
+        kept = first_writable(*user_caches()) / f"captured-{_digest(path)}.npz"
         if not kept.exists():
             library = read_folder(path)
             try:

@@ -10,7 +10,7 @@ from echoavatar.models.generator.exemplar import UPPER
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.action_overlay import Hands, Overlay
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.kinematics.rigs import finger_bones
+from echoavatar.motion.kinematics.named_bones import finger_bones
 from echoavatar.timing import CHUNK_FRAMES
 
 from ..controls import minimum_jerk

@@ -25,7 +25,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int16
 
-from echoavatar.cache import user_cache
+from echoavatar.cache import first_writable, user_caches
 from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.models.audio.io import read_audio
@@ -125,7 +125,7 @@ def to_int16(audio: Float[np.ndarray, " s"]) -> Int16[np.ndarray, " s"]:
 @lru_cache(maxsize=256)
 def _opened(path: Path, size: int, changed: int) -> Int16[np.ndarray, " s"]:
     name = hashlib.sha256(f"{path.resolve()} {size} {changed}".encode()).hexdigest()[:24]
-    kept = user_cache() / "sound" / f"{name}.npy"
+    kept = first_writable(*user_caches()) / "sound" / f"{name}.npy"
     if not kept.is_file():
         samples = to_int16(read_audio(path))
         try:
