@@ -22,9 +22,10 @@ from echoavatar.engine import animate as animate_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import Character, load_character
 from echoavatar.files.avatar.avatar_renderer import RendererName
+from echoavatar.files.avatar.framing import View, default_size
 from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
 from echoavatar.files.avatar.page import PageClip, page_text
-from echoavatar.files.avatar.video import Shot, View, default_size
+from echoavatar.files.avatar.video import Shot
 from echoavatar.files.exports import Rig, Take, read_rig, write_take
 from echoavatar.models.audio import stream_audio
 from echoavatar.models.audio.io import StreamResampler, mixed

@@ -29,7 +29,7 @@ from tests.tiny_bundle import write_bundle
 
 from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
-from echoavatar.files.avatar.character import FOLDER, decoded, load_character
+from echoavatar.files.avatar.character import FOLDER, load_character
 from echoavatar.files.avatar.gltf import container
 from echoavatar.files.exports import read_rig  # imported here, and so part of what a child begins with
 from echoavatar.files.exports.formats import write_take
@@ -252,7 +252,7 @@ def picture(width: int, height: int) -> File:
         with np.load(FOLDER / "maya.npz") as stored:
             np.savez(path, **dict(stored) | {"texture_atlas": png(width, height)})
 
-    return File(make, lambda path: decoded(load_character(path).textures), "npz")
+    return File(make, lambda path: load_character(path).texels(), "npz")
 
 
 def library(*rows: dict[str, Any], times: int = 1) -> File:

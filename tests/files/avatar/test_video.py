@@ -12,7 +12,8 @@ from echoavatar.motion.kinematics import HUMANOID, Motion
 def standing(frames: int) -> Motion:
     turns = np.zeros((frames, 52, 4), np.float32)
     turns[..., 0] = 1
-    turns[:, HUMANOID.index("leftUpperArm")] = [np.cos(0.6), 0, 0, -np.sin(0.6)]
+    for side, sign in (("left", -1), ("right", 1)):
+        turns[:, HUMANOID.index(f"{side}UpperArm")] = [np.cos(0.6), 0, 0, sign * np.sin(0.6)]
     root = np.tile(HUMANOID.rest_positions[0].numpy(), (frames, 1))
     return Motion(HUMANOID, turns, root, 30.0)
 
