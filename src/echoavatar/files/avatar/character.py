@@ -69,7 +69,7 @@ def decoded(pictures: Sequence[tuple[bytes, float]]) -> Texels:
 
     Many large ones are made smaller: they have `TEXELS` in all at most.
     """
-    lists, table, start = [], np.zeros((len(pictures), REDUCTIONS, 3), np.int64), 0
+    lists, table, start = [np.zeros((0, 4), np.uint8)], np.zeros((len(pictures), REDUCTIONS, 3), np.int64), 0
     side = 2 ** int(math.log2(math.sqrt(TEXELS / max(1, len(pictures)))))
     for row, (encoded, opacity) in enumerate(pictures):
         level = _pixels(encoded, "RGBA")
