@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d, uniform_filter1d
 
+from echoavatar.errors import MotionError
+
 from .character import Character
 from .render import Camera
 
@@ -26,9 +28,18 @@ _FRAMES = 256  # are looked at together
 Array = np.ndarray
 
 
-def default_size(view: View) -> tuple[int, int]:
-    """The size of a film in pixels, where the user gives none."""
-    return SIZES["square" if view in CLOSE else "wide"]
+def picture_size(wanted: tuple[int, int] | str | None, view: View = "front") -> tuple[int, int]:
+    """Width and height in pixels of a film: those given, those of a shape in `SIZES`, or what suits the view.
+
+    Raises:
+        MotionError: there is no such shape.
+    """
+    if isinstance(wanted, tuple):
+        return wanted
+    name = wanted or ("square" if view in CLOSE else "wide")
+    if name not in SIZES:
+        raise MotionError(f"there is no size {name!r}; choose {', '.join(SIZES)}, or width and height in pixels")
+    return SIZES[name]
 
 
 def followed_joint(view: View, character: Character) -> int:
