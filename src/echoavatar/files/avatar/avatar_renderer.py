@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from .character import Character
-from .framing import View, aimed, followed_joint
+from .framing import View, aimed, followed
 from .gpu_render import GpuRenderer
 from .render import Camera, Paint, Renderer, Surface
 from .skinning import skin
@@ -51,7 +51,8 @@ class AvatarRenderer:
     ) -> UInt8[np.ndarray, "h w c"]:
         """The picture of world rotations and positions; without `camera`, that of the shot's view follows the body."""
         view, who = self.shot.view, self._character
-        self._renderer.camera = camera or aimed(view, positions[followed_joint(view, who)], who.size)
+        joint, size = followed(view, who)
+        self._renderer.camera = camera or aimed(view, positions[joint], size)
         points, normals = skin(who, rotations, positions, face)
         return self._renderer.draw(Surface(points, normals, self.paint))
 

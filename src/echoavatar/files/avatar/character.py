@@ -209,6 +209,7 @@ def added(weights, starts, vertices, moves, turns, positions, normals, reach):  
             normals[v, i] *= scale
 
 
+HEAD_M = 0.188  # from the joint of our characters' heads to their tops
 CHARACTERS = ("maya", "theo", "amara")
 LEVELS = 3  # of detail: NAME.lod0.glb has about 40,000 triangles, NAME.lod1.glb 15,000, NAME.lod2.glb 6,000
 FOLDER = Path(str(files("echoavatar"))) / "assets" / "characters"
@@ -273,10 +274,18 @@ class Character:
         return self.skeleton.config.vrm["head"]
 
     @property
-    def size(self) -> float:
-        """Its height over that of ours."""
+    def sizes(self) -> tuple[float, float]:
+        """The height of its body, and that of its head from the neck on, over those of ours."""
+        if self.skeleton is HUMANOID:
+            return 1.0, 1.0
         ours = HUMANOID.rest_positions[HUMANOID.config.vrm["head"], 1]
-        return float(self.skeleton.rest_positions[self.head, 1] / ours)
+        height = float(self.skeleton.rest_positions[self.head, 1] / ours)
+        tops = [
+            float(corners[:, 1].max()) / HEAD_M
+            for joint, corners in zip(*self.boxes, strict=True)
+            if joint == self.head
+        ]
+        return height, max(tops, default=height)
 
     @cached_property
     def boxes(self) -> tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b 8 3"]]:

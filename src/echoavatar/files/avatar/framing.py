@@ -42,15 +42,15 @@ def picture_size(wanted: tuple[int, int] | str | None, view: View = "front") -> 
     return SIZES[name]
 
 
-def followed_joint(view: View, character: Character) -> int:
-    """The joint that the camera follows."""
-    return character.head if view in CLOSE else 0
+def followed(view: View, character: Character) -> tuple[int, float]:
+    """The joint that the camera follows, and the size of the part of the body that it shows, over that of ours."""
+    return (character.head, character.sizes[1]) if view in CLOSE else (0, character.sizes[0])
 
 
 def aimed(view: View, at: Float[Array, " 3"], size: float = 1.0) -> Camera:
     """The camera of a view; `at` is where the hips are, or the head in a close view, in metres.
 
-    `size` is the character's height over that of ours.
+    `size` is that of the body, or of the head in a close view, over that of ours.
     """
     x, y, z = map(float, at)
     if view == "face":
@@ -74,8 +74,9 @@ def path(
     It looks the same way all the time and moves as little as a large picture of the body allows.
     """
     if view in CLOSE:
-        followed = gaussian_filter1d(positions[:, character.head], FOLLOW_SECONDS * fps, axis=0, mode="nearest")
-        return [aimed(view, place, character.size) for place in followed]
+        joint, times = followed(view, character)
+        heads = gaussian_filter1d(positions[:, joint], FOLLOW_SECONDS * fps, axis=0, mode="nearest")
+        return [aimed(view, place, times) for place in heads]
     away = _offset(view)
     axes = _camera(away, 0 * away).axes()
     high = _SHARE * math.tan(_FIELD / 2)

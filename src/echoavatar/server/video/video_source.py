@@ -11,7 +11,7 @@ from jaxtyping import Float, Int16, UInt8
 from echoavatar.errors import EchoAvatarError
 from echoavatar.files.avatar import Character, load_character
 from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot
-from echoavatar.files.avatar.framing import aimed, followed_joint
+from echoavatar.files.avatar.framing import aimed, followed
 from echoavatar.files.avatar.render import Paint
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
@@ -119,7 +119,8 @@ class VideoSource:
         )
         positions = world.positions.numpy()
         view = self._renderer.shot.view
-        camera = aimed(view, self._follow(at, positions[followed_joint(view, self._character)]))
+        joint, size = followed(view, self._character)
+        camera = aimed(view, self._follow(at, positions[joint]), size)
         return self._renderer.draw(world.rotations.numpy(), positions, face, camera)
 
     def _hear(self) -> None:
