@@ -35,7 +35,7 @@ EXAMPLES = """examples:
 
 The output's suffix chooses the format. Three longer endings are special: .face.csv is the face alone, in the format of
 Live Link Face; .face47.csv is the face in the 47 channels of the paper authors' demo; .smplx.npz is SMPL-X data in
-the format of BEAT2. BVH cannot store a face. FBX is written by your Blender; USD needs usd-core. The input may be
+the format of BEAT2. BVH cannot store a face. FBX is written by Blender or bpy; USD needs usd-core. The input may be
 anything that FFmpeg reads, at any rate and with any number of channels. More: docs/integrations/exports.md
 """
 

@@ -12,7 +12,7 @@ from functools import cached_property
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Integer, UInt8
@@ -280,12 +280,8 @@ class Character:
             return 1.0, 1.0
         ours = HUMANOID.rest_positions[HUMANOID.config.vrm["head"], 1]
         height = float(self.skeleton.rest_positions[self.head, 1] / ours)
-        tops = [
-            float(corners[:, 1].max()) / HEAD_M
-            for joint, corners in zip(*self.boxes, strict=True)
-            if joint == self.head
-        ]
-        return height, max(tops, default=height)
+        joints, corners = self.boxes
+        return height, float(corners[joints == self.head, :, 1].max(initial=0)) / HEAD_M or height
 
     @cached_property
     def boxes(self) -> tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b 8 3"]]:
@@ -334,11 +330,9 @@ def load_character(path: Path | str | None = None) -> Character:
         path = _shipped_file(path or CHARACTERS[0], "npz")
     try:
         stored = arrays_of(path, CheckpointError)
-        raw = {name: stored[name] for name in _ARRAYS}
-        face, textures = (
-            Morphs.of_arrays(stored),
-            {name: stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS},
-        )
+        raw: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+        raw["textures"] = {name: stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS}
+        raw["face"] = Morphs.of_arrays(stored)
     except NPZ_ERRORS as error:
         raise CheckpointError(f"{path} is not a character ({error}); make it again with tools/character") from error
     normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
@@ -347,7 +341,7 @@ def load_character(path: Path | str | None = None) -> Character:
     raw["triangles"] = raw["triangles"].astype(np.int32)
     raw["positions"] = raw["positions"].astype(np.float32) * np.float32(PLACE_UNIT)
     raw["uvs"] = (raw["uvs"] / UV_UNITS).astype(np.float32)
-    return Character(**raw, face=face, textures=textures)
+    return Character(**raw)
 
 
 def level_file(name: str, level: int) -> Path:

@@ -270,7 +270,7 @@ class GpuRenderer(Renderer):
         kinds = np.column_stack([paint.pictures, paint.two_sided, paint.cutouts >= 0, paint.sheer, paint.glosses])
         kinds, kind = np.unique(kinds, axis=0, return_inverse=True)
         counts = 3 * np.bincount(kind)  # corners
-        self._parts = [
+        self._parts: list[tuple[Any, ...]] = [
             (int(end - count), int(count), int(picture), *map(bool, flags), (strength, exponent))
             for (picture, *flags, strength, exponent), count, end in zip(
                 kinds.tolist(), counts, counts.cumsum(), strict=True

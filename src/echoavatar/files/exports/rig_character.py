@@ -20,7 +20,8 @@ from PIL import Image
 from echoavatar.errors import MotionError
 from echoavatar.limits import CORNERS, MORPHED, PIXELS
 from echoavatar.motion.formats.gltf_data import attribute, corners, read_accessor, refusing_damage, view_bytes
-from echoavatar.motion.formats.gltf_rig import Part, parts_of
+from echoavatar.motion.formats.gltf_rig import GltfRig, Part, parts_of
+from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.retarget import PlainRig
 
 from ..avatar.character import Character, Material, Morphs, Textures
@@ -34,7 +35,6 @@ _SHOWN = re.compile(  # required extensions that take nothing from the picture
     "KHR_(mesh_quantization|draco_mesh_compression|meshopt_compression|texture_transform|texture_basisu|materials_unlit|"
     "materials_pbrSpecularGlossiness)|EXT_(meshopt_compression|texture_webp)|VRM.*"
 )
-_WHITE = "white"
 _FARTHEST = 4096.0  # as often as that a picture repeats at most
 
 
@@ -49,77 +49,58 @@ def film_character(rig: Rig, face: Float[Array, "t 52"] | None, frames: int) -> 
     if rig.gltf is None:
         raise MotionError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
-        document = rig.gltf.document
-        weights = {} if face is None else face_on(rig.path, document, face)
-        for node, entry in enumerate(document["nodes"]):
-            still = entry.get("weights") or document["meshes"][entry.get("mesh", 0)].get("weights", [])
-            if "mesh" in entry and any(still):
-                weights.setdefault(node, np.tile(np.float32(still), (frames, 1)))
-        paints = _Paints(rig)
-        character, moved = _character(
-            rig, paints, {node: np.flatnonzero(rows.any(0)) for node, rows in weights.items()}
-        )
-        paints.tell()
+        weights = {} if face is None else face_on(rig.path, rig.gltf.document, face)
+        wanted = {node: np.flatnonzero(rows.any(0)) for node, rows in weights.items()}
+        character, moved = _character(rig.gltf, rig.skeleton, wanted)
     curves = [weights[node][:, target] for node, target in moved]
     return character, np.stack(curves, 1) if curves else np.zeros((frames, 0), np.float32)
 
 
 def _character(
-    rig: Rig, paints: "_Paints", wanted: dict[int, Int[Array, " k"]]
+    rig: GltfRig, skeleton: Skeleton, wanted: dict[int, Int[Array, " k"]]
 ) -> tuple[Character, list[tuple[int, int]]]:
     """The character, and the node and target of each of its shapes; those `wanted` of each node are read."""
-    assert rig.gltf is not None
-    unturned = torch.eye(3, dtype=torch.float64).repeat(rig.skeleton.joints, 1, 1)
-    stacks: defaultdict[str, list[Array]] = defaultdict(list)
+    unturned = torch.eye(3, dtype=torch.float64).repeat(skeleton.joints, 1, 1)
+    columns: list[tuple[Array, ...]] = []
     shapes: _Shapes = defaultdict(list)
-    count = triangles = targets = 0
-    for part in parts_of(rig.gltf, PlainRig(rig.skeleton, unturned), has_rigid=True):
-        faces = _triangles(rig, part)
+    paints, count, targets = _Paints(rig), 0, 0
+    for part in parts_of(rig, PlainRig(skeleton, unturned), has_rigid=True):
+        faces, material = _triangles(rig, part), paints.material(part)
         faces = faces[part.is_own[faces].all(1)]
-        material = paints.material(part)
-        if material < 0 or not len(faces):
+        if not len(faces):
             continue
-        triangles += len(faces)
-        if 3 * triangles > CORNERS:
-            raise ValueError(f"meshes of more than {CORNERS // 3:,} triangles")
         used, local = np.unique(faces, return_inverse=True)
         local = local.reshape(-1, 3)
-        flips = bool(np.linalg.det(part.moves[part.joints[used[0], part.shares[used[0]].argmax()], :3, :3]) < 0)
+        if np.linalg.det(part.moves[part.joints[used[0], part.shares[used[0]].argmax()], :3, :3]) < 0:
+            local = local[:, ::-1]
         places = part.moved(part.places[used], used)
-        stacks["positions"].append(places)
-        stacks["normals"].append(_normals(rig, part, used, places, local))
-        stacks["triangles"].append(local[:, ::-1] + count if flips else local + count)
-        stacks["joints"].append(part.owners[part.joints[used]])
-        stacks["weights"].append(part.shares[used])
-        stacks["uvs"].append(paints.uvs(part)[used])
-        stacks["colours"].append(paints.colours(part)[used])
-        stacks["materials"].append(np.full(len(used), material))
-        for target in wanted.get(part.node, ()):
+        columns.append((
+            places, _normals(rig, part, used, places, local), paints.colours(part)[used], paints.uvs(part)[used],
+            np.full(len(used), material), part.owners[part.joints[used]], part.shares[used], local + count,
+        ))  # fmt: skip
+        if 3 * sum(len(column[-1]) for column in columns) > CORNERS:
+            raise ValueError(f"meshes of more than {CORNERS // 3:,} triangles")
+        for target in map(int, wanted.get(part.node, ())):
             targets += len(part.places)
             if targets > MORPHED:
                 raise ValueError(f"morph targets of more than {MORPHED:,} vertices")
-            at, *changes = _target(rig, part, used, int(target))
-            shapes[part.node, int(target)].append((at + count, *changes))
+            at, *changes = _target(rig, part, used, target)
+            shapes[part.node, target].append((at + count, *changes))
         count += len(used)
     if not count:
         raise MotionError(f"{rig.path}: none of its meshes hangs from its bones; export it with its skin weights")
-    stacked = {name: np.concatenate(arrays) for name, arrays in stacks.items()}
-    if not all(np.isfinite(array).all() for array in stacked.values()):
+    arrays = [np.concatenate(column) for column in zip(*columns, strict=True)]
+    if not all(np.isfinite(array).all() for array in arrays):
         raise ValueError("vertices, normals or colours that are not finite")
-    single = {name: stacked[name].astype(np.float32) for name in ("positions", "normals", "weights", "uvs")}
-    kinds = {"triangles": np.int32, "joints": np.uint16, "materials": np.uint16, "colours": np.uint8}
-    whole = {name: stacked[name].astype(kind) for name, kind in kinds.items()}
-    character = Character(
-        **single, **whole, face=_morphs(shapes), textures=paints.textures, palette=tuple(paints.palette),
-        skeleton=rig.skeleton,
-    )  # fmt: skip
-    return character, list(shapes)
+    paints.tell()
+    kinds = np.float32, np.float32, np.uint8, np.float32, np.uint16, np.uint16, np.float32, np.int32
+    typed: Any = (array.astype(kind) for array, kind in zip(arrays, kinds, strict=True))
+    return Character(*typed, _morphs(shapes), paints.textures, tuple(paints.palette), skeleton), list(shapes)
 
 
-def _triangles(rig: Rig, part: Part) -> Int[Array, "f 3"]:
+def _triangles(rig: GltfRig, part: Part) -> Int[Array, "f 3"]:
     """The vertices of each triangle; lines and points have none."""
-    assert rig.gltf is not None
-    mode, order = part.entry.get("mode", 4), corners(rig.gltf.document, rig.gltf.binary, part.entry)
+    mode, order = part.entry.get("mode", 4), corners(rig.document, rig.binary, part.entry)
     if len(order) and not 0 <= order.min() <= order.max() < len(part.places):
         raise ValueError("a triangle whose vertex does not exist")
     if mode == 4:
@@ -134,12 +115,11 @@ def _triangles(rig: Rig, part: Part) -> Int[Array, "f 3"]:
 
 
 def _normals(
-    rig: Rig, part: Part, used: Int[Array, " v"], places: Float[Array, "v 3"], faces: Int[Array, "f 3"]
+    rig: GltfRig, part: Part, used: Int[Array, " v"], places: Float[Array, "v 3"], faces: Int[Array, "f 3"]
 ) -> Float[Array, "v 3"]:
     """Unit normals: the file's, or those of the triangles around a vertex."""
-    assert rig.gltf is not None
     if "NORMAL" in part.entry["attributes"]:
-        stored = attribute(rig.gltf.document, rig.gltf.binary, part.entry, "NORMAL")
+        stored = attribute(rig.document, rig.binary, part.entry, "NORMAL")
         normals = part.moved(stored[used], used, are_places=False)
     else:
         a, b, c = places[faces].transpose(1, 0, 2)
@@ -149,68 +129,65 @@ def _normals(
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
-def _target(rig: Rig, part: Part, used: Int[Array, " v"], target: int) -> tuple[Array, Array, Array]:
+def _target(rig: GltfRig, part: Part, used: Int[Array, " v"], target: int) -> tuple[Array, Array, Array]:
     """The vertices that a morph target moves, as indices into `used`, their moves and the changes of their normals."""
-    assert rig.gltf is not None
-    document, count = rig.gltf.document, len(part.places)
+    document, count = rig.document, len(part.places)
     stored = {} if target >= len(part.entry.get("targets", [])) else part.entry["targets"][target]
     changes = np.zeros((2, len(used), 3))
     for change, name in zip(changes, ("POSITION", "NORMAL"), strict=True):
         if name in stored and {"bufferView", "sparse"} & document["accessors"][stored[name]].keys():
-            change[:] = read_accessor(document, rig.gltf.binary, stored[name], count)[used]
+            change[:] = read_accessor(document, rig.binary, stored[name], count)[used]
     at = np.flatnonzero(changes.any((0, 2)))
     moves, turns = (part.moved(change[at], used[at], are_places=False) for change in changes)
     return at, moves, turns
 
 
 def _morphs(shapes: _Shapes) -> Morphs:
-    joined = [tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True)) for parts in shapes.values()]
-    vertices, moves, turns = (
-        np.concatenate([of[k] for of in joined]) if joined else np.zeros((0, 3)) for k in range(3)
-    )
-    starts = np.cumsum([0, *(len(of[0]) for of in joined)])
+    """The shapes, each joined from its primitives."""
     names = tuple(f"{node} {target}" for node, target in shapes)
-    reached = vertices.reshape(len(moves), -1)[:, 0] if joined else np.zeros(0)
-    return Morphs(names, starts, reached.astype(np.int64), moves.astype(np.float32), turns.astype(np.float32))
+    starts = np.cumsum([0, *(sum(len(part[0]) for part in parts) for parts in shapes.values())])
+    parts = [part for parts in shapes.values() for part in parts] or [(np.zeros(0), *np.zeros((2, 0, 3)))]
+    vertices, moves, turns = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    return Morphs(names, starts, vertices.astype(np.int64), moves.astype(np.float32), turns.astype(np.float32))
 
 
 class _Paints:
     """Materials and pictures of a document."""
 
-    def __init__(self, rig: Rig) -> None:
-        assert rig.gltf is not None
-        self._path, self._document, self._binary = rig.path, rig.gltf.document, rig.gltf.binary
+    def __init__(self, rig: GltfRig) -> None:
+        self._rig, self._document = rig, rig.document
         self.palette: list[Material] = []
         self.textures: Textures = {}
         self._known: dict[int, int] = {}  # rows of the palette
         self._unseen: dict[str, str] = {}  # pictures that are not shown, by name, and their kind
 
     def material(self, part: Part) -> int:
-        """The palette's row for a primitive; -1 where nothing of it is seen."""
+        """The palette's row for a primitive."""
         index = part.entry.get("material", -1)
         if index not in self._known:
-            made = self._made(index)
-            self._known[index] = len(self.palette) if made else -1
-            self.palette += [made] if made else []
+            self._known[index] = len(self.palette)
+            self.palette.append(self._made(index))
         return self._known[index]
 
-    def _made(self, index: int) -> Material | None:
+    def _made(self, index: int) -> Material:
         entry, surface, base, factor = self._surface(index)
         mode, alpha, name = entry.get("alphaMode", "OPAQUE"), float(factor[3]), self._picture(base)
-        is_two_sided, roughness = bool(entry.get("doubleSided")), float(surface.get("roughnessFactor", 1.0))
-        if "metallicRoughnessTexture" in surface:
-            roughness *= 0.8
+        roughness = float(surface.get("roughnessFactor", 1.0)) * (0.8 if "metallicRoughnessTexture" in surface else 1)
         cutoff = float(entry.get("alphaCutoff", 0.5)) if mode == "MASK" else 0.5
-        is_cut = mode == "MASK" and cutoff > 0 or mode == "BLEND"
-        if is_cut and not name and alpha < (cutoff if mode == "MASK" else 1.0):
-            name = _WHITE
-            self.textures[name] = _encoded(Image.new("RGBA", (1, 1), "white"))
-        if not name or not is_cut:
-            return Material(str(index), max(roughness, 0.06), name, is_two_sided)
+        is_cut = (mode == "MASK" and cutoff > 0) or mode == "BLEND"
+        if is_cut and not name and alpha < 1:
+            name = self._white()
         return Material(
-            str(index), max(roughness, 0.06), name, is_two_sided, mode == "MASK", is_sheer=mode == "BLEND",
-            opacity=alpha * 0.5 / cutoff,
+            str(index), max(roughness, 0.06), name, bool(entry.get("doubleSided")), is_cut and mode == "MASK",
+            is_sheer=mode == "BLEND", opacity=alpha * 0.5 / cutoff if is_cut else 1.0,
         )  # fmt: skip
+
+    def _white(self) -> str:
+        """The name of a white picture, for what is clear without one."""
+        file = io.BytesIO()
+        Image.new("RGBA", (1, 1), "white").save(file, "PNG")
+        self.textures["white"] = file.getvalue()
+        return "white"
 
     def _surface(self, index: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any], list[float]]:
         """The entry of a material, its surface, the base colour's picture and its factor (linear RGBA)."""
@@ -242,7 +219,7 @@ class _Paints:
     def _stored(self, image: dict[str, Any]) -> bytes:
         if "uri" in image:
             return base64.b64decode(image["uri"].partition(",")[2])
-        return view_bytes(self._document, self._binary, image["bufferView"])
+        return view_bytes(self._document, self._rig.binary, image["bufferView"])
 
     def uvs(self, part: Part) -> Float[Array, "v 2"]:
         """Places on the base colour's picture."""
@@ -251,7 +228,7 @@ class _Paints:
         name = f"TEXCOORD_{moved.get('texCoord', base.get('texCoord', 0))}"
         if name not in part.entry["attributes"]:
             return np.zeros((len(part.places), 2))
-        uvs = attribute(self._document, self._binary, part.entry, name) * moved.get("scale", [1, 1])
+        uvs = attribute(self._document, self._rig.binary, part.entry, name) * moved.get("scale", [1, 1])
         cos, sin = np.cos(moved.get("rotation", 0)), np.sin(moved.get("rotation", 0))
         uvs = uvs @ np.array([[cos, -sin], [sin, cos]]) + moved.get("offset", [0, 0])
         return np.clip(uvs - np.floor(uvs.min(0)), 0, _FARTHEST)  # a picture repeats
@@ -261,7 +238,7 @@ class _Paints:
         *_, factor = self._surface(part.entry.get("material", -1))
         linear = np.tile(np.array(factor[:3], np.float64), (len(part.places), 1))
         if "COLOR_0" in part.entry["attributes"]:
-            linear *= attribute(self._document, self._binary, part.entry, "COLOR_0")[:, :3]
+            linear *= attribute(self._document, self._rig.binary, part.entry, "COLOR_0")[:, :3]
         linear = linear.clip(0, 1)
         srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
         return np.asarray(np.round(255 * srgb))
@@ -272,13 +249,7 @@ class _Paints:
         parts = [f"{len(self._unseen)} pictures ({kinds}; PNG, JPEG and WebP are shown)"] if self._unseen else []
         parts += [name for name in self._document.get("extensionsRequired", []) if not _SHOWN.fullmatch(name)]
         if parts:
-            _log.warning("%s: a film does not show its %s", self._path, ", ".join(map(str, parts)))
-
-
-def _encoded(picture: Image.Image) -> bytes:
-    file = io.BytesIO()
-    picture.save(file, "PNG")
-    return file.getvalue()
+            _log.warning("%s: a film does not show its %s", self._rig.path, ", ".join(map(str, parts)))
 
 
 def _unreadable(encoded: bytes) -> str:
