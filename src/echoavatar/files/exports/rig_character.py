@@ -30,7 +30,7 @@ from .target_rig import Rig
 
 _log = logging.getLogger(__name__)
 Array = np.ndarray
-_Shapes = defaultdict[tuple[int, int], list[tuple[Array, Array, Array]]]  # node and target: vertices, moves, turns
+_Shapes = defaultdict[tuple[int, int], list[tuple[Array, ...]]]  # node and target: vertices, moves, turns
 _SHOWN = re.compile(  # required extensions that take nothing from the picture
     "KHR_(mesh_quantization|draco_mesh_compression|meshopt_compression|texture_transform|texture_basisu|materials_unlit|"
     "materials_pbrSpecularGlossiness)|EXT_(meshopt_compression|texture_webp)|VRM.*"
@@ -94,8 +94,13 @@ def _character(
         raise ValueError("vertices, normals or colours that are not finite")
     paints.tell()
     kinds = np.float32, np.float32, np.uint8, np.float32, np.uint16, np.uint16, np.float32, np.int32
-    typed: Any = (array.astype(kind) for array, kind in zip(arrays, kinds, strict=True))
-    return Character(*typed, _morphs(shapes), paints.textures, tuple(paints.palette), skeleton), list(shapes)
+    typed = (array.astype(kind) for array, kind in zip(arrays, kinds, strict=True))
+    positions, normals, colours, uvs, materials, joints, weights, triangles = typed
+    mesh = Character(
+        positions, normals, colours, uvs, materials, joints, weights, triangles, _morphs(shapes), paints.textures,
+        tuple(paints.palette), skeleton,
+    )  # fmt: skip
+    return mesh, list(shapes)
 
 
 def _triangles(rig: GltfRig, part: Part) -> Int[Array, "f 3"]:
@@ -231,7 +236,7 @@ class _Paints:
         uvs = attribute(self._document, self._rig.binary, part.entry, name) * moved.get("scale", [1, 1])
         cos, sin = np.cos(moved.get("rotation", 0)), np.sin(moved.get("rotation", 0))
         uvs = uvs @ np.array([[cos, -sin], [sin, cos]]) + moved.get("offset", [0, 0])
-        return np.clip(uvs - np.floor(uvs.min(0)), 0, _FARTHEST)  # a picture repeats
+        return np.asarray(np.clip(uvs - np.floor(uvs.min(0)), 0, _FARTHEST))  # a picture repeats
 
     def colours(self, part: Part) -> Float[Array, "v 3"]:
         """The sRGB colour of each vertex, 0 to 255: the material's factor times the vertex's own colour."""
