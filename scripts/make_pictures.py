@@ -17,7 +17,8 @@ from PIL import Image
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.video import Shot, View, film
+from echoavatar.files.avatar.framing import View
+from echoavatar.files.avatar.video import Shot, film
 from echoavatar.models.audio import stream_audio
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import join

@@ -24,7 +24,8 @@ from PIL import Image
 from echoavatar.engine import animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.avatar_renderer import HEAD, AvatarRenderer, Shot, aimed
+from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot
+from echoavatar.files.avatar.framing import aimed
 from echoavatar.files.avatar.render import Camera
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -101,7 +102,7 @@ def chosen() -> list[Still]:
         rotations[0, HUMANOID.index(name), [0, 3]] = math.cos(angle / 2), math.sin(angle / 2)
     root = np.array([[0.0, HUMANOID.config.offsets[0][1], 0.0]], np.float32)
     rest = Motion(HUMANOID, rotations, root, 30.0), np.zeros(52, np.float32)
-    head = speech[0].pose().positions.numpy()[0, HEAD]
+    head = speech[0].pose().positions.numpy()[0, HUMANOID.index("head")]
     return [
         Still(*rest, "studio", aimed("front", root[0])),
         Still(*speech, "studio", aimed("front", speech[0].root[0])),

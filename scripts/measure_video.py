@@ -97,8 +97,9 @@ def compare(size: int, count: int = 10) -> None:
 
     from echoavatar import animate
     from echoavatar.files.avatar import load_character
-    from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, RendererName, Shot, View
+    from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, RendererName, Shot
     from echoavatar.files.avatar.backdrop import Backdrop
+    from echoavatar.files.avatar.framing import View
     from echoavatar.files.avatar.gpu_render import GpuRenderer
 
     made, character = animate(SPEECH), load_character()

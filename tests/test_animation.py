@@ -51,6 +51,21 @@ def test_a_film_has_the_size_and_the_side_asked_for(animation: echoavatar.Animat
         assert np.abs(pictures[view] - pictures["front"]).mean() > 1
 
 
+def test_a_film_has_the_shape_asked_for(animation: echoavatar.Animation, tmp_path: Path) -> None:
+    few = echoavatar.Animation(animation.motion.cut(0, 1), animation.audio[:800], 0.0)
+    few.save(tmp_path / "a.mp4", size="portrait")
+    with av.open(str(tmp_path / "a.mp4")) as film:
+        assert (film.streams.video[0].width, film.streams.video[0].height) == (720, 1280)
+    with pytest.raises(echoavatar.EchoAvatarError, match="no size 'tall'; choose wide, portrait, square"):
+        few.save(tmp_path / "b.mp4", size="tall")
+
+
+def test_printed_it_says_what_it_holds_in_a_line(animation: echoavatar.Animation) -> None:
+    assert animation.seconds == animation.motion.seconds == 1.0
+    assert str(animation).startswith("Animation of 1.00 s: 30 frames at 30 fps, 52 joints, ")
+    assert "\n" not in f"{animation!r}"
+
+
 def test_a_notebook_shows_a_page_of_its_own(animation: echoavatar.Animation) -> None:
     shown = animation._repr_html_()
     assert re.match(r'<iframe [^>]*srcdoc="', shown)

@@ -22,9 +22,10 @@ from echoavatar.engine import animate as animate_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import Character, load_character
 from echoavatar.files.avatar.avatar_renderer import RendererName
+from echoavatar.files.avatar.framing import View, picture_size
 from echoavatar.files.avatar.gltf import GltfAnimation, pack_glb
 from echoavatar.files.avatar.page import PageClip, page_text
-from echoavatar.files.avatar.video import Shot, View, default_size
+from echoavatar.files.avatar.video import Shot
 from echoavatar.files.exports import Rig, Take, read_rig, write_take
 from echoavatar.models.audio import stream_audio
 from echoavatar.models.audio.io import StreamResampler, mixed
@@ -47,7 +48,7 @@ class Animation(AnimatedSound):
         path: str | Path,
         *,
         rig: Rig | str | Path | None = None,
-        size: tuple[int, int] | None = None,
+        size: tuple[int, int] | str | None = None,
         view: View = "front",
         character: Character | str | None = None,
         background: str = "studio",
@@ -59,8 +60,9 @@ class Animation(AnimatedSound):
 
         Args:
             path: where to write.
-            rig: your own character or skeleton (.vrm, .glb or .bvh), which then moves.
-            size: width and height of a film (.mp4, .webm), in pixels; None is 1280x720, or 720x720 of bust and face.
+            rig: your own character or skeleton (.vrm, .glb or .bvh), which then moves; a film shows the character.
+            size: width and height of a film (.mp4, .webm) in pixels, or wide, portrait or square; None is wide, or
+                square of bust and face.
             view: of a film: front, left, right or back of the body, bust, or the face alone.
             character: the character of a film: maya (None), theo or amara.
             background: of a film: studio, dusk, plain, or a colour such as #00ff00.
@@ -73,7 +75,7 @@ class Animation(AnimatedSound):
         """
         own = read_rig(Path(rig)) if isinstance(rig, str | Path) else rig
         who = load_character(character) if isinstance(character, str) else character
-        shot = Shot(size or default_size(view), view, background, alpha, renderer=renderer)
+        shot = Shot(picture_size(size, view), view, background, alpha, renderer=renderer)
         write_take(Path(path), self.take, rig=own, character=who, shot=shot, progress=progress)
 
     def to_numpy(self) -> dict[str, np.ndarray]:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import soundfile
+from tests.files.exports.bodies import make_rigs
 
 from echoavatar.cli import main
 from echoavatar.files.avatar.avatar_renderer import RENDERERS
@@ -44,6 +45,30 @@ def test_the_mp4_shows_and_sounds(wav: Path, tmp_path: Path, tiny_bundle: Path, 
     with av.open(str(tmp_path / "out.mp4")) as container:
         assert len(container.streams.video) == len(container.streams.audio) == 1
         assert sum(1 for _ in container.decode(video=0)) == 6
+
+
+def test_a_film_shows_the_character_of_a_rig(
+    wav: Path, tmp_path: Path, tiny_bundle: Path, voice: np.ndarray, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A skeleton has nothing to film, and a film shows one character: both are said before any work."""
+    import av
+
+    rigs = make_rigs(tmp_path)
+    soundfile.write(wav, voice[:2400], 24_000)
+    child = ("--rig", str(rigs["child"]))
+    assert run(wav, tmp_path / "out.mp4", tiny_bundle, *child, "--size", "portrait", "--view", "bust") == 0
+    with av.open(str(tmp_path / "out.mp4")) as container:
+        assert container.streams.video[0].height == 1280
+        pixels = next(container.decode(video=0)).to_ndarray(format="rgb24").astype(int)
+    is_red = (pixels[..., 0] > 150) & (pixels[..., 1] < 110)
+    assert is_red.sum() > 500  # the child's mouth
+    capsys.readouterr()
+    for words, said in (
+        (("--rig", str(rigs["tall"])), "tall.bvh is a skeleton without a mesh to film"),
+        ((*child, "--character", "theo"), "leave one of the two out"),
+    ):
+        assert run(wav, tmp_path / "out.mp4", tiny_bundle, *words) == 1
+        assert said in capsys.readouterr().err
 
 
 def test_another_renderer_draws_the_film(
@@ -267,7 +292,7 @@ def test_outputs_that_would_collide_are_refused(
     ("words", "said"),
     [
         (["https://a.org/x.wav", "-o", "x.glb"], "is an address; download it first"),
-        (["x.wav", "-o", "x.mp4", "--size", "wide"], "write it as 1280x720"),
+        (["x.wav", "-o", "x.mp4", "--size", "tall"], "write it as 1280x720, or wide, portrait, square"),
         (["x.wav", "-o", "x.mp4", "--size", "101x64"], "even"),
         (["x.wav", "-o", "x.mp4", "--fps", "0"], "not a frame rate"),
     ],

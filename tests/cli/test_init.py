@@ -158,3 +158,11 @@ def test_without_any_temporary_folder_it_says_what_to_set(
     monkeypatch.setattr("echoavatar.cli.doctor.run", run)
     assert main(["doctor"]) == 1
     assert "TMPDIR" in capsys.readouterr().err
+
+
+def test_a_log_file_gets_no_progress_bars() -> None:
+    """Of no command: whoever makes a bar, those of the lab too."""
+    code = "from echoavatar.cli import main; main(['completion', 'bash'])\nfrom tqdm import tqdm\nlist(tqdm(range(3)))"
+    environment = {name: value for name, value in os.environ.items() if name != "TQDM_DISABLE"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -13,7 +13,7 @@ import soundfile
 from tests.files.exports.bodies import long_armed
 from tests.motion.formats.repacked import Collected, in_parts, taken_apart, with_draco, with_meshopt
 
-from echoavatar.files.avatar.character import FOLDER, decoded, load_character
+from echoavatar.files.avatar.character import FOLDER, load_character
 from echoavatar.files.avatar.gltf import container
 from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -218,7 +218,7 @@ def picture(width: int, height: int) -> File:
         with np.load(FOLDER / "maya.npz") as stored:
             np.savez(path, **dict(stored) | {"texture_atlas": png(width, height)})
 
-    return File(make, lambda path: decoded(load_character(path).textures), "npz")
+    return File(make, lambda path: load_character(path).texels(), "npz")
 
 
 def library(*rows: dict[str, Any], times: int = 1) -> File:

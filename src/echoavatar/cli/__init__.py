@@ -98,6 +98,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if (separate := " ".join(words[:2])) in SEPARATE:
             command_module(separate)  # raises where it is not installed
         args = build_parser([asked]).parse_args(words)
+        if not sys.stderr.isatty():  # a log file would get a line for each step of a bar
+            os.environ.setdefault("TQDM_DISABLE", "1")
         handler = logging.StreamHandler()
         handler.setFormatter(LogFormat("%(levelname)s %(name)s: %(message)s"))
         logging.basicConfig(level=logging.WARNING - 10 * args.verbose + 10 * args.quiet, handlers=[handler])

@@ -6,17 +6,22 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
 
 from .batch import STDIN, Batch, add_outputs, outputs
 from .options import MAP_HELP, RIG_HELP, VIEWS, add_picture, add_pipeline, local_path, progress, seed, size
 
+if TYPE_CHECKING:
+    from echoavatar.files.exports import Rig
+
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
-  echoavatar animate talk.wav -o talk.mp4 --close-up the face alone, to judge lips and eyes
+  echoavatar animate talk.wav -o talk.mp4 --view face   the face alone, to judge lips and eyes
+  echoavatar animate song.mp3 -o song.mp4 --size portrait --rig me.vrm   your own character, for a telephone
   echoavatar animate talk.wav -o talk.webm --alpha   the character without a background
   echoavatar animate talk.wav -o talk.bvh --fps 60   skeleton and rotations, interpolated to 60 fps
   echoavatar animate *.wav -o motion/ --format .bvh  each sound into a file of its name
@@ -27,7 +32,7 @@ EXAMPLES = """examples:
 
 The output's suffix chooses the format. Three longer endings are special: .face.csv is the face alone, in the format of
 Live Link Face; .face47.csv is the face in the 47 channels of the paper authors' demo; .smplx.npz is SMPL-X data in
-the format of BEAT2. BVH cannot store a face. FBX is written by your Blender; USD needs usd-core. The input may be
+the format of BEAT2. BVH cannot store a face. FBX is written by Blender or bpy; USD needs usd-core. The input may be
 anything that FFmpeg reads, at any rate and with any number of channels. More: docs/integrations/exports.md
 """
 
@@ -46,11 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
-    parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
-    parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
+    parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="of the film (default: %(default)s)")
     parser.add_argument(
-        "--size", type=size, metavar="WxH", help="pixels of the film (default: 1280x720, bust and face 720x720)"
-    )
+        "--size", type=size, metavar="SIZE",
+        help="of the film: wide (1280x720, default), portrait, square (default of bust and face), or pixels: 1920x1080",
+    )  # fmt: skip
     add_picture(parser)
     parser.add_argument("--alpha", action="store_true", help="a film without a background, for compositing (.webm)")
 
@@ -75,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError("--map is for a --rig; name the rig too, or leave out --map")
     rig = None if args.rig is None else read_rig(args.rig, read_map(args.map))
     character = load_character(args.character)
-    _check_film(args, places)
+    _check_film(args, places, rig)
     if len(args.audio) == 1 and args.audio != [STDIN]:
         check_sound(args.audio[0])  # before the model is loaded
     if args.in_place and "leash" in args.without:
@@ -99,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
                     output,
                     rig=rig,
                     size=args.size,
-                    view="face" if args.close_up else args.camera,
+                    view=args.view,
                     character=character,
                     background=args.background,
                     alpha=args.alpha,
@@ -113,10 +118,16 @@ def run(args: argparse.Namespace) -> int:
     return batch.end()
 
 
-def _check_film(args: argparse.Namespace, places: list[Path]) -> None:
+def _check_film(args: argparse.Namespace, places: list[Path], rig: "Rig | None") -> None:
     """Find what a film cannot be before the motion is made."""
     from echoavatar.files.avatar.avatar_renderer import RENDERERS
+    from echoavatar.files.exports.formats import FILMS
 
+    if rig is not None and any(output.suffix.lower() in FILMS for output in places):
+        if rig.gltf is None:
+            raise EchoAvatarError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")
+        if args.character:
+            raise EchoAvatarError("a film shows --rig or --character; leave one of the two out")
     RENDERERS[args.renderer](8, 8, background=args.background)
     if args.alpha and any(output.suffix.lower() != ".webm" for output in places):
         raise EchoAvatarError("--alpha needs a format with an alpha channel; let -o end in .webm")

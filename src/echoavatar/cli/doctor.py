@@ -169,7 +169,7 @@ def _motion() -> list[Finding]:
         warm_up(pipeline.skeleton)
         sound = 0.1 * np.sin(np.arange(SAMPLE_RATE_HZ) / 20).astype(np.float32)
         done = animate(pipeline, [sound])
-        found.append((OK, what, f"one second made in {done.seconds:.2f} s"))
+        found.append((OK, what, f"one second made in {done.work_s:.2f} s"))
         try:
             tempfile.gettempdir()
         except OSError:
@@ -178,7 +178,7 @@ def _motion() -> list[Finding]:
             for suffix in (".glb", ".bvh", ".npz", ".csv", ".vrma"):
                 what, path = suffix, Path(folder) / f"motion{suffix}"
                 Animation(*done).save(path)
-            what, film = ".mp4", Animation(done.motion.cut(0, 3), done.audio, done.seconds)
+            what, film = ".mp4", Animation(done.motion.cut(0, 3), done.audio, done.work_s)
             film.save(Path(folder) / "motion.mp4", size=(160, 90))
         return [*found, (OK, "files", "GLB, BVH, NPZ, CSV, VRMA and MP4 are written")]
     except EchoAvatarError as error:

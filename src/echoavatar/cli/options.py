@@ -91,10 +91,14 @@ def seed(text: str) -> int:
 
 
 def size(text: str) -> tuple[int, int]:
-    """Width and height of a picture in pixels, written as 1280x720."""
+    """Width and height of a picture in pixels, written as 1280x720, or the name of a shape."""
+    from echoavatar.files.avatar.framing import SIZES
+
+    if text in SIZES:
+        return SIZES[text]
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal()):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 1280x720")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 1280x720, or {', '.join(SIZES)}")
     sides = int(width), int(height)
     if any(side % 2 or not 16 <= side <= 4096 for side in sides):
         raise argparse.ArgumentTypeError(f"{text}: width and height are even, 16 to 4096")

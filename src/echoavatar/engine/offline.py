@@ -20,17 +20,29 @@ from .pipeline import Pipeline
 
 
 class AnimatedSound(NamedTuple):
-    """Motion beside the sound that drove it."""
+    """Motion beside the sound that drove it. Printed, it says what it holds."""
 
     motion: Motion
     audio: Float[np.ndarray, " s"]  # 24 kHz mono
-    seconds: float  # wall time spent in the engine
+    work_s: float  # wall time spent in the engine
     face: Float[np.ndarray, "t 52"] | None = None  # ARKit curves 0..1 beside the motion; None without a model
+
+    @property
+    def seconds(self) -> float:
+        """The duration."""
+        return self.motion.seconds
 
     @property
     def real_time_factor(self) -> float:
         """Seconds of work per second of sound."""
-        return self.seconds / max(self.motion.seconds, 1e-9)
+        return self.work_s / max(self.seconds, 1e-9)
+
+    def __repr__(self) -> str:
+        motion, face = self.motion, "no face" if self.face is None else f"a face of {self.face.shape[1]} curves"
+        return (
+            f"{type(self).__name__} of {self.seconds:.2f} s: {motion.frames} frames at {motion.fps:g} fps, "
+            f"{motion.skeleton.joints} joints, {face}, sound at {SAMPLE_RATE_HZ // 1000} kHz"
+        )
 
 
 def animate(
@@ -68,19 +80,19 @@ def animate(
     else:
         display = StreamInterpolator(fps)
         whole = join([*(display.push(chunk) for chunk in chunks), display.finish()])
-    seconds = time.perf_counter() - started
-    return cut_to_sound(whole, audio, skeleton=pipeline.skeleton, fps=fps, seconds=seconds)
+    work_s = time.perf_counter() - started
+    return cut_to_sound(whole, audio, skeleton=pipeline.skeleton, fps=fps, work_s=work_s)
 
 
 def cut_to_sound(
-    whole: MotionChunk, audio: Float[np.ndarray, " s"], *, skeleton: Skeleton, fps: float, seconds: float
+    whole: MotionChunk, audio: Float[np.ndarray, " s"], *, skeleton: Skeleton, fps: float, work_s: float
 ) -> AnimatedSound:
     """Cut the motion to the sound's length, and pad the sound to whole frames."""
     frames = math.ceil(len(audio) * fps / SAMPLE_RATE_HZ)
     motion = Motion(skeleton, whole.rotations[:frames], whole.root[:frames], float(fps))
     padded = np.pad(audio, (0, max(0, math.ceil(frames * SAMPLE_RATE_HZ / fps) - len(audio))))
     face = None if whole.face is None else whole.face[:frames]
-    return AnimatedSound(motion, padded.astype(np.float32), seconds, face)
+    return AnimatedSound(motion, padded.astype(np.float32), work_s, face)
 
 
 def in_blocks(audio: Float[np.ndarray, " s"], seconds: float = 2.0) -> Iterable[Float[np.ndarray, " s"]]:

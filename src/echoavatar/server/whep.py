@@ -25,7 +25,8 @@ from starlette.routing import BaseRoute, Route
 
 from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.files.avatar import CHARACTERS
-from echoavatar.files.avatar.avatar_renderer import VIEWS, Shot
+from echoavatar.files.avatar.avatar_renderer import Shot
+from echoavatar.files.avatar.framing import VIEWS
 from echoavatar.server.video.live_stream import LiveStream, doubled
 from echoavatar.server.video.offer import MOST_BYTES, read_offer
 from echoavatar.server.video.video_source import VideoSource, prepare

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from echoavatar.files.avatar import load_character
-from echoavatar.files.avatar.avatar_renderer import VIEWS, AvatarRenderer, Shot
+from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot
+from echoavatar.files.avatar.framing import VIEWS
 from echoavatar.motion.kinematics import HUMANOID
 
 EYE = np.tile(np.eye(3, dtype=np.float32), (HUMANOID.joints, 1, 1))

@@ -9,7 +9,7 @@ from tests.files.avatar.weights import humanoid_weights
 
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.files.avatar import CHARACTERS, LEVELS, MATERIALS, level_file, load_character
-from echoavatar.files.avatar.character import NAMES, REDUCTIONS, checked_face, decoded, looked_up
+from echoavatar.files.avatar.character import NAMES, REDUCTIONS, checked_face, looked_up
 from echoavatar.files.avatar.gltf import pack_glb
 from echoavatar.files.avatar.halfway import BONES
 from echoavatar.motion.arkit import ARKIT_NAMES
@@ -18,8 +18,7 @@ from echoavatar.motion.kinematics import HUMANOID
 
 def test_pictures_come_back_with_their_reductions() -> None:
     """Each level has half the sides of the one before; only hair has clear texels."""
-    textures = load_character().textures
-    texels = decoded(textures)
+    texels, _ = load_character().texels()
     assert texels.table.shape == (len(NAMES), REDUCTIONS, 3)
     np.testing.assert_array_equal(texels.table[:, 1, 1:] * 2, texels.table[:, 0, 1:])
     for row, name in enumerate(NAMES):
@@ -31,7 +30,7 @@ def test_pictures_come_back_with_their_reductions() -> None:
 def test_places_find_their_colour() -> None:
     """A place outside any picture is white; skin is redder than blue wherever a face lies."""
     character = load_character()
-    texels = decoded(character.textures)
+    texels, _ = character.texels()
     found = looked_up(texels, np.array([-1, 0]), np.array([[0.5, 0.5], [0.45, 0.5]], np.float32))
     np.testing.assert_array_equal(found[0], 1)
     assert found[1, 0] > found[1, 2]

@@ -4,7 +4,9 @@ import pytest
 raster = pytest.importorskip("echoavatar.files.avatar.raster", reason="the render extra is not installed")
 
 
-def _visible(screen: list[list[float]], triangles: list[list[int]], cutouts: list[bool], alpha: list[int]):
+def _visible(  # type: ignore[no-untyped-def]
+    screen: list[list[float]], triangles: list[list[int]], cutouts: list[bool], alpha: list[int], is_sheer: bool = False
+):
     """Which triangle each of 20 x 20 pixels shows; one picture, of texels side by side with these alphas."""
     depth, ids = np.zeros((20, 20), np.float32), np.zeros((20, 20), np.int32)
     corners = np.array(screen, np.float32)
@@ -13,7 +15,8 @@ def _visible(screen: list[list[float]], triangles: list[list[int]], cutouts: lis
     table = np.array([[[0, len(alpha), 1]] * 2])
     uvs = (corners[:, :2] / 20).astype(np.float32)
     index, both = np.array(triangles, np.int32), np.array(cutouts)
-    raster.visible(corners, index, depth, ids, (0, 0, 20, 20), uvs, both, np.where(both, 0, -1), texels, table)
+    cut, sheer = np.where(both, 0, -1), both & is_sheer
+    raster.visible(corners, index, depth, ids, (0, 0, 20, 20), uvs, both, cut, sheer, texels, table)
     return ids
 
 
@@ -37,7 +40,7 @@ def test_whatever_the_coordinates_nothing_is_written_beside_the_box() -> None:
         corners = random.uniform(0.1, 20, (3, 3)).astype(np.float32)
         corners[random.integers(3, size=4), random.integers(2, size=4)] = random.choice(odd, 4)
         seen = depth[20:40], ids[20:40]
-        raster.visible(corners, triangle, *seen, (2, 2, 18, 18), corners, both, none, texels, table)
+        raster.visible(corners, triangle, *seen, (2, 2, 18, 18), corners, both, none, both, texels, table)
         raster.shadow_depth(corners, triangle, both, still, corners.copy(), shadow[20:40])
     ids[22:38, 2:18] = depth[22:38, 2:18] = shadow[20:40] = 7
     for array in (ids, depth, shadow):
@@ -50,6 +53,14 @@ def test_a_cut_out_is_seen_from_behind_and_only_where_its_picture_is() -> None:
     ids = _visible(screen, [[0, 1, 2]], [True], [255, 0])
     assert (ids[1, :9] == 0).all()
     assert (ids[1, 11:] == -1).all()
+
+
+@pytest.mark.parametrize(("alpha", "share"), [(10, 0), (64, 1 / 4), (128, 2 / 4), (255, 1)])
+def test_glass_is_seen_in_as_many_samples_as_its_alpha_says(alpha: int, share: float) -> None:
+    """Over another surface; its picture repeats, so that places outside it count as those inside."""
+    screen = [[-90, -90, 0.5], [90, -90, 0.5], [-90, 190, 0.5], [-90, -90, 0.4], [90, -90, 0.4], [-90, 190, 0.4]]
+    ids = _visible(screen, [[3, 4, 5], [0, 1, 2]], [True, True], [alpha], is_sheer=True)
+    assert (ids == 1).mean() == share
 
 
 def test_the_shadow_map_keeps_the_highest_surface() -> None:

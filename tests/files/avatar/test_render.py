@@ -27,6 +27,7 @@ def painted(colour: tuple[float, float, float], triangles: np.ndarray, picture: 
         pictures=np.full(len(triangles), picture, np.int32),
         two_sided=np.full(len(triangles), picture >= 0),
         cutouts=np.full(len(triangles), picture, np.int32),
+        sheer=np.zeros(len(triangles), bool),
         glosses=np.tile(np.float32([0.1, 20]), (len(triangles), 1)),
         texels=Texels(values.reshape(-1, 4), table),
     )
@@ -99,5 +100,5 @@ def test_hair_that_is_painted_on_skin_does_not_shine() -> None:
     heights = character.positions[character.triangles, 1].mean(1)
     assert 0.01 < matt.sum() / skin.sum() < 0.1
     assert np.median(heights[matt]) > np.percentile(heights[skin], 75)
-    plain = Paint.of(replace(character, textures=replace(character.textures, skin_roughness=b"")))
+    plain = Paint.of(replace(character, textures=character.textures | {"skin_roughness": b""}))
     assert (plain.glosses[skin, 0] > 0).all()

@@ -1,5 +1,6 @@
 """What Blender makes of our files. It starts slowly: the round trips are marked slow, and skip where there is none."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,28 @@ def test_without_blender_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch, tm
         find_blender()
     with pytest.raises(DependencyError, match="apt-get install blender"):
         check_output(tmp_path / "a.fbx", has_rig=False)
+
+
+def test_the_package_bpy_takes_the_place_of_the_program(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A package that has what the script asks for, and writes where it is told to; the name of Blender goes first."""
+    (tmp_path / "bpy.py").write_text(
+        "from types import SimpleNamespace as N\n"
+        "write = lambda filepath, **_: open(filepath, 'w').write('fbx')\n"
+        "nothing = lambda **_: None\n"
+        "scene = N(render=N(fps=0))\n"
+        "ops = N(wm=N(read_factory_settings=nothing), import_scene=N(gltf=nothing), export_scene=N(fbx=write))\n"
+        "context, data = N(scene=scene), N(actions=[N(layers=[], frame_range=(0, 1))])\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("BLENDER", raising=False)
+    assert find_blender() == [sys.executable]
+    write_fbx(tmp_path / "a.fbx", b"", 30)
+    assert (tmp_path / "a.fbx").read_text() == "fbx"
+    monkeypatch.setenv("BLENDER", str(tmp_path / "no-blender"))
+    with pytest.raises(DependencyError, match="no-blender"):
+        find_blender()
 
 
 def test_a_blender_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

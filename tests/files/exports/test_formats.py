@@ -18,7 +18,6 @@ from echoavatar.motion.kinematics.rigs import bone_map
         ("no/such/a.bvh", False, "make it first"),
         ("a.usdc", True, "leave --rig out"),
         ("a.smplx.npz", True, "leave --rig out"),
-        ("a.mp4", True, "leave --rig out"),
         ("a.vrm", False, "name it with --rig"),
     ],
 )

@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError(
             f"{args.source} is not a folder; make a corpus with `echoavatar data rehearse` or `data prepare`"
         )
-    with tqdm(unit="step", smoothing=0.05, disable=os.environ.get("RANK", "0") != "0") as bar:
+    with tqdm(unit="step", smoothing=0.05, disable=os.environ.get("RANK", "0") != "0" or None) as bar:
 
         def progress(done: int, total: int) -> None:
             bar.total = total

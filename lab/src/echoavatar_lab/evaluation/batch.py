@@ -45,7 +45,7 @@ def animate_many(
     per_sample = (time.perf_counter() - started) / max(1, sum(len(sound) for sound in sounds))
     return [
         cut_to_sound(
-            join(list(session)), sound, skeleton=engine.skeleton, fps=FRAME_RATE_HZ, seconds=len(sound) * per_sample
+            join(list(session)), sound, skeleton=engine.skeleton, fps=FRAME_RATE_HZ, work_s=len(sound) * per_sample
         )
         for session, sound in zip(sessions, sounds, strict=True)
     ]

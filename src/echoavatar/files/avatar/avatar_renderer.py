@@ -1,26 +1,19 @@
 """Draw a pose as a picture; films, live video and virtual cameras all use this module."""
 
-import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from echoavatar.motion.kinematics import HUMANOID
-
 from .character import Character
+from .framing import View, aimed, followed
 from .gpu_render import GpuRenderer
 from .render import Camera, Paint, Renderer, Surface
 from .skinning import skin
 
-HEAD = HUMANOID.index("head")
-View = Literal["front", "left", "right", "back", "bust", "face"]  # left and right are the character's
-VIEWS: tuple[View, ...] = get_args(View)
 RendererName = Literal["cpu", "gpu"]
 RENDERERS: dict[RendererName, type[Renderer]] = {"cpu": Renderer, "gpu": GpuRenderer}
-_TURNS = {"front": 0.0, "left": 75.0, "right": -90.0, "back": 180.0}  # degrees of the camera about the body
-CLOSE: tuple[View, ...] = ("bust", "face")
 
 
 @dataclass(frozen=True)
@@ -57,31 +50,12 @@ class AvatarRenderer:
         camera: Camera | None = None,
     ) -> UInt8[np.ndarray, "h w c"]:
         """The picture of world rotations and positions; without `camera`, that of the shot's view follows the body."""
-        self._renderer.camera = camera or aimed(self.shot.view, positions[followed_joint(self.shot.view)])
-        points, normals = skin(self._character, rotations, positions, face)
+        view, who = self.shot.view, self._character
+        joint, size = followed(view, who)
+        self._renderer.camera = camera or aimed(view, positions[joint], size)
+        points, normals = skin(who, rotations, positions, face)
         return self._renderer.draw(Surface(points, normals, self.paint))
 
     def twin(self) -> "AvatarRenderer":
         """Another renderer of the same character, for another thread."""
         return AvatarRenderer(self._character, self.shot, self.paint)
-
-
-def followed_joint(view: View) -> int:
-    """The joint that the camera follows."""
-    return HEAD if view in CLOSE else 0
-
-
-def aimed(view: View, at: Float[np.ndarray, " 3"]) -> Camera:
-    """The camera of a view; `at` is where the hips are, or the head in a close view, in metres."""
-    x, y, z = (float(value) for value in at)
-    if view == "face":
-        return Camera((x + 0.10, y + 0.05, z + 0.82), (x, y + 0.03, z), 0.33)
-    if view == "bust":
-        return Camera((x + 0.22, y - 0.02, z + 1.45), (x, y - 0.12, z), 0.50)
-    turn = math.radians(_TURNS[view])
-    beside, before = 0.55, 3.9
-    placed = (
-        x + beside * math.cos(turn) + before * math.sin(turn),
-        z - beside * math.sin(turn) + before * math.cos(turn),
-    )
-    return Camera((placed[0], 1.35, placed[1]), (x, 0.93, z))

@@ -1,24 +1,27 @@
-"""The shipped character as data: a skinned mesh on the rest pose of `HUMANOID`, made by `tools/character`.
+"""A character as data: a skinned mesh and what is painted on it. The shipped ones are made by `tools/character`.
 
-Its pictures are encoded in its file, and decoded with their reductions (mip levels) for the rasteriser. Its morph
+Its pictures are encoded as in its file, and decoded with their reductions (mip levels) for the rasteriser. Its morph
 targets say what each blendshape adds to the vertices of the neutral face, kept sparse.
 """
 
 import io
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, Integer, UInt8
 from numpy.typing import ArrayLike
 
 from echoavatar.errors import CheckpointError, MotionError
 from echoavatar.limits import PIXELS
 from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
+from echoavatar.motion.kinematics import HUMANOID, Skeleton
 from echoavatar.nn.kernels import kernel
 
 NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
@@ -26,33 +29,9 @@ NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draw
 DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")
 
 
-@dataclass(frozen=True)
-class Textures:
-    """Encoded pictures, JPEG or PNG, or nothing for a detail that is left out.
-
-    `hair` has alpha. `knit` and `twill` are grey and repeat, as their normal and roughness maps do; the roughness map
-    of skin has the atlas's coordinates.
-    """
-
-    atlas: bytes
-    hair: bytes
-    knit: bytes
-    twill: bytes
-    knit_normal: bytes = b""
-    twill_normal: bytes = b""
-    skin_roughness: bytes = b""
-    knit_roughness: bytes = b""
-    twill_roughness: bytes = b""
-
-    @property
-    def present(self) -> list[str]:
-        """The names of the pictures that there are."""
-        return [name for name in NAMES + DETAILS if getattr(self, name)]
-
-    @classmethod
-    def of_arrays(cls, stored: dict[str, np.ndarray]) -> "Textures":
-        """The pictures of a character's npz."""
-        return cls(*(stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS))
+# Encoded pictures by name: JPEG, PNG or WebP. Of the shipped ones `hair` has alpha, `knit` and `twill` are grey and
+# repeat, as their normal and roughness maps do; the roughness map of skin has the atlas's coordinates.
+Textures = dict[str, bytes]
 
 
 class Texels(NamedTuple):
@@ -63,6 +42,7 @@ class Texels(NamedTuple):
 
 
 REDUCTIONS = 6
+TEXELS = 1 << 25  # of a character's pictures; 2048 x 2048 for each of eight
 
 
 def _pixels(encoded: bytes, mode: str) -> UInt8[np.ndarray, "h w *c"]:
@@ -74,7 +54,7 @@ def _pixels(encoded: bytes, mode: str) -> UInt8[np.ndarray, "h w *c"]:
     from PIL import Image
 
     try:
-        with Image.open(io.BytesIO(encoded), formats=("JPEG", "PNG")) as picture:
+        with Image.open(io.BytesIO(encoded), formats=("JPEG", "PNG", "WEBP")) as picture:
             if picture.width * picture.height > PIXELS:
                 raise CheckpointError(
                     f"a picture of {picture.width} x {picture.height} pixels, and at most {PIXELS:,} are read"
@@ -84,11 +64,19 @@ def _pixels(encoded: bytes, mode: str) -> UInt8[np.ndarray, "h w *c"]:
         raise CheckpointError(f"a picture of the character cannot be read ({error}); make it again") from error
 
 
-def decoded(textures: Textures) -> Texels:
-    """Decode the pictures and reduce each by halves."""
-    lists, table, start = [], np.zeros((len(NAMES), REDUCTIONS, 3), np.int64), 0
-    for row, name in enumerate(NAMES):
-        level = _pixels(getattr(textures, name), "RGBA")
+def decoded(pictures: Sequence[tuple[bytes, float]]) -> Texels:
+    """Decode pictures, each with a factor on its alpha, and reduce each by halves.
+
+    Many large ones are made smaller: they have `TEXELS` in all at most.
+    """
+    lists, table, start = [np.zeros((0, 4), np.uint8)], np.zeros((len(pictures), REDUCTIONS, 3), np.int64), 0
+    side = 2 ** int(math.log2(math.sqrt(TEXELS / max(1, len(pictures)))))
+    for row, (encoded, opacity) in enumerate(pictures):
+        level = _pixels(encoded, "RGBA")
+        while max(level.shape[:2]) > side:
+            level = _halved(level)
+        if opacity != 1:
+            level = np.dstack([level[..., :3], np.clip(level[..., 3] * opacity, 0, 255).astype(np.uint8)])
         for column in range(REDUCTIONS):
             height, width = level.shape[:2]
             table[row, column] = start, width, height
@@ -122,8 +110,7 @@ def looked_up(
 ) -> Float[np.ndarray, "v 3"]:
     """The sRGB colour (0 to 1) at each place of its picture, from the third level; picture -1 is white."""
     out = np.ones((len(uvs), 3), np.float32)
-    for row in range(len(NAMES)):
-        start, width, height = texels.table[row, 2]
+    for row, (start, width, height) in enumerate(texels.table[:, 2]):
         here = picture == row
         x = (uvs[here, 0] % 1 * width).astype(int).clip(0, width - 1)
         y = (uvs[here, 1] % 1 * height).astype(int).clip(0, height - 1)
@@ -222,6 +209,7 @@ def added(weights, starts, vertices, moves, turns, positions, normals, reach):  
             normals[v, i] *= scale
 
 
+HEAD_M = 0.188  # from the joint of our characters' heads to their tops
 CHARACTERS = ("maya", "theo", "amara")
 LEVELS = 3  # of detail: NAME.lod0.glb has about 40,000 triangles, NAME.lod1.glb 15,000, NAME.lod2.glb 6,000
 FOLDER = Path(str(files("echoavatar"))) / "assets" / "characters"
@@ -230,15 +218,21 @@ PLACE_UNIT = 2.0**-14  # metres; how places are stored
 
 
 class Material(NamedTuple):
-    """How a surface reflects light. Its colour is that of its picture times those of the vertices."""
+    """How a surface reflects light. Its colour is that of its picture times those of the vertices.
+
+    A cutout is drawn where the picture's alpha times `opacity` is a half or more; what `is_sheer` shows through as far
+    as that is below 1.
+    """
 
     name: str
     roughness: float
     picture: str = ""
     is_two_sided: bool = False
-    is_cutout: bool = False  # not drawn where the picture's alpha is below a half
+    is_cutout: bool = False
     relief: str = ""  # a normal map
     roughness_picture: str = ""
+    is_sheer: bool = False
+    opacity: float = 1.0
 
 
 MATERIALS = (
@@ -256,24 +250,64 @@ MATERIALS = (
 
 @dataclass(frozen=True)
 class Character:
-    """A skinned mesh in T-pose. `joints` index `BONES`; triangles are counter-clockwise."""
+    """A skinned mesh in the rest pose of its skeleton. Triangles are counter-clockwise.
+
+    `joints` index `BONES` of a shipped character, or the joints of the skeleton of another one.
+    """
 
     positions: Float[np.ndarray, "v 3"]
     normals: Float[np.ndarray, "v 3"]
     colours: UInt8[np.ndarray, "v 3"]  # sRGB; a factor on the picture
     uvs: Float[np.ndarray, "v 2"]  # v downwards; may leave 0..1 where the picture repeats
-    materials: UInt8[np.ndarray, " v"]  # index into MATERIALS
-    joints: UInt8[np.ndarray, "v 4"]
+    materials: Integer[np.ndarray, " v"]  # index into `palette`
+    joints: Integer[np.ndarray, "v 4"]
     weights: Float[np.ndarray, "v 4"]  # rows sum to 1
     triangles: Int[np.ndarray, "f 3"]
     face: Morphs  # blendshapes of the first vertices
     textures: Textures
+    palette: tuple[Material, ...] = MATERIALS
+    skeleton: Skeleton = HUMANOID
+
+    @property
+    def head(self) -> int:
+        """The joint of the head."""
+        return self.skeleton.config.vrm["head"]
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """The height of its body, and that of its head from the neck on, over those of ours."""
+        if self.skeleton is HUMANOID:
+            return 1.0, 1.0
+        ours = HUMANOID.rest_positions[HUMANOID.config.vrm["head"], 1]
+        height = float(self.skeleton.rest_positions[self.head, 1] / ours)
+        joints, corners = self.boxes
+        return height, float(corners[joints == self.head, :, 1].max(initial=0)) / HEAD_M or height
+
+    @cached_property
+    def boxes(self) -> tuple[Int[np.ndarray, " b"], Float[np.ndarray, "b 8 3"]]:
+        """The joints that vertices hang from, and from each of them to the corners of the box around these, metres."""
+        owners = self.joints[np.arange(len(self.joints)), self.weights.argmax(1)]
+        joints = np.unique(owners[owners < self.skeleton.joints])
+        corners = np.empty((len(joints), 8, 3))
+        for box, joint in zip(corners, joints, strict=True):
+            held = self.positions[owners == joint] - self.skeleton.rest_positions[joint].numpy()
+            box[:] = list(product(*zip(held.min(0), held.max(0), strict=True)))
+        return joints, corners
+
+    @cached_property
+    def pictures(self) -> list[tuple[str, float]]:
+        """The pictures that are drawn: the name in `textures`, and a factor on alpha."""
+        return list(dict.fromkeys((m.picture, m.opacity) for m in self.palette if m.picture))
+
+    def texels(self) -> tuple[Texels, Int[np.ndarray, " m"]]:
+        """The decoded pictures, and the row of each material's; -1: none."""
+        rows = [self.pictures.index((m.picture, m.opacity)) if m.picture else -1 for m in self.palette]
+        return decoded([(self.textures[name], opacity) for name, opacity in self.pictures]), np.array(rows, np.int32)
 
     def flat_colours(self) -> Float[np.ndarray, "v 3"]:
         """The sRGB colour of each vertex, 0 to 1, for files without pictures."""
-        order = {name: row for row, name in enumerate(NAMES)}
-        picture = np.array([order.get(material.picture, -1) for material in MATERIALS])[self.materials]
-        return looked_up(decoded(self.textures), picture, self.uvs) * (self.colours / np.float32(255))
+        texels, rows = self.texels()
+        return looked_up(texels, rows[self.materials], self.uvs) * (self.colours / np.float32(255))
 
     def with_face(self, weights: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
         """Positions and unit normals in the rest pose with an expression; weights are in the order of `face.names`."""
@@ -281,6 +315,9 @@ class Character:
         strengths = np.asarray(weights, np.float32)
         added(strengths, face.starts, face.vertices, face.moves, face.turns, positions, normals, face.reach)
         return positions, normals
+
+
+_ARRAYS = ("positions", "normals", "colours", "uvs", "materials", "joints", "weights", "triangles")
 
 
 def load_character(path: Path | str | None = None) -> Character:
@@ -293,8 +330,9 @@ def load_character(path: Path | str | None = None) -> Character:
         path = _shipped_file(path or CHARACTERS[0], "npz")
     try:
         stored = arrays_of(path, CheckpointError)
-        raw = {field.name: stored[field.name] for field in fields(Character) if field.name not in ("face", "textures")}
-        face, textures = Morphs.of_arrays(stored), Textures.of_arrays(stored)
+        raw: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+        raw["textures"] = {name: stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS}
+        raw["face"] = Morphs.of_arrays(stored)
     except NPZ_ERRORS as error:
         raise CheckpointError(f"{path} is not a character ({error}); make it again with tools/character") from error
     normals, weights = raw["normals"].astype(np.float32), raw["weights"].astype(np.float32)
@@ -303,7 +341,7 @@ def load_character(path: Path | str | None = None) -> Character:
     raw["triangles"] = raw["triangles"].astype(np.int32)
     raw["positions"] = raw["positions"].astype(np.float32) * np.float32(PLACE_UNIT)
     raw["uvs"] = (raw["uvs"] / UV_UNITS).astype(np.float32)
-    return Character(**raw, face=face, textures=textures)
+    return Character(**raw)
 
 
 def level_file(name: str, level: int) -> Path:

@@ -116,7 +116,7 @@ def meshes(buffer: Buffer, character: Character) -> list[dict[str, Any]]:
 
 def materials(textures: Textures) -> list[dict[str, Any]]:
     """The glTF form of `MATERIALS`; colours of vertices are factors on the pictures."""
-    index = {name: i for i, name in enumerate(textures.present)}
+    index = {name: i for i, name in enumerate(_present(textures))}
     made = []
     for material in MATERIALS:
         surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": material.roughness}
@@ -135,11 +135,16 @@ def materials(textures: Textures) -> list[dict[str, Any]]:
     return made
 
 
+def _present(textures: Textures) -> list[str]:
+    """The names of the pictures that are not left out."""
+    return [name for name, encoded in textures.items() if encoded]
+
+
 def pictures(buffer: Buffer, character: Character) -> dict[str, list[dict[str, Any]]]:
     """The images, samplers and textures of a document."""
-    images, names = [], character.textures.present
+    images, names = [], _present(character.textures)
     for name in names:
-        encoded = getattr(character.textures, name)
+        encoded = character.textures[name]
         kind = "image/png" if encoded[:4] == b"\x89PNG" else "image/jpeg"
         view = buffer.view(np.frombuffer(encoded, np.uint8))
         images.append({"name": name, "mimeType": kind, "bufferView": view})

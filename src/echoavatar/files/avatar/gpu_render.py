@@ -80,7 +80,7 @@ _BODY_FRAGMENT = (
     """#version 330
 uniform vec3 camera, look[6];
 uniform vec2 gloss;
-uniform bool is_painted, is_cutout;
+uniform bool is_painted, is_cutout, is_sheer;
 uniform float blur, samples;
 uniform int levels;
 uniform sampler2D picture, tone;
@@ -103,8 +103,9 @@ float toned(float value) { return texelFetch(tone, ivec2(clamp(int(value * 1024.
 void main() {
     vec3 painted = paint();
     if (is_cutout) {
-        ivec2 size = textureSize(picture, 1);
-        if (texelFetch(picture, clamp(ivec2(at * vec2(size)), ivec2(0), size - 1), 1).a < 0.5) discard;
+        ivec2 size = textureSize(picture, 1), odd = ivec2(gl_FragCoord.xy) & 1;
+        float least = is_sheer ? (32.0 + 64.0 * float(2 * odd.y + odd.x)) / 255.0 : 0.5;
+        if (texelFetch(picture, clamp(ivec2(fract(at) * vec2(size)), ivec2(0), size - 1), 1).a < least) discard;
     }
     vec3 n = normalize(across), ray = normalize(place - camera);
     float light = max(0.0, (dot(n, look[0]) + 0.12) / 1.12);
@@ -247,7 +248,7 @@ class GpuRenderer(Renderer):
         self._shadow_target.use()
         self._shadow_target.clear(-1e9)
         context.blend_equation, context.front_face = gl.MAX, "ccw"
-        for first, count, _, two_sided, _, _ in self._parts:
+        for first, count, _, two_sided, *_ in self._parts:
             context.enable_only(gl.BLEND if two_sided else gl.BLEND | gl.CULL_FACE)
             self._caster.render(gl.TRIANGLES, vertices=count, first=first)
 
@@ -256,9 +257,9 @@ class GpuRenderer(Renderer):
         self._body_target.use()
         self._body_target.clear()
         context.front_face = "cw"  # rows run downwards
-        for first, count, picture, two_sided, is_cutout, gloss in self._parts:
+        for first, count, picture, two_sided, is_cutout, is_sheer, gloss in self._parts:
             context.enable_only(gl.DEPTH_TEST if two_sided else gl.DEPTH_TEST | gl.CULL_FACE)
-            _set(self._body_program, gloss=gloss, is_painted=picture >= 0, is_cutout=is_cutout)
+            _set(self._body_program, gloss=gloss, is_painted=picture >= 0, is_cutout=is_cutout, is_sheer=is_sheer)
             if picture >= 0:
                 self._pictures[picture].use(self._unit)
             self._shape.render(gl.TRIANGLES, vertices=count, first=first)
@@ -266,12 +267,12 @@ class GpuRenderer(Renderer):
     def _upload(self, paint: Paint) -> None:
         """Send the data that all frames share to the card; triangles of one kind are drawn at once."""
         context, self._painted = self._context, paint
-        kinds = np.column_stack([paint.pictures, paint.two_sided, paint.cutouts >= 0, paint.glosses])
+        kinds = np.column_stack([paint.pictures, paint.two_sided, paint.cutouts >= 0, paint.sheer, paint.glosses])
         kinds, kind = np.unique(kinds, axis=0, return_inverse=True)
         counts = 3 * np.bincount(kind)  # corners
-        self._parts = [
-            (int(end - count), int(count), int(picture), bool(two_sided), bool(is_cutout), (strength, exponent))
-            for (picture, two_sided, is_cutout, strength, exponent), count, end in zip(
+        self._parts: list[tuple[Any, ...]] = [
+            (int(end - count), int(count), int(picture), *map(bool, flags), (strength, exponent))
+            for (picture, *flags, strength, exponent), count, end in zip(
                 kinds.tolist(), counts, counts.cumsum(), strict=True
             )
         ]

@@ -11,6 +11,7 @@ from echoavatar.nn.kernels import kernel
 F = np.float32
 ZERO, ONE, HALF = F(0.0), F(1.0), F(0.5)
 FAR, TINY = F(1e6), F(1e-9)
+REPEATS = F(64.0)  # a picture repeats at most so often to the left or above
 
 
 @kernel(fastmath=True)
@@ -103,12 +104,18 @@ def span(row, count, lefts, rights):  # type: ignore[no-untyped-def]
     return max(0, int(first)), min(count, int(last))
 
 
+@kernel(fastmath=True, inline="always")
+def repeated(place):  # type: ignore[no-untyped-def]
+    """A coordinate of a picture, which repeats, as one in 0 to 1."""
+    return place - F(int(place + REPEATS) - int(REPEATS))
+
+
 @kernel(fastmath=True)
-def visible(screen, triangles, depth, ids, box, uvs, two_sided, cutouts, texels, table):  # type: ignore[no-untyped-def]
+def visible(screen, triangles, depth, ids, box, uvs, two_sided, cutouts, sheer, texels, table):  # type: ignore[no-untyped-def]
     """Fill `depth` (h, w; nearness 1/z) and `ids` (h, w; triangle or -1) inside `box`, which holds all of `screen`.
 
     `two_sided` (f) triangles are seen from both sides. `cutouts` (f) names the picture whose alpha of a half or more is
-    seen alone, or is -1.
+    seen alone, or is -1. A `sheer` (f) one is seen in as many of four neighbouring samples as its alpha says.
     """
     left, top, right, bottom = box
     depth[top:bottom, left:right] = ZERO
@@ -147,10 +154,11 @@ def visible(screen, triangles, depth, ids, box, uvs, two_sided, cutouts, texels,
                     if picture >= 0:
                         p, q = u + r * eu + F(k) * du, v + r * ev + F(k) * dv
                         o = ONE - p - q
-                        i = int((p * uvs[a, 0] + q * uvs[b, 0] + o * uvs[c, 0]) * F(wide))
-                        j = int((p * uvs[a, 1] + q * uvs[b, 1] + o * uvs[c, 1]) * F(tall))
+                        i = int(repeated(p * uvs[a, 0] + q * uvs[b, 0] + o * uvs[c, 0]) * F(wide))
+                        j = int(repeated(p * uvs[a, 1] + q * uvs[b, 1] + o * uvs[c, 1]) * F(tall))
                         texel = start + min(tall - 1, max(0, j)) * wide + min(wide - 1, max(0, i))
-                        is_clear = texels[texel, 3] < 128
+                        least = 32 + 64 * (2 * (row & 1) + (column & 1)) if sheer[t] else 128
+                        is_clear = texels[texel, 3] < least
                     if not is_clear:
                         depth[row, column] = near
                         ids[row, column] = t

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from . import raster, shading
 from .backdrop import Backdrop, tone_curve
-from .character import MATERIALS, NAMES, Character, Texels, decoded, grey_at
+from .character import Character, Texels, grey_at
 
 _BYTES = np.arange(256) / 255
 _LINEAR = np.where(_BYTES <= 0.04045, _BYTES / 12.92, ((_BYTES + 0.055) / 1.055) ** 2.4).astype(np.float32)
@@ -53,34 +53,36 @@ class Paint:
     pictures: Int[np.ndarray, " f"]  # -1: none
     two_sided: Bool[np.ndarray, " f"]
     cutouts: Int[np.ndarray, " f"]  # the picture whose opaque places are seen alone; -1: none
+    sheer: Bool[np.ndarray, " f"]  # whether a cutout shows through where it is less than opaque
     glosses: Float[np.ndarray, "f 2"]
     texels: Texels
 
     @classmethod
     def of(cls, character: Character) -> "Paint":
         """The paint of a character; its pictures are decoded here."""
-        material = character.materials[character.triangles[:, 0]]
-        pictures = np.array([NAMES.index(m.picture) if m.picture else -1 for m in MATERIALS], np.int32)
-        cuts = np.array([m.is_cutout for m in MATERIALS])
+        material, palette = character.materials[character.triangles[:, 0]], character.palette
+        texels, pictures = character.texels()
+        cuts = np.array([m.is_cutout or m.is_sheer for m in palette])
         return cls(
             colours=_LINEAR[character.colours],
             triangles=np.ascontiguousarray(character.triangles, np.uint32),
             uvs=np.ascontiguousarray(character.uvs, np.float32),
             pictures=pictures[material],
-            two_sided=np.array([m.is_two_sided for m in MATERIALS])[material],
+            two_sided=np.array([m.is_two_sided for m in palette])[material],
             cutouts=np.where(cuts, pictures, -1)[material],
+            sheer=np.array([m.is_sheer for m in palette])[material],
             glosses=_glosses(character, material),
-            texels=decoded(character.textures),
+            texels=texels,
         )
 
 
 def _glosses(character: Character, material: Integer[np.ndarray, " f"]) -> Float[np.ndarray, "f 2"]:
     """Each triangle's highlight is its material's; hair painted on skin (by the roughness map) has none."""
-    glosses: Float[np.ndarray, "f 2"] = np.array([_gloss(m.roughness) for m in MATERIALS], np.float32)[material]
-    if character.textures.skin_roughness:
-        skin = [m.name for m in MATERIALS].index("skin")
+    glosses: Float[np.ndarray, "f 2"] = np.array([_gloss(m.roughness) for m in character.palette], np.float32)[material]
+    if roughness := character.textures.get("skin_roughness"):
+        skin = [m.name for m in character.palette].index("skin")
         places = character.uvs[character.triangles].mean(1)
-        glosses[(material == skin) & (grey_at(character.textures.skin_roughness, places) > MATT)] = _gloss(1.0)
+        glosses[(material == skin) & (grey_at(roughness, places) > MATT)] = _gloss(1.0)
     return glosses
 
 
@@ -154,7 +156,9 @@ class Renderer:
         self._draw_shadow(image, points, place, rays, to_light)
         box = self._box(self._screen)
         buffers = self._depth, self._ids, box
-        raster.visible(self._screen, paint.triangles, *buffers, paint.uvs, paint.two_sided, paint.cutouts, *texels)
+        raster.visible(
+            self._screen, paint.triangles, *buffers, paint.uvs, paint.two_sided, paint.cutouts, paint.sheer, *texels
+        )
         shading.shade(
             self._screen,
             points,
@@ -175,6 +179,7 @@ class Renderer:
             paint.uvs,
             paint.pictures,
             paint.glosses,
+            paint.sheer,
             texels.values,
             texels.table,
             _LINEAR,

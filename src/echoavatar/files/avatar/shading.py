@@ -7,10 +7,9 @@ import math
 
 from echoavatar.nn.kernels import kernel
 
-from .raster import HALF, ONE, ZERO, F
+from .raster import HALF, ONE, ZERO, F, repeated
 
 BLUR = F(2.5)  # a sample that covers more texels reads the next smaller picture
-REPEATS = F(64.0)  # a picture repeats at most so often to the left or above
 FADE_METRES = F(2.6)  # distance from the body at which its shadow on the floor is gone
 
 
@@ -57,8 +56,7 @@ def wrapped(index, count):  # type: ignore[no-untyped-def]
 def sampled(texels, table, to_linear, picture, level, x, y):  # type: ignore[no-untyped-def]
     """Linear colour of a picture at (x, y), which may repeat, between the four texels around."""
     start, wide, high = table[picture, level, 0], table[picture, level, 1], table[picture, level, 2]
-    x = (x - F(int(x + REPEATS) - int(REPEATS))) * F(wide) + HALF
-    y = (y - F(int(y + REPEATS) - int(REPEATS))) * F(high) + HALF
+    x, y = repeated(x) * F(wide) + HALF, repeated(y) * F(high) + HALF
     right, lower = int(x), int(y)
     fx, fy = x - F(right), y - F(lower)
     red, green, blue = ZERO, ZERO, ZERO
@@ -183,29 +181,31 @@ def nearness(points, contact, contact_map):  # type: ignore[no-untyped-def]
 @kernel(fastmath=True)
 def shade(  # type: ignore[no-untyped-def]
     screen, points, normals, colours, triangles, ids, depth, box, samples, camera, rays, to_light, shadow, look, tone,
-    image, uvs, pictures, glosses, texels, table, to_linear,
+    image, uvs, pictures, glosses, sheer, texels, table, to_linear,
 ):  # fmt: skip
     """Draw the body on `image` (h, w, 3 or 4) uint8 from `samples` x `samples` visibility samples a pixel, in `box`.
 
     `pictures` (f) and `glosses` (f, 2) are the picture (or -1) and the highlights of each triangle.
     `look` rows: light direction, key light, sky, ground, direction and colour of the light from behind. Samples that
-    see the same stretch of surface are lit once.
+    see the same stretch of surface are lit once, unless it is `sheer` (f).
     """
     left, top, right, bottom = box
     has_alpha = image.shape[2] == 4
     for row in range(top // samples, (bottom + samples - 1) // samples):
         for column in range(left // samples, (right + samples - 1) // samples):
-            seen = 0
+            seen, is_mixed = 0, False
             nearest, farthest = ZERO, F(1e9)
             for sy in range(samples):
                 for sx in range(samples):
                     near = depth[row * samples + sy, column * samples + sx]
-                    seen += near > ZERO
+                    if near > ZERO:
+                        seen += 1
+                        is_mixed |= sheer[ids[row * samples + sy, column * samples + sx]]
                     nearest, farthest = max(nearest, near), min(farthest, near)
             if seen == 0:
                 continue
             r, g, b = ZERO, ZERO, ZERO
-            wanted = 1 if nearest - farthest < F(0.004) * nearest else samples
+            wanted = samples if is_mixed or nearest - farthest >= F(0.004) * nearest else 1
             for sy in range(wanted):
                 for sx in range(wanted):
                     y, x = row * samples + sy, column * samples + sx

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.nn.kernels import kernel
 
 from .character import Character
@@ -22,8 +23,11 @@ def skin(
     `face` holds the weights of the character's blendshapes; None is the neutral face.
     """
     positions, normals = (character.positions, character.normals) if face is None else character.with_face(face)
-    rotations, places = with_halfway(np.asarray(world_rotations, np.float32), np.asarray(world_positions, np.float32))
-    shift = places - np.einsum("jik,jk->ji", rotations, REST)
+    rotations, places = np.asarray(world_rotations, np.float32), np.asarray(world_positions, np.float32)
+    rest = character.skeleton.rest_positions.numpy()
+    if character.skeleton is HUMANOID:
+        (rotations, places), rest = with_halfway(rotations, places), REST
+    shift = places - np.einsum("jik,jk->ji", rotations, rest)
     moves = np.concatenate([rotations, shift[:, :, None]], 2).astype(np.float32)
     vertices, turned = np.empty_like(positions), np.empty_like(normals)
     blended(positions, normals, character.joints, character.weights, moves, vertices, turned)

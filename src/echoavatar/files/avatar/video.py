@@ -17,13 +17,13 @@ from echoavatar.motion.kinematics import Motion
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.whole_file import whole_file
 
-from .avatar_renderer import CLOSE, AvatarRenderer, Shot, View, aimed, followed_joint
+from .avatar_renderer import AvatarRenderer, Shot
 from .character import Character, checked_face, load_character
+from .framing import path as camera_path
 
-__all__ = ["Shot", "View", "default_size", "film", "write_film"]
+__all__ = ["Shot", "film", "write_film"]
 
 SOUND_RATE_HZ = 48_000
-FOLLOW_SECONDS = 0.7  # standard deviation of the window that smooths the camera's path
 THREADS = 2  # renderers at once
 _CODECS = {".mp4": ("libx264", "aac"), ".webm": ("libvpx-vp9", "libopus")}
 _OPTIONS: dict[str, dict[str, str]] = {
@@ -49,10 +49,10 @@ def write_film(
     Raises:
         MotionError: the file cannot be written, the suffix has no alpha channel, or the face does not fit the motion.
     """
-    shot, suffix = shot or Shot(), path.suffix.lower()
+    shot, suffix, character = shot or Shot(), path.suffix.lower(), character or load_character()
     if shot.alpha and suffix != ".webm":
         raise MotionError(f"{path.name} cannot hold an alpha channel; write .webm")
-    curves = None if face is None else checked_face(face, motion.frames)
+    curves = None if face is None else checked_face(face, motion.frames, len(character.face.names))
     frames = film(motion, face=curves, character=character, shot=shot)
     with (
         whole_file(path, error=MotionError, failures=(av.error.FFmpegError,)) as partial,
@@ -68,24 +68,20 @@ def film(
     character: Character | None = None,
     shot: Shot | None = None,
 ) -> Generator[UInt8[np.ndarray, "h w c"], None, None]:
-    """The pictures of a motion, frame by frame, drawn by two threads.
-
-    The camera smoothly follows the hips, or the head where the view is close.
-    """
-    shot = shot or Shot()
-    first = AvatarRenderer(character or load_character(), shot)
+    """The pictures of a motion on the character's skeleton, frame by frame, drawn by two threads."""
+    shot, character = shot or Shot(), character or load_character()
+    first = AvatarRenderer(character, shot)
     idle: SimpleQueue[AvatarRenderer] = SimpleQueue()
     for renderer in (first, *(first.twin() for _ in range(THREADS - 1))):
         idle.put(renderer)
     pose = motion.pose()
     rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
-    followed = _smoothed(positions[:, followed_joint(shot.view)], motion.fps)
+    cameras = camera_path(shot.view, shot.size, character, rotations, positions, motion.fps)
 
     def drawn(frame: int) -> UInt8[np.ndarray, "h w c"]:
         renderer = idle.get()
         weights = None if face is None else face[frame]
-        camera = aimed(shot.view, followed[frame])
-        picture = renderer.draw(rotations[frame], positions[frame], weights, camera)
+        picture = renderer.draw(rotations[frame], positions[frame], weights, cameras[frame])
         idle.put(renderer)
         return picture
 
@@ -97,17 +93,6 @@ def film(
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
-
-
-def default_size(view: View) -> tuple[int, int]:
-    """The size of a film in pixels, where the user gives none."""
-    return (720, 720) if view in CLOSE else (1280, 720)
-
-
-def _smoothed(places: Float[np.ndarray, "t 3"], fps: float) -> Float[np.ndarray, "t 3"]:
-    from scipy.ndimage import gaussian_filter1d
-
-    return np.asarray(gaussian_filter1d(places, FOLLOW_SECONDS * fps, axis=0, mode="nearest"))
 
 
 def _encode(

@@ -1,4 +1,4 @@
-"""Write FBX through the user's own Blender, which converts a GLB in a separate process.
+"""Write FBX through the user's own Blender or its package `bpy`, which converts a GLB in a separate process.
 
 FBX has no open specification, so a program that knows the format writes it. As Blender runs separately, its licence
 does not extend to this package.
@@ -7,7 +7,9 @@ does not extend to this package.
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
 from echoavatar.errors import DependencyError, MotionError
@@ -23,7 +25,12 @@ source, target = sys.argv[sys.argv.index("--") + 1:]
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.scene.render.fps = FPS
 bpy.ops.import_scene.gltf(filepath=source)
-actions = [a for a in bpy.data.actions if any("pose.bones" in c.data_path for c in a.fcurves)]
+def curves(action):
+    if hasattr(action, "fcurves"):
+        return action.fcurves
+    strips = [strip for layer in action.layers for strip in layer.strips]  # Blender 5
+    return [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
+actions = [a for a in bpy.data.actions if any("pose.bones" in c.data_path for c in curves(a))]
 if actions:
     bpy.context.scene.frame_start = int(min(a.frame_range[0] for a in actions))
     bpy.context.scene.frame_end = int(max(a.frame_range[1] for a in actions))
@@ -32,20 +39,21 @@ bpy.ops.export_scene.fbx(filepath=target, add_leaf_bones=False, bake_anim=True,
 """
 
 
-def find_blender() -> str:
-    """The path of Blender: $BLENDER, or the one on the search path.
+def find_blender() -> list[str]:
+    """The words before the name of a script: of $BLENDER, the Blender on the search path, or Python with `bpy`.
 
     Raises:
         DependencyError: there is no Blender.
     """
     named = os.environ.get(PROGRAM, "")
-    found = shutil.which(named or "blender")
-    if found is None:
-        raise DependencyError(
-            f"FBX needs Blender, and there is no {named or 'blender'!r}: install it"
-            f" (https://www.blender.org, or apt-get install blender), or set ${PROGRAM} to its path"
-        )
-    return found
+    if found := shutil.which(named or "blender"):
+        return [found, "--background", "--factory-startup", "--python-exit-code", "1", "--python"]
+    if not named and find_spec("bpy"):
+        return [sys.executable]
+    raise DependencyError(
+        f"FBX needs Blender, and there is no {named or 'blender'!r}: pip install bpy, install the program"
+        f" (https://www.blender.org, or apt-get install blender), or set ${PROGRAM} to its path"
+    )
 
 
 def write_fbx(path: Path, glb: bytes, fps: float) -> None:
@@ -60,15 +68,15 @@ def write_fbx(path: Path, glb: bytes, fps: float) -> None:
         source, target, script = (Path(folder) / name for name in ("in.glb", "out.fbx", "convert.py"))
         source.write_bytes(glb)
         script.write_text(_SCRIPT.replace("FPS", str(round(fps))), encoding="utf-8")
-        words = [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(script)]
+        words = [*program, str(script), "--", str(source), str(target)]
         try:
-            done = subprocess.run(
-                [*words, "--", str(source), str(target)], capture_output=True, text=True, timeout=TIMEOUT_S
-            )
+            done = subprocess.run(words, capture_output=True, text=True, timeout=TIMEOUT_S)
         except (OSError, subprocess.TimeoutExpired) as error:
-            raise MotionError(f"{program} did not write {path} ({error}); write .glb and convert it by hand") from error
+            raise MotionError(
+                f"{program[0]} did not write {path} ({error}); write .glb and convert it by hand"
+            ) from error
         if done.returncode or not target.exists():
             last = (done.stderr or done.stdout).strip().splitlines()[-3:]
-            raise MotionError(f"{program} did not write {path}: {' / '.join(last)}; try a newer Blender")
+            raise MotionError(f"{program[0]} did not write {path}: {' / '.join(last)}; try a newer Blender")
         with whole_file(path, error=MotionError) as partial:
             shutil.copyfile(target, partial)

@@ -19,6 +19,7 @@ from echoavatar.whole_file import write_whole
 from ..avatar import Character, load_character
 from ..avatar.gltf import GltfAnimation, pack_glb
 from .blender import find_blender, write_fbx
+from .rig_character import film_character
 from .smplx import write_smplx
 from .take import Take
 from .target_rig import Rig, pack_on_rig
@@ -46,7 +47,7 @@ def write_take(
 ) -> None:
     """Write a take, retargeted to `rig` where one is given.
 
-    A film shows `character` (default: Maya) as `shot` says; `progress` receives the frames filmed, and all frames.
+    A film shows `rig` or `character` (default: Maya) as `shot` says; `progress` receives the frames filmed, and all.
 
     Raises:
         EchoAvatarError: as `check_output`, or the take does not fit the format.
@@ -55,9 +56,11 @@ def write_take(
     if path.suffix.lower() in FILMS:
         from ..avatar.video import write_film
 
-        take = take.on_humanoid()
-        audio = np.zeros(0, np.float32) if take.audio is None else take.audio
-        write_film(path, take.motion, audio, face=take.face, character=character, shot=shot, progress=progress)
+        take = take.on_humanoid() if rig is None else rig.retarget(take)
+        face, audio = take.face, np.zeros(0, np.float32) if take.audio is None else take.audio
+        if rig is not None:
+            character, face = film_character(rig, face, take.motion.frames)
+        write_film(path, take.motion, audio, face=face, character=character, shot=shot, progress=progress)
         return
     write = next(write for ending, write in _WRITERS.items() if path.name.lower().endswith(ending))
     write(path, take if rig is None else rig.retarget(take), rig)
@@ -77,7 +80,7 @@ def check_output(output: Path, *, has_rig: bool) -> None:
         raise EchoAvatarError(f"cannot write {output}: {output.parent} is not a folder; make it first")
     if not os.access(output.parent, os.W_OK) or output.is_dir():
         raise EchoAvatarError(f"cannot write {output}: no permission or a folder of that name; choose another -o")
-    if has_rig and output.name.lower().endswith((FACE_CSV, FACE47_CSV, SMPLX_NPZ, *USD, *FILMS)):
+    if has_rig and output.name.lower().endswith((FACE_CSV, FACE47_CSV, SMPLX_NPZ, *USD)):
         raise EchoAvatarError(f"cannot write {output.name!r} with --rig: leave --rig out, or write .glb")
     if suffix == ".vrm" and not has_rig:
         raise EchoAvatarError("a .vrm is written into your own character: name it with --rig, or write .glb or .vrma")

@@ -16,6 +16,7 @@ import numpy as np
 
 MEMORY = 224 << 20  # bytes that decoding may take
 SECONDS = 60
+INDICES = -1  # stands for the id of the triangles' corners
 Array = np.ndarray
 
 
@@ -63,7 +64,7 @@ def _serve() -> None:
     for size, wanted in json.loads(source.read(length)):
         mesh: Any = DracoPy.decode(source.read(size))
         for unique in wanted.values():
-            values = mesh.get_attribute_by_unique_id(unique)["data"]
+            values = mesh.faces if unique == INDICES else mesh.get_attribute_by_unique_id(unique)["data"]
             left -= values.nbytes
             if left < 0:
                 raise MemoryError

@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.json_reader import read_object
@@ -28,6 +28,7 @@ MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, struct.error)
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_TOGETHER = {"POSITION", "JOINTS_0", "WEIGHTS_0"}, {"NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0", "indices"}
 _PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp", b"\xabKTX": "image/ktx2"}
 
 
@@ -143,27 +144,43 @@ def attribute(document: dict[str, Any], binary: Binary, part: dict[str, Any], na
     count = document["accessors"][part["attributes"]["POSITION"]]["count"]
     if entry is None or name not in entry["attributes"]:
         return read_accessor(document, binary, index, count)
-    if entry["bufferView"] not in binary.meshes:
-        _unpack_meshes(document, binary)
+    if name not in binary.meshes.get(entry["bufferView"], {}):
+        _unpack_meshes(document, binary, next(names for names in _TOGETHER if name in names))
     values = binary.meshes[entry["bufferView"]][name]
     if len(values) != count:
         raise ValueError(f"a Draco mesh of {len(values):,} vertices, where the file states {count:,}")
     return _scaled(values, document["accessors"][index])
 
 
-def _unpack_meshes(document: dict[str, Any], binary: Binary) -> None:
-    """Unpack what this package reads of all Draco meshes with weights at once: it takes a process."""
+def corners(document: dict[str, Any], binary: Binary, part: dict[str, Any]) -> Int[Array, " n"]:
+    """The vertices of a primitive in their order, which may be in a Draco mesh."""
+    if entry := part.get("extensions", {}).get(DRACO):
+        if "indices" not in binary.meshes.get(entry["bufferView"], {}):
+            _unpack_meshes(document, binary, _TOGETHER[1])
+        return binary.meshes[entry["bufferView"]]["indices"].reshape(-1).astype(np.int64)
+    if "indices" not in part:
+        return np.arange(document["accessors"][part["attributes"]["POSITION"]]["count"])
+    count = document["accessors"][part["indices"]]["count"]
+    return read_accessor(document, binary, part["indices"], count)[:, 0].astype(np.int64)
+
+
+def _unpack_meshes(document: dict[str, Any], binary: Binary, wanted: set[str]) -> None:
+    """Unpack some attributes of all Draco meshes at once: it takes a process."""
     parts: dict[int, dict[str, int]] = {}
     for mesh in document["meshes"]:
         for part in mesh["primitives"]:
             if entry := part.get("extensions", {}).get(DRACO):
-                names = {"POSITION", "JOINTS_0", "WEIGHTS_0"} & entry["attributes"].keys()
-                parts[entry["bufferView"]] = {name: int(entry["attributes"][name]) for name in sorted(names)}
-    sent = []
-    for index, wanted in parts.items():
-        data, start, view = _view(document, binary, index)
-        sent.append((bytes(memoryview(data)[start:][: view["byteLength"]]), wanted))
-    binary.meshes.update(zip(parts, draco.unpacked(sent, UNPACKED_BYTES), strict=True))
+                ids = entry["attributes"] | {"indices": draco.INDICES}
+                parts[entry["bufferView"]] = {name: int(ids[name]) for name in sorted(wanted & ids.keys())}
+    sent = [(view_bytes(document, binary, index), ids) for index, ids in parts.items()]
+    for index, found in zip(parts, draco.unpacked(sent, UNPACKED_BYTES), strict=True):
+        binary.meshes[index] = binary.meshes.get(index, {}) | found
+
+
+def view_bytes(document: dict[str, Any], binary: Binary, index: int) -> bytes:
+    """The bytes of a view."""
+    data, start, view = _view(document, binary, index)
+    return bytes(memoryview(data)[start:][: view["byteLength"]])
 
 
 def read_accessor(

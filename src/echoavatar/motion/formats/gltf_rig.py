@@ -9,11 +9,12 @@ so, because the nodes may stand in the middle of an animation; or else the nodes
 
 import logging
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
 from echoavatar.errors import MotionError
@@ -275,7 +276,7 @@ def skinned(rig: GltfRig) -> Skinned:
                 f"{rig.path} has no skin, so nothing says which vertex follows which bone; export it rigged"
             )
         plain = plain_rig(rig.skeleton)
-        vertices, weights = _skin(rig, _moves(rig, plain))
+        vertices, weights = _skin(rig, plain)
         if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
             raise ValueError("vertices or weights that are not finite")
     return Skinned(plain.skeleton, vertices, weights)
@@ -292,16 +293,56 @@ def _moves(rig: GltfRig, plain: PlainRig) -> Float[Array, "j 4 4"]:
     return moves
 
 
-def _skin(rig: GltfRig, moves: Float[Array, "j 4 4"]) -> tuple[Float[Array, "v 3"], csr_array]:
-    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints.
+def _skin(rig: GltfRig, plain: PlainRig) -> tuple[Float[Array, "v 3"], csr_array]:
+    """The skinned vertices of all meshes, and their weights (v, j) on the rig's joints."""
+    vertices, owners, shares = [], [], []
+    for part in parts_of(rig, plain):
+        own = part.is_own
+        vertices.append(part.moved(part.places[own], own).astype(np.float32))
+        owners.append(part.owners[part.joints[own]])
+        shares.append(part.shares[own].astype(np.float32))
+    if not sum(map(len, vertices)):
+        raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
+    share = np.concatenate(shares)
+    starts = np.arange(0, share.size + 1, 4)
+    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(rig.order)))
+    weights.sum_duplicates()
+    return np.concatenate(vertices), weights
+
+
+BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex
+
+
+class Part(NamedTuple):
+    """A primitive of a mesh, and what it hangs from."""
+
+    node: int
+    entry: dict[str, Any]  # of the document
+    places: Float[Array, "v 3"]  # in the file
+    joints: Int[Array, "v 4"]  # index `moves` and `owners`
+    shares: Float[Array, "v 4"]  # of the joints that are the character's
+    moves: Float[Array, "k 4 4"]  # from the file to the pose
+    owners: Int[Array, " k"]  # joints of the rig
+    is_own: Bool[Array, " v"]  # whether a vertex hangs mostly from the character
+
+    def moved(self, vectors: Float[Array, "v 3"], rows: Array, *, are_places: bool = True) -> Float[Array, "v 3"]:
+        """Places, or else directions, in the pose; `rows` says at which of the primitive's vertices they are."""
+        far = np.concatenate([vectors, np.full((len(vectors), 1), float(are_places))], 1)
+        share, joints = self.shares[rows], self.joints[rows]
+        blocks = [slice(start, start + BLOCK) for start in range(0, len(far), BLOCK)]
+        moved = [np.einsum("vk,vkij,vj->vi", share[at], self.moves[joints[at]], far[at])[:, :3] for at in blocks]
+        return np.concatenate(moved) if moved else far[:, :3]
+
+
+def parts_of(rig: GltfRig, plain: PlainRig, *, has_rigid: bool = False) -> Iterator[Part]:
+    """The primitives of all skinned meshes in the rest pose of `plain`; with `has_rigid` also of those without a skin.
 
     Where no mesh is skinned, the parts hang on the bones as they are. What hangs mostly from nodes of another tree,
-    such as those of a second character, is left out.
+    such as those of a second character, is not its own.
     """
-    document, binary, owner = rig.document, rig.binary, _owners(rig)
+    document, binary, owner, moves = rig.document, rig.binary, _owners(rig), _moves(rig, plain)
     skins: dict[int, tuple[Array, Array]] = {}
-    vertices, owners, shares = [], [], []
-    for node, skin, part in _drawn(document):
+    for node, skin, part in _drawn(document, has_rigid):
         places = attribute(document, binary, part, "POSITION")
         if skin is None:
             joints, share = np.zeros((len(places), 4), int), np.tile([1.0, 0, 0, 0], (len(places), 1))
@@ -320,22 +361,11 @@ def _skin(rig: GltfRig, moves: Float[Array, "j 4 4"]) -> tuple[Float[Array, "v 3
         share = share / np.maximum(share.sum(1, keepdims=True), 1e-9)
         own = np.where(known[joints] >= 0, share, 0)
         held_here = own.sum(1)
-        is_own = ~(held_here < 0.5)
         own = own / np.maximum(held_here, 1e-9)[:, None]
-        places, own, joints = places[is_own], own[is_own], joints[is_own]
-        vertices.append(_moved(places, own, joints, placed).astype(np.float32))
-        owners.append(np.maximum(known[joints], 0))
-        shares.append(own.astype(np.float32))
-    if not sum(map(len, vertices)):
-        raise MotionError("no mesh of the file is skinned; export the character with its skin weights")
-    share = np.concatenate(shares)
-    starts = np.arange(0, share.size + 1, 4)
-    weights = csr_array((share.ravel(), np.concatenate(owners).ravel(), starts), (len(share), len(rig.order)))
-    weights.sum_duplicates()
-    return np.concatenate(vertices), weights
+        yield Part(node, part, places, joints, own, placed, np.maximum(known, 0), ~(held_here < 0.5))
 
 
-def _drawn(document: dict[str, Any]) -> list[tuple[int, int | None, dict[str, Any]]]:
+def _drawn(document: dict[str, Any], has_rigid: bool) -> list[tuple[int, int | None, dict[str, Any]]]:
     """The node, the skin and each primitive of all skinned meshes, or of all meshes where none is skinned.
 
     Raises for more primitives or vertices than a body has.
@@ -343,31 +373,18 @@ def _drawn(document: dict[str, Any]) -> list[tuple[int, int | None, dict[str, An
     drawn = [(index, node) for index, node in enumerate(document["nodes"]) if "mesh" in node]
     skinned = [(index, node) for index, node in drawn if "skin" in node]
     found, primitives, vertices = [], 0, 0
-    for index, node in skinned or ([] if document.get("skins") else drawn):
+    for index, node in drawn if has_rigid else skinned or ([] if document.get("skins") else drawn):
         parts = document["meshes"][node["mesh"]]["primitives"]
         primitives += len(parts)
         if primitives > PRIMITIVES:
             raise ValueError(f"meshes of {primitives:,} primitives, and at most {PRIMITIVES:,} are read")
         for part in parts:
-            if "JOINTS_0" in part["attributes"] or not skinned:
+            if "JOINTS_0" in part["attributes"] or not skinned or "skin" not in node:
                 vertices += document["accessors"][part["attributes"]["POSITION"]]["count"]
                 found.append((index, node.get("skin"), part))
             if vertices > VERTICES:
                 raise ValueError(f"meshes of {vertices:,} vertices, and at most {VERTICES:,} are read")
     return found
-
-
-BLOCK = 1 << 14  # vertices that are moved at once: a matrix for each influence takes half a kilobyte a vertex
-
-
-def _moved(
-    places: Float[Array, "v 3"], share: Float[Array, "v k"], joints: Int[Array, "v k"], moves: Float[Array, "j 4 4"]
-) -> Float[Array, "v 3"]:
-    """The vertices where their joints put them."""
-    far = np.concatenate([places, np.ones((len(places), 1))], 1)
-    blocks = [slice(start, start + BLOCK) for start in range(0, len(far), BLOCK)]
-    moved = [np.einsum("vk,vkij,vj->vi", share[here], moves[joints[here]], far[here])[:, :3] for here in blocks]
-    return np.concatenate(moved) if moved else far[:, :3]
 
 
 def _owners(rig: GltfRig) -> dict[int, int]:

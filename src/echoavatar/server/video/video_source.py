@@ -10,7 +10,8 @@ from jaxtyping import Float, Int16, UInt8
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.files.avatar import Character, load_character
-from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot, aimed, followed_joint
+from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot
+from echoavatar.files.avatar.framing import aimed, followed
 from echoavatar.files.avatar.render import Paint
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
@@ -74,7 +75,7 @@ class VideoSource:
                 f"video shows the humanoid of {HUMANOID.joints} bones; this model moves a rig of {len(rig.names)}"
             )
         painted, paint = _painted(character)
-        self._renderer = AvatarRenderer(painted, shot, paint)
+        self._character, self._renderer = painted, AvatarRenderer(painted, shot, paint)
         self._curves = curves
         self._sound, self._poses = SoundTrack(), PoseTrack()
         self._waiting = deque[Motion | Flush](maxlen=MOST_MOTION)
@@ -118,7 +119,8 @@ class VideoSource:
         )
         positions = world.positions.numpy()
         view = self._renderer.shot.view
-        camera = aimed(view, self._follow(at, positions[followed_joint(view)]))
+        joint, size = followed(view, self._character)
+        camera = aimed(view, self._follow(at, positions[joint]), size)
         return self._renderer.draw(world.rotations.numpy(), positions, face, camera)
 
     def _hear(self) -> None:

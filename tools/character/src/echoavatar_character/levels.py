@@ -56,7 +56,7 @@ def simplified(character: Character, level: int) -> Character:
     made = part(character, np.concatenate(kept))
     if level < len(TRIANGLES) - 1:
         return made
-    return replace(made, textures=replace(made.textures, **dict.fromkeys(DETAILS, b"")))  # colours alone
+    return replace(made, textures=made.textures | dict.fromkeys(DETAILS, b""))  # colours alone
 
 
 def _hair(character: Character, level: int) -> tuple[Character, list[Int[np.ndarray, "f 3"]]]:

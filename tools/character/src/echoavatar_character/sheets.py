@@ -16,7 +16,8 @@ import echoavatar
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.files.avatar import CHARACTERS, Character, load_character
-from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot, View
+from echoavatar.files.avatar.avatar_renderer import AvatarRenderer, Shot
+from echoavatar.files.avatar.framing import View
 from echoavatar.files.avatar.render import Camera, Paint, Renderer, Surface
 from echoavatar.models.audio.io import read_audio
 from echoavatar.motion.arkit import ARKIT_NAMES

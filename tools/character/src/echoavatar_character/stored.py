@@ -18,7 +18,7 @@ def save(character: Character, path: Path) -> None:
     """Write an npz. Normals and weights are stored as integers, triangles in the smallest type that fits."""
     face = character.face
     pictures: dict[str, Any] = {
-        f"texture_{name}": np.frombuffer(getattr(character.textures, name), np.uint8) for name in NAMES + DETAILS
+        f"texture_{name}": np.frombuffer(character.textures[name], np.uint8) for name in NAMES + DETAILS
     }
     np.savez_compressed(
         path,
