@@ -10,7 +10,7 @@ is shown. The true motion of held-out clips is encoded and decoded, and then sen
 No generator can be better in time than this. Then the generator draws each chunk after the true past: what is lost here
 is lost in a single chunk, however well a performance keeps its phase. Last the bundle performs the clip's sound, with
 its own past. In speech the same stages show where hands lose how people share the work between them
-(`metrics.manner.SHARING`). Not in the paper, which reports errors of reconstruction alone.
+(`metrics.tells.SHARING`). Not in the paper, which reports errors of reconstruction alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -44,8 +44,8 @@ from .batch import animate_many
 from .beat_rows import event_rows
 from .measures import WINDOW_S, Track, stretches, track
 from .metrics.liveliness import POINTS, shoulder_turn_deg, windows
-from .metrics.manner import JUDGED, SHARING, sharing
 from .metrics.positions import Reconstruction, jerk_m_s3, reconstruction
+from .metrics.tells import JUDGED, SHARING, sharing
 from .table import Row, row_of_means, weighted_mean
 
 HEARD = ("silence", "speech", "music", "all")

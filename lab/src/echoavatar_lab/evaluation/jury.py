@@ -1,6 +1,6 @@
 """`echoavatar evaluate BUNDLE jury`: what gives the body away? How it moves, beside people's range.
 
-The statistics of `metrics.manner` are measured in windows of the avatar's free run, of a folder of takes or of a
+The statistics of `metrics.tells` are measured in windows of the avatar's free run, of a folder of takes or of a
 corpus, and of captured people clip by clip. A row says by how many of people's half ranges ours lies outside their
 range. The first rows are the tells. People's ranges rest on few clips, so a distance of up to `TOLERANCE` counts as
 inside.
@@ -20,7 +20,7 @@ from echoavatar_lab.data import DOMAINS
 
 from .measures import stretches
 from .metrics.liveliness import MUSIC, SPEECH, windows
-from .metrics.manner import HEARD, MANNER, judged_points, loudness, manner
+from .metrics.tells import HEARD, TELLS, judged_points, loudness, tells
 from .motion_folder import sources
 from .onlooker import Told
 from .paid_for import LEGEND, PAID_FOR, marked
@@ -29,7 +29,7 @@ from .takes import Take
 
 TOLERANCE = 0.03  # half ranges
 FEWEST_PEOPLE = 2  # clips that make a range
-NAMES = (*MANNER, *HEARD)
+NAMES = (*TELLS, *HEARD)
 
 
 class Verdict(NamedTuple):
@@ -111,10 +111,10 @@ def _windows(take: Take, seconds: float) -> list[dict[str, float]]:
         raise MotionError(f"{take.name}: {error}") from error
     parts = windows(points, FRAME_RATE_HZ, seconds)
     if take.audio is None:
-        return [manner(part) for part in parts]
+        return [tells(part) for part in parts]
     loud = loudness(take.audio)[: len(points)]
     loud = np.pad(loud, (0, len(points) - len(loud)))
-    return [manner(*pair) for pair in zip(parts, windows(loud, FRAME_RATE_HZ, seconds), strict=True)]
+    return [tells(*pair) for pair in zip(parts, windows(loud, FRAME_RATE_HZ, seconds), strict=True)]
 
 
 def _verdict(
@@ -143,7 +143,7 @@ def as_text(found: Mapping[str, Sequence[Verdict]], told: Mapping[str, Mapping[s
             lines.append(f"{marked(row.name):<38}{_cell(row.low):>12}{numbers}{span:>18}{_cell(row.outside):>9}")
         lines.append(f"outside: {_count(rows)} of {sum(np.isfinite(row.outside) for row in rows)}")
         for name, (accuracy, ends) in told.get(kind, {}).items():
-            lines.append(f"told from people by an onlooker: {name} {accuracy:.2f} ({ends.low:.2f} to {ends.high:.2f})")
+            lines.append(f"told apart by movement: {name} {_cell(accuracy)} ({_cell(ends.low)} to {_cell(ends.high)})")
     return "\n".join([*lines, LEGEND])
 
 

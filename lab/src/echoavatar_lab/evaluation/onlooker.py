@@ -25,13 +25,14 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .metrics.distributions import LogOdds, held_out_right, parts
 from .metrics.liveliness import MUSIC, SILENCE, SPEECH, Points, in_shoulder_frame
-from .metrics.manner import JUDGED, judged_points
-from .table import LEVEL, SAMPLES, UNKNOWN, Interval
+from .metrics.tells import JUDGED, judged_points
+from .table import LEVEL, NAN, SAMPLES, UNKNOWN, Interval
 from .takes import Take, read_captured
 
 WINDOW_S, HOP_S = 3.0, 1.5
 KERNELS, TAPS, DILATIONS, SEEN = 1024, 9, (1, 2, 4, 8), 4  # channels that one kernel sees: about 4
 AT_ONCE = 256  # windows
+OURS, PEOPLE = "ours", "people, mean"
 DECAYS = np.logspace(-1, 5, 7)
 _WORDS = {MUSIC: ("dance",), SILENCE: ("idle",), SPEECH: ("",)}  # what is neither dance nor idle gestures
 
@@ -63,23 +64,26 @@ def read_judges(folder: Path) -> list[Take]:
 
 
 def told_apart(ours: Sequence[Take], people: Sequence[Take]) -> dict[str, Told]:
-    """How ours is told from people ("ours"), and each person from the others (by folder); all of one kind of sound.
+    """How `OURS` is told from people, `PEOPLE` from one another in the mean, and each by the folder's name.
 
-    Empty if a side has no window of 3 s.
+    All takes are of one kind of sound. Empty if a side has no window of 3 s; NaN if it has a single one.
     """
     made, true = ([one for take in takes for one in _windows(take)] for takes in (ours, people))
     if not made or not true:
         return {}
     described = _described(np.stack([one.channels for one in (*made, *true)]))
     own, others = described[: len(made)], described[len(made) :]
-    found = {"ours": _told(own, [one.clip for one in made], others, true)}
+    found, each = {OURS: _told(own, [one.clip for one in made], others, true)}, {}
     for person in dict.fromkeys(one.person for one in true):
         is_it = np.array([one.person == person for one in true])
         rest = [one for one in true if one.person != person]
         if rest:
             clips = [one.clip for one in true if one.person == person]
-            found[person] = _told(others[is_it], clips, others[~is_it], rest)
-    return found
+            each[person] = _told(others[is_it], clips, others[~is_it], rest)
+    if each:
+        ends = np.mean([one.interval for one in each.values()], axis=0)
+        found[PEOPLE] = Told(float(np.mean([one.accuracy for one in each.values()])), Interval(*ends.tolist()))
+    return found | each
 
 
 def _told(
@@ -89,6 +93,8 @@ def _told(
     clips, their_clips = parts(clips), parts([one.clip for one in people])
     persons = [one.person for one in people]
     folds = persons if len(set(persons)) > 1 else their_clips
+    if min(len(set(clips)), len(set(folds))) < 2:
+        return Told(NAN, UNKNOWN)
     right = held_out_right(own, others, clips, folds, fitted=_ridge)
     accuracy = float(np.mean([side.mean() for side in right]))
     return Told(accuracy, _interval(list(zip(right, (clips, their_clips), strict=True))))
@@ -158,7 +164,8 @@ def _described(windows: Float[np.ndarray, "n c t"]) -> Float[np.ndarray, "n d"]:
         bias = 2 * torch.rand(shape[0], generator=random) - 1
         kernels.append(((weights - weights.mean(2, keepdim=True)) * is_seen, bias))
     rows = []
-    for some in scaled.split(AT_ONCE):
+    for start in range(0, len(scaled), AT_ONCE):
+        some = scaled[start : start + AT_ONCE]
         outs = [
             F.conv1d(some, *kernel, dilation=dilation, padding="same")
             for kernel, dilation in zip(kernels, DILATIONS, strict=True)

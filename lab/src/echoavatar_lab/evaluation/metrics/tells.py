@@ -65,10 +65,10 @@ def judged_points(motion: Motion) -> Points:
     return body_points(motion if is_ours else resample(motion, float(FRAME_RATE_HZ)), JUDGED)
 
 
-def manner(points: Points, loud: Float[np.ndarray, " t"] | None = None) -> dict[str, float]:
-    """The statistics of one window of `JUDGED`, by the names of `MANNER`; of `HEARD` too, given its `loudness`."""
+def tells(points: Points, loud: Float[np.ndarray, " t"] | None = None) -> dict[str, float]:
+    """The statistics of one window of `JUDGED`, by the names of `TELLS`; of `HEARD` too, given its `loudness`."""
     moves = Moves.of(points)
-    found = {name: float(measure(moves)) for name, measure in MANNER.items()}
+    found = {name: float(measure(moves)) for name, measure in TELLS.items()}
     if loud is None:
         return found
     frames = min(len(loud), len(points))
@@ -181,7 +181,7 @@ def _steps(moves: Moves) -> float:
     return float((np.maximum(*ankles) > STEPS).mean())
 
 
-MANNER: dict[str, Callable[[Moves], float]] = {
+TELLS: dict[str, Callable[[Moves], float]] = {
     "hands: heights together": lambda m: _together(m.hands[:, 0, 1], m.hands[:, 1, 1]),
     "hands: speeds together": lambda m: _together(m.speed[:, 0], m.speed[:, 1]),
     "hands: mirrored velocity": _mirrored_velocity,
@@ -216,8 +216,8 @@ MANNER: dict[str, Callable[[Moves], float]] = {
 
 SHARING = {
     "hands: one-handed strokes": _one_handed,
-    **{name: MANNER[name] for name in (*list(MANNER)[:3], "hands: unequal within 3 s", "hold: a minute")},
-    "trunk: moves with hands": MANNER["trunk: moves with hands"],
+    **{name: TELLS[name] for name in (*list(TELLS)[:3], "hands: unequal within 3 s", "hold: a minute")},
+    "trunk: moves with hands": TELLS["trunk: moves with hands"],
 }
 """Statistics that say at which stage between a corpus and the screen hands lose what people do (`evaluation.codes`)."""
 
