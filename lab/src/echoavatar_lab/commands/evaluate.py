@@ -150,15 +150,8 @@ def run(args: argparse.Namespace) -> int:
 
     bundle = load_bundle(args.model).running(args.runtime)
     print(f"runtime: {bundle.runtime.label}")
-    measures = {
-        "alive": _alive,
-        "jury": _jury,
-        "actions": _actions,
-        "face": _face,
-        "codes": _codes,
-        "domains": _domains,
-    }
-    numbers = measures.get(args.measure, _whole)(args, bundle)
+    own = {"alive": _alive, "jury": _jury, "actions": _actions, "face": _face, "codes": _codes, "domains": _domains}
+    numbers = own.get(args.measure, _whole)(args, bundle)
     if numbers:
         print(json.dumps(numbers))
     return 0
@@ -298,18 +291,17 @@ def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     from echoavatar_lab.evaluation.report import SEED_STRIDE
     from echoavatar_lab.evaluation.takes import perform, read_captured, read_sounds
 
+    if not args.motion and not args.recordings:
+        raise EchoAvatarError("`jury` performs recorded sound (--recordings) or judges --motion; give one")
     captured = read_captured(args.captured)
     judges = read_judges(args.judges) if args.judges else []
+    ours = jury.read_moving(args.motion, args.clips) if args.motion else []
     with progress_bar() as say:
-        if args.motion:
-            ours = jury.read_moving(args.motion, args.clips)
-        elif args.recordings:
-            sounds, ours = read_sounds(args.recordings, args.seconds, args.clips), []
+        if not args.motion:
+            sounds = read_sounds(args.recordings, args.seconds, args.clips)
             pipeline = Pipeline(bundle.without(["face"]))
             for seed in (args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)):
                 ours += perform(pipeline, sounds, seed=seed, progress=partial(say, f"performing, seed {seed}"))
-        else:
-            raise EchoAvatarError("`jury` performs recorded sound (--recordings) or judges --motion; give one")
         found = jury.verdicts(ours, captured, args.seconds, progress=partial(say, "measuring"))
     sides = {kind: [[take for take in side if take.kind == kind] for side in (ours, judges)] for kind in found}
     told = {kind: told_apart(*both) for kind, both in sides.items()}

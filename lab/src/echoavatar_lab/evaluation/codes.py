@@ -45,7 +45,7 @@ from .beat_rows import event_rows
 from .measures import WINDOW_S, Track, stretches, track
 from .metrics.liveliness import POINTS, shoulder_turn_deg, windows
 from .metrics.positions import Reconstruction, jerk_m_s3, reconstruction
-from .metrics.tells import JUDGED, SHARING, sharing
+from .metrics.tells import JUDGED, SHARING, tells
 from .table import Row, row_of_means, weighted_mean
 
 HEARD = ("silence", "speech", "music", "all")
@@ -195,7 +195,7 @@ def sharing_in_speech(tracks: Sequence[Track]) -> dict[str, float]:
     """Means of `SHARING` over windows of up to 30 s of speech; NaN where no speech lasts 10 s."""
     at = HUMANOID.indices(JUDGED)
     rows = [
-        sharing(part)
+        tells(part, table=SHARING)
         for one in tracks
         for stretch in stretches(one.domain, SPEECH)
         for part in windows(one.positions[stretch][:, at].astype(np.float64), FRAME_RATE_HZ, WINDOW_S)

@@ -24,7 +24,7 @@ from .metrics.tells import HEARD, TELLS, judged_points, loudness, tells
 from .motion_folder import sources
 from .onlooker import Told
 from .paid_for import LEGEND, PAID_FOR, marked
-from .table import NAN, UNKNOWN, Interval, mean_interval, weighted_mean
+from .table import NAN, Interval, mean_interval, weighted_mean
 from .takes import Take
 
 TOLERANCE = 0.03  # half ranges
@@ -84,8 +84,7 @@ def verdicts(
     Raises:
         MotionError: a rig is not known, or a take is shorter than a second; names the take.
     """
-    done = itertools.count(1)
-    total = len(ours) + len(people)
+    done, total = itertools.count(1), sum(take.kind in (SPEECH, MUSIC) for take in (*ours, *people))
 
     def by_clip(takes: Sequence[Take]) -> list[list[dict[str, float]]]:
         clips: dict[str, list[dict[str, float]]] = defaultdict(list)
@@ -120,16 +119,18 @@ def _windows(take: Take, seconds: float) -> list[dict[str, float]]:
 def _verdict(
     name: str, ours: Sequence[Sequence[Mapping[str, float]]], people: Sequence[Sequence[Mapping[str, float]]]
 ) -> Verdict:
-    means, theirs = ([weighted_mean(np.array([row.get(name, NAN) for row in c])) for c in s] for s in (ours, people))
+    means, theirs = (
+        np.array([weighted_mean(np.array([row.get(name, NAN) for row in clip])) for clip in side])
+        for side in (ours, people)
+    )
     weights = np.array([len(clip) for clip in ours], float)
-    value = weighted_mean(np.array(means), weights)
-    interval = mean_interval(np.array(means), weights) if np.isfinite(means).any() else UNKNOWN
-    known = np.array([mean for mean in theirs if np.isfinite(mean)])
+    value, interval = weighted_mean(means, weights), mean_interval(means, weights)
+    known = theirs[np.isfinite(theirs)]
     if len(known) < FEWEST_PEOPLE:
-        return Verdict(name, NAN, float(known.mean()) if len(known) else NAN, NAN, value, interval, NAN)
+        return Verdict(name, NAN, weighted_mean(known), NAN, value, interval, NAN)
     low, median, high = np.quantile(known, (0, 0.5, 1)).tolist()
-    outside = max(low - value, value - high, 0.0) / ((high - low) / 2 + 1e-9)
-    return Verdict(name, low, median, high, value, interval, outside if np.isfinite(value) else NAN)
+    outside = np.maximum(np.maximum(low - value, value - high), 0) / ((high - low) / 2 + 1e-9)
+    return Verdict(name, low, median, high, value, interval, float(outside))
 
 
 def as_text(found: Mapping[str, Sequence[Verdict]], told: Mapping[str, Mapping[str, Told]]) -> str:
@@ -150,28 +151,27 @@ def as_text(found: Mapping[str, Sequence[Verdict]], told: Mapping[str, Mapping[s
 def as_json(
     found: Mapping[str, Sequence[Verdict]], told: Mapping[str, Mapping[str, Told]]
 ) -> dict[str, dict[str, object]]:
-    """By kind of sound: the rows, how many lie outside and which most; null for missing values."""
+    """By kind of sound: how many rows lie outside, which most, all rows, and how ours is told; null: no value."""
     return {
         kind: {
             "outside": _count(rows),
             "of": sum(bool(np.isfinite(row.outside)) for row in rows),
             "tells": [row.name for row in rows if row.is_outside][:8],
-            "rows": {
-                row.name: {
-                    "people": [_plain(value) for value in row[1:4]],
-                    "ours": _plain(row.ours),
-                    "interval": [_plain(end) for end in row.interval],
-                    "outside": _plain(row.outside),
-                    "paid_for": row.name in PAID_FOR,
-                }
-                for row in rows
-            },
-            "told_apart": {
-                name: [_plain(one.accuracy), *map(_plain, one.interval)] for name, one in told.get(kind, {}).items()
-            },
+            "rows": {row.name: _plain(row) | {"paid_for": row.name in PAID_FOR} for row in rows},
+            "told_apart": {name: _plain(one) for name, one in told.get(kind, {}).items()},
         }
         for kind, rows in found.items()
     }
+
+
+def _plain(row: Verdict | Told) -> dict[str, object]:
+    """The numbers of a row by name."""
+    numbers = {name: value for name, value in row._asdict().items() if name != "name"}
+    return {name: [*map(_number, x)] if isinstance(x, Interval) else _number(x) for name, x in numbers.items()}
+
+
+def _number(value: float) -> float | None:
+    return round(value, 4) if np.isfinite(value) else None
 
 
 def _count(rows: Sequence[Verdict]) -> int:
@@ -180,7 +180,3 @@ def _count(rows: Sequence[Verdict]) -> int:
 
 def _cell(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else "-"
-
-
-def _plain(value: float) -> float | None:
-    return round(value, 4) if np.isfinite(value) else None

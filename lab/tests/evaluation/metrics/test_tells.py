@@ -58,7 +58,7 @@ def test_one_hand_that_waves_alone() -> None:
     assert found["stroke: mean frequency, Hz"] == pytest.approx(1, abs=0.05)
     assert found["stroke: share above 3 Hz"] < 0.01
     assert found["stroke: speed, 95 %"] == pytest.approx(0.2 * 2 * np.pi, rel=0.03)
-    assert tells.sharing(moved(("leftHand", 1, wave(1))))["hands: one-handed strokes"] == 1
+    assert tells.tells(moved(("leftHand", 1, wave(1)), table=SHARING))["hands: one-handed strokes"] == 1
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -70,7 +70,7 @@ def test_hands_that_mirror_each_other(axis: int) -> None:
     assert found["hands: mirrored velocity"] == pytest.approx(1)
     assert found["hands: apart from mirror image"] == pytest.approx(0, abs=1e-9)
     assert found["hands: unequal within 3 s"] == pytest.approx(0, abs=1e-6)
-    assert tells.sharing(mirrored)["hands: one-handed strokes"] == 0
+    assert tells.tells(mirrored, table=SHARING)["hands: one-handed strokes"] == 0
     parallel = tells.tells(moved(("leftHand", axis, wave(1)), ("rightHand", axis, -sign * wave(1))))
     assert parallel["hands: mirrored velocity"] == pytest.approx(-1)
 
@@ -140,7 +140,7 @@ def test_loudness_is_of_a_peak_of_one() -> None:
 
 def test_stages_share_their_rows_with_the_jury() -> None:
     points = judged_points(swaying(300))
-    shared, judged = tells.sharing(points), tells.tells(points)
+    shared, judged = tells.tells(points, table=SHARING), tells.tells(points)
     assert list(shared) == list(SHARING)
     assert len(TELLS) == 29
     assert {name: judged[name] for name in SHARING if name in judged} == {n: shared[n] for n in list(SHARING)[1:]}

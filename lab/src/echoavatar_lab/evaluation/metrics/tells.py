@@ -5,12 +5,12 @@ start, stop and hold, how trunk and head take part, and how tightly the hands fo
 30 frames a second, with wrists in the frame of the shoulders and in arm lengths. docs/metrics.md explains the rows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 
@@ -65,20 +65,14 @@ def judged_points(motion: Motion) -> Points:
     return body_points(motion if is_ours else resample(motion, float(FRAME_RATE_HZ)), JUDGED)
 
 
-def tells(points: Points, loud: Float[np.ndarray, " t"] | None = None) -> dict[str, float]:
-    """The statistics of one window of `JUDGED`, by the names of `TELLS`; of `HEARD` too, given its `loudness`."""
-    moves = Moves.of(points)
-    found = {name: float(measure(moves)) for name, measure in TELLS.items()}
-    if loud is None:
-        return found
-    frames = min(len(loud), len(points))
-    return found | {name: float(measure(loud[:frames], moves.fast[:frames])) for name, measure in HEARD.items()}
-
-
-def sharing(points: Points) -> dict[str, float]:
-    """What hands and trunk share in one window of `JUDGED`, by the names of `SHARING`."""
-    moves = Moves.of(points)
-    return {name: float(measure(moves)) for name, measure in SHARING.items()}
+def tells(
+    points: Points, loud: Float[np.ndarray, " t"] | None = None, table: "Table | None" = None
+) -> dict[str, float]:
+    """The statistics of `table` (default: `TELLS`) of one window of `JUDGED`; of `HEARD` too, given its `loudness`."""
+    moves, heard = Moves.of(points), {} if loud is None else HEARD
+    frames = len(moves.fast) if loud is None else min(len(loud), len(moves.fast))
+    found = {name: float(measure(moves)) for name, measure in (table or TELLS).items()}
+    return found | {name: float(measure(loud[:frames], moves.fast[:frames])) for name, measure in heard.items()}
 
 
 def loudness(audio: Float[np.ndarray, " s"]) -> Float[np.ndarray, " t"]:
@@ -181,7 +175,8 @@ def _steps(moves: Moves) -> float:
     return float((np.maximum(*ankles) > STEPS).mean())
 
 
-TELLS: dict[str, Callable[[Moves], float]] = {
+Table = Mapping[str, Callable[[Moves], Any]]
+TELLS: Table = {
     "hands: heights together": lambda m: _together(m.hands[:, 0, 1], m.hands[:, 1, 1]),
     "hands: speeds together": lambda m: _together(m.speed[:, 0], m.speed[:, 1]),
     "hands: mirrored velocity": _mirrored_velocity,
@@ -214,7 +209,7 @@ TELLS: dict[str, Callable[[Moves], float]] = {
 }
 """Each statistic; distances are in arm lengths and speeds in arm lengths a second, unless the name says otherwise."""
 
-SHARING = {
+SHARING: Table = {
     "hands: one-handed strokes": _one_handed,
     **{name: TELLS[name] for name in (*list(TELLS)[:3], "hands: unequal within 3 s", "hold: a minute")},
     "trunk: moves with hands": TELLS["trunk: moves with hands"],
@@ -231,11 +226,11 @@ def _lags(loud: Float[np.ndarray, " t"], fast: Float[np.ndarray, " t"]) -> dict[
 
 
 def _in_pauses(loud: Float[np.ndarray, " t"], fast: Float[np.ndarray, " t"]) -> float:
-    is_quiet: Bool[np.ndarray, " t"] = gaussian_filter1d(loud, 3) < PAUSE * np.quantile(loud, 0.95)
+    is_quiet = gaussian_filter1d(loud, 3) < PAUSE * np.quantile(loud, 0.95)
     return float(fast[is_quiet].mean() / (fast.mean() + 1e-9)) if is_quiet.sum() > FEWEST_QUIET else float("nan")
 
 
-HEARD: dict[str, Callable[[Float[np.ndarray, " t"], Float[np.ndarray, " t"]], float]] = {
+HEARD: Mapping[str, Callable[[np.ndarray, np.ndarray], float]] = {
     "sound: loudness and speed, same time": lambda loud, fast: _lags(loud, fast)[0],
     "sound: loudness and speed, best lag": lambda loud, fast: max(_lags(loud, fast).values()),
     "sound: in pauses, speed over mean": _in_pauses,
