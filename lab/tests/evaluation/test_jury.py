@@ -8,11 +8,12 @@ from lab.tests.evaluation.test_takes import captured, write_sound
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.cli import main
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.motion.formats.tables import write_npz
 from echoavatar_lab.align.targets import GOALS
 from echoavatar_lab.evaluation.jury import Verdict, as_json, as_text, read_moving, verdicts
 from echoavatar_lab.evaluation.metrics.tells import HEARD, TELLS
+from echoavatar_lab.evaluation.onlooker import told_apart
 from echoavatar_lab.evaluation.paid_for import LEGEND, PAID_FOR, marked
 from echoavatar_lab.evaluation.table import UNKNOWN
 from echoavatar_lab.evaluation.takes import Take
@@ -48,6 +49,14 @@ def test_one_person_makes_no_range_and_performances_of_a_clip_are_one_clip() -> 
     by_name = [{row.name: row.ours for row in rows} for rows in means]
     for row in found["speech"]:
         assert row.ours == pytest.approx(np.mean([own[row.name] for own in by_name]), nan_ok=True)
+
+
+def test_a_take_that_cannot_be_judged_is_named() -> None:
+    short = Take("my take", "speech", "", swaying(15))
+    with pytest.raises(MotionError, match=r"my take: 0\.50 s of motion"):
+        verdicts([short], [], 30)
+    with pytest.raises(MotionError, match=r"my take: 0\.50 s of motion"):
+        told_apart([short], [take("ann", 0.2)])
 
 
 def test_a_corpus_is_judged_by_its_stretches_of_speech_and_music(tmp_path: Path) -> None:

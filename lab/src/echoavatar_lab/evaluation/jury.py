@@ -14,18 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar_lab.data import DOMAINS
 
 from .measures import stretches
 from .metrics.liveliness import MUSIC, SPEECH, windows
-from .metrics.tells import HEARD, TELLS, judged_points, loudness, tells
+from .metrics.tells import HEARD, TELLS, loudness, tells
 from .motion_folder import sources
 from .onlooker import Told
 from .paid_for import LEGEND, PAID_FOR, marked
 from .table import NAN, Interval, mean_interval, weighted_mean
-from .takes import Take
+from .takes import Take, judged
 
 TOLERANCE = 0.03  # half ranges
 FEWEST_PEOPLE = 2  # clips that make a range
@@ -79,7 +79,7 @@ def verdicts(
 ) -> dict[str, list[Verdict]]:
     """The rows of speech and of music, as far as ours has them, the furthest outside first.
 
-    Ours are means over windows of `seconds` and performances, with intervals over clips (by name).
+    Ours are means over windows of `seconds` and performances, with intervals over clips (by name and class).
 
     Raises:
         MotionError: a rig is not known, or a take is shorter than a second; names the take.
@@ -87,9 +87,9 @@ def verdicts(
     done, total = itertools.count(1), sum(take.kind in (SPEECH, MUSIC) for take in (*ours, *people))
 
     def by_clip(takes: Sequence[Take]) -> list[list[dict[str, float]]]:
-        clips: dict[str, list[dict[str, float]]] = defaultdict(list)
+        clips: dict[tuple[str, str], list[dict[str, float]]] = defaultdict(list)
         for take in takes:
-            clips[take.name] += _windows(take, seconds)
+            clips[take.name, take.group] += _windows(take, seconds)
             if progress:
                 progress(next(done), total)
         return list(clips.values())
@@ -104,10 +104,7 @@ def verdicts(
 
 
 def _windows(take: Take, seconds: float) -> list[dict[str, float]]:
-    try:
-        points = judged_points(take.motion)
-    except MotionError as error:
-        raise MotionError(f"{take.name}: {error}") from error
+    points = judged(take)
     parts = windows(points, FRAME_RATE_HZ, seconds)
     if take.audio is None:
         return [tells(part) for part in parts]

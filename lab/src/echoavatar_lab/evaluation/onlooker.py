@@ -25,9 +25,9 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .metrics.distributions import LogOdds, held_out_right, parts
 from .metrics.liveliness import MUSIC, SILENCE, SPEECH, Points, in_shoulder_frame
-from .metrics.tells import JUDGED, judged_points
+from .metrics.tells import JUDGED
 from .table import LEVEL, NAN, SAMPLES, UNKNOWN, Interval
-from .takes import Take, read_captured
+from .takes import Take, judged, read_captured
 
 WINDOW_S, HOP_S = 3.0, 1.5
 KERNELS, TAPS, DILATIONS, SEEN = 1024, 9, (1, 2, 4, 8), 4  # channels that one kernel sees: about 4
@@ -120,7 +120,7 @@ def _ridge(features: np.ndarray, label: np.ndarray) -> LogOdds:
 
 
 def _windows(take: Take) -> Iterable[Seen]:
-    channels = movement(judged_points(take.motion))
+    channels = movement(judged(take))
     size, hop = (round(seconds * FRAME_RATE_HZ) for seconds in (WINDOW_S, HOP_S))
     for at in range(0, len(channels) - size + 1, hop):
         yield Seen(take.group, take.name, channels[at : at + size].T)

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.engine.pipeline import Pipeline
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
 from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
 from echoavatar.motion.formats import read_bvh
@@ -22,7 +22,8 @@ from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.csv_rows import read_rows
 from echoavatar_lab.models.audio.recordings import split_of
 
-from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH
+from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH, Points
+from .metrics.tells import judged_points
 
 SHORTEST_S = 10.0  # of a captured clip
 _CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
@@ -114,6 +115,18 @@ def perform(
     seeds = range(seed, seed + len(sounds))
     made = animate_many(pipeline, [sound.audio for sound in sounds], seeds=seeds, progress=progress)
     return [Take(*sound[:3], one.motion, sound.audio) for sound, one in zip(sounds, made, strict=True)]
+
+
+def judged(take: Take) -> Points:
+    """The take's points as `metrics.tells` measures them.
+
+    Raises:
+        MotionError: the rig is not known, or the motion is shorter than a second; names the take.
+    """
+    try:
+        return judged_points(take.motion)
+    except MotionError as error:
+        raise MotionError(f"{take.name}: {error}") from error
 
 
 def joined(skeleton: Skeleton, chunks: Sequence[MotionChunk]) -> Motion:
