@@ -58,7 +58,7 @@ def test_one_hand_that_waves_alone() -> None:
     assert found["stroke: mean frequency, Hz"] == pytest.approx(1, abs=0.05)
     assert found["stroke: share above 3 Hz"] < 0.01
     assert found["stroke: speed, 95 %"] == pytest.approx(0.2 * 2 * np.pi, rel=0.03)
-    assert tells.tells(moved(("leftHand", 1, wave(1)), table=SHARING))["hands: one-handed strokes"] == 1
+    assert tells.tells(moved(("leftHand", 1, wave(1))), table=SHARING)["hands: one-handed strokes"] == 1
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -69,10 +69,12 @@ def tells(
     points: Points, loud: Float[np.ndarray, " t"] | None = None, table: "Table | None" = None
 ) -> dict[str, float]:
     """The statistics of `table` (default: `TELLS`) of one window of `JUDGED`; of `HEARD` too, given its `loudness`."""
-    moves, heard = Moves.of(points), {} if loud is None else HEARD
-    frames = len(moves.fast) if loud is None else min(len(loud), len(moves.fast))
+    moves = Moves.of(points)
     found = {name: float(measure(moves)) for name, measure in (table or TELLS).items()}
-    return found | {name: float(measure(loud[:frames], moves.fast[:frames])) for name, measure in heard.items()}
+    if loud is not None:
+        frames = min(len(loud), len(moves.fast))
+        found |= {name: float(measure(loud[:frames], moves.fast[:frames])) for name, measure in HEARD.items()}
+    return found
 
 
 def loudness(audio: Float[np.ndarray, " s"]) -> Float[np.ndarray, " t"]:
