@@ -18,10 +18,12 @@ from echoavatar_lab.evaluation.codes import (
     reliance,
     reliance_rows,
     reliance_table,
+    sharing_in_speech,
     token_clips,
     true_codes,
 )
 from echoavatar_lab.evaluation.measures import Track
+from echoavatar_lab.evaluation.metrics.tells import SHARING
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.training import Loop
@@ -97,6 +99,20 @@ def test_turn_counts_in_long_stretches_of_music_alone():
     assert np.isnan(dance_turn_deg([Track(places, speeds, np.full(780, SPEECH, np.uint8))]))
 
 
+def test_hands_share_their_work_in_speech_alone():
+    """In speech both hands rise together, in music one by one."""
+    time = np.arange(900) / 30
+    domain = np.repeat([SPEECH, MUSIC], 450).astype(np.uint8)
+    places = np.repeat(HUMANOID.rest_positions.numpy()[None], 900, 0)
+    for side, speed in (("left", 1.0), ("right", np.where(domain == SPEECH, 1.0, 1.3))):
+        places[:, HUMANOID.index(side + "Hand"), 1] += 0.1 * np.sin(2 * np.pi * speed * time)
+    speeds = np.zeros((899, HUMANOID.joints))
+    found = sharing_in_speech([Track(places, speeds, domain)])
+    assert found["hands: heights together"] == pytest.approx(1)
+    assert sharing_in_speech([Track(places, speeds, domain[::-1].copy())])["hands: heights together"] < 0.5
+    assert np.isnan(list(sharing_in_speech([Track(places[:250], speeds, domain[:250])]).values())).all()
+
+
 @pytest.mark.parametrize("sequence", ["interleaved", "prefix", "depth"])
 def test_a_chunk_is_drawn_after_the_true_past_alone(sequence):
     model, rng = generator(sequence=sequence, temperature=0.1), np.random.default_rng(3)
@@ -117,7 +133,10 @@ def test_a_chunk_is_drawn_after_the_true_past_alone(sequence):
 def test_the_command_ends_with_json(tiny_bundle: Path, capsys: pytest.CaptureFixture[str]):
     folder = str(tiny_bundle)
     assert main(["evaluate", folder, "codes", "--clips", "1"]) == 0
-    rows = {"tokenizer", "truth", "decoded", "shown", "drawn"}
-    assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == rows
+    rows = {"tokenizer", "truth", "decoded", "shown", "drawn", "performed"}
+    said = capsys.readouterr().out.splitlines()
+    assert json.loads(said[-1]).keys() == rows
+    assert [line.split()[0] for line in said[3:5]] == ["onset_excess*", "beat_excess*"]
+    assert {*SHARING} <= json.loads(said[-1])["performed"].keys()
     assert main(["evaluate", folder, "codes", "--clips", "1", "--tokenizer", f"{folder}/tokenizer"]) == 0
-    assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == rows - {"drawn"}
+    assert json.loads(capsys.readouterr().out.splitlines()[-1]).keys() == rows - {"drawn", "performed"}

@@ -13,6 +13,7 @@ from echoavatar_lab.evaluation.measures import (
     hand_speed_m_s,
     measure_clip,
     settled,
+    stretches,
     track,
 )
 from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS
@@ -72,3 +73,12 @@ def test_floor_depth_is_measured_from_the_standing_height() -> None:
 
 def test_a_short_clip_has_no_novelty() -> None:
     assert np.isnan(clip_statistics(swaying(60))[list(STATISTICS).index("novelty")])
+
+
+def test_a_stretch_bridges_pauses_but_no_other_sound() -> None:
+    """Speech, 1 s of silence, speech; 3 s of silence; speech, music, speech: only the first lasts 10 s."""
+    domain = np.repeat([1, 0, 1, 0, 1, 2, 1], [200, 30, 80, 90, 200, 310, 200]).astype(np.uint8)
+    assert stretches(domain, 1) == [slice(0, 310)]
+    assert stretches(domain, 2) == [slice(600, 910)]
+    assert stretches(domain, 1, 5.0) == [slice(0, 310), slice(400, 600), slice(910, 1110)]
+    assert stretches(np.zeros(400, np.uint8), 1) == []

@@ -27,6 +27,8 @@ EXAMPLES = """examples:
   echoavatar evaluate default                                        every score of a bundle, on clips made for it
   echoavatar evaluate default --corpus corpus --recordings sounds    on a corpus's test clips, and on real sound
   echoavatar evaluate default alive --recordings sounds --captured people --pictures alive.png
+  echoavatar evaluate default jury --recordings sounds --captured people --judges others
+  echoavatar evaluate default jury --motion corpus --captured people
   echoavatar evaluate default codes --corpus corpus --tokenizer runs/tokenizer
   echoavatar evaluate default domains --captured people
 `echoavatar evaluate BUNDLE MEASURE --help` explains one measure; what each row means: docs/metrics.md.
@@ -70,6 +72,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     alive.add_argument("--captured", type=Path, help="folder of captured motion to compare with")
     alive.add_argument("--pictures", type=Path, metavar="PNG", help="write stills of each take, and a plot")
     alive.add_argument("--card", type=Path, metavar="JSON", help="also write the rows into this card.json of a bundle")
+    jury = measure(
+        "jury",
+        "how the body moves, beside people's range, rows outside first: --clips sounds each of speech and music from"
+        " --recordings",
+        *("clips", "recordings", "seconds", "repeats"),
+    )
+    jury.add_argument("--captured", type=Path, required=True, help="folder of captured motion that makes the range")
+    jury.add_argument(
+        "--motion", type=Path, metavar="FOLDER", help="judge the first --clips takes or clips of this folder or corpus"
+    )
+    jury.add_argument(
+        "--judges",
+        type=Path,
+        metavar="FOLDER",
+        help="people whom nothing was trained on, a folder each: how well a classifier of movement tells ours apart",
+    )
     actions = measure(
         "actions",
         "the actions: distance from the reference clip with and without each, and the head's rotation in head actions;"
@@ -81,8 +99,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     codes = measure(
         "codes",
-        "what is lost of the truth's timing and turn: in its codes, decoded and shown, and in codes that the generator"
-        " draws after the true past",
+        "what is lost of the truth's timing, its turn and the sharing of work between its hands: in its codes, decoded"
+        " and shown, in codes that the generator draws after the true past, and in a free run",
         *("corpus", "clips"),
     )
     codes.add_argument("--tokenizer", type=Path, metavar="FOLDER", help="another tokenizer than the bundle's")
@@ -132,8 +150,8 @@ def run(args: argparse.Namespace) -> int:
 
     bundle = load_bundle(args.model).running(args.runtime)
     print(f"runtime: {bundle.runtime.label}")
-    measures = {"alive": _alive, "actions": _actions, "face": _face, "codes": _codes, "domains": _domains}
-    numbers = measures.get(args.measure, _whole)(args, bundle)
+    own = {"alive": _alive, "jury": _jury, "actions": _actions, "face": _face, "codes": _codes, "domains": _domains}
+    numbers = own.get(args.measure, _whole)(args, bundle)
     if numbers:
         print(json.dumps(numbers))
     return 0
@@ -167,6 +185,7 @@ def _whole(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
 
 def _codes(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     from echoavatar_lab.evaluation.codes import true_codes
+    from echoavatar_lab.evaluation.paid_for import LEGEND, marked
     from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 
     tokenizer = AnyBodyTokenizer.load(args.tokenizer) if args.tokenizer else None
@@ -174,8 +193,12 @@ def _codes(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
         found = true_codes(
             bundle, _clips(args), tokenizer=tokenizer, seed=args.seed, progress=partial(say, "true codes")
         )
-    for name, scores in found.items():
-        print(f"{name:<12}" + "  ".join(f"{key} {value:+.3f}" for key, value in scores.items()))
+    print("  ".join(f"{key} {value:.3f}" for key, value in found["tokenizer"].items()))
+    stages = {name: scores for name, scores in found.items() if name != "tokenizer"}
+    print(" " * 28 + "".join(f"{name:>11}" for name in stages))
+    for key in stages["truth"]:
+        print(f"{marked(key):<28}" + "".join(f"{scores[key]:>11.3f}" for scores in stages.values()))
+    print(LEGEND)
     return {name: _rounded(scores) for name, scores in found.items()}
 
 
@@ -259,6 +282,31 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
         _write_scores(args.card, f"echoavatar evaluate BUNDLE {asked}", numbers)
     print(alive.as_text(found))
     return numbers
+
+
+def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar_lab.evaluation import jury
+    from echoavatar_lab.evaluation.onlooker import read_judges, told_apart
+    from echoavatar_lab.evaluation.report import SEED_STRIDE
+    from echoavatar_lab.evaluation.takes import perform, read_captured, read_sounds
+
+    if not args.motion and not args.recordings:
+        raise EchoAvatarError("`jury` performs recorded sound (--recordings) or judges --motion; give one")
+    captured = read_captured(args.captured)
+    judges = read_judges(args.judges) if args.judges else []
+    ours = jury.read_moving(args.motion, args.clips) if args.motion else []
+    with progress_bar() as say:
+        if not args.motion:
+            sounds = read_sounds(args.recordings, args.seconds, args.clips)
+            pipeline = Pipeline(bundle.without(["face"]))
+            for seed in (args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)):
+                ours += perform(pipeline, sounds, seed=seed, progress=partial(say, f"performing, seed {seed}"))
+        found = jury.verdicts(ours, captured, args.seconds, progress=partial(say, "measuring"))
+    sides = {kind: [[take for take in side if take.kind == kind] for side in (ours, judges)] for kind in found}
+    told = {kind: told_apart(*both) for kind, both in sides.items()}
+    print(jury.as_text(found, told))
+    return jury.as_json(found, told)
 
 
 def _write_scores(path: Path, command: str, numbers: dict[str, dict[str, float | None]]) -> None:

@@ -24,7 +24,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar_lab.data.statistics import turned_feet
 from echoavatar_lab.training.curves import save_figure
 
-from .metrics.distributions import frechet_distance, held_out_accuracy, scaled_by_truth
+from .metrics.distributions import frechet_distance, held_out_accuracy, parts, scaled_by_truth
 from .metrics.liveliness import (
     KINDS,
     LISTENING,
@@ -38,6 +38,7 @@ from .metrics.liveliness import (
     liveliness,
     windows,
 )
+from .paid_for import LEGEND, marked
 from .pictures import contact_sheet
 from .takes import Sound, Take, joined, perform
 
@@ -48,7 +49,6 @@ RESTING = ("rest_s", "rest_share")  # of both arms; rows show the worst, since m
 _MADE, _CAPTURED = "#1f5fa8", "#8a8a8a"
 _STILLS, _STILL_SIZE = 12, (90, 130)
 WORST = 39 / 40  # of the windows are no worse
-QUARTERS = 4  # parts of a lone clip, of which the classifier holds out one after the other
 
 Statistics = dict[str, float]
 
@@ -231,13 +231,8 @@ def each_apart(captured: Sequence[Measured]) -> dict[str, float]:
         sides = [[one for one in captured if (one.take.group == group) is is_in] for is_in in (True, False)]
         (some, clips), (others, other_clips) = (_table(side) for side in sides)
         if len(some) and len(others):
-            accuracies[group] = held_out_accuracy(some, others, _parts(clips), _parts(other_clips))
+            accuracies[group] = held_out_accuracy(some, others, parts(clips), parts(other_clips))
     return accuracies
-
-
-def _parts(clips: Sequence[str]) -> Sequence[str]:
-    """The clip of each window; its quarter where there is one clip."""
-    return [f"{number * QUARTERS // len(clips)}" for number in range(len(clips))] if len(set(clips)) == 1 else clips
 
 
 def mean_statistics(measured: Iterable[Measured]) -> Statistics:
@@ -262,14 +257,14 @@ def as_text(found: AliveReport) -> str:
     """A table with a row for each kind, class and reference."""
     columns = [*SHOWN, "stillest", *RESTING, "frechet", "told_apart"]
     width = max(map(len, found.rows))
-    lines = [" " * width + "".join(f"{name:>15}" for name in columns)]
+    lines = [" " * width + "".join(f"{marked(name):>15}" for name in columns)]
     for label, row in found.rows.items():
         cells = row | {"frechet": found.frechet.get(label), "told_apart": found.told_apart.get(label)}
         values = [cells.get(name) for name in columns]
         lines.append(
             label.ljust(width) + "".join(f"{'-' if v is None or np.isnan(v) else f'{v:.2f}':>15}" for v in values)
         )
-    return "\n".join(lines)
+    return "\n".join([*lines, LEGEND])
 
 
 def as_json(found: AliveReport) -> dict[str, dict[str, float | None]]:

@@ -8,8 +8,9 @@ over the same audio a few chunks late is the value of timing (`timing_gain`).
 True codes (`echoavatar evaluate BUNDLE codes`): what is lost of the truth's timing and size between its motion and what
 is shown. The true motion of held-out clips is encoded and decoded, and then sent through the stages behind the decoder.
 No generator can be better in time than this. Then the generator draws each chunk after the true past: what is lost here
-is lost in a single chunk, however well a performance keeps its phase. Not in the paper, which reports errors of
-reconstruction alone.
+is lost in a single chunk, however well a performance keeps its phase. Last the bundle performs the clip's sound, with
+its own past. In speech the same stages show where hands lose how people share the work between them
+(`metrics.tells.SHARING`). Not in the paper, which reports errors of reconstruction alone.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,7 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from echoavatar.engine.pipeline import Bundle
+from echoavatar.engine.pipeline import Bundle, Pipeline
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
@@ -32,21 +33,23 @@ from echoavatar.motion.motion_chunk import join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
-from echoavatar_lab.data import MUSIC, Clip
+from echoavatar_lab.data import MUSIC, SPEECH, Clip
 from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, motion_codes, motion_of_codes
 from echoavatar_lab.models.tokenizer.measure import code_usage
 from echoavatar_lab.models.tokenizer.train import whole_features
 
+from .batch import animate_many
 from .beat_rows import event_rows
-from .measures import Track, track
-from .metrics.liveliness import POINTS, shoulder_turn_deg
+from .measures import WINDOW_S, Track, stretches, track
+from .metrics.liveliness import POINTS, shoulder_turn_deg, windows
 from .metrics.positions import Reconstruction, jerk_m_s3, reconstruction
-from .table import Row, row_of_means
+from .metrics.tells import JUDGED, SHARING, tells
+from .table import Row, row_of_means, weighted_mean
 
 HEARD = ("silence", "speech", "music", "all")
-TRUTH, DECODED, SHOWN, DRAWN = "truth", "decoded", "shown", "drawn"
+TRUTH, DECODED, SHOWN, DRAWN, PERFORMED = "truth", "decoded", "shown", "drawn", "performed"
 SHORTEST_DANCE_S = 14
 LATE_CHUNKS = 3  # 0.8 s: other syllables and beats, but the same voice and piece
 
@@ -154,32 +157,50 @@ def true_codes(
     """Excess of beat alignment over chance on stresses and beats, jerk (m/s3) and turn in dance, of several motions.
 
     `truth` is the clips' own, `decoded` its codes decoded, `shown` that motion behind all later stages, and `drawn` the
-    codes that the generator draws for each chunk after the true past, decoded. With another `tokenizer` than the
-    bundle's, whose codes the generator does not know, nothing is drawn. `tokenizer` holds the errors of reconstruction.
+    codes that the generator draws for each chunk after the true past, decoded; `performed` is the bundle's motion to
+    the clip's sound. Each has the statistics of `SHARING` in speech, too. With another `tokenizer` than the bundle's,
+    whose codes the generator does not know, nothing is drawn or performed. `tokenizer` holds the errors of
+    reconstruction.
     """
     others, tokenizer = tokenizer is not None, tokenizer or bundle.tokenizer
-    post = Post(tokenizer.skeleton)
-    tracks: dict[str, list[Track]] = {name: [] for name in (TRUTH, DECODED, SHOWN, *([] if others else [DRAWN]))}
+    post, pipeline = Post(tokenizer.skeleton), Pipeline(bundle.without(["face"]))
+    tracks: dict[str, list[Track]] = {
+        name: [] for name in (TRUTH, DECODED, SHOWN, *(() if others else (DRAWN, PERFORMED)))
+    }
     for done, clip in enumerate(clips, 1):
         decoded = motion_of_codes(tokenizer, tokenizer.encode(whole_features(tokenizer.skeleton, clip)[None])[0])
         motions = {TRUTH: clip.motion(tokenizer.skeleton), DECODED: decoded, SHOWN: replayed(post, decoded)}
         if not others:
             [tokens] = token_clips(bundle, [clip])
             motions[DRAWN] = motion_of_codes(tokenizer, drawn_after_truth(bundle.generator, tokens, seed=seed + done))
+            [made] = animate_many(pipeline, [clip.audio], seeds=[seed + done])
+            motions[PERFORMED] = made.motion
         for name, motion in motions.items():
             tracks[name].append(track(on_our_rig(motion), clip.domain[: motion.frames]))
         if progress:
             progress(done, len(clips))
     found = {"tokenizer": {row.name: row.value for row in reconstruction_rows(tokenizer, clips)}}
-    for name, made in tracks.items():
-        rows = {row.name: row for row in event_rows(clips, made, tracks[TRUTH])}
+    for name, own in tracks.items():
+        rows = {row.name: row for row in event_rows(clips, own, tracks[TRUTH])}
         found[name] = {
             "onset_excess": rows["ba_onset"].excess,
             "beat_excess": rows["ba_beat"].excess,
-            "jerk_m_s3": float(np.mean([jerk_m_s3(each.positions) for each in made])),
-            "dance_turn_deg": dance_turn_deg(made),
-        }
+            "jerk_m_s3": float(np.mean([jerk_m_s3(each.positions) for each in own])),
+            "dance_turn_deg": dance_turn_deg(own),
+        } | sharing_in_speech(own)
     return found
+
+
+def sharing_in_speech(tracks: Sequence[Track]) -> dict[str, float]:
+    """Means of `SHARING` over windows of up to 30 s of speech; NaN where no speech lasts 10 s."""
+    at = HUMANOID.indices(JUDGED)
+    rows = [
+        tells(part, table=SHARING)
+        for one in tracks
+        for stretch in stretches(one.domain, SPEECH)
+        for part in windows(one.positions[stretch][:, at].astype(np.float64), FRAME_RATE_HZ, WINDOW_S)
+    ]
+    return {name: weighted_mean(np.array([row[name] for row in rows])) for name in SHARING}
 
 
 def replayed(post: Post, motion: Motion, options: MotionOptions = FREE) -> Motion:

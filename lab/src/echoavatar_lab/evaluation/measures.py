@@ -21,6 +21,7 @@ from .metrics.motion_encoder import motion_features
 from .metrics.positions import floor_depth_cm, foot_contact_score, jerk_m_s3, l1_deviation
 
 WINDOW_S = 30.0
+SHORTEST_S = 10.0  # of a stretch of one kind of sound
 SETTLE_FRAMES = 30  # frames at the start of a silence that do not count yet
 LONG_SILENCE_FRAMES = 60
 UNITS = {
@@ -118,6 +119,15 @@ def settled(domain: Integer[np.ndarray, " t"]) -> np.ndarray:
         if domain[start] == SILENCE and end - start >= LONG_SILENCE_FRAMES:
             quiet[start + SETTLE_FRAMES : end] = True
     return quiet
+
+
+def stretches(domain: Integer[np.ndarray, " t"], kind: int, shortest_s: float = SHORTEST_S) -> list[slice]:
+    """Frames of one kind of sound, with the silences of up to two seconds between them, from `shortest_s` on."""
+    own = np.flatnonzero(domain == kind)
+    others = np.cumsum((domain != kind) & (domain != SILENCE))
+    ends = np.flatnonzero((np.diff(own) > LONG_SILENCE_FRAMES) | (np.diff(others[own]) > 0)) + 1
+    found = [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(own, ends) if len(part)]
+    return [part for part in found if part.stop - part.start >= shortest_s * FRAME_RATE_HZ]
 
 
 def by_domain(values: Sequence[np.ndarray], clips: Sequence[Track], domain: int) -> float:

@@ -16,6 +16,8 @@ from matplotlib.figure import Figure
 
 from echoavatar_lab.training.curves import save_figure
 
+from .paid_for import LEGEND, marked
+
 LEVEL = 0.95
 SAMPLES = 2000
 NAN = float("nan")
@@ -150,7 +152,7 @@ def as_text(rows: Sequence[Row]) -> str:
     for row in rows:
         lines.append(
             (
-                row.name,
+                marked(row.name),
                 _number(row.value),
                 _span(row.interval),
                 _number(row.chance),
@@ -170,7 +172,7 @@ def as_text(rows: Sequence[Row]) -> str:
         ).rstrip()
         for line in lines
     ]
-    return "\n".join(text)
+    return "\n".join([*text, *([LEGEND] if any(marked(row.name) != row.name for row in rows) else ())])
 
 
 def as_json(rows: Sequence[Row]) -> dict[str, dict[str, object]]:

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.engine.pipeline import Pipeline
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
-from echoavatar.models.audio.files import SOUND_SUFFIXES
+from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
@@ -22,7 +22,8 @@ from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.csv_rows import read_rows
 from echoavatar_lab.models.audio.recordings import split_of
 
-from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH
+from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH, Points
+from .metrics.tells import judged_points
 
 SHORTEST_S = 10.0  # of a captured clip
 _CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
@@ -44,6 +45,7 @@ class Take(NamedTuple):
     kind: str
     group: str
     motion: Motion
+    audio: Float[np.ndarray, " s"] | None = None  # 24 kHz, where it is known
 
 
 def read_sounds(
@@ -74,16 +76,21 @@ def read_sounds(
     return found
 
 
-def read_captured(folder: Path) -> list[Take]:
-    """Captured clips of at least 10 s whose path says "speech" or "conversation", "dance" or "idle"; by folder.
+def read_captured(
+    folder: Path, words: Mapping[str, Sequence[str]] = _CAPTURED_WORDS, shortest_s: float = SHORTEST_S
+) -> list[Take]:
+    """Captured clips whose path says "speech" or "conversation", "dance" or "idle"; by folder.
+
+    Each has the sound of the same name beside it, if there is one.
 
     Raises:
         EchoAvatarError: there is none, or one cannot be read.
     """
     takes = []
-    for path, said, kind in told_by_path(folder, _CAPTURED_WORDS):
-        if kind and (motion := read_bvh(path)).seconds >= SHORTEST_S:
-            takes.append(Take(said, kind, path.parent.name, motion))
+    for path, said, kind in told_by_path(folder, words):
+        if kind and (motion := read_bvh(path)).seconds >= shortest_s:
+            sound = sound_named(path.with_suffix(""))
+            takes.append(Take(said, kind, path.parent.name, motion, read_audio(sound) if sound else None))
     if not takes:
         raise EchoAvatarError(f"{folder} holds no captured speech, dance or idle motion (.bvh); see docs/metrics.md")
     return takes
@@ -107,7 +114,19 @@ def perform(
     """The avatar's motion to the sounds, each with a seed of its own; `progress` receives chunks done and in all."""
     seeds = range(seed, seed + len(sounds))
     made = animate_many(pipeline, [sound.audio for sound in sounds], seeds=seeds, progress=progress)
-    return [Take(*sound[:3], one.motion) for sound, one in zip(sounds, made, strict=True)]
+    return [Take(*sound[:3], one.motion, sound.audio) for sound, one in zip(sounds, made, strict=True)]
+
+
+def judged(take: Take) -> Points:
+    """The take's points as `metrics.tells` measures them.
+
+    Raises:
+        MotionError: the rig is not known, or the motion is shorter than a second; names the take.
+    """
+    try:
+        return judged_points(take.motion)
+    except MotionError as error:
+        raise MotionError(f"{take.name}: {error}") from error
 
 
 def joined(skeleton: Skeleton, chunks: Sequence[MotionChunk]) -> Motion:

@@ -15,11 +15,11 @@ The classifier is a logistic regression on the statistics of windows. Its score 
 it was not fitted on; both sides weigh the same. 0.5: the two cannot be told apart; 1: they always can.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from echoavatar.errors import MotionError
 
@@ -90,8 +90,11 @@ def scaled_by_truth(
 
 
 FOLDS = 5
+QUARTERS = 4  # parts of a lone clip, of which the classifier holds out one after the other
 RIDGE = 1.0  # weight decay, in windows
 _STEPS = 50
+
+LogOdds = Callable[[np.ndarray], np.ndarray]
 
 
 def held_out_accuracy(
@@ -103,14 +106,36 @@ def held_out_accuracy(
     """
     if min(len(set(made_clips)), len(set(true_clips))) < 2:
         return float("nan")
+    sides = held_out_right(made, true, made_clips, true_clips)
+    return float(np.mean([right.mean() for right in sides]))
+
+
+def held_out_right(
+    made: Float[np.ndarray, "n d"],
+    true: Float[np.ndarray, "m d"],
+    made_clips: Sequence[str],
+    true_clips: Sequence[str],
+    *,
+    fitted: Callable[[np.ndarray, np.ndarray], LogOdds] | None = None,
+) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " m"]]:
+    """Whether each window of both sides is told rightly, by a classifier fitted without its fold.
+
+    `fitted` fits to features and labels (1: made) and returns the log odds of features; default: `fit`.
+    """
     features, label = np.concatenate([made, true]), np.repeat([1.0, 0.0], [len(made), len(true)])
-    folds = [_folds(clips) for clips in (made_clips, true_clips)]
-    fold, right = np.concatenate(folds), np.zeros(len(label), bool)
+    fold, right = np.concatenate([_folds(clips) for clips in (made_clips, true_clips)]), np.zeros(len(label), bool)
     for number in range(FOLDS):
         held = fold == number
         if held.any():
-            right[held] = (fit(features[~held], label[~held]).log_odds(features[held]) > 0) == (label[held] == 1)
-    return float((right[label == 1].mean() + right[label == 0].mean()) / 2)
+            known = features[~held], label[~held]
+            odds = fitted(*known) if fitted else fit(*known).log_odds
+            right[held] = (odds(features[held]) > 0) == (label[held] == 1)
+    return right[: len(made)], right[len(made) :]
+
+
+def parts(clips: Sequence[str]) -> Sequence[str]:
+    """The clip of each window; its quarter where there is one clip."""
+    return [f"{number * QUARTERS // len(clips)}" for number in range(len(clips))] if len(set(clips)) == 1 else clips
 
 
 def _folds(clips: Sequence[str]) -> np.ndarray:

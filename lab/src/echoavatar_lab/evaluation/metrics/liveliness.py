@@ -9,7 +9,7 @@ dancers that the project's bars were set with. Silence and listening are 84 wind
 ((c) 2025 RSAIT, MIT).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -44,18 +44,20 @@ ROOM_S, APART_S = 20, 3
 HEAD_OVER_ANKLE_M = 1.5
 _PATH_HZ = 10
 
-Points = Float[np.ndarray, "t 12 3"]
+Points = Float[np.ndarray, "t p 3"]
 
 
-def body_points(motion: Motion) -> Points:
-    """World positions of `POINTS`, scaled to a body of common height; the wrist may be the tip of the lower arm.
+def body_points(motion: Motion, names: Sequence[str] = POINTS) -> Points:
+    """World positions of `POINTS` and further bones, scaled to a body of common height.
+
+    The wrist may be the tip of the lower arm.
 
     Raises:
         MotionError: the rig is not known.
     """
     skeleton, pose, bones = motion.skeleton, motion.pose(), known_bones(motion.skeleton)
     found = []
-    for point in POINTS:
+    for point in names:
         if (at := bones.get(point)) is not None:
             found.append(pose.positions[:, at])
         elif point.endswith("Hand") and (arm := bones.get(point.replace("Hand", "LowerArm"))) is not None:
@@ -66,8 +68,8 @@ def body_points(motion: Motion) -> Points:
     return of_common_height(np.stack([place.double().numpy() for place in found], 1))
 
 
-def of_common_height(points: Float[np.ndarray, "t 12 3"]) -> Points:
-    """World positions of `POINTS`, scaled so that the head joint is 1.5 m above the ankle.
+def of_common_height(points: Points) -> Points:
+    """World positions of `POINTS` (and others behind them), scaled so that the head joint is 1.5 m above the ankle.
 
     Raises:
         MotionError: the head is not above the ankles.
@@ -117,13 +119,21 @@ def foot_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
 
 def hand_paths(points: Points) -> Float[np.ndarray, "t 2 3"]:
     """Both wrists in the shoulders' frame, arm lengths: origin between the shoulders, X along them, Y up."""
-    left, right = (_at(points, side + "UpperArm") for side in ("left", "right"))
-    turn = yaw(left - right)
-    elbow, wrist = _at(points, "leftLowerArm"), _at(points, "leftHand")
-    arm = np.median(np.linalg.norm(left - elbow, axis=1) + np.linalg.norm(elbow - wrist, axis=1))
+    middle = (_at(points, "leftUpperArm") + _at(points, "rightUpperArm")) / 2
     hands = points[:, [POINTS.index("leftHand"), POINTS.index("rightHand")]]
-    x, y, z = np.moveaxis((hands - ((left + right) / 2)[:, None]) / arm, -1, 0)
-    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    return in_shoulder_frame(points, (hands - middle[:, None]) / arm_length(points))
+
+
+def arm_length(points: Points) -> float:
+    """From shoulder over elbow to wrist, left; median over the frames."""
+    shoulder, elbow, wrist = (_at(points, "left" + bone) for bone in ("UpperArm", "LowerArm", "Hand"))
+    return float(np.median(np.linalg.norm(shoulder - elbow, axis=1) + np.linalg.norm(elbow - wrist, axis=1)))
+
+
+def in_shoulder_frame(points: Points, vectors: Float[np.ndarray, "t *p 3"]) -> Float[np.ndarray, "t *p 3"]:
+    """Vectors turned about the vertical, so that X runs along the shoulders to the left."""
+    turn = yaw(_at(points, "leftUpperArm") - _at(points, "rightUpperArm")).reshape(-1, *[1] * (vectors.ndim - 2))
+    (x, y, z), cos, sin = np.moveaxis(vectors, -1, 0), np.cos(turn), np.sin(turn)
     return np.stack([cos * x - sin * z, y, sin * x + cos * z], -1)
 
 
