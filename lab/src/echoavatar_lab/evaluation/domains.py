@@ -217,13 +217,15 @@ Marks = tuple[str, np.ndarray, np.ndarray]  # the sound or performer; which fram
 
 def _share(kind: str, group: str, marks: Sequence[Marks], seconds: float) -> Shares:
     names = list(dict.fromkeys(mark[0] for mark in marks))
-    means, intervals = [], []
-    for which in (1, 2):
+
+
+    def of(which: int) -> tuple[float, Interval]:
         each = [np.concatenate([mark[which] for mark in marks if mark[0] == name]) for name in names]
-        means.append(float(np.concatenate(each).mean()))
-        shares, frames = np.array([one.mean() for one in each]), np.array([float(len(one)) for one in each])
-        intervals.append(mean_interval(shares, frames))
-    return Shares(kind, group, len(marks), seconds, *means, *intervals)
+        frames = np.array([float(len(one)) for one in each])
+        return float(np.concatenate(each).mean()), mean_interval(np.array([one.mean() for one in each]), frames)
+
+    (danced, danced_in), (gestured, gestured_in) = of(1), of(2)
+    return Shares(kind, group, len(marks), seconds, danced, gestured, danced_in, gestured_in)
 
 
 def _percent(share: float, found: Interval) -> str:
