@@ -1,6 +1,6 @@
 """The paper's recipes against the paper's numbers, which `paper_numbers.csv` holds as typed from it, with their places.
 
-What `reproduce` builds: `test_paper_scale.py`. A row that nothing holds serves `tests/docs/test_paper_index.py`.
+What `reproduce` builds: `lab/tests/test_paper.py`. A row that nothing holds serves `tests/docs/test_paper_index.py`.
 """
 
 import argparse

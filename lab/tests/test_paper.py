@@ -26,7 +26,7 @@ from echoavatar_lab.tables import alignment, latency, main
 from echoavatar_lab.tables.experiment import Experiment, Sources
 from echoavatar_lab.tables.scale import OURS, PAPER, GeneratorChoice
 
-FIELDS = Path(__file__).with_name("paper_fields.csv")
+FIELDS = Path(__file__).parent / "recipes/paper_fields.csv"
 FILLED = "layout"  # follows from codec and tokenizer
 
 
