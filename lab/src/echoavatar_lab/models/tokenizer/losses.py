@@ -1,7 +1,7 @@
 """Training losses (paper, appendix Auxiliary Loss Functions): features, commitment, and forward kinematics.
 
 All three parts are decoded first and share one forward kinematics, so every part is judged by the joint positions of
-the whole decoded body. Lengths are in centimetres, since the paper gives its weights no unit. The root stands at its own
+the whole decoded body. Lengths are in centimetres, since the paper gives its weights no unit. The root has its own
 height, in the paper at a constant place; the foot terms are of ankles and toes, since no rig of ours has heels.
 
 Our additions, zero in the paper recipe: `travel`, the drift of the integrated root path over the window; `planted`, the
