@@ -7,7 +7,7 @@ from lab.tests.evaluation.clips import MUSIC, SPEECH, clip
 
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.evaluation.table import Interval, Row
-from echoavatar_lab.tables.experiment import Experiment
+from echoavatar_lab.tables.experiment import Experiment, Sources
 from echoavatar_lab.tables.scale import TINY
 
 
@@ -28,7 +28,7 @@ def counted(motions, clips, extractor, *, seed: int = 0) -> list[Row]:
 
 class FakeExperiment:
     seed, scale, extractor, device = 0, TINY, FakeExtractor(), "cpu"
-    runtime, rig = "paper", HUMANOID
+    runtime, rig, sources = "paper", HUMANOID, Sources()
     baseline_motions = Experiment.baseline_motions
 
     def __init__(self) -> None:

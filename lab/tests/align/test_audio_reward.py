@@ -65,6 +65,22 @@ def test_slices_of_time_stay_apart():
     assert one.embed_motion(codes[:, :10]).shape == (1, 8 * 5)
 
 
+def test_the_whole_clip_is_one_embedding_in_the_papers_form():
+    """LayerNorm behind the projection of the mean; positions by sinusoids alone, so without them order is lost."""
+    torch.manual_seed(0)
+    sizes = {"width": 16, "layers": 1, "heads": 2, "size": 12, "slices": 1}
+    one = AudioMotion.from_codebooks(torch.randn(2, 16, 6), torch.randn(3, 2, 8, 4), **sizes).eval()
+    motion = torch.randint(8, (2, 60, 3, 2))
+    found = one.embed_motion(motion)
+    assert found.shape == (2, 12)
+    assert found.sum(1).abs().max() < 1e-5  # a LayerNorm has mean 0
+    assert (found - one.embed_motion(motion.flip(1))).abs().max() > 1e-4
+    read = torch.randn(1, 6, 12)
+    plain, turned = (one.motion(one.motion_in(x)).mean(1) for x in (read, read.flip(1)))
+    torch.testing.assert_close(plain, turned)
+    assert one.embed_audio(torch.randint(16, (2, 60, 2))).sum(1).abs().max() < 1e-5
+
+
 def test_a_size_that_slices_cannot_share_is_refused():
     with pytest.raises(ValueError, match=r"size \(100\) must be a multiple of slices \(24\)"):
         AudioMotionConfig(audio_encoder=AudioEncoderConfig(), motion_channels=1, size=100)

@@ -8,7 +8,8 @@ from pydantic import Field
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.fingers import FingerConfig
-from echoavatar_lab.commands.recipe import Options, read_recipe
+from echoavatar_lab import paper
+from echoavatar_lab.commands.recipe import Options, paper_recipe, read_recipe
 from echoavatar_lab.models.fingers import FingerTraining
 from echoavatar_lab.training import TrainingConfig
 
@@ -114,3 +115,14 @@ def test_a_recipe_that_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(EchoAvatarError, match="not a regular file"):
         read_recipe(tmp_path / "pipe")
+
+
+def test_a_recipe_of_the_paper_changes_its_settings_and_no_others(tmp_path: Path) -> None:
+    path = tmp_path / "recipe.yaml"
+    path.write_text("paper: tokens\ntraining:\n  is_mirrored: true\n")
+    found = paper_recipe(read_recipe(path), path)
+    assert found == {"model": {}, "training": {"patience": 0, "is_leveled": False, "is_mirrored": True}}
+    assert not paper.TOKENS["training"]["is_mirrored"]  # it is a copy that changes
+    path.write_text("paper: lips\n")
+    with pytest.raises(EchoAvatarError, match="no paper: lips; there are codec, tokenizer"):
+        paper_recipe(read_recipe(path), path)

@@ -68,7 +68,18 @@ def test_shares_by_class_and_kind() -> None:
     found = {row.group: row for row in shares(takes)}
     assert (found["all"].danced, found["all"].gestured, found["all"].takes) == (0.25, 0.75, 2)
     assert (found["male, read"].danced, found["female, read"].danced) == (1, 0)
-    assert "| speech | all | 2 | 13 | 25.0 | 75.0 |" in as_text(shares(takes))
+    assert "| speech | all | 2 | 13 | 25.0 [0.0, 100.0] | 75.0 [0.0, 100.0] |" in as_text(shares(takes))
+    assert "| speech | male, read | 1 | 3 | 100.0 | 0.0 |" in as_text(shares(takes))
+
+
+def test_takes_of_one_sound_are_one_sample() -> None:
+    """Performed twice, a sound is still one sound: the interval is over sounds, not over takes."""
+    takes = [Take("a", "speech", "x", moving("hips", 0, 90)), Take("a", "speech", "x", moving("leftUpperLeg", 150, 90))]
+    (whole, _) = shares(takes)
+    assert (whole.takes, whole.danced) == (2, 0.5)
+    assert np.isnan(whole.danced_interval.low)
+    more = [*takes, Take("b", "speech", "x", moving("hips", 0, 90)), Take("b", "speech", "x", moving("hips", 0, 90))]
+    assert shares(more)[0].danced_interval == (0, 0.5)
 
 
 def person(performer: str, kind: str, ankles: float, hands: float) -> Person:

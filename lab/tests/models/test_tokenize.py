@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
@@ -132,6 +133,18 @@ def test_each_sound_gets_its_codes_events_and_the_generators_own_motion(
     before = path.stat().st_mtime_ns
     tokenize_sounds(SoundSet(tmp_path), bundle.codec, bundle.generator, tmp_path / "tokens")
     assert path.stat().st_mtime_ns == before
+
+
+def test_without_a_past_no_motion_is_made(
+    tiny_bundle: Path, tmp_path: Path, voice: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bundle = load_bundle(tiny_bundle)
+    monkeypatch.setattr("echoavatar_lab.models.tokenize.own_motion", None)
+    tokenize_sounds(sounds(tmp_path, voice), bundle.codec, bundle.generator, tmp_path / "tokens", has_past=False)
+    [path] = (tmp_path / "tokens").iterdir()
+    clip = TokenClip.load(path)
+    assert (clip.audio.shape, clip.motion.shape, clip.has_truth) == ((140, 2), (14, 3, 2), False)
+    assert not clip.motion.any()
 
 
 def test_the_motion_is_what_a_live_stream_makes_and_follows_the_seed(tiny_bundle: Path) -> None:

@@ -1,6 +1,6 @@
 """The paper's recipes against the paper's numbers, which `paper_numbers.csv` holds as typed from it, with their places.
 
-Nothing here reads `reproduce`'s own scale. A row that nothing holds serves `tests/docs/test_paper_index.py`.
+What `reproduce` builds: `lab/tests/test_paper.py`. A row that nothing holds serves `tests/docs/test_paper_index.py`.
 """
 
 import argparse
@@ -121,7 +121,8 @@ def test_what_the_paper_does_not_have_is_off() -> None:
     model, training = settings_of("tokenizer")
     assert (training.is_principal_start, training.is_scaled_by_reach, training.quantize_from) == (False, False, 0)
     assert model.kmeans_steps == 0
-    assert settings_of("tokens")[1] == TokenSettings(patience=0, is_leveled=False)
+    assert not training.is_mirrored
+    assert settings_of("tokens")[1] == TokenSettings(patience=0, is_leveled=False, is_mirrored=False)
     for stage in (1, 2, 3):
         model, training = settings_of(f"generator_stage{stage}")
         assert (training.cue_weight, training.blind, training.out_of_step, training.other_past) == (0, 0, 0, 0)

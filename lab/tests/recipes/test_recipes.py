@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 import shlex
 from pathlib import Path
 
@@ -75,7 +76,7 @@ def test_a_recipe_opens_with_its_commands_and_has_valid_settings(path: Path, mon
         assert words[:1] == ["train"]
         assert words[words.index("--recipe") + 1] == str(path.relative_to(ROOT))
         kind, settings = settings_of(words)
-        assert kind.replace("-", "_") == path.stem.split("_stage")[0].removesuffix("_offline").removesuffix("_depth")
+        assert kind.replace("-", "_") == re.sub("_(stage.*|offline|depth|mirrored)$", "", path.stem)
         model, training = CONFIGS[kind]
         settings.checked(training, "training")
         if model is None:

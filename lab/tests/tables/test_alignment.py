@@ -3,13 +3,13 @@
 import json
 
 import pytest
-import torch
 from lab.tests.fakes import FakeExperiment, counted
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.evaluation.metrics.retrieval import chance
 from echoavatar_lab.tables import alignment, scores
 from echoavatar_lab.tables.alignment import QUOTED, RETRIEVAL_COLUMNS, _quoted, _retrieval_lines
+from echoavatar_lab.tables.experiment import Sources
 from echoavatar_lab.tables.table import Table
 
 PROBES = (
@@ -71,20 +71,13 @@ def test_a_reward_of_other_codes_is_refused(tmp_path, monkeypatch):
     made = []
 
     class Codes:
-        folder, seed, scale, codes = tmp_path, 0, FakeExperiment.scale, "one"
-
-        class codec:  # noqa: N801
-            codebooks = torch.zeros(2, 4, 3)
-
-        def tokenizer(self, choice):
-            return type("Tokenizer", (), {"codebooks": lambda self: torch.zeros(3, 4, 3)})()
+        folder, seed, scale, codes, sources = tmp_path, 0, FakeExperiment.scale, "one", Sources()
 
         def codes_settings(self, choice):
             return {"codes": self.codes}
 
-    monkeypatch.setattr(alignment, "reward_window", lambda clips: 4)
-    monkeypatch.setattr(alignment, "AudioMotionWindows", lambda *a, **k: None)
-    monkeypatch.setattr(alignment.AudioMotion, "from_codebooks", lambda *a, **k: None)
+    monkeypatch.setattr(alignment, "alignment_settings", lambda experiment: (None, None))
+    monkeypatch.setattr(alignment, "_windows", lambda experiment, clips: None)
     monkeypatch.setattr(alignment.AudioMotion, "load", lambda folder: folder)
     monkeypatch.setattr(alignment, "AudioRewardTask", lambda *a: None)
     monkeypatch.setattr(alignment, "train", lambda *a: made.append(1))

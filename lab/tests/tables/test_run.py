@@ -7,9 +7,9 @@ from lab.tests.fakes import FakeExperiment, counted
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.tables import alignment, main, scores, tokenizer_ablation
-from echoavatar_lab.tables.experiment import Experiment
-from echoavatar_lab.tables.run import INTERVALS, NOTHING_LEARNED, make_in_waves, reproduce
-from echoavatar_lab.tables.scale import TINY, GeneratorChoice, generator_waves
+from echoavatar_lab.tables.experiment import Experiment, Sources
+from echoavatar_lab.tables.run import INTERVALS, NOTHING_LEARNED, PAPERS, make_in_waves, reproduce
+from echoavatar_lab.tables.scale import PAPER, TINY, GeneratorChoice, generator_waves
 
 
 def test_a_table_ends_with_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -23,6 +23,15 @@ def test_a_table_ends_with_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) 
     assert made.startswith("Made by `echoavatar reproduce layouts` on ")
     assert "; commit " in made
     assert runtime == "Runtime: paper."
+
+
+def test_what_is_not_the_papers_at_its_scale_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scores, "generation_scores", counted)
+    experiment = FakeExperiment()
+    experiment.scale, experiment.sources = PAPER, Sources(qwen=Path("qwen"))
+    experiment.corpus = SimpleNamespace(manifest=SimpleNamespace(info={"kind": "sways"}), frames=lambda: 3600)
+    told = [note for note in reproduce("layouts", experiment, command="c").notes if note.startswith("Not the paper's")]
+    assert told == [PAPERS["codec"]]
 
 
 def leave(experiment: Experiment, name: str) -> None:

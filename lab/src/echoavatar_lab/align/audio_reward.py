@@ -8,7 +8,8 @@ Audio is encoded from codec tokens, by BEATs or by Wav2CLIP (`audio_encoders`). 
 Motion is encoded from the vectors of its codes, which are what the generator predicts (`motion` "features" is the
 paper's: normalised motion features, decoded from the codes at 30 fps). And the paper averages over the
 whole clip, so its embedding cannot say when anything happened. Here 4 s are pooled into 24 slices of 1/6 s with 32
-channels each, and the cosine adds up what agrees at the same time. `slices` 1 is the paper's.
+channels each, and the cosine adds up what agrees at the same time. `slices` 1 is the paper's form: LayerNorm behind the
+projection of the mean, and a plain transformer that knows positions by sinusoids alone.
 """
 
 from collections.abc import Mapping
@@ -61,7 +62,14 @@ class AudioMotionConfig(Config):
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
     size: int = Field(default=768, gt=0, description="length of the embedding of 4 s")
-    slices: int = Field(default=24, gt=0, le=4096, description="time slices in the embedding of 4 s (paper: 1)")
+    slices: int = Field(
+        default=24, gt=0, le=4096, description="time slices in the embedding of 4 s; 1: the whole clip (paper)"
+    )
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the clip is one embedding, in the paper's form."""
+        return self.slices == 1
 
     @model_validator(mode="after")
     def _slices_share_the_size(self) -> Self:
@@ -95,13 +103,23 @@ class AudioMotion(checkpoint.Checkpointed):
         self.audio_encoder: TokenEncoder | WaveformEncoder
         if config.audio_encoder.codec is None:
             self.audio_encoder = TokenEncoder(config.audio_encoder, sound_shape, width=width, heads=config.heads)
-        else:
-            self.audio_encoder = WaveformEncoder(config.audio_encoder, width=width)
+        else:  # its own projection is the paper's
+            self.audio_encoder = WaveformEncoder(config.audio_encoder, width=config.size if config.is_whole else width)
         self.motion_in = nn.Linear(config.motion_channels, width)
-        self.motion = nn.Sequential(*(FullBlock(width=width, heads=config.heads) for _ in range(config.layers)))
         each = config.size // config.slices
-        self.sound_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
-        self.motion_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
+        if config.is_whole:
+            layer = nn.TransformerEncoderLayer(
+                width, config.heads, 4 * width, dropout=0.0, activation="gelu", batch_first=True, norm_first=True
+            )
+            self.motion: nn.Module = nn.TransformerEncoder(layer, config.layers, enable_nested_tensor=False)
+            is_projected = config.audio_encoder.codec is not None
+            self.sound_out: nn.Module = nn.Identity() if is_projected else nn.Linear(width, each)
+            self.motion_out: nn.Module = nn.Linear(width, each)
+        else:
+            self.motion = nn.Sequential(*(FullBlock(width=width, heads=config.heads) for _ in range(config.layers)))
+            self.sound_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
+            self.motion_out = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, each))
+        self.sound_norm, self.motion_norm = (nn.LayerNorm(each) if config.is_whole else nn.Identity() for _ in range(2))
         self.log_temperature = nn.Parameter(torch.tensor(FIRST_TEMPERATURE).log())
 
     @classmethod
@@ -174,7 +192,7 @@ class AudioMotion(checkpoint.Checkpointed):
             tokens = round(sound.shape[1] * SAMPLE_RATE_HZ / RATE_HZ / SAMPLES_PER_MOTION_TOKEN)
         else:
             tokens = sound.shape[1] // FRAMES_PER_TOKEN
-        return self._pooled(self.sound_out(self.audio_encoder(sound)), tokens)
+        return self._pooled(self.sound_out(self.audio_encoder(sound)), tokens, self.sound_norm)
 
     def embed_motion(self, motion: Tensor) -> Float[Tensor, "b d"]:
         """Unit embeddings of motion codes (b, n, p, q) or, as the config says, features (b, t, c).
@@ -193,13 +211,13 @@ class AudioMotion(checkpoint.Checkpointed):
             read = torch.cat(parts, -1)
         x = self.motion_in(read)
         states = self.motion(x + sinusoids(x.shape[1], x.shape[2]).to(x))
-        return self._pooled(self.motion_out(states), tokens)
+        return self._pooled(self.motion_out(states), tokens, self.motion_norm)
 
-    def _pooled(self, states: Float[Tensor, "b t c"], tokens: int) -> Float[Tensor, "b d"]:
-        """Average over slices of equal duration; a shorter clip has fewer of them."""
-        slices = max(1, round(self.config.slices * tokens / WINDOW_TOKENS))
+    def _pooled(self, states: Float[Tensor, "b t c"], tokens: int, norm: nn.Module) -> Float[Tensor, "b d"]:
+        """Average over slices of equal duration, of which a shorter clip has fewer; in the paper's form over all."""
+        slices = 1 if self.config.is_whole else max(1, round(self.config.slices * tokens / WINDOW_TOKENS))
         pooled = F.adaptive_avg_pool1d(states.transpose(1, 2), slices)
-        return F.normalize(pooled.flatten(1), dim=-1)
+        return F.normalize(norm(pooled.flatten(1)), dim=-1)
 
     @torch.no_grad()
     def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:

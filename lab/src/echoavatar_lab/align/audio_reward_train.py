@@ -1,6 +1,7 @@
 """Trains the audio-motion alignment reward on token clips and tests it by retrieval among held-out windows."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -23,10 +24,11 @@ from echoavatar_lab.evaluation.metrics.retrieval import (
     retrieval,
     similarity,
 )
+from echoavatar_lab.foreign.foreign_files import read_tensors
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask
+from echoavatar_lab.training import Loss, Progress, TrainingConfig, TrainingTask, seeded
 
-from .audio_encoders import RATE_HZ, decoded_waveform
+from .audio_encoders import RATE_HZ, SMALL_BEATS, SMALL_WAV2CLIP, Beats, Wav2Clip, decoded_waveform
 from .audio_reward import WINDOW_TOKENS, AudioMotion, info_nce
 
 WINDOW_CHUNKS = exact_div(WINDOW_TOKENS, MOTION_TOKENS_PER_CHUNK)
@@ -45,6 +47,38 @@ class AudioRewardTraining(TrainingConfig):
     final_rate: float = Field(default=0.0, ge=0, le=1, description="share of the peak at the end")
     weight_decay: float = Field(default=0.05, ge=0, description="AdamW decay")
     save_every: int = Field(default=50, ge=0, description="steps between checkpoints")
+
+
+def untrained(
+    codec: AudioCodec,
+    tokenizer: BodyTokenizer,
+    *,
+    encoder: str,
+    weights: Path | None = None,
+    motion: str = "codes",
+    seed: int = 0,
+    **sizes: int,
+) -> AudioMotion:
+    """The reward before training; `encoder` is one of `audio_encoders.KINDS`, `motion` what it reads.
+
+    Published `weights` of BEATs or Wav2CLIP are kept fixed; without them a small network of that kind learns along.
+
+    Raises:
+        CheckpointError: the file holds other weights.
+    """
+    read = tokenizer.statistics if motion == "features" else None
+    with seeded(seed):
+        book = tokenizer.codebooks().detach()
+        if encoder == "codes":
+            return AudioMotion.from_codebooks(codec.codebooks.detach(), book, statistics=read, **sizes)
+        network: Beats | Wav2Clip
+        if encoder == "beats":
+            network = Beats.from_published(read_tensors(weights, "model")) if weights else Beats(SMALL_BEATS)
+        elif weights:
+            network = Wav2Clip.from_published(read_tensors(weights, "state_dict"))
+        else:
+            network = Wav2Clip(SMALL_WAV2CLIP)
+        return AudioMotion.from_network(network, codec, book, is_frozen=weights is not None, statistics=read, **sizes)
 
 
 class Windows(NamedTuple):

@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.generator import Generator
+from echoavatar_lab.paper import RL
 from echoavatar_lab.training import Gather, Schedule, TrainingConfig, TrainingTask, adamw
 
 from .policy import GeneratorPolicy, Rollout, Scores, check_reference, exact_kl, mean_by_layer
@@ -25,7 +26,6 @@ from .probe import Judge, Probe
 from .prompts import Events, PromptBatch
 
 Method = Literal["grpo", "dpo", "ppo"]
-NEVER = 1e6  # no KL is so large
 
 
 class AlignTraining(TrainingConfig):
@@ -111,11 +111,7 @@ def recipe(name: str, method: Method) -> AlignTraining:
         case "rehearsal":
             sizes = own
         case "paper":
-            # the paper's windows last 4 s; it does not say how much of them is context, so ours have none
-            sizes = {"batch": 16, "group": {"grpo": 30, "dpo": 8, "ppo": 1}[method], "past": 0, "length": 15}
-            sizes |= {"learning_rate": 6e-5, "credit": "sequence", "discount": 1.0, "fewest_events": 0}
-            sizes |= {"kl_stop": NEVER}
-            sizes |= {"accumulation": {"grpo": 16, "dpo": 2, "ppo": 1}[method]}
+            sizes = dict(RL[method])
         case "targets":
             sizes = {"steps": 180, "batch": 64, "accumulation": 4, "past": 64, "own_past": 56, "length": 38}
             sizes |= {"learning_rate": 1.5e-4, "betas": (0.9, 0.98), "average": 0.97, "warmup": 8, "autocast": True}

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import write_whole
+from echoavatar_lab import paper
 
 from . import align_rewards
 from .config_options import add_fields, add_minutes, add_track, command_line, given_fields
@@ -53,7 +54,7 @@ docs/alignment.md.
 
 RECIPES = ("tiny", "rehearsal", "paper")
 CANDIDATES = 8  # of which best and worst are kept (paper, Direct Preference Alignment)
-PAPER_REWARDS = ["quality=1", "alignment=1"]  # paper, Reward-Guided Optimization; how it weighs them it does not say
+PAPER_REWARDS = [f"{name}={weight:g}" for name, weight in paper.REWARDS.items()]
 SIZES = ("group", "past", "length", "fewest_events")
 SAMPLING = ("temperature", "cooling", "top_p")
 TARGET_SETTINGS = (

@@ -10,32 +10,20 @@ from typing import TYPE_CHECKING, Any, get_args
 from echoavatar.cli.options import seed
 from echoavatar.errors import EchoAvatarError
 from echoavatar.whole_file import make_output_folder, write_whole
+from echoavatar_lab import paper
 
 from .config_options import add_fields, command_line, given_fields
 from .progress import progress_bar
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Bundle
-    from echoavatar_lab.align.audio_reward import AudioMotion
     from echoavatar_lab.models.generator.windows import TokenClip
 
-PAPER: dict[str, dict[str, float | str]] = {
-    "reward-quality": {"width": 512, "heads": 8, "resampling": "dual", "differences": False},
-    "reward-alignment": {
-        "width": 512,
-        "slices": 1,
-        "heads": 8,
-        "learning_rate": 1e-4,
-        "batch": 32,
-        "motion": "features",
-    },
-}  # appendix, Motion Quality Reward Model ("mirrors our motion tokenizer"); Audio-Motion Alignment Reward
 PAPER_WORDS = (
-    "width 512, 8 heads; quality: dual-path resampling, no differences; alignment: 1 slice, rate 1e-4, batch 32,"
-    " motion features, BEATs if --encoder-weights are given"
+    "width 512, 8 heads, 20,000 steps; quality: dual-path resampling, no differences; alignment: the whole clip, rate"
+    " 1e-4, batch 32, motion features, BEATs if --encoder-weights are given"
 )
 QUALITY_SIZES = ("width", "heads")
-QUALITY_FORM = ("resampling", "differences")  # no options: the paper's with --paper
 ALIGNMENT_SIZES = ("width", "heads", "layers", "slices")
 RUN = ("seed", "minutes", "autocast")
 
@@ -123,8 +111,9 @@ def run(args: argparse.Namespace) -> int:
 
 def chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     """The settings that the user gave; with --paper, the paper's values for the others."""
-    paper = PAPER[args.kind] if args.paper else {}
-    return {name: paper[name] for name in names if name in paper} | given_fields(args, names)
+    found = {"reward-quality": paper.QUALITY, "reward-alignment": paper.ALIGNMENT}[args.kind] if args.paper else {}
+    both = {name: value for section in found.values() for name, value in section.items()}
+    return {name: both[name] for name in names if name in both} | given_fields(args, names)
 
 
 Clips = dict[str, "TokenClip"]
@@ -166,7 +155,7 @@ def _quality(
     model = train(
         QualityTask(
             CorruptedWindows(bundle.tokenizer, list(taught.values()), seed=args.seed),
-            QualityConfig.model_validate(chosen(args, *QUALITY_SIZES, *QUALITY_FORM) | {"features": channels}),
+            QualityConfig.model_validate(chosen(args, *QualityConfig.model_fields) | {"features": channels}),
             QualityTraining.model_validate(chosen(args, "steps", *RUN)),
             scores=scores,
             card=_card(args),
@@ -191,20 +180,28 @@ def _alignment(
         decoded_features,
         decoded_waveforms,
         retrieval_tables,
+        untrained,
     )
     from echoavatar_lab.training import train
 
     encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
-    reads_features = chosen(args, "motion").get("motion") == "features"
-    model = _listener(args, bundle, encoder, reads_features=reads_features)
+    if args.encoder_weights and encoder == "codes":
+        raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
+    sizes = chosen(args, "motion", "size", *ALIGNMENT_SIZES)
+    model = untrained(
+        bundle.codec, bundle.tokenizer, encoder=encoder, weights=args.encoder_weights, seed=args.seed, **sizes
+    )
 
     def pairs(clips: Clips) -> AudioMotionWindows:
         waves = None if encoder == "codes" else decoded_waveforms(bundle.codec, clips, progress)
-        features = decoded_features(bundle.tokenizer, clips, progress) if reads_features else None
+        is_read = model.config.motion == "features"
+        features = decoded_features(bundle.tokenizer, clips, progress) if is_read else None
         return AudioMotionWindows(clips, waves=waves, features=features)
 
     rate = {"learning_rate": args.rate} if args.rate else {}
-    training = AudioRewardTraining.model_validate(chosen(args, "steps", "batch", "learning_rate", *RUN) | rate)
+    training = AudioRewardTraining.model_validate(
+        chosen(args, "steps", "batch", "learning_rate", "schedule", *RUN) | rate
+    )
     model = train(
         AudioRewardTask(model, pairs(taught), training, card=_card(args)), args.output, progress=progress
     ).model
@@ -254,36 +251,6 @@ KINDS = {
     "reward-alignment": _alignment,
     "reward-realism": _realism,
 }
-
-
-def _listener(args: argparse.Namespace, bundle: "Bundle", encoder: str, *, reads_features: bool) -> "AudioMotion":
-    """The untrained reward; published weights are read by a reader that constructs tensors only."""
-    from echoavatar_lab.align.audio_encoders import SMALL_BEATS, SMALL_WAV2CLIP, Beats, Wav2Clip
-    from echoavatar_lab.align.audio_reward import AudioMotion
-    from echoavatar_lab.foreign.foreign_files import read_tensors
-    from echoavatar_lab.training import seeded
-
-    if args.encoder_weights and encoder == "codes":
-        raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
-    with seeded(args.seed):
-        motion_book = bundle.tokenizer.codebooks().detach()
-        sizes = chosen(args, *ALIGNMENT_SIZES)
-        read = bundle.tokenizer.statistics if reads_features else None
-        if encoder == "codes":
-            return AudioMotion.from_codebooks(bundle.codec.codebooks.detach(), motion_book, statistics=read, **sizes)
-        network: Beats | Wav2Clip
-        if encoder == "beats":
-            network = Beats(SMALL_BEATS)
-            if args.encoder_weights:
-                network = Beats.from_published(read_tensors(args.encoder_weights, "model"))
-        else:
-            network = Wav2Clip(SMALL_WAV2CLIP)
-            if args.encoder_weights:
-                network = Wav2Clip.from_published(read_tensors(args.encoder_weights, "state_dict"))
-        is_frozen = args.encoder_weights is not None
-        return AudioMotion.from_network(
-            network, bundle.codec, motion_book, is_frozen=is_frozen, statistics=read, **sizes
-        )
 
 
 def _card(args: argparse.Namespace) -> dict[str, object]:

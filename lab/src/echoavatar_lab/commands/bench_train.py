@@ -27,7 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Time, and print."""
-    from echoavatar.models.generator import GeneratorConfig
     from echoavatar.motion.kinematics import HUMANOID
     from echoavatar_lab.bench.train import bench_generator, bench_tokenizer
     from echoavatar_lab.models.generator.sequences import compact_layout
@@ -44,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         layers, codes = scale.tokenizer.layers, scale.tokenizer.codes
         layout = compact_layout(audio_codes=1024, motion_layers=layers, motion_codes=codes)
-        config = GeneratorConfig(layout=layout, **scale.generator.model_dump())
+        config = scale.generator.model_copy(update={"layout": layout})
         filled = {"chunks": config.window_chunks + 6, "depth_weights": (1.0,) * layers}
         report = bench_generator(config, scale.generator_training.model_copy(update=filled | chosen), **how)
     print(f"{report.device}: {report.matrix_rate:.3g} Tflop/s in products of {report.number_format}")

@@ -109,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "domain confusion: the share of frames danced to speech and gestured to music, by class of voice and music of"
         " --recordings (up to --clips of each, --seconds long); with --captured, how well that tells captured people"
         " apart",
-        *("clips", "recordings", "seconds"),
+        *("clips", "recordings", "seconds", "repeats"),
     )
     domains.add_argument("--captured", type=Path, help="folder of captured motion to compare with")
 
@@ -124,17 +124,23 @@ def _shared(parser: argparse.ArgumentParser, *names: str, is_measure: bool = Fal
             "help": "folder of recorded audio: the dev files of its manifest.csv, or test where none is dev; without"
             " a manifest all files, and paths with 'music' in them are music",
         },
+        "split": {
+            "choices": ("dev", "test"),
+            "default": "dev",
+            "help": "recordings to hear; test once for a generator, whose card then says so (default: dev)",
+        },
+        "again": {"action": "store_true", "help": "hear test again with the same weights; the card says that, too"},
         "seconds": {"type": float, "default": 30.0, "help": "length to use of each recording (default: 30)"},
         "repeats": {
             "type": _times,
             "metavar": "N",
             "help": "perform every clip or sound N times, with different seeds (default: 3 for held-out clips; 1 for"
-            " `alive`, which with more also shows how far means scatter)",
+            " `alive`, which with more also shows how far means scatter, and for `domains`)",
         },
         "seed": {"type": int, "default": 0, "help": "seed of sampling (default: 0)"},
         "runtime": {"default": "default", "metavar": "HOW", "help": RUNTIME_HELP},
     }
-    for name in (*names, "seed", "runtime"):
+    for name in (*names, *(("split", "again") if "recordings" in names else ()), "seed", "runtime"):
         parser.add_argument(f"--{name}", **options[name] | ({"default": argparse.SUPPRESS} if is_measure else {}))
 
 
@@ -150,6 +156,8 @@ def run(args: argparse.Namespace) -> int:
 
     bundle = load_bundle(args.model).running(args.runtime)
     print(f"runtime: {bundle.runtime.label}")
+    if args.split == "test":
+        _claim_test(args)
     own = {"alive": _alive, "jury": _jury, "actions": _actions, "face": _face, "codes": _codes, "domains": _domains}
     numbers = own.get(args.measure, _whole)(args, bundle)
     if numbers:
@@ -261,7 +269,7 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
     if not args.recordings:
         raise EchoAvatarError("`alive` performs recorded sound; give a folder with --recordings")
     captured = read_captured(args.captured) if args.captured else []
-    sounds = read_sounds(args.recordings, args.seconds, args.clips)
+    sounds = read_sounds(args.recordings, args.seconds, args.clips, split=args.split)
     seeds = [args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)]
     pipeline = Pipeline(bundle.without(["face"]))  # no row is of the face, which takes half the time
     with progress_bar() as say:
@@ -322,6 +330,7 @@ def _write_scores(path: Path, command: str, numbers: dict[str, dict[str, float |
 def _domains(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar_lab.evaluation import domains
+    from echoavatar_lab.evaluation.report import SEED_STRIDE
     from echoavatar_lab.evaluation.takes import perform
 
     if not args.recordings and not args.captured:
@@ -336,11 +345,38 @@ def _domains(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object
         print(f"limits that tell all of them apart best: ankles {ankles:.2f} m/s, hands {hands:.2f} arm lengths/s")
         rows += domains.held_out(people)
     if args.recordings:
-        sounds = domains.read_sounds(args.recordings, args.seconds, args.clips)
-        rows += domains.shares(perform(Pipeline(bundle.without(["face"])), sounds, seed=args.seed))
+        sounds = domains.read_sounds(args.recordings, args.seconds, args.clips, split=args.split)
+        pipeline = Pipeline(bundle.without(["face"]))
+        seeds = [args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)]
+        rows += domains.shares([take for seed in seeds for take in perform(pipeline, sounds, seed=seed)])
     print(f"limits of the shares: ankles {domains.ANKLES:g} m/s, hands {domains.HANDS:g} arm lengths/s")
     print(domains.as_text(rows))
-    return {"danced_gestured": {f"{row.kind}, {row.group}": [round(x, 4) for x in row[-2:]] for row in rows}}
+    named = {f"{row.kind}, {row.group}": row for row in rows}
+    return {
+        "danced_gestured": {name: [round(row.danced, 4), round(row.gestured, 4)] for name, row in named.items()},
+        "intervals": {
+            name: [list(_rounded(one._asdict()).values()) for one in (row.danced_interval, row.gestured_interval)]
+            for name, row in named.items()
+        },
+    }
+
+
+def _claim_test(args: argparse.Namespace) -> None:
+    """Have the generator's card say that the test recordings are heard now."""
+    from importlib.resources import files
+
+    from echoavatar.engine.pipeline.bundle import shipped
+    from echoavatar_lab.evaluation.test_split import claim_test
+    from echoavatar_lab.models.audio.recordings import MANIFEST
+    from echoavatar_lab.tables.run import commit
+
+    if not args.recordings or not (args.recordings / MANIFEST).is_file():
+        raise EchoAvatarError(f"--split test is of --recordings with a {MANIFEST} that marks files as test; give them")
+    folder = Path(str(files("echoavatar") / "bundles" / args.model)) if args.model in shipped() else Path(args.model)
+    if not folder.is_dir():
+        raise EchoAvatarError(f"--split test writes into the card of {args.model}: give the bundle's folder")
+    words = f"echoavatar evaluate BUNDLE {args.measure or ''} --recordings {args.recordings.name} --split test"
+    claim_test(folder / "generator", command=" ".join(words.split()), commit=commit(), is_again=args.again)
 
 
 def _rounded(scores: "Mapping[str, float]") -> dict[str, float | None]:
@@ -372,7 +408,7 @@ def _recordings(args: argparse.Namespace) -> "list[Sound]":
     from echoavatar_lab.models.audio.recordings import decoded, recorded_files
 
     found = []
-    for file in recorded_files(args.recordings, "dev") if args.recordings else ():
+    for file in recorded_files(args.recordings, args.split) if args.recordings else ():
         audio = decoded(file.path)[-int(args.seconds * 24_000) :]  # the end: training may have used the beginning
         kind = MUSIC if file.kind == MUSIC else SPEECH
         found.append(Sound(file.path.name, kind, "", audio.astype(np.float32) / 32_768))

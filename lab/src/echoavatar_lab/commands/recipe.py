@@ -5,7 +5,8 @@
     model:
       width: 256
 
-Options on the command line win over the recipe, which wins over the stage's defaults. Unknown keys are errors.
+Options on the command line win over the recipe, which wins over the stage's defaults. Unknown keys are errors. With
+`paper: NAME` the recipe changes the paper's settings of that name (`echoavatar_lab.paper`), not the stage's defaults.
 """
 
 import argparse
@@ -23,10 +24,11 @@ from echoavatar.config import Config
 from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
 from echoavatar.limits import read_text
+from echoavatar_lab import paper
 
 from .config_options import add_field
 
-SECTIONS = ("model", "training")
+SECTIONS, PAPER = ("model", "training"), "paper"
 RECIPE_BYTES = 1 << 16  # Python's reader of YAML takes a second for 100 KB
 ConfigT = TypeVar("ConfigT", bound=Config)
 
@@ -64,6 +66,9 @@ class Options:
         for section, found in (self._base if base is None else base).items():
             values[section] = copy.deepcopy(dict(found))
         recipe = read_recipe(args.recipe) if args.recipe else {}
+        if PAPER in recipe:
+            values = {section: {} for section in SECTIONS}
+            recipe = paper_recipe(recipe, args.recipe)
         for section, found in recipe.items():
             _merge(values[section], found)
         named = {(section, name) for section, found in recipe.items() for name in found}
@@ -148,12 +153,26 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
     except (yaml.YAMLError, RecursionError, ValueError, OverflowError) as error:  # the last two: numbers and dates
         raise EchoAvatarError(f"{path} is not YAML: {str(error)[:200]}") from error
     found = {} if found is None else found
-    if not isinstance(found, dict) or not all(isinstance(value, dict) for value in found.values()):
+    if not isinstance(found, dict) or not all(isinstance(found[key], dict) for key in found if key != PAPER):
         raise EchoAvatarError(f"{path}: a recipe has the sections {' and '.join(SECTIONS)}, each with settings")
-    unknown = [key for key in found if key not in SECTIONS]
+    unknown = [key for key in found if key not in (*SECTIONS, PAPER)]
     if unknown:
         raise EchoAvatarError(f"{path}: unknown section {unknown[0]}; there are {' and '.join(SECTIONS)}")
     return found
+
+
+def paper_recipe(recipe: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
+    """The paper's settings that a recipe names, changed by its own.
+
+    Raises:
+        EchoAvatarError: there are none of that name.
+    """
+    if (settings := paper.RECIPES.get(str(recipe[PAPER]))) is None:
+        raise EchoAvatarError(f"{path}: no paper: {recipe[PAPER]}; there are {', '.join(paper.RECIPES)}")
+    values = {section: copy.deepcopy(dict(settings[section])) for section in SECTIONS}
+    for section in values:
+        _merge(values[section], recipe.get(section, {}))
+    return values
 
 
 def _merge(under: dict[str, Any], over: Mapping[str, Any]) -> None:

@@ -68,6 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--codec", type=Path, help="trained audio codec (default: the default bundle's)")
     parser.add_argument("--extractor", type=Path, help="trained FID extractor (default: the shipped one)")
     parser.add_argument("--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to begin generators with")
+    parser.add_argument("--beats", type=Path, metavar="FILE", help="BEATs_iter3_plus_AS2M.pt, for the alignment reward")
+    parser.add_argument(
+        "--sounds", type=Path, metavar="FOLDER", help="sounds to tune on (`data rl-corpus`; default: some are made)"
+    )
     parser.add_argument(
         "--with",
         dest="others",
@@ -121,7 +125,11 @@ def run(args: argparse.Namespace) -> int:
         experiment = Experiment(
             args.output / args.scale,
             SCALES[args.scale],
-            Sources(args.corpus, args.codec, args.extractor, args.qwen, others, args.resample, args.model),
+            Sources(
+                *(args.corpus, args.codec, args.extractor, args.qwen, others, args.resample, args.model),
+                beats=args.beats,
+                sounds=args.sounds,
+            ),
             device=args.device,
             seed=args.seed,
             runtime=runtime,
@@ -197,7 +205,7 @@ def _count(text: str) -> int:
 def _command(args: argparse.Namespace, table: str) -> str:
     """The command for the notes of the table, with folder names instead of paths."""
     words = [f"echoavatar reproduce {table} --scale {args.scale} -o {args.output.name}"]
-    for name in ("corpus", "codec", "extractor", "qwen"):
+    for name in ("corpus", "codec", "extractor", "qwen", "beats", "sounds"):
         given = getattr(args, name)
         words += [f"--{name} {given.name}"] if given else []
     words += [f"--with {name}={folder.name}" for name, folder in args.others] if table in WITH else []

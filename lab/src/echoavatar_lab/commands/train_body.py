@@ -154,6 +154,7 @@ def _train_decoder(given: Given) -> None:
 def _add_tokens(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--patience", "training.patience")
     options.add("--no-level", "training.is_leveled")
+    options.add("--no-mirror", "training.is_mirrored")
     _add_parts(parser)
 
 
@@ -165,7 +166,7 @@ def _make_tokens(given: Given) -> None:
         AudioCodec.load(args.codec).eval(),
         AnyBodyTokenizer.load(args.tokenizer).eval(),
         args.output,
-        is_mirrored_too=corpus.can_mirror,
+        is_mirrored_too=settings.is_mirrored and corpus.can_mirror,
         patience=settings.patience,
         is_leveled=settings.is_leveled,
         progress=given.how["progress"],

@@ -23,6 +23,7 @@ from echoavatar.motion.kinematics import Motion
 
 from . import takes
 from .metrics.liveliness import MUSIC, SPEECH, body_points, foot_paths, hand_paths, path_speed
+from .table import UNKNOWN, Interval, mean_interval
 from .takes import Sound, Take, told_by_path
 
 AROUND_S = 2.0
@@ -58,7 +59,10 @@ DEFAULT = Limits()
 
 
 class Shares(NamedTuple):
-    """One class of sound: its length, and the shares of its frames, 0 to 1; the rest is neither."""
+    """One class of sound: its length, and the shares of its frames, 0 to 1; the rest is neither.
+
+    The 95 % intervals resample sounds, with all their takes, or performers.
+    """
 
     kind: str
     group: str
@@ -66,6 +70,8 @@ class Shares(NamedTuple):
     seconds: float
     danced: float
     gestured: float
+    danced_interval: Interval = UNKNOWN
+    gestured_interval: Interval = UNKNOWN
 
 
 class Person(NamedTuple):
@@ -93,7 +99,7 @@ def danced_gestured(found: Pace, chosen: Limits = DEFAULT) -> tuple[np.ndarray, 
     return danced, (found.hands > chosen.hands) & ~danced
 
 
-def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
+def read_sounds(folder: Path, seconds: float, most: int, *, split: str = "dev") -> list[Sound]:
     """The sounds of `takes.read_sounds` by classes of voice, and up to three mixtures of speech and music, twice.
 
     Music is as loud as the voice, and 12 dB quieter.
@@ -101,7 +107,7 @@ def read_sounds(folder: Path, seconds: float, most: int) -> list[Sound]:
     Raises:
         EchoAvatarError: no sound is left.
     """
-    sounds = takes.read_sounds(folder, seconds, most, class_of=voice)
+    sounds = takes.read_sounds(folder, seconds, most, class_of=voice, split=split)
     spoken, played = ([sound for sound in sounds if sound.kind == kind] for kind in (SPEECH, MUSIC))
     mixed = []
     for below, (one, other) in product(BELOW_DB, zip(spoken[:MIXED], played[:MIXED], strict=False)):
@@ -171,14 +177,14 @@ def limits(people: Sequence[Person]) -> Limits:
 
 def held_out(people: Sequence[Person]) -> list[Shares]:
     """The shares of captured people, each measured with limits that were chosen without that performer."""
-    marked: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    marked: dict[str, list[Marks]] = {}
     for performer in dict.fromkeys(one.performer for one in people):
         others = [one for one in people if one.performer != performer]
         has_all = {WAITING, TALKING, DANCING} <= {one.kind for one in others}
         chosen = limits(others if has_all else people)
         for one in people:
             if one.performer == performer:
-                marked.setdefault(one.kind, []).append(danced_gestured(one.pace, chosen))
+                marked.setdefault(one.kind, []).append((performer, *danced_gestured(one.pace, chosen)))
     return [
         _share("captured", kind, marks, sum(one.seconds for one in people if one.kind == kind))
         for kind, marks in sorted(marked.items(), key=lambda item: list(_WORDS).index(item[0]))
@@ -187,7 +193,7 @@ def held_out(people: Sequence[Person]) -> list[Shares]:
 
 def shares(performed: Iterable[Take]) -> list[Shares]:
     """The shares of every class, and of each kind as a whole (class "all"), in order of kind and class."""
-    kept = [(take, danced_gestured(pace(take.motion))) for take in performed]
+    kept = [(take, (take.name, *danced_gestured(pace(take.motion)))) for take in performed]
     groups = dict.fromkeys((take.kind, group) for take, _ in kept for group in ("all", take.group) if group)
     rows = []
     for kind, group in sorted(groups, key=lambda key: (key[0], key[1] != "all", key[1])):
@@ -200,14 +206,30 @@ def as_text(rows: Sequence[Shares]) -> str:
     """A table in Markdown; shares in percent."""
     lines = ["| sound | class | takes | s | danced, % | gestured, % |", "|---|---|---:|---:|---:|---:|"]
     for row in rows:
-        numbers = f"{row.takes} | {row.seconds:.0f} | {100 * row.danced:.1f} | {100 * row.gestured:.1f}"
+        told = (_percent(row.danced, row.danced_interval), _percent(row.gestured, row.gestured_interval))
+        numbers = f"{row.takes} | {row.seconds:.0f} | {' | '.join(told)}"
         lines.append(f"| {row.kind} | {row.group} | {numbers} |")
     return "\n".join(lines)
 
 
-def _share(kind: str, group: str, marks: Sequence[tuple[np.ndarray, np.ndarray]], seconds: float) -> Shares:
-    danced, gestured = (np.concatenate([mark[which] for mark in marks]) for which in (0, 1))
-    return Shares(kind, group, len(marks), seconds, float(danced.mean()), float(gestured.mean()))
+Marks = tuple[str, np.ndarray, np.ndarray]  # the sound or performer; which frames are danced, which gestured
+
+
+def _share(kind: str, group: str, marks: Sequence[Marks], seconds: float) -> Shares:
+    names = list(dict.fromkeys(mark[0] for mark in marks))
+
+    def of(which: int) -> tuple[float, Interval]:
+        each = [np.concatenate([mark[which] for mark in marks if mark[0] == name]) for name in names]
+        frames = np.array([float(len(one)) for one in each])
+        return float(np.concatenate(each).mean()), mean_interval(np.array([one.mean() for one in each]), frames)
+
+    (danced, danced_in), (gestured, gestured_in) = of(1), of(2)
+    return Shares(kind, group, len(marks), seconds, danced, gestured, danced_in, gestured_in)
+
+
+def _percent(share: float, found: Interval) -> str:
+    spread = f" [{100 * found.low:.1f}, {100 * found.high:.1f}]" if np.isfinite(found.low) else ""
+    return f"{100 * share:.1f}{spread}"
 
 
 def _around(paths: Float[np.ndarray, "t 2 3"], fps: float) -> Float[np.ndarray, " t"]:

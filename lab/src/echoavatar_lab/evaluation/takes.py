@@ -20,7 +20,7 @@ from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.csv_rows import read_rows
-from echoavatar_lab.models.audio.recordings import split_of
+from echoavatar_lab.models.audio.recordings import refuse_shared, split_of
 
 from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH, Points
 from .metrics.tells import judged_points
@@ -49,12 +49,17 @@ class Take(NamedTuple):
 
 
 def read_sounds(
-    folder: Path, seconds: float, most: int, *, class_of: Callable[[dict[str, str]], str] | None = None
+    folder: Path,
+    seconds: float,
+    most: int,
+    *,
+    class_of: Callable[[dict[str, str]], str] | None = None,
+    split: str = "dev",
 ) -> list[Sound]:
     """Up to `most` sounds of speech and as many of music, `seconds` long, from as many classes as there are.
 
     A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
-    its dev split is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a
+    its `split` is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a
     manifest, a path with "music" in it is music, and folders are classes. Voices of one class are joined until they
     last `seconds`; music is not. What stays shorter than 20 s is left out.
 
@@ -62,7 +67,7 @@ def read_sounds(
         EchoAvatarError: nothing is left.
     """
     listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
-    for path, kind, group in _listed(folder, class_of or _class):
+    for path, kind, group in _listed(folder, class_of or _class, split):
         listed[kind, group].append(path)
     shortest, found = min(float(ROOM_S), seconds), []
     for kind in (SPEECH, MUSIC):
@@ -135,13 +140,15 @@ def joined(skeleton: Skeleton, chunks: Sequence[MotionChunk]) -> Motion:
     return Motion(skeleton, whole.rotations, whole.root, float(FRAME_RATE_HZ))
 
 
-def _listed(folder: Path, class_of: Callable[[dict[str, str]], str]) -> list[tuple[Path, str, str]]:
-    """Path, kind and class of every sound."""
+def _listed(folder: Path, class_of: Callable[[dict[str, str]], str], split: str) -> list[tuple[Path, str, str]]:
+    """Path, kind and class of every sound of a split."""
     if (manifest := folder / "manifest.csv").is_file():
         rows = read_rows(manifest, ("path", "kind", "speaker_or_artist", "language_or_genre"))
         splits = [split_of(row["speaker_or_artist"], row.get("split", "dev")) for row in rows]
-        heard = "dev" if "dev" in splits else "test"
-        rows = [row for row, split in zip(rows, splits, strict=True) if split == heard]
+        pieces = (row.get("title", "") if row["kind"] == MUSIC else "" for row in rows)
+        refuse_shared(manifest, zip((row["speaker_or_artist"] for row in rows), pieces, splits, strict=True))
+        heard = "dev" if split == "dev" and "dev" in splits else "test"
+        rows = [row for row, own in zip(rows, splits, strict=True) if own == heard]
         return [(folder / row["path"], row["kind"], class_of(row)) for row in rows]
     paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES)
     places = [path.relative_to(folder) for path in paths]

@@ -42,6 +42,9 @@ class TokenSettings(Config):
 
     patience: float = Field(default=0.4, ge=0, description="cost of changing a code (paper: 0, the nearest codes)")
     is_leveled: bool = Field(default=True, description="whether sound is brought to one loudness (paper: false)")
+    is_mirrored: bool = Field(
+        default=True, description="whether mirrored motion is encoded too (paper: for the alignment reward)"
+    )
 
 
 def tokenize_corpus(
@@ -145,9 +148,12 @@ def tokenize_sounds(
     folder: Path,
     *,
     seed: int = 0,
+    has_past: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write a token file for each sound and return the number of sounds; existing files are kept.
+
+    Without `has_past` no motion is made and all its codes are 0: for prompts without a past, which read none.
 
     Raises:
         AudioError: a sound's file is missing or damaged.
@@ -156,18 +162,22 @@ def tokenize_sounds(
         for done, sound in enumerate(sounds.sounds, start=1):
             path = folder / f"{sound.name}.npz"
             if not path.exists():
-                _clip(sounds, sound, codec, generator, seed).save(path)
+                _clip(sounds, sound, codec, generator, seed if has_past else None).save(path)
             if progress:
                 progress(done, len(sounds.sounds))
         return len(sounds.sounds)
 
 
-def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generator, seed: int) -> TokenClip:
+def _clip(sounds: SoundSet, sound: Sound, codec: AudioCodec, generator: Generator, seed: int | None) -> TokenClip:
     audio = audio_codes(codec, sounds.load(sound), is_leveled=generator.config.is_leveled)
     events = {kind: np.array(times) for kind, times in sound.events.items()}
+    layout = generator.config.layout
+    tokens = len(audio) // (AUDIO_TOKEN_RATE_HZ * FRAMES_PER_MOTION_TOKEN // FRAME_RATE_HZ)
     return TokenClip(
         audio,
-        own_motion(generator, audio, seed=seed ^ crc32(sound.name.encode())),
+        np.zeros((tokens, layout.parts, layout.motion_layers), np.int16)
+        if seed is None
+        else own_motion(generator, audio, seed=seed ^ crc32(sound.name.encode())),
         sound.domain[::FRAMES_PER_MOTION_TOKEN],
         sound.split,
         cues_at(events, len(audio)),

@@ -1,10 +1,11 @@
 """Two tables of learned rewards: what tuning by them gains and costs, and whether sound finds its own motion.
 
 `alignment` is the paper's alignment-fidelity trade-off: the same generator untuned, and tuned by DPO, GRPO and PPO.
-Both learned rewards are trained on the corpus first. Each method then tunes the generator of the main table's last
-line by the sum of the rewards, as in the paper. The paper's DPO learns from people; ours learns from pairs ranked by
-the same rewards. Rewards are measured on held-out prompts, the same for all lines; everything else on the test clips,
-through the live pipeline.
+Both learned rewards are trained on the corpus first, in the paper's form: quality by the features alone, alignment by
+BEATs (`--beats`) and one embedding of the clip. Each method then tunes the generator of the main table's last line by
+the sum of the rewards, on sounds of a corpus without motion (paper, RL Alignment Corpus; `--sounds`, or one is made).
+The paper's DPO learns from people; ours learns from pairs ranked by the same rewards. Rewards are measured on prompts
+of the held-out clips, the same for all lines; everything else on the test clips, through the live pipeline.
 
 `retrieval` is the paper's table "Retrieval ability of the audio-motion contrastive space". The alignment reward is
 trained on the training clips and asked about windows of the other clips that do not overlap. The paper has galleries of
@@ -29,25 +30,30 @@ from echoavatar_lab.align.audio_reward_train import (
     AudioMotionWindows,
     AudioRewardTask,
     AudioRewardTraining,
+    decoded_features,
+    decoded_waveforms,
     embed,
+    untrained,
 )
 from echoavatar_lab.align.prompts import read_token_clips, train_and_test
 from echoavatar_lab.align.quality import CorruptedWindows, QualityConfig, QualityReward, QualityTask, QualityTraining
 from echoavatar_lab.align.rewards import ReferenceStatistics, RewardMix
 from echoavatar_lab.align.start import AlignmentSetup, make_pairs, training_task, tune
 from echoavatar_lab.align.trainer import AlignTraining, Method, fingerprint, recipe
+from echoavatar_lab.data import SoundSet
 from echoavatar_lab.evaluation.metrics.retrieval import PAPER_GALLERY, Retrieval, chance, gallery, retrieval, similarity
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.training import seeded, train
+from echoavatar_lab.models.tokenize import tokenize_sounds
+from echoavatar_lab.paper import REWARDS
+from echoavatar_lab.training import train
 from echoavatar_lab.training.metrics_log import FILE, read_metrics
 
 from .experiment import Experiment, make_once
-from .scale import OURS, GeneratorChoice, Part, ScaleName, generator_waves
+from .scale import OURS, GeneratorChoice, Part, generator_waves
 from .scores import GENERATION_COLUMNS, generation_cells, papers
 from .table import Cell, Column, Line, Table
 
 NAME = "alignment"
-REWARDS = ("quality", "alignment")
 NORMAL = 1.96  # standard errors of a 95 % interval
 COLUMNS = (
     *GENERATION_COLUMNS,
@@ -65,22 +71,6 @@ NO_STATISTICS = ReferenceStatistics(
     beat=(0.0,), stress=(0.0,), speed=(0.0,) * 3, movement=((0.0,) * 4,) * 3, jerk=1.0, scenes=1
 )
 """Learned rewards need no reference statistics."""
-
-
-class Budget(NamedTuple):
-    """Training steps and width of the reward models, and the number of prompts for DPO's pairs."""
-
-    quality_steps: int
-    alignment_steps: int
-    width: int
-    prompts: int
-
-
-BUDGETS: dict[ScaleName, Budget] = {
-    "tiny": Budget(4, 4, 32, 4),
-    "rehearsal": Budget(1200, 1000, 96, 200),
-    "paper": Budget(20_000, 20_000, 512, 2_000),
-}
 
 
 class TunedOutcome(NamedTuple):
@@ -111,9 +101,17 @@ def make(experiment: Experiment) -> Table:
         "Rewards: cosine of sound and motion, and motion quality, both learned, summed with equal weights; on "
         "held-out prompts. In brackets: 95 % intervals over prompts.",
         "The paper's DPO learns from people, ours from continuations ranked by the same rewards.",
+        f"Prompts to learn from: {_told_sounds(experiment)}.",
         f"Tuned for {_training(experiment, 'grpo').steps} steps with the recipe of the scale.",
     )
     return Table(NAME, "Alignment against fidelity (paper, RL Strategy Analysis and PPO)", COLUMNS, lines, notes)
+
+
+def _told_sounds(experiment: Experiment) -> str:
+    given, scale = experiment.sources.sounds, experiment.scale
+    if given is not None:
+        return f"sounds of {given.name}"
+    return f"{scale.speech_hours:g} hours of speech and {scale.pieces} pieces of music, made by `data rl-corpus`"
 
 
 def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
@@ -123,8 +121,8 @@ def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
     settings = {
         "generator": fingerprint(ready.generator),
         "training": training.model_dump(mode="json"),
-        "effort": BUDGETS[experiment.scale.name]._asdict(),
-        "codes": experiment.codes_settings(OURS),
+        "rewards": _reward_settings(experiment),
+        "sounds": _sound_settings(experiment),
     }
 
     def work() -> None:
@@ -135,10 +133,10 @@ def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
                 make_pairs(
                     ready,
                     pairs,
-                    prompts=BUDGETS[experiment.scale.name].prompts,
+                    prompts=experiment.scale.pairs,
                     past=training.past,
                     length=training.length,
-                    group=8,
+                    group=training.group,
                     margin=0.0,
                     fewest_events=training.fewest_events,
                     seed=experiment.seed,
@@ -171,61 +169,126 @@ def _training(experiment: Experiment, method: Method) -> AlignTraining:
 
 
 def _setting(experiment: Experiment) -> AlignmentSetup:
-    choice = GeneratorChoice(OURS.name)
-    generator = experiment.generator(choice)
+    generator = experiment.generator(GeneratorChoice(OURS.name))
     train_clips, test_clips = token_clips(experiment)
     own = {
         "quality": _quality(experiment, train_clips).judge,
         "alignment": alignment_reward(experiment, train_clips).judge,
     }
-    mix = RewardMix(dict.fromkeys(REWARDS, 1.0), NO_STATISTICS, own)
+    mix = RewardMix(REWARDS, NO_STATISTICS, own)
     card: dict[str, object] = {"data": experiment.corpus.folder.name, "begun_from": OURS.name}
+    prompts = _prompt_clips(experiment, generator)
     return AlignmentSetup(
-        experiment.tokenizer(OURS), generator, copy.deepcopy(generator), "no RL", train_clips, test_clips, mix, card
+        experiment.tokenizer(OURS), generator, copy.deepcopy(generator), "no RL", prompts, test_clips, mix, card
     )
 
 
 def token_clips(experiment: Experiment) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
-    """Codes of the training clips and of the other clips, by name."""
+    """Codes of the training clips and of the other clips, by name; mirrored ones too."""
     experiment.codes(OURS)
     folder = experiment.folder / "tokens" / OURS.name
     return train_and_test(read_token_clips(folder), folder)
 
 
+def _prompt_clips(experiment: Experiment, generator: Generator) -> dict[str, TokenClip]:
+    """Codes of the sounds that the generator is tuned on: the user's, or some that are made."""
+    folder = experiment.folder / "tokens" / "sounds"
+
+    def work() -> None:
+        sounds = SoundSet(experiment.sources.sounds or _made_sounds(experiment))
+        has_past = any(_training(experiment, method).past for method in LINES)
+        tokenize_sounds(
+            sounds,
+            experiment.codec,
+            generator,
+            folder,
+            seed=experiment.seed,
+            has_past=has_past,
+            progress=experiment.progress,
+        )
+
+    make_once(folder, _sound_settings(experiment) | {"generator": fingerprint(generator)}, work)
+    return train_and_test(read_token_clips(folder), folder)[0]
+
+
+def _made_sounds(experiment: Experiment) -> Path:
+    from echoavatar_lab.datasets.rl_corpus import SoundPlan, make_rl_corpus
+    from echoavatar_lab.datasets.text_to_speech import text_to_speech
+
+    folder, scale = experiment.folder / "sounds", experiment.scale
+    make_rl_corpus(SoundPlan(folder, text_to_speech("auto"), scale.speech_hours, scale.pieces, experiment.seed))
+    return folder
+
+
+def _sound_settings(experiment: Experiment) -> dict[str, object]:
+    given, scale = experiment.sources.sounds, experiment.scale
+    return {"sounds": given.name} if given else {"hours": scale.speech_hours, "pieces": scale.pieces}
+
+
 def _quality(experiment: Experiment, clips: dict[str, TokenClip]) -> QualityReward:
-    folder, budget = experiment.folder / "rewards" / "quality", BUDGETS[experiment.scale.name]
-    training = QualityTraining(steps=budget.quality_steps, seed=experiment.seed)
+    folder = experiment.folder / "rewards" / "quality"
     tokenizer = experiment.tokenizer(OURS)
+    config, training = quality_settings(experiment, tokenizer.mean.numel())
     levels = CorruptedWindows(tokenizer, list(clips.values()), seed=experiment.seed, chunks=reward_window(clips))
-    settings = _reward_settings(experiment, training, budget)
-    config = QualityConfig(features=tokenizer.mean.numel(), width=budget.width)
+    settings = _reward_settings(experiment)
     make_once(folder, settings, lambda: train(QualityTask(levels, config, training), folder).model)
     return QualityReward.load(folder)
 
 
+def quality_settings(experiment: Experiment, features: int) -> tuple[QualityConfig, QualityTraining]:
+    """Sizes of the quality reward of motion of so many features, and how it is trained."""
+    scale = experiment.scale
+    return (
+        scale.quality.model_copy(update={"features": features}),
+        scale.quality_training.model_copy(update={"seed": experiment.seed}),
+    )
+
+
 def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> AudioMotion:
-    """The reward that compares sound and motion, trained or loaded."""
-    folder, budget = experiment.folder / "rewards" / "alignment", BUDGETS[experiment.scale.name]
-    training = AudioRewardTraining(steps=budget.alignment_steps, seed=experiment.seed)
-    books = experiment.codec.codebooks.detach(), experiment.tokenizer(OURS).codebooks().detach()
-    pairs = AudioMotionWindows(clips, chunks=reward_window(clips))
-    settings = _reward_settings(experiment, training, budget)
+    """The reward that compares sound and motion, trained or loaded.
+
+    Raises:
+        EchoAvatarError: the paper's scale needs BEATs, and none is given.
+    """
+    folder = experiment.folder / "rewards" / "alignment"
+    if experiment.scale.name == "paper" and experiment.sources.beats is None:
+        raise EchoAvatarError("scale paper hears with the published BEATs: give BEATs_iter3_plus_AS2M.pt as --beats")
 
     def work() -> None:
-        with seeded(experiment.seed):
-            model = AudioMotion.from_codebooks(*books, width=budget.width)
-        train(AudioRewardTask(model, pairs, training), folder)
+        model, training = alignment_settings(experiment)
+        train(AudioRewardTask(model, _windows(experiment, clips), training), folder)
 
-    make_once(folder, settings, work)
+    make_once(folder, _reward_settings(experiment), work)
     return AudioMotion.load(folder)
 
 
-def _reward_settings(
-    experiment: Experiment, training: QualityTraining | AudioRewardTraining, budget: Budget
-) -> dict[str, object]:
-    """What a reward depends on; one that was trained on other codes is refused."""
-    codes = experiment.codes_settings(OURS)
-    return {"training": training.model_dump(mode="json"), "width": budget.width, "codes": codes}
+def alignment_settings(experiment: Experiment) -> tuple[AudioMotion, AudioRewardTraining]:
+    """The untrained alignment reward, and how it is trained."""
+    scale, sources = experiment.scale, experiment.sources
+    model = untrained(
+        experiment.codec,
+        experiment.tokenizer(OURS),
+        encoder="beats",
+        weights=sources.beats,
+        seed=experiment.seed,
+        **scale.alignment.model_dump(exclude={"audio_encoder", "motion_channels"}),
+    )
+    return model, scale.alignment_training.model_copy(update={"seed": experiment.seed})
+
+
+def _windows(experiment: Experiment, clips: dict[str, TokenClip], chunks: int | None = None) -> AudioMotionWindows:
+    """Windows of waves and motion features, `chunks` long or as the rewards' own."""
+    waves = decoded_waveforms(experiment.codec, clips, experiment.progress)
+    features = decoded_features(experiment.tokenizer(OURS), clips, experiment.progress)
+    return AudioMotionWindows(clips, chunks=chunks or reward_window(clips), waves=waves, features=features)
+
+
+def _reward_settings(experiment: Experiment) -> dict[str, object]:
+    """What the rewards depend on; one that was trained on other codes is refused."""
+    names = ("quality", "quality_training", "alignment", "alignment_training")
+    settings = experiment.scale.model_dump(mode="json", include=set(names))
+    beats = experiment.sources.beats
+    return settings | {"beats": beats.name if beats else None, "codes": experiment.codes_settings(OURS)}
 
 
 def reward_window(clips: dict[str, TokenClip]) -> int:
@@ -284,7 +347,7 @@ def make_retrieval(experiment: Experiment) -> Table:
     experiment.say("line: Ours")
     chunks = reward_window(train_clips)
     model = alignment_reward(experiment, train_clips)
-    sounds, motions = embed(model, AudioMotionWindows(held_out, chunks=chunks))
+    sounds, motions = embed(model, _windows(experiment, held_out, chunks))
     if len(sounds) < 2:
         raise EchoAvatarError(
             f"{experiment.corpus.folder} has {len(sounds)} held-out windows of {chunks} chunks; retrieval needs two:"
@@ -296,10 +359,11 @@ def make_retrieval(experiment: Experiment) -> Table:
     if len(toward) > PAPER_GALLERY:
         both = (gallery(matrix, PAPER_GALLERY, seed=experiment.seed) for matrix in (toward, back))
         lines += _retrieval_lines(f"{PAPER_GALLERY}", *both)
+    heard = "the published BEATs" if experiment.sources.beats else "a small BEATs that learned along"
     notes = (
         f"Windows of {chunks} chunks of 0.267 s that do not overlap, of the clips that are not for training; the"
         " paper's windows are of 4 s.",
-        "Our ears are the codec's codes, the paper's are BEATs and Wav2CLIP (`align reward-alignment` takes both).",
+        f"Our ears: {heard}, on sound that the codec decodes; the paper's are BEATs and Wav2CLIP.",
         "The paper's random MRR among 1,808 is 0.41 where H(1808)/1808 is 0.447.",
     )
     return Table(

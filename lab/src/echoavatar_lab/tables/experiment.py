@@ -17,10 +17,11 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object_file
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar.whole_file import write_whole
+from echoavatar_lab.align.audio_reward_train import MIRROR
 from echoavatar_lab.data import Clip, Corpus
 from echoavatar_lab.evaluation.measures import Extractor
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, load_shipped
@@ -28,8 +29,10 @@ from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
+from echoavatar_lab.models.tokenize import TokenSettings
+from echoavatar_lab.models.tokenizer.train import TokenizerTraining, as_one_part, body_config
 from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
+from echoavatar_lab.paper import TOKENS
 from echoavatar_lab.training import Progress, train
 
 from .baselines import BASELINES, Baselines
@@ -79,7 +82,9 @@ class Sources:
         qwen: Qwen2.5-0.5B-Instruct, the initial weights of generators; None: random weights.
         others: folders of motion that other systems made for the test clips, by the systems' names.
         is_resampling: take their motion at other rates than 30 fps, too.
-        model: bundle whose latency is measured; None: the default bundle, at scale `paper` of the paper's size.
+        model: bundle whose latency is measured; None: the default bundle, at scale `paper` the paper's sizes.
+        beats: published BEATs, which the alignment reward hears with; None: a small one that learns along.
+        sounds: corpus of sounds for tuning (`data rl-corpus`); None: one is made.
     """
 
     corpus: Path | None = None
@@ -89,6 +94,8 @@ class Sources:
     others: Mapping[str, Path] = field(default_factory=dict)
     is_resampling: bool = False
     model: str | None = None
+    beats: Path | None = None
+    sounds: Path | None = None
 
 
 def quiet(line: str) -> None:
@@ -182,16 +189,13 @@ class Experiment:
 
         folder, settings = self.folder / "tokenizers" / choice.name, self._tokenizer_settings(choice)
         sizes = MotionTokenizerConfig.model_validate(settings["sizes"])
-        training = self.scale.tokenizer_training.model_copy(
-            update={"losses": choice.losses, "seed": self.seed, "is_mirrored": self.corpus.can_mirror}
-        )
 
         def make() -> None:
             skeleton = self.corpus.skeleton
             config = body_config(as_one_part(skeleton) if choice.is_whole else skeleton, sizes)
             clips = self.corpus.motions("train")
             train(
-                TokenizerTask(config, training, clips, card=self._card("tokenizer")),
+                TokenizerTask(config, self.tokenizer_training(choice), clips, card=self._card("tokenizer")),
                 folder,
                 device=self.device,
                 trackers=self.trackers,
@@ -201,25 +205,41 @@ class Experiment:
         self._make_once(folder, settings, make)
         return AnyBodyTokenizer.load(folder)
 
+    def tokenizer_training(self, choice: TokenizerChoice) -> TokenizerTraining:
+        """How a tokenizer is trained."""
+        training = self.scale.tokenizer_training
+        is_mirrored = training.is_mirrored and self.corpus.can_mirror
+        return training.model_copy(update={"losses": choice.losses, "seed": self.seed, "is_mirrored": is_mirrored})
+
+    def token_settings(self) -> TokenSettings:
+        """How the corpus is encoded: as in the paper, with the mirrored motion of its alignment reward."""
+        return TokenSettings.model_validate(TOKENS["training"] | {"is_mirrored": True})
+
     def codes(self, choice: TokenizerChoice) -> list[TokenClip]:
-        """The corpus as codes of a tokenizer."""
+        """The corpus as codes of a tokenizer, without mirrored motion if the scale's trainings have none.
+
+        The folder holds mirrored motion too, which is positive for the alignment reward.
+        """
         from echoavatar_lab.models.tokenize import tokenize_corpus
 
         folder = self.folder / "tokens" / choice.name
 
         def make() -> None:
+            how = self.token_settings()
             tokenize_corpus(
                 self.corpus,
                 self.codec,
                 self.tokenizer(choice),
                 folder,
-                is_mirrored_too=self.corpus.can_mirror,
-                is_leveled=False,
+                is_mirrored_too=how.is_mirrored and self.corpus.can_mirror,
+                patience=how.patience,
+                is_leveled=how.is_leveled,
                 progress=self.progress,
             )
 
         self._make_once(folder, self.codes_settings(choice), make)
-        return [TokenClip.load(path) for path in sorted(folder.glob("*.npz"))]
+        paths, is_mirrored = sorted(folder.glob("*.npz")), self.scale.tokenizer_training.is_mirrored
+        return [TokenClip.load(path) for path in paths if is_mirrored or not path.stem.endswith(MIRROR)]
 
     def generator(self, choice: GeneratorChoice) -> Generator:
         """Train a generator of the paper's stage 1, 2 or 3, after the one that it goes on from; or load it.
@@ -237,26 +257,10 @@ class Experiment:
         clips = [clip for clip in self.codes(choice.tokenizer) if is_mostly(clip, choice.only)]
         if not any(clip.split == "train" for clip in clips):
             raise EchoAvatarError(f"no training clip is mostly {choice.only}; give a corpus with some (--corpus)")
-        layers = tokenizer.config.layers
-        layout = compact_layout(
-            audio_codes=self.codec.config.codes,
-            motion_layers=layers,
-            motion_codes=tokenizer.config.codes,
-            parts=len(tokenizer.config.parts),
-            has_example=choice.sizes.get("control") == "prompt",
-        )
-        before, training = choice.before, self.scale.generator_trainings[choice.stage]
-        sizes = self.scale.generator.model_dump() | dict(choice.sizes)
-        config = GeneratorConfig(layout=layout, is_leveled=False, **sizes)
-        chosen: dict[str, Any] = {
-            "chunks": config.window_chunks + EXTRA_CHUNKS,
-            "depth_weights": tuple(0.7**layer for layer in range(layers)),
-            "seed": self.seed,
-        }
+        before = choice.before
         train(
             GeneratorTask(
-                config,
-                GeneratorTraining.model_validate(training.model_dump() | chosen | dict(choice.training)),
+                *self.generator_settings(choice, tokenizer.config),
                 clips,
                 audio_codebooks=self.codec.codebooks,
                 motion_codebooks=tokenizer.codebooks(),
@@ -267,6 +271,27 @@ class Experiment:
             trackers=self.trackers,
             progress=self.progress,
         )
+
+    def generator_settings(
+        self, choice: GeneratorChoice, tokenizer: BodyTokenizerConfig
+    ) -> tuple[GeneratorConfig, GeneratorTraining]:
+        """Sizes of a generator of such a tokenizer's codes, and how it is trained."""
+        part = next(iter(tokenizer.parts.values()))
+        layout = compact_layout(
+            audio_codes=self.codec.config.codes,
+            motion_layers=part.layers,
+            motion_codes=part.codes,
+            parts=len(tokenizer.parts),
+            has_example=choice.sizes.get("control") == "prompt",
+        )
+        sizes = self.scale.generator.model_dump() | dict(choice.sizes) | {"layout": layout, "is_leveled": False}
+        config, training = GeneratorConfig.model_validate(sizes), self.scale.generator_trainings[choice.stage]
+        chosen: dict[str, Any] = {
+            "chunks": config.window_chunks + EXTRA_CHUNKS,
+            "depth_weights": tuple(0.7**layer for layer in range(part.layers)),
+            "seed": self.seed,
+        }
+        return config, GeneratorTraining.model_validate(training.model_dump() | chosen | dict(choice.training))
 
     def generated_motions(self, choice: GeneratorChoice) -> list[Motion]:
         """Motion that a generator makes for the sound of the test clips, as long as the clips."""

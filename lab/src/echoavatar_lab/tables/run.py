@@ -50,6 +50,10 @@ NOTHING_LEARNED = "Scale tiny: a few steps of small models. It shows that every 
 FOREIGN = "Numbers of the paper are the paper's, not comparable: other data and extractor. Only order can be compared."
 CHANCE = "Over chance: less what the same motion scores with the sound of other clips."
 INTERVALS = "In brackets: 95 % intervals, resampling test clips; of training runs there is one seed."
+PAPERS = {
+    "codec": "Not the paper's: sound is heard by the default bundle's small codec, since no --codec was given.",
+    "qwen": "Not the paper's: generators began with random weights, since no --qwen was given.",
+}
 SPREAD = "±: standard deviation over {} seeds, of training and of sampling, on one corpus; in brackets: 95 % intervals."
 
 
@@ -78,6 +82,8 @@ def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1
             notes.append(INTERVALS)
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
         notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
+        if experiment.scale.name == "paper":
+            notes += [told for name, told in PAPERS.items() if getattr(experiment.sources, name) is None]
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")
     used = ("seeds " if len(experiments) > 1 else "seed ") + ", ".join(str(one.seed) for one in experiments)
     notes.append(f"Made by `{command}` on {hardware(experiment.device)}; commit {commit()}; {used}.")

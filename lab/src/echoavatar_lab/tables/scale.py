@@ -1,7 +1,8 @@
 """Sizes and schedules of training at three scales, for `bench train` and the paper's tables; and what their rows vary.
 
 `tiny` runs every part in minutes and learns nothing. `rehearsal` is the size of the first default bundle: hours on
-a CPU. `paper` has the paper's settings and needs the real datasets and GPUs. Generators take the paper's curriculum:
+a CPU. `paper` has the paper's settings (`echoavatar_lab.paper`) and needs the real datasets, published weights and
+GPUs. Rewards have the paper's form at every scale. Generators take the paper's curriculum:
 stage 1 before every line, stage 2 for the line, stage 3 for the line with exemplars. All rows of a table are trained
 alike: no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none
 has our own loss terms. A row varies a tokenizer or a generator, given as its differences from the scale's.
@@ -15,26 +16,18 @@ from typing import Any, Literal, NamedTuple
 from pydantic import Field
 
 from echoavatar.config import Config
+from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar_lab import paper
+from echoavatar_lab.align.audio_encoders import AudioEncoderConfig
+from echoavatar_lab.align.audio_reward import AudioMotionConfig
+from echoavatar_lab.align.audio_reward_train import AudioRewardTraining
+from echoavatar_lab.align.quality import QualityConfig, QualityTraining
 from echoavatar_lab.models.generator.train import GeneratorTraining
 from echoavatar_lab.models.tokenizer.losses import LossWeights
 from echoavatar_lab.models.tokenizer.train import TokenizerTraining
 
 ScaleName = Literal["tiny", "rehearsal", "paper"]
-
-
-class GeneratorSizes(Config):
-    """Sizes of a generator; its vocabulary follows from codec and tokenizer."""
-
-    sequence: Literal["interleaved", "prefix"] = Field(default="interleaved", description="order of the ids")
-    window_chunks: int = Field(gt=0, description="chunks a position sees")
-    width: int = Field(gt=0, description="channels of the residual stream")
-    layers: int = Field(gt=0, description="transformer layers")
-    heads: int = Field(default=4, gt=0, description="query heads")
-    kv_heads: int = Field(default=2, gt=0, description="key and value heads")
-    mlp: int = Field(gt=0, description="channels inside the SwiGLU block")
-    rope_theta: float = Field(default=1e4, gt=0, description="rotary base")
-    top_p: float = Field(default=0.95, gt=0, le=1, description="nucleus mass when sampling")
 
 
 class Scale(Config):
@@ -49,18 +42,30 @@ class Scale(Config):
     seconds: float = Field(gt=0, description="sound over which latencies are measured")
     tokenizer: MotionTokenizerConfig = Field(description="sizes; features are replaced")
     tokenizer_training: TokenizerTraining = Field(description="schedule")
-    generator: GeneratorSizes = Field(description="sizes")
+    generator: GeneratorConfig = Field(description="sizes; the vocabulary is replaced")
     generator_training: GeneratorTraining = Field(
         description="schedule of stage 2; weights by depth and window are filled in"
     )
     stage1: GeneratorTraining = Field(description="schedule of stage 1: embeddings learn, the body is frozen")
     stage3: GeneratorTraining = Field(description="schedule of stage 3: control by example")
+    quality: QualityConfig = Field(description="sizes of the quality reward; features are replaced")
+    quality_training: QualityTraining = Field(description="its schedule")
+    alignment: AudioMotionConfig = Field(description="sizes of the alignment reward; what it hears is replaced")
+    alignment_training: AudioRewardTraining = Field(description="its schedule")
+    speech_hours: float = Field(ge=0, description="speech of the RL corpus, if the user gives none")
+    pieces: int = Field(ge=0, description="its pieces of music")
+    pairs: int = Field(gt=0, description="prompts that DPO's pairs are ranked for")
 
     @property
     def generator_trainings(self) -> dict[int, GeneratorTraining]:
         """The schedules of generators by stage."""
         return {1: self.stage1, 2: self.generator_training, 3: self.stage3}
 
+
+UNKNOWN: dict[str, Any] = {
+    "audio_encoder": AudioEncoderConfig(),
+    "motion_channels": 1,
+}  # replaced when the reward is built
 
 TINY = Scale(
     name="tiny",
@@ -74,10 +79,17 @@ TINY = Scale(
     tokenizer_training=TokenizerTraining(
         steps=30, batch=8, frames=32, learning_rate=2e-3, warmup=5, temperature=0, dropout=0, evaluate_every=0
     ),
-    generator=GeneratorSizes(window_chunks=4, width=32, layers=2, mlp=96),
+    generator=GeneratorConfig(window_chunks=4, width=32, layers=2, mlp=96),
     generator_training=GeneratorTraining(steps=20, batch=4, warmup=2),
     stage1=GeneratorTraining(objective="streams", steps=10, batch=4, learning_rate=2e-4, schedule="constant", warmup=2),
     stage3=GeneratorTraining(steps=10, batch=4, warmup=2, exemplar=0.8),
+    quality=QualityConfig(**paper.QUALITY["model"] | {"width": 32, "heads": 4}),
+    quality_training=QualityTraining(steps=4),
+    alignment=AudioMotionConfig(**paper.ALIGNMENT["model"] | UNKNOWN | {"width": 32, "heads": 4}),
+    alignment_training=AudioRewardTraining(steps=4),
+    speech_hours=0.01,
+    pieces=1,
+    pairs=4,
 )
 
 REHEARSAL = Scale(
@@ -100,12 +112,19 @@ REHEARSAL = Scale(
         quantize_from=100,
         evaluate_every=0,
     ),
-    generator=GeneratorSizes(window_chunks=10, width=192, layers=6, mlp=576),
+    generator=GeneratorConfig(window_chunks=10, width=192, layers=6, mlp=576),
     generator_training=GeneratorTraining(steps=2200, batch=4, optimiser="muon"),
     stage1=GeneratorTraining(
         objective="streams", steps=300, batch=8, learning_rate=2e-4, schedule="constant", weight_decay=0
     ),
     stage3=GeneratorTraining(steps=1200, batch=4, optimiser="muon", exemplar=0.3),
+    quality=QualityConfig(**paper.QUALITY["model"] | {"width": 96, "heads": 4}),
+    quality_training=QualityTraining(),
+    alignment=AudioMotionConfig(**paper.ALIGNMENT["model"] | UNKNOWN | {"width": 96, "heads": 4}),
+    alignment_training=AudioRewardTraining(),
+    speech_hours=0.25,
+    pieces=10,
+    pairs=200,
 )
 
 PAPER = Scale(
@@ -113,49 +132,19 @@ PAPER = Scale(
     hours=0,
     test_clips=1_000,
     seconds=60.0,
-    tokenizer=MotionTokenizerConfig(features=1),
-    tokenizer_training=TokenizerTraining(learning_rate=4e-4, save_minutes=10.0, evaluate_every=0),
-    generator=GeneratorSizes(
-        sequence="prefix", window_chunks=15, width=896, layers=24, heads=14, mlp=4864, rope_theta=1e6, top_p=1.0
-    ),
-    generator_training=GeneratorTraining(
-        steps=40_000,
-        batch=256,
-        accumulation=4,
-        learning_rate=5e-5,
-        final_rate=0.1,
-        warmup=500,
-        weight_decay=0.01,
-        autocast=True,
-        short_windows=0,
-        save_every=1000,
-    ),
-    stage1=GeneratorTraining(
-        objective="streams",
-        steps=5000,
-        batch=256,
-        accumulation=2,
-        learning_rate=2e-4,
-        schedule="constant",
-        warmup=200,
-        weight_decay=0,
-        autocast=True,
-        corruption="none",
-        save_every=500,
-    ),
-    stage3=GeneratorTraining(
-        steps=10_000,
-        batch=256,
-        accumulation=4,
-        learning_rate=5e-5,
-        final_rate=0.1,
-        warmup=200,
-        weight_decay=0.01,
-        autocast=True,
-        exemplar=0.9,
-        short_windows=0,
-        save_every=1000,
-    ),
+    tokenizer=MotionTokenizerConfig(features=1, **paper.TOKENIZER["model"]),
+    tokenizer_training=TokenizerTraining(**paper.TOKENIZER["training"] | {"evaluate_every": 0}),
+    generator=GeneratorConfig(**paper.STAGE_2["model"]),
+    generator_training=GeneratorTraining(**paper.STAGE_2["training"]),
+    stage1=GeneratorTraining(**paper.STAGE_1["training"]),
+    stage3=GeneratorTraining(**paper.STAGE_3["training"]),
+    quality=QualityConfig(**paper.QUALITY["model"]),
+    quality_training=QualityTraining(**paper.QUALITY["training"]),
+    alignment=AudioMotionConfig(**paper.ALIGNMENT["model"] | UNKNOWN),
+    alignment_training=AudioRewardTraining(**paper.ALIGNMENT["training"]),
+    speech_hours=paper.SPEECH_HOURS,
+    pieces=paper.PIECES,
+    pairs=2_000,
 )
 
 SCALES: dict[str, Scale] = {scale.name: scale for scale in (TINY, REHEARSAL, PAPER)}
@@ -188,7 +177,7 @@ class GeneratorChoice:
     Attributes:
         name: the name of its folder.
         tokenizer: the tokenizer whose codes it generates.
-        sizes: fields of `GeneratorSizes` that differ.
+        sizes: fields of `GeneratorConfig` that differ.
         training: fields of `GeneratorTraining` that differ.
         only: train only on clips that are mostly this kind of sound; None: on all clips.
         after: the generator that stage 3 goes on from; None: stage 2.

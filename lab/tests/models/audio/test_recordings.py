@@ -7,6 +7,7 @@ import pytest
 
 from echoavatar.errors import AudioError
 from echoavatar.models.audio import write_wav
+from echoavatar_lab.evaluation.takes import read_sounds
 from echoavatar_lab.models.audio.recordings import (
     DEV,
     MANIFEST,
@@ -61,6 +62,27 @@ def test_dev_is_test_where_nothing_is_marked_dev(tmp_path: Path) -> None:
     assert recorded_files(tmp_path, "dev") == recorded_files(tmp_path, "test")
     folder(tmp_path, held_out + "a.wav,1,speech,Ann,Talk,English,dev\n")
     assert [file.voice for file in recorded_files(tmp_path, "dev")] == ["Ann"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ("a.wav,1,speech,Ann,One,English,train\nb.wav,1,speech, ann,Two,English,test\n", "voice"),
+        ("a.wav,1,music,Band,One,waltz,train\nb.wav,1,music,Band,Two,waltz,dev\n", "voice"),
+        ("a.wav,1,music,Band,Song,waltz,dev\nb.wav,1,music,Other,song,waltz,test\n", "piece"),
+    ],
+)
+def test_a_voice_or_a_piece_in_two_splits_is_refused(tmp_path: Path, rows: str, told: str) -> None:
+    with pytest.raises(AudioError, match=f"the {told} .* is in .* and in .*give all of its files one split"):
+        recorded_files(folder(tmp_path, rows), "train")
+    with pytest.raises(AudioError, match=f"the {told} "):
+        read_sounds(tmp_path, 1, 1)
+
+
+def test_two_people_may_read_one_text_and_nameless_files_any_split(tmp_path: Path) -> None:
+    rows = "a.wav,1,speech,Ann,Text,English,train\nb.wav,1,speech,Bob,Text,English,test\n"
+    assert len(recorded_files(folder(tmp_path, rows))) == 2
+    assert len(recorded_files(folder(tmp_path, rows.replace("Ann", "").replace("Bob", "")))) == 2
 
 
 def in_two_splits(pairs: Iterable[tuple[str, str]]) -> set[str]:

@@ -17,7 +17,7 @@ the whole. `AudioPool` holds groups of recordings in memory and draws from them 
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -84,11 +84,13 @@ def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile
     """The recordings of a folder by path, of one `split` or of all; "dev" is "test" where a manifest marks no "dev".
 
     Raises:
-        AudioError: the manifest is damaged or names a file that is missing, or nothing is found.
+        AudioError: the manifest is damaged, names a file that is missing or has one voice in two splits, or nothing is
+            found.
     """
     manifest = folder / MANIFEST
     if manifest.is_file():
         listed = list(_listed(manifest))
+        refuse_shared(manifest, ((one.voice, one.title if one.kind == "music" else "", one.split) for one in listed))
         chosen = [one for one in listed if split in (None, one.split)]
         if split == "dev" and not chosen:
             chosen = [one for one in listed if one.split == "test"]
@@ -103,6 +105,19 @@ def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile
 def split_of(voice: str, listed: str) -> str:
     """The split of a speaker or artist: of the known ones as above, of others as `listed` in their manifest."""
     return next((split for split, names in _SPLITS.items() if voice in names), listed)
+
+
+def refuse_shared(manifest: Path, listed: Iterable[tuple[str, str, str]]) -> None:
+    """Raise AudioError if a speaker, an artist or a piece is in two splits; rows are (voice, piece, split)."""
+    at: dict[tuple[str, str], str] = {}
+    for voice, piece, split in listed:
+        for what, name in (("voice", voice), ("piece", piece)):
+            before = at.setdefault((what, " ".join(name.split()).casefold()), split)
+            if name and before != split:
+                raise AudioError(
+                    f"{manifest}: the {what} {name!r} is in {before} and in {split}, so what is held out was heard;"
+                    " give all of its files one split"
+                )
 
 
 def decoded(path: Path) -> Int16[np.ndarray, " s"]:

@@ -1,1 +1,1 @@
-"""Training of the face. May import `training` and `echoavatar`."""
+"""Training of the face. May import `training`, `paper` and `echoavatar`."""

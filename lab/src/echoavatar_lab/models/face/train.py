@@ -34,6 +34,7 @@ from echoavatar.models.face.flow import FULL_NOISE
 from echoavatar.models.face.model import FaceModel
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.timing import CHUNK_FRAMES, SAMPLES_PER_FRAME
+from echoavatar_lab.paper import FACE
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 from .clip import FaceClip
@@ -41,15 +42,8 @@ from .clip import FaceClip
 
 def paper_face(*, width: int = 256, encoder: MelConfig | HubertConfig | None = None) -> FaceConfig:
     """The sizes of the paper (256), or with `width` 64 of the release, reading its history anew for every chunk."""
-    return FaceConfig(
-        encoder=encoder or HubertConfig(),
-        width=width,
-        condition=52,
-        head_width=width,
-        head_split=True,
-        memory="window",
-        noise_hold=1,
-    )
+    sizes = {**FACE["model"], "encoder": encoder or HubertConfig(), "width": width, "head_width": width}
+    return FaceConfig.model_validate(sizes)
 
 
 class FaceTraining(TrainingConfig):

@@ -1,7 +1,8 @@
 """Training losses (paper, appendix Auxiliary Loss Functions): features, commitment, and forward kinematics.
 
 All three parts are decoded first and share one forward kinematics, so every part is judged by the joint positions of
-the whole decoded body. The paper's weights are for centimetres; so are ours.
+the whole decoded body. Lengths are in centimetres, since the paper gives its weights no unit. The root has its own
+height, in the paper at a constant place; the foot terms are of ankles and toes, since no rig of ours has heels.
 
 Our additions, zero in the paper recipe: `travel`, the drift of the integrated root path over the window; `planted`, the
 world velocity of feet that stand still in the data (planted feet must not skate); `fingers`, finger joints seen
@@ -133,7 +134,7 @@ PLANTED_BELOW = 0.2  # cm per frame (6 cm/s): a foot slower than this in the dat
 
 
 class LossWeights(Config):
-    """Weight of each term; defaults are the paper's, lengths in centimetres."""
+    """Weight of each term, lengths in centimetres; defaults are the paper's numbers, which have no unit there."""
 
     commitment: float = Field(default=0.5, ge=0, description="distance of latents to their codes (eta)")
     position: float = Field(default=0.02, ge=0, description="joint positions")
