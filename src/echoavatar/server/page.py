@@ -31,6 +31,8 @@ _HEADERS = {
     b"referrer-policy": b"no-referrer",
     b"cross-origin-opener-policy": b"same-origin",
 }
+# A worker has the policy of its own answer. The reader of KTX2 textures evaluates code; it reaches nothing but its page.
+_TRANSCODER = "default-src 'none'; script-src 'self' 'unsafe-eval' 'wasm-unsafe-eval'; connect-src 'none'"
 
 
 def page_routes() -> list[BaseRoute]:
@@ -52,6 +54,8 @@ class _Built(StaticFiles):
         answer = await super().get_response(path, scope)
         if answer.status_code == 200:
             answer.headers["cache-control"] = "public, max-age=31536000, immutable"
+            if path.startswith("transcode-"):
+                answer.headers["content-security-policy"] = _TRANSCODER
         return answer
 
 

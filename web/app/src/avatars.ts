@@ -27,7 +27,7 @@ export class AvatarSlot {
   /** Replaces the avatar; the old one stays if the new one cannot be read. */
   async load(data: ArrayBuffer, files: ReadonlyMap<string, Blob>): Promise<void> {
     this.shown = "";
-    this.put(await loadAvatar(data, { files }));
+    this.put(await loadAvatar(data, { files, basis: async (manager) => (await import("./basis.js")).openBasis(manager) }));
     this.ours = null;
   }
 
