@@ -65,6 +65,14 @@ export class Capture {
   }
 }
 
+/** Shows how loud captured sound is, on the button that captures it. */
+export function showLevel(button: HTMLElement): (block: Float32Array) => void {
+  return (block) => {
+    const power = block.reduce((sum, value) => sum + value * value, 0) / block.length;
+    button.style.setProperty("--level", String(Math.min(1, Math.max(0, 1 + Math.log10(power + 1e-9) / 5)).toFixed(2))); // -50 dB is none
+  };
+}
+
 export function openMicrophone(): Promise<MediaStream> {
   if (!navigator.mediaDevices?.getUserMedia) throw new Error("The microphone needs https:// or localhost.");
   return navigator.mediaDevices.getUserMedia({
