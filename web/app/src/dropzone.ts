@@ -1,6 +1,7 @@
 /** Handles dropped or chosen files: an avatar, whose parts may be in files of their own, or a sound. */
 
 import { toast } from "./notices.js";
+import { bytesOf } from "./sources.js";
 import type { SourceBar } from "./sourcebar.js";
 import type { Wardrobe } from "./wardrobe.js";
 
@@ -28,8 +29,5 @@ export function connectDrop(wardrobe: Wardrobe, sources: SourceBar): void {
 }
 
 async function wear(wardrobe: Wardrobe, file: File, files: readonly File[]): Promise<void> {
-  const data = await file.arrayBuffer().catch((error: Error) => {
-    throw new Error(`“${file.name}” cannot be read (${error.message}). Choose it again.`);
-  });
-  await wardrobe.wear(file.name, data, new Map(files.map((part) => [part.name, part])));
+  await wardrobe.wear(file.name, await bytesOf(file), new Map(files.map((part) => [part.name, part])));
 }

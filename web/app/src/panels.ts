@@ -30,7 +30,7 @@ export function covered(): Covered {
   for (const node of document.querySelectorAll(COVERING.join())) {
     const box = node.getBoundingClientRect();
     const isWide = box.left < innerWidth / 2 && box.right > innerWidth / 2;
-    if (!box.width || (node.className === "welcome" && !isWide)) continue;
+    if (!box.width) continue;
     if (isWide && box.top < innerHeight / 4) out.top = Math.max(out.top, box.bottom);
     else if (isWide) out.bottom = Math.max(out.bottom, innerHeight - box.top);
     else if (box.right < innerWidth / 2) out.left = Math.max(out.left, box.right);

@@ -6,7 +6,7 @@ import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
 import { Output } from "./output.js";
 import { TextToSpeech } from "./texttospeech.js";
-import { Capture, canShareTabs, showLevel, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
+import { Capture, bytesOf, canShareTabs, showLevel, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
 
 const SPEECH = "./sounds/speech.ogg";
 type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text" | "chat";
@@ -95,7 +95,7 @@ export class SourceBar {
   /** Plays a sound file. */
   async play(file: File): Promise<void> {
     await this.wake();
-    const samples = await decodeSound(await file.arrayBuffer(), this.rate).catch(() => {
+    const samples = await decodeSound(await bytesOf(file), this.rate).catch(() => {
       throw new Error(`“${file.name}” holds no sound that this browser can read.`);
     });
     await this.speak("file", samples, file.name);

@@ -15,6 +15,13 @@ export async function decodeSound(data: ArrayBuffer, rate: number): Promise<Floa
   return (await mono.startRendering()).getChannelData(0);
 }
 
+/** The bytes of a chosen file; throws an error that names it. */
+export function bytesOf(file: File): Promise<ArrayBuffer> {
+  return file.arrayBuffer().catch((error: Error) => {
+    throw new Error(`“${file.name}” cannot be read (${error.message}). Choose it again.`);
+  });
+}
+
 export async function fetchSound(url: string, rate: number): Promise<Float32Array> {
   const response = await fetch(url);
   if (!response.ok) throw new Error(`${url} is not there (${response.status}).`);

@@ -1,4 +1,4 @@
-/** Stage, camera and renderer. Low quality is faster: no antialiasing, no environment, no cast shadow. */
+/** Stage, camera and renderer. Low quality is faster: no environment, no cast shadow. Edges are smooth in both. */
 
 import { StageLight, type StageName } from "@echoavatar/client/three";
 import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
@@ -54,7 +54,7 @@ export class Viewport {
 
   /** `isClear`: no backdrop, but an alpha channel, for a program that shows this page over something else. */
   constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean, isClear = false) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: !low || location.search.includes("aa"), alpha: isClear, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: isClear, powerPreference: "high-performance" });
     this.resolution = new ResolutionControl(low);
     this.light = new StageLight(this.scene, this.renderer, low);
     this.controls = new OrbitControls(this.camera, canvas);
