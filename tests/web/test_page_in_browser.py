@@ -190,7 +190,8 @@ def test_without_a_voice_nothing_is_offered_and_it_says_what_to_install(new_page
     driver.wait("!document.querySelector('[data-source=chat]').hidden")
     assert driver.ask("document.querySelector('[data-source=text]').hidden")
     driver.click("#help")
-    shown = "[...document.querySelectorAll('.unvoiced')].filter((note) => note.checkVisibility()).map((note) => note.textContent)"
+    shown = """[...document.querySelectorAll(".unvoiced")].filter((note) => note.checkVisibility())
+      .map((note) => note.textContent)"""
     (told,) = driver.ask(shown)
     assert "install espeak-ng or flite" in told
 

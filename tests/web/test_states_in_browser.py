@@ -91,9 +91,11 @@ UNDER = """(() => {
   for (const node of avatar.ends) {
     const { x, y } = node.getWorldPosition(avatar.here.clone()).project(viewport.camera);
     const [left, top] = [((x + 1) / 2) * innerWidth, ((1 - y) / 2) * innerHeight];
-    for (const box of document.querySelectorAll("#hud, #talk, #actions, .dock, .welcome:not(.gone), #subtitle:not(.off), .toast")) {
+    const panels = "#hud, #talk, #actions, .dock, .welcome:not(.gone), #subtitle:not(.off), .toast";
+    for (const box of document.querySelectorAll(panels)) {
       const at = box.getBoundingClientRect();
-      if (left > at.left && left < at.right && top > at.top && top < at.bottom) found.push(`${node.name} ${box.id || box.className}`);
+      const isUnder = left > at.left && left < at.right && top > at.top && top < at.bottom;
+      if (isUnder) found.push(`${node.name} ${box.id || box.className}`);
     }
   }
   return found;
@@ -131,7 +133,8 @@ def test_a_microphone_shows_how_loud_it_is(page):
 
 
 def test_characters_and_dropped_files_are_chosen_by_their_faces(page):
-    chosen = "[...document.querySelectorAll('#menu button')].map((row) => [row.dataset.choice, row.getAttribute('aria-checked'), row.querySelector('img')?.naturalWidth ?? 0])"
+    chosen = """[...document.querySelectorAll("#menu button")].map((row) =>
+      [row.dataset.choice, row.getAttribute("aria-checked"), row.querySelector("img")?.naturalWidth ?? 0])"""
     page.drop("boxes.vrm", make_vrm())
     page.wait("!!__echo.avatar.driver.vrm")
     page.click("#avatar")
@@ -174,11 +177,13 @@ def test_a_telephone_shows_all_sources_and_is_helped_with_touches(new_page, mock
     driver.page.evaluate("document.querySelector('[data-source=music]').hidden = false")
     cut = """[...document.querySelectorAll(".source:not([hidden])")].filter((button) => {
       const [box, bar] = [button, button.parentElement].map((element) => element.getBoundingClientRect());
-      return box.left < bar.left - 1 || box.right > bar.right + 1 || button.scrollWidth > button.clientWidth + 1 || box.width < 32;
+      const isOut = box.left < bar.left - 1 || box.right > bar.right + 1;
+      return isOut || button.scrollWidth > button.clientWidth + 1 || box.width < 32;
     }).map((button) => button.textContent)"""
     assert driver.ask(cut) == []
     driver.click("#help")
-    seen = "[...document.querySelectorAll('.keys, .touches')].filter((line) => line.checkVisibility()).map((line) => line.className)"
+    seen = """[...document.querySelectorAll(".keys, .touches")].filter((line) => line.checkVisibility())
+      .map((line) => line.className)"""
     assert driver.ask(seen) == ["touches"]
     driver.shot(tmp_path / f"{width}.png")
 
@@ -197,6 +202,5 @@ def test_a_file_that_cannot_be_read_is_named_with_the_cause(page):
     page.page.evaluate("void (File.prototype.arrayBuffer = () => Promise.reject(new DOMException('gone')))")
     for name, kind in (("me.glb", "model/gltf-binary"), ("song.ogg", "audio/ogg")):
         page.drop(name, b"glTF", kind)
-        page.wait(
-            f"document.getElementById('toasts').textContent.includes('“{name}” ') && document.getElementById('toasts').textContent.includes('(gone)')"
-        )
+        told = "document.getElementById('toasts').textContent"
+        page.wait(f"{told}.includes('“{name}” ') && {told}.includes('(gone)')")

@@ -31,7 +31,7 @@ _HEADERS = {
     b"referrer-policy": b"no-referrer",
     b"cross-origin-opener-policy": b"same-origin",
 }
-# A worker has the policy of its own answer. The reader of KTX2 textures evaluates code; it reaches nothing but its page.
+# A worker has the policy of its own answer. The one that unpacks KTX2 evaluates code, and reaches nothing but its page.
 _TRANSCODER = "default-src 'none'; script-src 'self' 'unsafe-eval' 'wasm-unsafe-eval'; connect-src 'none'"
 
 

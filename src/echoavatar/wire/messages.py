@@ -312,7 +312,7 @@ class Error(_Message, frozen=True, kw_only=True, tag="error"):
     message: str
     fatal: bool
     retry_after: Annotated[float, Meta(description="seconds; 0: trying again will not help")]
-    place: Annotated[int, Meta(description="overloaded: in the queue, from 1 on, of a hello with a ticket; 0: none")] = 0
+    place: Annotated[int, Meta(description="overloaded: in the queue of tickets, from 1 on; 0: none")] = 0
 
 
 class Pong(_Message, frozen=True, kw_only=True, tag="pong"):

@@ -96,7 +96,7 @@ export interface ErrorMessage {
   fatal: boolean;
   /** seconds; 0: trying again will not help */
   retry_after: number;
-  /** overloaded: in the queue, from 1 on, of a hello with a ticket; 0: none */
+  /** overloaded: in the queue of tickets, from 1 on; 0: none */
   place: number;
 }
 
