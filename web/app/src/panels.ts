@@ -22,7 +22,7 @@ export interface Covered {
 }
 
 const COVERING = ["#hud", "#talk", "#typed", "#actions", ".dock", ".top", ".welcome:not(.gone)"];
-const MOST = 0.42; // of a side that is left to panels at most
+const MOST = 0.34; // of a side, on the average of both edges, that panels may take
 
 /** How far panels reach in from the edges: wide ones from above or below, the others from the side. */
 export function covered(): Covered {

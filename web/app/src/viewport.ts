@@ -58,7 +58,7 @@ export class Viewport {
     this.resolution = new ResolutionControl(low);
     this.light = new StageLight(this.scene, this.renderer, low);
     this.controls = new OrbitControls(this.camera, canvas);
-    Object.assign(this.controls, { enableDamping: true, minDistance: 0.5, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
+    Object.assign(this.controls, { enableDamping: true, minDistance: 0.5, maxDistance: 24, maxPolarAngle: 1.62, enablePan: false });
     this.scene.add(this.backdrop.mesh, this.echoes.mesh);
     this.backdrop.mesh.visible = !isClear;
     this.controls.addEventListener("start", () => ([this.isGliding, this.isChosen] = [false, true]));

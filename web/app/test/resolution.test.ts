@@ -19,7 +19,7 @@ test("edges stay smooth while a cheaper avatar is left or 15 pictures a second a
   const control = new ResolutionControl(false);
   for (let k = 0; k < 120; k++) control.picture(1 / 8, false);
   expect(control.scale).toBe(0.7);
-  expect(after(control, 10, 16)).toBe(0.7);
+  expect(after(new ResolutionControl(false), 20, 16)).toBe(0.7);
   expect(after(control, 20, 8)).toBe(0.4);
   expect(after(control, 20, 60)).toBe(1);
 });
