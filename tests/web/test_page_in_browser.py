@@ -392,7 +392,7 @@ def record_motion(driver, kind, folder):
     driver.wait("__echo.shown.state === 'speaking'")
     driver.click("#record")
     driver.click(f"#menu [data-choice={kind}]")
-    driver.wait("__echo.tools.recording.take.frames.length >= 30")
+    driver.wait("__echo.tools.recording?.take.frames.length >= 30")
     with driver.page.expect_download() as waiting:
         driver.click("#record")
     assert waiting.value.suggested_filename == f"echoavatar.{kind}"
@@ -404,7 +404,7 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
     page.click("#begin")
     page.click("#record")
     page.click("#menu [data-choice=webm]")
-    page.wait("__echo.tools.recording.parts.length > 2")
+    page.wait("__echo.tools.recording?.parts.length > 2")
     with page.page.expect_download() as waiting:
         page.click("#record")
     waiting.value.save_as(tmp_path / "take.webm")

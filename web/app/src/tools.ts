@@ -7,7 +7,7 @@ import { setIcon } from "./icons.js";
 import { type Choice, openMenu, toast } from "./notices.js";
 import type { Output } from "./output.js";
 import { toggle } from "./panels.js";
-import { type MotionKind, MotionRecorder, VideoRecorder, download } from "./recorder.js";
+import type { MotionKind } from "./recorder.js";
 import { VIEWS, type Viewport } from "./viewport.js";
 import { type Wardrobe, remember } from "./wardrobe.js";
 
@@ -98,15 +98,16 @@ export class Tools {
     try {
       if (this.recording) return await this.finish(button);
       openMenu(button, KINDS.filter((kind) => kind.id !== "glb" || this.avatar.ours).map((kind) => ({
-        ...kind, run: () => this.begin(button, kind.id),
+        ...kind, run: () => void this.begin(button, kind.id),
       })));
     } catch (error) {
       toast((error as Error).message);
     }
   }
 
-  private begin(button: HTMLElement, kind: Kind): void {
+  private async begin(button: HTMLElement, kind: Kind): Promise<void> {
     try {
+      const { MotionRecorder, VideoRecorder } = await import("./recorder.js"); // most visits need none
       const sound = this.output()?.recording.stream ?? new MediaStream();
       this.recording = kind === "webm" ? new VideoRecorder(this.viewport, sound) : new MotionRecorder(this.session, kind, this.avatar);
       button.classList.add("on");
@@ -122,6 +123,7 @@ export class Tools {
     this.recording = null;
     button.classList.remove("on");
     button.setAttribute("aria-label", "Record");
+    const { download } = await import("./recorder.js");
     download(await recording.stop());
   }
 
