@@ -10,14 +10,15 @@ export const MODULES = [
   "@pixiv/three-vrm",
 ];
 
-/** Vite's plugin: of three's decoders Draco's for glTF, or none. Basis' evaluates code, which no page of ours allows. */
-export const decoders = (hasDraco) => ({
+/** Vite's plugin: three's decoders for glTF, Draco's and Basis', or none. */
+export const decoders = (hasDecoders) => ({
   name: "decoders",
   apply: "build",
   enforce: "pre",
   transform: (code, id) => {
-    if (!/\/(DRACO|KTX2)Loader\.js$/.test(id)) return null;
-    if (!hasDraco || id.endsWith("/KTX2Loader.js")) return "export {};";
+    if (id.endsWith("/basis_transcoder.js")) return code.replace(/if \(typeof exports[^]*$/, "export default BASIS;");
+    if (!id.endsWith("/DRACOLoader.js")) return null;
+    if (!hasDecoders) return "export {};";
     return code.replace(/const (WASM_BIN_URL|WASM_JS_URL|JS_URL) = .*/g, 'const $1 = "";');
   },
 });

@@ -210,6 +210,16 @@ def test_it_does_not_repeat_itself_at_once_and_goes_the_same_way_twice() -> None
     assert say("xyzzy", 1) == say("xyzzy", 1)
 
 
+def test_what_it_does_not_understand_it_answers_with_what_it_can_do() -> None:
+    """Each deed that the answer names is done when it is asked for."""
+    for turn in range(len(FALLBACKS)):
+        line, _ = say("xyzzy", turn)
+        deeds = ("wave", "nod", "bow", "clap", "think", "look around", "music", "stop")
+        named = [word for word in deeds if word in line]
+        assert len(named) >= 4
+        assert all(say(word, 0)[1] for word in named)
+
+
 def test_it_says_what_it_is() -> None:
     assert "script" in say("who are you?")[0]
 

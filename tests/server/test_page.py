@@ -37,6 +37,17 @@ def test_the_page_and_all_it_names_come_from_this_server(client):
     assert "https://" not in page.text
 
 
+def test_one_script_may_evaluate_code_and_reaches_nothing(client):
+    policies = {name: client.get(name).headers["content-security-policy"] for name in _scripts()}
+    evaluating = {name for name, policy in policies.items() if "'unsafe-eval'" in policy}
+    assert evaluating == {asset("transcode", "js")}
+    assert "connect-src 'none'" in policies[asset("transcode", "js")]
+
+
+def _scripts():
+    return [path.relative_to(STATIC).as_posix() for path in STATIC.glob("assets/*.js")]
+
+
 def test_worklets_are_separate_scripts(client):
     for name in ("playback", "capture"):
         script = client.get(asset(name, "js"))

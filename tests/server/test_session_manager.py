@@ -24,6 +24,7 @@ from echoavatar.server import session_manager
 from echoavatar.server.outbox import Outbox
 from echoavatar.server.session_manager import SessionManager
 from echoavatar.server.settings import ServerSettings
+from echoavatar.server.waiting import MOST, PATIENCE_S, RETRY_S
 from echoavatar.wire.blobs import pack_audio
 from echoavatar.wire.codec import ProtocolError, encode
 from echoavatar.wire.messages import Audio, Error, Hello, Motion, Sound
@@ -39,6 +40,39 @@ def test_the_oldest_lost_session_makes_room_for_a_newcomer() -> None:
             newcomer.until(Motion)
         stays.until(Motion)
         assert lost.ready.session not in server.manager._sessions
+
+
+def refusal(manager: SessionManager, ticket: str) -> tuple[int, float]:
+    """The place in the queue that a client is told, and when to come back."""
+    with pytest.raises(ProtocolError) as caught:
+        manager.enter(Hello(ticket=ticket), Outbox())
+    assert caught.value.code == "overloaded"
+    return caught.value.place, caught.value.retry_after
+
+
+async def test_who_waits_before_a_full_server_keeps_a_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    manager, real, ahead = SessionManager(Engine(Body(), seats=1), ServerSettings()), time.monotonic, 0.0  # type: ignore[arg-type]
+    monkeypatch.setattr(time, "monotonic", lambda: real() + ahead)
+    seated, box = [], Outbox()
+    seated.append(manager.enter(Hello(), box))
+    assert refusal(manager, "") == (0, 5.0)  # no ticket, no place
+    assert [refusal(manager, name)[0] for name in ("ann", "ben", "ann", "cem")] == [1, 2, 1, 3]
+    manager.end(seated[0])
+    assert refusal(manager, "") == (0, 5.0)
+    assert refusal(manager, "ben") == (2, RETRY_S)
+    second = manager.enter(Hello(ticket="ann"), Outbox())
+    assert refusal(manager, "ben") == (1, RETRY_S)
+    ahead = PATIENCE_S + 0.1  # ben and cem have gone
+    manager.end(second)
+    manager.enter(Hello(), Outbox())
+
+
+async def test_a_flood_of_tickets_takes_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    manager = SessionManager(Engine(Body(), seats=1), ServerSettings())  # type: ignore[arg-type]
+    manager.enter(Hello(), Outbox())
+    places = [refusal(manager, str(number))[0] for number in range(MOST + 50)]
+    assert places == [min(number, MOST) + 1 for number in range(MOST + 50)]
+    assert len(manager._waiting._seen) == MOST
 
 
 def test_a_server_that_stops_lets_the_sentence_end() -> None:

@@ -164,7 +164,7 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
     page.wait("__echo.shown.state === 'speaking'", PATIENCE)
     page.click("#record")
     page.click("#menu [data-choice=webm]")
-    page.wait("__echo.tools.recording.parts.length > 3", PATIENCE)
+    page.wait("__echo.tools.recording?.parts.length > 3", PATIENCE)
     with page.page.expect_download() as waiting:
         page.click("#record")
     waiting.value.save_as(tmp_path / "take.webm")

@@ -10,6 +10,7 @@ import pytest
 import soundfile
 from tests.files.exports.bodies import long_armed
 from tests.motion.formats.repacked import in_parts, oddly_drawn, taken_apart, with_draco, with_meshopt
+from tests.web.ktx2 import make_ktx2, with_ktx2
 from tests.web.make_vrm import make_vrm
 
 from echoavatar.files.avatar.backdrop import BACKDROPS
@@ -78,15 +79,60 @@ def test_a_gltf_is_dropped_with_its_parts(new_page, mock_url, tmp_path):
     assert driver.problems == []
 
 
-def test_ktx2_textures_are_refused_with_the_cause(page):
-    """Their transcoder evaluates code, which the page's policy forbids."""
-    document, binary = taken_apart(long_armed())
-    document["images"] = [{"mimeType": "image/ktx2", "bufferView": 0}]
-    document["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
-    document["extensionsUsed"] = document["extensionsRequired"] = ["KHR_texture_basisu"]
+RED = (220, 30, 60, 255)
+
+
+def test_ktx2_textures_are_shown(new_page, mock_url, tmp_path):
+    """The body is red by its texture alone, and what unpacks that is fetched for this file, not before."""
+    driver, asked = new_page(480, 360), []
+    driver.page.on("request", lambda request: asked.append(request.url))
+    driver.open(f"{mock_url}?quality=low")
+    assert not [url for url in asked if "transcode" in url]
+    driver.drop("boxes.glb", with_ktx2(*taken_apart(long_armed()), make_ktx2(RED)))
+    driver.wait("__echo.avatar.driver.object.getObjectByName('mixamorigHips') !== undefined")
+    driver.wait("document.getElementById('toasts').textContent.includes('eyeBlinkLeft')")
+    red = """(() => {
+      const { renderer } = __echo.viewport;
+      __echo.viewport.render(0);
+      const gl = renderer.getContext();
+      const pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
+      gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+      let found = 0;
+      for (let k = 0; k < pixels.length; k += 4) found += pixels[k] > 60 && pixels[k] > 2.5 * pixels[k + 1];
+      return found;
+    })()"""
+    assert driver.ask(red) > 300
+    driver.shot(tmp_path / "ktx2.png")
+    assert driver.problems == []
+
+
+HOSTILE = {
+    "cut off after": make_ktx2(RED, 64)[:-200],
+    "has 65536 x 65536 pixels": make_ktx2(RED, claimed=65536),
+    "is damaged": make_ktx2(RED, claimed=4096),
+    "is not KTX2": b"\x89PNG" + bytes(200),
+}
+
+
+@pytest.mark.parametrize("told", HOSTILE)
+def test_a_hostile_ktx2_is_refused_with_file_and_cause(page, told):
+    before = page.ask("__echo.avatar.driver.object.uuid")
+    page.drop("boxes.glb", with_ktx2(*taken_apart(long_armed()), HOSTILE[told]))
+    page.wait(f"document.getElementById('toasts').textContent.includes('{told}')")
+    assert "“boxes.glb” could not be worn" in page.ask("document.getElementById('toasts').textContent")
+    assert page.ask("__echo.avatar.driver.object.uuid") == before
+    page.problems[:] = [problem for problem in page.problems if "Couldn't load texture" not in problem]
+
+
+def test_a_picture_that_cannot_be_decoded_is_told(page):
+    data = with_ktx2(*taken_apart(long_armed()), b"\x89PNG" + bytes(200))
+    document, binary = taken_apart(data)
+    document["images"][0]["mimeType"] = "image/png"
+    document["textures"] = [{"source": 0}]
+    del document["extensionsUsed"], document["extensionsRequired"]
     page.drop("boxes.glb", container(document, binary))
-    page.wait("document.getElementById('toasts').textContent.includes('textures are KTX2')")
-    assert page.ask("!!__echo.avatar.driver.vrm")
+    page.wait("document.getElementById('toasts').textContent.includes('1 of its pictures cannot be read')")
+    page.problems[:] = [problem for problem in page.problems if "Couldn't load texture" not in problem]
 
 
 def pauses() -> bytes:
@@ -137,13 +183,17 @@ def test_listening_ends_with_the_microphone(page):
     page.wait("__echo.shown.state === 'idle'")
 
 
-def test_without_a_voice_it_says_what_to_install(new_page, mock_url):
+def test_without_a_voice_nothing_is_offered_and_it_says_what_to_install(new_page, mock_url):
     driver = new_page()
     driver.page.route("**/v1/voice", lambda route: route.fulfill(json={"voice": "", "max_letters": 600}))
     driver.open(f"{mock_url}?quality=low")
-    driver.click("[data-source=text]")
-    driver.wait("document.getElementById('toasts').textContent.includes('Install espeak-ng')")
-    assert driver.ask("document.getElementById('typed').hidden")
+    driver.wait("!document.querySelector('[data-source=chat]').hidden")
+    assert driver.ask("document.querySelector('[data-source=text]').hidden")
+    driver.click("#help")
+    shown = """[...document.querySelectorAll(".unvoiced")].filter((note) => note.checkVisibility())
+      .map((note) => note.textContent)"""
+    (told,) = driver.ask(shown)
+    assert "install espeak-ng or flite" in told
 
 
 def test_raised_hands_stay_in_the_picture(page):
@@ -342,7 +392,7 @@ def record_motion(driver, kind, folder):
     driver.wait("__echo.shown.state === 'speaking'")
     driver.click("#record")
     driver.click(f"#menu [data-choice={kind}]")
-    driver.wait("__echo.tools.recording.take.frames.length >= 30")
+    driver.wait("__echo.tools.recording?.take.frames.length >= 30")
     with driver.page.expect_download() as waiting:
         driver.click("#record")
     assert waiting.value.suggested_filename == f"echoavatar.{kind}"
@@ -354,7 +404,7 @@ def test_picture_and_sound_are_recorded(page, tmp_path):
     page.click("#begin")
     page.click("#record")
     page.click("#menu [data-choice=webm]")
-    page.wait("__echo.tools.recording.parts.length > 2")
+    page.wait("__echo.tools.recording?.parts.length > 2")
     with page.page.expect_download() as waiting:
         page.click("#record")
     waiting.value.save_as(tmp_path / "take.webm")

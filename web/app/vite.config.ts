@@ -2,7 +2,7 @@ import { defaultClientConditions, defineConfig } from "vite";
 import { decoders, three } from "../three.mjs";
 import { licences } from "./licences.js";
 
-const DECODERS = "the Draco decoder of Google (Apache-2.0), as three.js ships it;\n\n";
+const DECODERS = "the Draco decoder of Google and the Basis Universal transcoder of Binomial (both Apache-2.0), as three.js ships them;\n\n";
 
 // The page is built into the Python package, so that installing it needs no Node.
 export default defineConfig({
@@ -23,6 +23,6 @@ export default defineConfig({
       },
     },
   },
-  worker: { format: "es", rollupOptions: { output: { entryFileNames: "assets/[name]-[hash].js" } } },
+  worker: { format: "es", plugins: () => [decoders(true)], rollupOptions: { output: { entryFileNames: "assets/[name]-[hash].js" } } },
   server: { proxy: { "/v1": { target: "http://127.0.0.1:8790", ws: true }, "/avatar.glb": "http://127.0.0.1:8790", "/sounds": "http://127.0.0.1:8790" } },
 });

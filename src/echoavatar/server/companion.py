@@ -55,11 +55,10 @@ ACTION_LINES = (
     "For you, Producer, with extra elbow.",
     "That? In my sleep. But look how I do it awake.",
 )
+# What it can do, for what it does not understand.
 FALLBACKS = (
-    ("Interesting! I have no line for that, only a very thoughtful pose.", "thinking"),
-    ("That went over my head, and my head is quite high up. Ask me to dance instead?", "give_up"),
-    ("Go on, I am all ears and fingers.", "agree"),
-    ("A small script like me can only nod at that. The stage, however, is mine: try the word music.", "look_around"),
+    ("I did not understand that. I can wave, nod, bow, point, clap or think; say music, and I dance.", "thinking"),
+    ("I am a script with few words. Ask me to wave, to bow or to look around; say music, or say stop.", "give_up"),
 )
 SYNONYMS = {
     "shrug": "give_up",

@@ -232,5 +232,8 @@ class Connection:
                 return
             self._manager.metrics.errors.labels(error.code).inc()
             if error is not self._outbox.error:
-                await self._write(Error(code=error.code, message=str(error), fatal=True, retry_after=error.retry_after))
+                told, seconds = str(error), error.retry_after
+                await self._write(
+                    Error(code=error.code, message=told, fatal=True, retry_after=seconds, place=error.place)
+                )
             await self._socket.close(CLOSE_CODES[error.code], str(error).encode()[:120].decode(errors="ignore"))

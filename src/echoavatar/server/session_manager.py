@@ -36,6 +36,7 @@ from .outbox import Outbox
 from .session import ServerSession
 from .settings import ServerSettings
 from .sink_router import SinkRouter
+from .waiting import RETRY_S, WaitingList
 
 _LOG = logging.getLogger(__name__)
 MOST_DECODERS = 2  # tracks decoded at the same time
@@ -60,6 +61,7 @@ class SessionManager:
         self.metrics.step.set_function(lambda: engine.step_seconds)
         self.clients = ClientLimits(settings.rates, settings.token)
         self.is_draining = False
+        self._waiting = WaitingList()
         self._thread = EngineThread(engine)
         self._sessions: dict[str, ServerSession] = {}  # by public name
         self._keys: dict[str, ServerSession] = {}
@@ -160,10 +162,18 @@ class SessionManager:
             self._alarms.pop(session.name).cancel()
 
     def _seat(self, hello: Hello) -> ServerSession:
-        if self.engine.free == 0:
+        place = self._waiting.place(hello.ticket)
+        if self.engine.free < place:
             lost = [session for session in self._sessions.values() if session.left_at is not None]
             if lost:
                 self.end(min(lost, key=lambda session: session.left_at or 0.0))
+        if self.engine.free < place:
+            raise ProtocolError(
+                "overloaded",
+                f"all {self.engine.seats} seats are taken",
+                retry_after=RETRY_S if hello.ticket else 5.0,
+                place=place if hello.ticket else 0,
+            )
         try:
             core = self.engine.open_core(
                 seed=hello.seed,
@@ -173,6 +183,7 @@ class SessionManager:
             )
         except AdmissionError as error:
             raise ProtocolError("overloaded", f"all {self.engine.seats} seats are taken", retry_after=5.0) from error
+        self._waiting.leave(hello.ticket)
         session = ServerSession(
             core,
             name=secrets.token_urlsafe(12),

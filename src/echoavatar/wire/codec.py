@@ -24,11 +24,13 @@ TOO_LARGE = f"a message has at most {MAX_MESSAGE_BYTES:,} bytes; send long sound
 class ProtocolError(EchoAvatarError):
     """The peer sent something invalid; `code` is returned to it in an `error` message."""
 
-    def __init__(self, code: ErrorCode, message: str, *, fatal: bool = True, retry_after: float = 0.0) -> None:
+    def __init__(
+        self, code: ErrorCode, message: str, *, fatal: bool = True, retry_after: float = 0.0, place: int = 0
+    ) -> None:
         super().__init__(message)
         self.code: ErrorCode = code
         self.fatal = fatal
-        self.retry_after = retry_after
+        self.retry_after, self.place = retry_after, place
 
 
 class _Typed(msgspec.Struct):

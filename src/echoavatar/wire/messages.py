@@ -114,6 +114,9 @@ class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
     epoch: Annotated[
         int | None, Meta(description="resuming: the newest one received; a `flush` missed since is sent again")
     ] = None
+    ticket: Annotated[
+        Name, Meta(description="any text that no other client has; who says it again soon keeps a place in the queue")
+    ] = ""
     seed: Annotated[int, Meta(ge=0, le=2**31 - 1, description="equal seed and sound give equal motion")] = 0
     body: Annotated[BodyOptions, Meta(description="for a new session; a resumed one keeps its own")] = BodyOptions()
 
@@ -309,6 +312,7 @@ class Error(_Message, frozen=True, kw_only=True, tag="error"):
     message: str
     fatal: bool
     retry_after: Annotated[float, Meta(description="seconds; 0: trying again will not help")]
+    place: Annotated[int, Meta(description="overloaded: in the queue of tickets, from 1 on; 0: none")] = 0
 
 
 class Pong(_Message, frozen=True, kw_only=True, tag="pong"):

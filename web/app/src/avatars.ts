@@ -1,12 +1,14 @@
 /** The avatar in the viewport: the built-in character, or a dropped one. */
 
-import type { AvatarDriver, Pose, protocol } from "@echoavatar/client";
+import { type AvatarDriver, type Picture, type Pose, RESTING, Rest, copyPose, makePose, type protocol } from "@echoavatar/client";
 import { filmHair, loadAvatar } from "@echoavatar/client/three";
 import { Box3, type Material, type Mesh, type Object3D, Vector3 } from "three";
 import { PlainBody, plain } from "./plain.js";
 import type { Viewport } from "./viewport.js";
 
 const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i, /(^|[^a-z])head$/i]; // stay in the picture
+
+const REST_S = 0.8; // from rest into motion
 
 type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null; readonly silent: readonly string[] };
 
@@ -15,7 +17,10 @@ export class AvatarSlot {
   /** Where the built-in character is shown: its address, without the level of detail. */
   ours: string | null = null;
   private shown = ""; // what was asked for last
-  private ready: protocol.ReadyMessage | null = null;
+  private ready: Pick<protocol.ReadyMessage, "rig" | "face"> = RESTING; // what the driver is bound to
+  private rest = new Rest(RESTING);
+  private pose: Pose = makePose(RESTING.rig.names.length, RESTING.face.length);
+  private resting = 1; // how much of the rest pose is shown
   private readonly here = new Vector3();
   private placed = false;
   private body: PlainBody | null = null;
@@ -27,7 +32,7 @@ export class AvatarSlot {
   /** Replaces the avatar; the old one stays if the new one cannot be read. */
   async load(data: ArrayBuffer, files: ReadonlyMap<string, Blob>): Promise<void> {
     this.shown = "";
-    this.put(await loadAvatar(data, { files }));
+    this.put(await loadAvatar(data, { files, basis: async (manager) => (await import("./basis.js")).openBasis(manager) }));
     this.ours = null;
   }
 
@@ -50,7 +55,7 @@ export class AvatarSlot {
   }
 
   private put(next: Driver, isSame = false): void {
-    if (this.ready) next.bind(this.ready);
+    next.bind(this.ready);
     const { low, light } = this.viewport;
     const isPlain = low && !("vrm" in next);
     const surface = (material: Material) => (isPlain ? plain(material, light) : filmHair(material));
@@ -76,14 +81,27 @@ export class AvatarSlot {
     if (!isSame) this.viewport.setHeight(size.max.y);
   }
 
+  /** The middle of the head, if the avatar has one. */
+  get head(): Vector3 | null {
+    const head = this.ends.find((node) => ENDS[2]!.test(node.name));
+    return head?.getWorldPosition(new Vector3()) ?? null;
+  }
+
   bind(ready: protocol.ReadyMessage): void {
     this.ready = ready;
+    this.rest = new Rest(ready);
+    const { rotations, face } = this.pose;
+    const isSame = rotations.length === 4 * ready.rig.names.length && face.length === ready.face.length;
+    if (!isSame) [this.pose, this.resting] = [makePose(ready.rig.names.length, ready.face.length), 1];
     this.driver?.bind(ready);
   }
 
-  /** Shows a pose; `seconds` since the previous one. */
-  pose(pose: Pose, seconds: number): void {
-    this.driver?.apply(pose);
+  /** Shows a picture, or a person at rest while there is none; `seconds` since the previous one. */
+  present(picture: Picture | null, seconds: number): void {
+    this.resting = Math.min(1, Math.max(0, this.resting + (picture ? -seconds : seconds) / REST_S));
+    if (picture) copyPose(picture.pose, this.pose);
+    if (this.resting > 0) this.rest.apply(this.pose, performance.now() / 1000, smooth(this.resting));
+    this.driver?.apply(this.pose);
     this.driver?.update(seconds);
     this.body?.update();
   }
@@ -96,4 +114,8 @@ export class AvatarSlot {
     this.placed = true;
     this.viewport.attend(this.ends.map((node, k) => node.getWorldPosition(this.places[k]!)), seconds);
   }
+}
+
+function smooth(share: number): number {
+  return share * share * (3 - 2 * share);
 }

@@ -2,6 +2,8 @@
 
 import type { EchoSession } from "@echoavatar/client";
 import { toast } from "./notices.js";
+import { toggle } from "./panels.js";
+import { showLevel } from "./sources.js";
 import { Turns } from "./turns.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
@@ -31,7 +33,7 @@ export class Chat {
 
   constructor(private readonly session: EchoSession, private readonly parts: ChatParts) {
     this.headers = parts.token ? { authorization: `Bearer ${parts.token}` } : {};
-    this.turns = new Turns(session, { begun: () => this.interrupt(), ended: (wav) => void this.heard(wav) });
+    this.turns = new Turns(session, { begun: () => this.interrupt(), ended: (wav) => void this.heard(wav), block: showLevel(element("microphone")) });
     element<HTMLFormElement>("chat").onsubmit = (event) => {
       event.preventDefault();
       const input = element<HTMLInputElement>("words");
@@ -53,10 +55,8 @@ export class Chat {
   }
 
   toggle(): void {
-    const box = element("talk");
-    box.hidden = !box.hidden;
-    if (!box.hidden) element("words").focus();
-    else this.turns.stop();
+    if (toggle("talk")) element("words").focus();
+    else this.stop();
   }
 
   /** Releases the microphone for another use. */
@@ -110,6 +110,7 @@ export class Chat {
   }
 
   private showMicrophone(): void {
+    if (!this.turns.isOpen) element("microphone").style.removeProperty("--level");
     element("microphone").setAttribute("aria-pressed", String(this.turns.isOpen));
   }
 

@@ -9,6 +9,11 @@ export const COARSEST = 2;
 export class DetailControl {
   /** The level to show: 0 is the finest. */
   level = COARSEST;
+  /** Whether no coarser level is left. */
+  get isCheapest(): boolean {
+    return this.level === COARSEST;
+  }
+
   private finest = 0;
   private average = 1 / 30;
   private waited = 0;

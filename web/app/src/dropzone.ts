@@ -1,10 +1,11 @@
 /** Handles dropped or chosen files: an avatar, whose parts may be in files of their own, or a sound. */
 
-import type { AvatarSlot } from "./avatars.js";
 import { toast } from "./notices.js";
+import { bytesOf } from "./sources.js";
 import type { SourceBar } from "./sourcebar.js";
+import type { Wardrobe } from "./wardrobe.js";
 
-export function connectDrop(avatar: AvatarSlot, sources: SourceBar): void {
+export function connectDrop(wardrobe: Wardrobe, sources: SourceBar): void {
   const curtain = document.getElementById("drop")!;
   let depth = 0;
   const show = (change: number) => {
@@ -13,7 +14,7 @@ export function connectDrop(avatar: AvatarSlot, sources: SourceBar): void {
   };
   const open = (files: readonly File[]) => {
     const worn = files.find((file) => /\.(vrm|glb|gltf)$/i.test(file.name));
-    const opened = worn ? wear(avatar, worn, files) : files[0] && sources.play(files[0]);
+    const opened = worn ? wear(wardrobe, worn, files) : files[0] && sources.play(files[0]);
     opened?.catch((error: Error) => toast(error.message));
   };
   sources.onFiles = open;
@@ -27,19 +28,6 @@ export function connectDrop(avatar: AvatarSlot, sources: SourceBar): void {
   });
 }
 
-async function wear(avatar: AvatarSlot, file: File, files: readonly File[]): Promise<void> {
-  try {
-    await avatar.load(await file.arrayBuffer(), new Map(files.map((part) => [part.name, part])));
-    const still = avatar.driver?.silent ?? [];
-    if (still.length) toast(`Nothing on the face of “${file.name}” shows ${told(still)}.`);
-  } catch (error) {
-    throw new Error(`“${file.name}” could not be worn: ${(error as Error).message}`);
-  }
-}
-
-const TOLD = 6; // curves that a notice names
-
-function told(names: readonly string[]): string {
-  const more = names.length - TOLD;
-  return names.slice(0, TOLD).join(", ") + (more > 0 ? ` and ${more} more` : "");
+async function wear(wardrobe: Wardrobe, file: File, files: readonly File[]): Promise<void> {
+  await wardrobe.wear(file.name, await bytesOf(file), new Map(files.map((part) => [part.name, part])));
 }

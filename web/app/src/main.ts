@@ -9,11 +9,11 @@ import { DetailControl } from "./detail.js";
 import { connectDrop } from "./dropzone.js";
 import { Hud } from "./hud.js";
 import { drawIcons } from "./icons.js";
-import { toast } from "./notices.js";
 import { SourceBar } from "./sourcebar.js";
 import { Viewport } from "./viewport.js";
 import { StatusLine } from "./statusline.js";
 import { Tools } from "./tools.js";
+import { Wardrobe } from "./wardrobe.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
 const settings = new URLSearchParams(location.search);
@@ -43,8 +43,9 @@ async function start(): Promise<void> {
   const isSlow = isSoftware();
   const low = quality === "low" || (quality !== "high" && isSlow);
   document.documentElement.dataset["quality"] = low ? "low" : "high";
-  const viewport = new Viewport(element<HTMLCanvasElement>("view"), low, settings.get("background") ?? "");
-  document.documentElement.dataset["background"] = settings.get("background") ?? "";
+  const background = settings.get("background") ?? "";
+  const viewport = new Viewport(element<HTMLCanvasElement>("view"), low, background === "clear");
+  document.documentElement.dataset["background"] = background;
   const token = takeToken();
   const leader = await watched(token);
   if (settings.has("watch")) document.documentElement.dataset["watch"] = "";
@@ -60,24 +61,15 @@ async function start(): Promise<void> {
   const actions = new ActionPanel(session, element("actions"), element("action-list"));
   const sources = new SourceBar(session, token);
   const states = new StatusLine(session, actions, sources);
-  const tools = new Tools(viewport, session, avatar, () => sources.output);
-  connectDrop(avatar, sources);
-  session.on("ready", (ready) => avatar.bind(ready));
   const detail = new DetailControl(isSlow || quality === "low");
-  void showOwn(avatar, detail);
+  const wardrobe = new Wardrobe(viewport, avatar, detail);
+  const tools = new Tools(viewport, session, avatar, wardrobe, () => sources.output, settings);
+  connectDrop(wardrobe, sources);
+  session.on("ready", (ready) => avatar.bind(ready));
+  void wardrobe.show(settings.get("character") ?? "");
   session.connect();
   run(viewport, session, avatar, { hud, states, sources, detail });
   Object.assign(window, { __echo: inspect(session, viewport, avatar, hud, sources, tools, detail) });
-}
-
-async function showOwn(avatar: AvatarSlot, detail: DetailControl): Promise<void> {
-  try {
-    const character = settings.get("character");
-    await avatar.show(`./avatar.glb${character ? `?character=${encodeURIComponent(character)}` : ""}`, detail.level);
-    detail.restart();
-  } catch (error) {
-    toast(`The avatar could not be shown: ${(error as Error).message}. Drop a .vrm or .glb file here instead.`);
-  }
 }
 
 const EMPTY_MS = 400; // between pictures of the empty stage, which may be drawn by the processor that reads the avatar
@@ -99,14 +91,16 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
     last = now;
     const picture = session.picture(performance.now());
     inspected.shown = picture && { at: picture.at, held: picture.held, state: picture.state };
-    if (picture && avatar.driver) {
-      avatar.pose(picture.pose, seconds);
+    if (avatar.driver) {
+      avatar.present(picture, seconds);
       document.getElementById("silhouette")?.classList.add("gone");
     }
     avatar.follow(seconds);
     viewport.echoes.advance(sources.output?.level ?? 0, seconds);
     states.show(picture);
     if (picture) viewport.suit(picture.state, seconds);
+    if (picture?.state !== "dancing") viewport.settle(seconds);
+    viewport.isCheapest = !avatar.ours || detail.isCheapest;
     if (avatar.driver || now - drawn > EMPTY_MS) {
       viewport.render(seconds);
       drawn = now;

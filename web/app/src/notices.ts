@@ -15,6 +15,12 @@ export interface Choice {
   readonly id?: string;
   readonly label: string;
   readonly hint?: string;
+  /** Address of a small picture before the label. */
+  readonly picture?: string;
+  /** Whether it is what is chosen now, where the menu tells. */
+  readonly on?: boolean;
+  /** A heading over this choice and those that follow. */
+  readonly under?: string;
   readonly run: () => void;
 }
 
@@ -42,7 +48,7 @@ export function openMenu(anchor: HTMLElement, choices: readonly Choice[]): void 
     event.preventDefault();
     event.stopPropagation();
   };
-  menu.replaceChildren(...choices.map((choice) => entry(choice, close)));
+  menu.replaceChildren(...choices.flatMap((choice) => [heading(choice), entry(choice, close)].filter((part) => part !== null)));
   menu.hidden = false;
   place(menu, anchor);
   menu.querySelector("button")?.focus({ preventScroll: true });
@@ -50,12 +56,23 @@ export function openMenu(anchor: HTMLElement, choices: readonly Choice[]): void 
   document.addEventListener("keydown", keys, true);
 }
 
-function entry({ id, label, hint, run }: Choice, close: () => void): HTMLElement {
+function heading({ under }: Choice): HTMLElement | null {
+  return under ? Object.assign(document.createElement("h3"), { textContent: under }) : null;
+}
+
+function entry({ id, label, hint, picture, on, run }: Choice, close: () => void): HTMLElement {
   const button = document.createElement("button");
-  button.setAttribute("role", "menuitem");
+  button.setAttribute("role", on === undefined ? "menuitem" : "menuitemradio");
+  if (on !== undefined) button.setAttribute("aria-checked", String(on));
   if (id) button.dataset["choice"] = id;
-  button.append(label);
-  if (hint) button.append(Object.assign(document.createElement("small"), { textContent: hint }));
+  if (picture) {
+    const image = Object.assign(document.createElement("img"), { src: picture, alt: "" });
+    image.onerror = () => image.remove();
+    button.append(image);
+  }
+  const words = Object.assign(document.createElement("span"), { textContent: label });
+  if (hint) words.append(Object.assign(document.createElement("small"), { textContent: hint }));
+  button.append(words);
   button.onclick = () => {
     close();
     run();

@@ -8,7 +8,7 @@ import type { Viewport } from "./viewport.js";
 
 const TYPES = ["video/webm;codecs=vp9,opus", "video/webm;codecs=vp8,opus", "video/webm", "video/mp4"];
 const BITS = 8_000_000;
-const SIZE = { width: 1920, height: 1080 };
+const [LONG, SHORT] = [1920, 1080]; // pixels; upright where the window is
 
 export class VideoRecorder {
   private readonly parts: Blob[] = [];
@@ -19,7 +19,8 @@ export class VideoRecorder {
   constructor(private readonly viewport: Viewport, sound: MediaStream) {
     const type = TYPES.find((candidate) => MediaRecorder.isTypeSupported(candidate));
     if (!type) throw new Error("This browser cannot record video.");
-    viewport.fix(SIZE);
+    const isUpright = innerHeight > innerWidth;
+    viewport.fix({ width: isUpright ? SHORT : LONG, height: isUpright ? LONG : SHORT });
     const stream = new MediaStream([...viewport.canvas.captureStream(30).getVideoTracks(), ...sound.getAudioTracks()]);
     this.recorder = new MediaRecorder(stream, { mimeType: type, videoBitsPerSecond: BITS });
     this.recorder.ondataavailable = ({ data }) => data.size && this.parts.push(data);

@@ -6,7 +6,7 @@ import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
 import { Output } from "./output.js";
 import { TextToSpeech } from "./texttospeech.js";
-import { Capture, canShareTabs, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
+import { Capture, bytesOf, canShareTabs, showLevel, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
 
 const SPEECH = "./sounds/speech.ogg";
 type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text" | "chat";
@@ -26,7 +26,6 @@ export class SourceBar {
   private readonly textToSpeech: TextToSpeech;
   private readonly chat: Chat;
   private readonly voiced: Promise<boolean>; // whether the server's machine has a voice
-  private explained = false;
   private spoken: { readonly utterance: Utterance; until: number } | null = null; // the avatar's newest, until it was heard
 
   constructor(private readonly session: EchoSession, token: string) {
@@ -34,15 +33,20 @@ export class SourceBar {
     this.voiced = this.textToSpeech.isPossible();
     this.chat = new Chat(session, {
       token,
-      voice: async (text) => ((await this.voiced) ? this.textToSpeech.speak(text) : this.explainSilence()),
+      voice: async (text) => ((await this.voiced) ? this.textToSpeech.speak(text) : null),
       say: (samples) => this.answer(samples),
       stopSpeech: () => this.stopSpeech(),
     });
     void this.chat.isPossible().then((possible) => this.show("chat", possible));
+    void this.voiced.then((voiced) => {
+      this.show("text", voiced);
+      for (const note of document.querySelectorAll<HTMLElement>(".unvoiced")) note.hidden = voiced;
+    });
     for (const name of Object.keys(LABELS) as Name[]) this.addButton(name);
     this.show("tab", canShareTabs());
     this.show("music", false);
     this.show("chat", false);
+    this.show("text", false);
     session.on("ready", (ready) => this.offer(ready));
     session.on("state", ({ finished, at }) => {
       if (this.spoken && finished >= this.spoken.utterance.seg) this.spoken.until = Math.min(this.spoken.until, at);
@@ -91,7 +95,7 @@ export class SourceBar {
   /** Plays a sound file. */
   async play(file: File): Promise<void> {
     await this.wake();
-    const samples = await decodeSound(await file.arrayBuffer(), this.rate).catch(() => {
+    const samples = await decodeSound(await bytesOf(file), this.rate).catch(() => {
       throw new Error(`“${file.name}” holds no sound that this browser can read.`);
     });
     await this.speak("file", samples, file.name);
@@ -176,19 +180,8 @@ export class SourceBar {
     else if (name === "microphone") this.chooseSpeaker(button);
     else if (name === "tab") await this.listen("tab", await openTab(), "avatar");
     else if (name === "file") element("file").click();
-    else if (name === "text") await this.openText();
+    else if (name === "text") this.textToSpeech.toggle();
     else this.chat.toggle();
-  }
-
-  private explainSilence(): null {
-    if (!this.explained) toast("It answers in writing: the server's machine has no voice. Install espeak-ng or flite there.");
-    this.explained = true;
-    return null;
-  }
-
-  private async openText(): Promise<void> {
-    if (!(await this.voiced)) return toast("The server's machine has no voice. Install espeak-ng or flite there, and load this page again.");
-    this.textToSpeech.toggle();
   }
 
   /** Ends the previous source and starts the next. */
@@ -226,14 +219,15 @@ export class SourceBar {
   }
 
   private async listen(name: Name, stream: MediaStream, speaker: "avatar" | "user"): Promise<void> {
-    this.replace(name, speaker);
+    this.replace(name, "");
     if (this.output) this.output.silent = name === "microphone"; // avoids feedback
-    this.capture = await Capture.start(this.session, stream, speaker, () => this.interrupt());
+    this.capture = await Capture.start(this.session, stream, speaker, () => this.interrupt(), showLevel(this.buttons.get(name)!));
   }
 
   private stopCapture(): void {
     this.capture?.stop();
     this.capture = null;
+    for (const name of ["microphone", "tab"] as const) this.buttons.get(name)!.style.removeProperty("--level");
     if (this.output) this.output.silent = false;
   }
 

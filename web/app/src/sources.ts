@@ -15,6 +15,13 @@ export async function decodeSound(data: ArrayBuffer, rate: number): Promise<Floa
   return (await mono.startRendering()).getChannelData(0);
 }
 
+/** The bytes of a chosen file; throws an error that names it. */
+export function bytesOf(file: File): Promise<ArrayBuffer> {
+  return file.arrayBuffer().catch((error: Error) => {
+    throw new Error(`“${file.name}” cannot be read (${error.message}). Choose it again.`);
+  });
+}
+
 export async function fetchSound(url: string, rate: number): Promise<Float32Array> {
   const response = await fetch(url);
   if (!response.ok) throw new Error(`${url} is not there (${response.status}).`);
@@ -63,6 +70,14 @@ export class Capture {
     for (const track of this.stream.getTracks()) track.stop();
     void this.context.close();
   }
+}
+
+/** Shows how loud captured sound is, on the button that captures it. */
+export function showLevel(button: HTMLElement): (block: Float32Array) => void {
+  return (block) => {
+    const power = block.reduce((sum, value) => sum + value * value, 0) / block.length;
+    button.style.setProperty("--level", String(Math.min(1, Math.max(0, 1 + Math.log10(power + 1e-9) / 5)).toFixed(2))); // -50 dB is none
+  };
 }
 
 export function openMicrophone(): Promise<MediaStream> {

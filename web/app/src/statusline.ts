@@ -13,17 +13,22 @@ export class StatusLine {
   private text = "";
   private busyAt = -Infinity; // sample at which there was last something to interrupt
   private isBusy = false;
+  private waiting = ""; // what is said instead while the server is full
   private last: protocol.MotionMessage["state"] = "speaking";
 
   constructor(session: EchoSession, private readonly actions: ActionPanel, private readonly sources: SourceBar) {
     const line = document.getElementById("line")!;
-    session.on("line", (state) => (line.textContent = LINES[state]));
-    session.on("error", (error) => toast(sentence(error)));
+    session.on("line", (state) => (line.textContent = this.waiting ? "" : LINES[state]));
+    session.on("error", (error) => {
+      this.waiting = error.place ? `All places are taken. ${error.place === 1 ? "You are next" : `You are number ${error.place} in the queue`}.` : "";
+      if (!this.waiting) toast(sentence(error));
+    });
+    session.on("ready", () => (this.waiting = ""));
   }
 
   /** Call once per display frame. */
   show(picture: Picture | null): void {
-    if (!picture) return;
+    if (!picture || this.waiting) return this.say(this.waiting);
     const { state } = picture;
     const speaking = this.sources.isSpeaking(picture);
     const acting = state === "acting" && this.isBusy; // sound may go on under an action
@@ -31,7 +36,10 @@ export class StatusLine {
     this.isBusy = Math.abs(picture.at - this.busyAt) < 36_000; // a new session's clock starts at 0
     this.sources.busy = this.isBusy;
     if (state === "speaking" || state === "dancing") this.last = state;
-    const text = this.words(speaking && (state === "idle" || state === "acting") ? this.last : state); // through pauses
+    this.say(this.words(speaking && (state === "idle" || state === "acting") ? this.last : state)); // through pauses
+  }
+
+  private say(text: string): void {
     if (text !== this.text) subtitle(text);
     this.text = text;
   }
@@ -40,7 +48,7 @@ export class StatusLine {
     const { title } = this.sources;
     if (this.actions.running) return this.actions.running;
     if (state === "speaking") return "Speaking";
-    if (state === "dancing") return title && title !== "avatar" ? `Dancing to “${title}”` : "Dancing";
+    if (state === "dancing") return title ? `Dancing to “${title}”` : "Dancing";
     if (state === "listening") return "Listening to you";
     return "";
   }

@@ -1,5 +1,6 @@
 /** The form for typed text, spoken by the server's voice; hidden if the server has none. */
 
+import { toggle } from "./panels.js";
 import { decodeSound } from "./sources.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
@@ -31,9 +32,7 @@ export class TextToSpeech {
   }
 
   toggle(): void {
-    const form = element("typed");
-    form.hidden = !form.hidden;
-    if (!form.hidden) element("text").focus();
+    if (toggle("typed")) element("text").focus();
   }
 
   /** Synthesises a text. */

@@ -12,6 +12,8 @@ const BEFORE_BLOCKS = 3; // kept from before the threshold was crossed, because 
 export interface TurnEvents {
   readonly begun: () => void;
   readonly ended: (wav: Blob) => void;
+  /** Called with each block of sound. */
+  readonly block: (samples: Float32Array) => void;
 }
 
 export class Turns {
@@ -39,6 +41,7 @@ export class Turns {
   }
 
   private hear(block: Float32Array): void {
+    this.events.block(block);
     const level = Math.sqrt(block.reduce((sum, value) => sum + value * value, 0) / block.length);
     this.blocks.push(block);
     if (level > LOUD) {

@@ -1,25 +1,30 @@
-/** Stage, camera and renderer. Low quality is faster: no antialiasing, no environment, no cast shadow. */
+/** Stage, camera and renderer. Low quality is faster: no environment, no cast shadow. Edges are smooth in both. */
 
-import { STAGES, StageLight, type StageName } from "@echoavatar/client/three";
+import { StageLight, type StageName } from "@echoavatar/client/three";
 import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { Backdrop, Echoes } from "./backdrop.js";
+import { type Covered, covered } from "./panels.js";
 import { ResolutionControl } from "./resolution.js";
 
-/** Heights are fractions of the avatar's height. */
-const VIEWS = [
-  { height: 0.5, distance: 4.7, side: 0.16 },
-  { height: 0.76, distance: 2.3, side: 0.2 },
-  { height: 0.9, distance: 1.25, side: 0.12 },
+/** Heights are fractions of the avatar's height; at its distance a view fills the part of the window that is free. */
+export const VIEWS = [
+  { id: "full", label: "Whole body", height: 0.5, distance: 3.95, side: 0.16 },
+  { id: "bust", label: "Upper body", height: 0.76, distance: 2.05, side: 0.2 },
+  { id: "face", label: "Face", height: 0.9, distance: 1.1, side: 0.12 },
 ];
 
 const GLIDE = 2.2; // per second, how fast the camera reaches a view
 const SETTLED_S = 1.2; // a state must last so long before the camera follows it
-const MARGIN = 0.86; // of the picture's half height and width, in which hands and head stay
+const MARGIN = 0.9; // of the free part's half height and width, in which hands and head stay
 const REACH = 0.14; // metres of fingers beyond a wrist, for a body of 1.65 m
 const FULL = 0;
 const UPPER = 1;
 const CLOSE = 2;
+const CHECK_S = 0.25; // between looks at what panels cover
+const MOVED = 3; // per second, how fast the picture moves out from behind a panel
+const HOME_S = 1.1; // per second, how fast the rings come to who stands
+const PORTRAIT = 96; // pixels of a thumbnail
 
 export class Viewport {
   readonly renderer: WebGLRenderer;
@@ -40,16 +45,20 @@ export class Viewport {
   private suited = { view: FULL, seconds: 0 };
   private widened = 1; // how much further away the camera is so that hands stay in the picture
   private fixed: { width: number; height: number } | null = null;
+  private panels: Covered = { top: 0, right: 0, bottom: 0, left: 0 };
+  private free: Covered = this.panels; // follows `panels`
+  private looked = Infinity;
+  /** Whether no cheaper avatar can be shown. */
+  isCheapest = true;
   private tall = 1.65;
 
-  /** `background` is a stage's name, `clear` for none and an alpha channel, or empty: the theme chooses. */
-  constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean, readonly background = "") {
-    const isClear = background === "clear";
-    this.renderer = new WebGLRenderer({ canvas, antialias: !low, alpha: isClear, powerPreference: "high-performance" });
+  /** `isClear`: no backdrop, but an alpha channel, for a program that shows this page over something else. */
+  constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean, isClear = false) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: isClear, powerPreference: "high-performance" });
     this.resolution = new ResolutionControl(low);
     this.light = new StageLight(this.scene, this.renderer, low);
     this.controls = new OrbitControls(this.camera, canvas);
-    Object.assign(this.controls, { enableDamping: true, minDistance: 0.5, maxDistance: 9, maxPolarAngle: 1.62, enablePan: false });
+    Object.assign(this.controls, { enableDamping: true, minDistance: 0.5, maxDistance: 24, maxPolarAngle: 1.62, enablePan: false });
     this.scene.add(this.backdrop.mesh, this.echoes.mesh);
     this.backdrop.mesh.visible = !isClear;
     this.controls.addEventListener("start", () => ([this.isGliding, this.isChosen] = [false, true]));
@@ -62,8 +71,7 @@ export class Viewport {
     this.frame();
   }
 
-  setTheme(dark: boolean): void {
-    const stage: StageName = this.background in STAGES ? (this.background as StageName) : dark ? "dusk" : "studio";
+  setStage(stage: StageName): void {
     this.light.set(stage);
     this.backdrop.set(stage);
     this.echoes.setTheme(stage === "dusk");
@@ -73,8 +81,9 @@ export class Viewport {
   frame(index = this.view, glides = false): void {
     this.view = index % VIEWS.length;
     const { height, distance: wide, side } = VIEWS[this.view]!;
-    const narrow = Math.min(1, this.camera.aspect / 0.72);
-    const distance = (wide * (this.tall / 1.65)) / narrow ** 0.75;
+    const { high, aspect } = this.room();
+    const narrow = Math.min(1, aspect / 0.72);
+    const distance = (wide * (this.tall / 1.65)) / (high * narrow ** 0.75);
     const forward = Math.sqrt(1 - side * side);
     const { position, target } = this.goal;
     target.set(this.centre.x, height * this.tall, this.centre.z);
@@ -87,9 +96,18 @@ export class Viewport {
     this.controls.update();
   }
 
+  /** The view that the visitor chose; null: the camera follows what the avatar does. */
+  get chosen(): number | null {
+    return this.isChosen ? this.view : null;
+  }
+
+  choose(view: number | null): void {
+    this.isChosen = view !== null;
+    this.frame(view ?? FULL, true);
+  }
+
   nextView(): void {
-    this.isChosen = true;
-    this.frame(this.view + 1, true);
+    this.choose((this.view + 1) % VIEWS.length);
   }
 
   /** Shows the upper body of who speaks and the whole body of who dances, until the visitor chooses a view. */
@@ -106,13 +124,14 @@ export class Viewport {
     const { target } = this.controls;
     this.camera.matrixWorld.extractBasis(right, up, forward); // the camera looks along -Z
     const distance = this.camera.position.distanceTo(target) / this.widened;
-    const half = Math.tan((this.camera.fov * Math.PI) / 360) * MARGIN;
+    const { high: free, aspect } = this.room();
+    const half = Math.tan((this.camera.fov * Math.PI) / 360) * MARGIN * free;
     const reach = (REACH * this.tall) / 1.65;
     let needed = distance;
     for (const point of points) {
       this.arm.copy(point).sub(target);
       const high = Math.abs(this.arm.dot(up)) + reach;
-      const wide = (Math.abs(this.arm.dot(right)) + reach) / this.camera.aspect;
+      const wide = (Math.abs(this.arm.dot(right)) + reach) / aspect;
       needed = Math.max(needed, Math.max(high, wide) / half + this.arm.dot(forward));
     }
     const wanted = Math.min(2.2, needed / distance);
@@ -136,6 +155,28 @@ export class Viewport {
     this.frame();
   }
 
+  /** Brings the rings to where the avatar has come to stand. */
+  settle(seconds: number): void {
+    const { position } = this.echoes.mesh;
+    const share = 1 - Math.exp(-HOME_S * seconds);
+    position.x += (this.centre.x - position.x) * share;
+    position.z += (this.centre.z - position.z) * share;
+  }
+
+  /** A small picture of a face, whose middle is at `head`, as a data address. */
+  portrait(head: Vector3 | null): string {
+    const camera = new PerspectiveCamera(24, 1, 0.05, 60);
+    const size = this.tall / 1.65;
+    const middle = head?.clone() ?? new Vector3(this.centre.x, 0.92 * this.tall, this.centre.z);
+    middle.y += 0.06 * size;
+    camera.position.set(middle.x + 0.12 * size, middle.y, middle.z + 1.05 * size);
+    camera.lookAt(middle);
+    this.renderer.render(this.scene, camera);
+    const small = Object.assign(document.createElement("canvas"), { width: PORTRAIT, height: PORTRAIT });
+    small.getContext("2d")!.drawImage(this.canvas, 0, 0, PORTRAIT, PORTRAIT);
+    return small.toDataURL("image/webp", 0.85);
+  }
+
   /** Moves camera and light with the avatar; `ease` 1 jumps. */
   follow(x: number, z: number, ease: number): void {
     const [dx, dz] = [(x - this.centre.x) * ease, (z - this.centre.z) * ease];
@@ -150,7 +191,8 @@ export class Viewport {
 
   /** Draws a frame; `seconds` since the previous one. */
   render(seconds: number): void {
-    if (!this.fixed && this.resolution.picture(seconds)) this.resize();
+    if (!this.fixed && this.resolution.picture(seconds, this.isCheapest)) this.resize();
+    this.makeRoom(seconds);
     this.glide(seconds);
     this.controls.update();
     this.light.update();
@@ -158,13 +200,45 @@ export class Viewport {
   }
 
   resize(): void {
-    const { width, height } = this.fixed ?? { width: window.innerWidth, height: window.innerHeight };
-    const density = (this.low ? 1 : Math.min(window.devicePixelRatio, 2)) * this.resolution.scale;
+    const { width, height } = this.shape;
+    const density = Math.min(window.devicePixelRatio, 2) * this.resolution.scale;
     this.renderer.setPixelRatio(this.fixed ? 1 : density);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
-    this.camera.setViewOffset(width, height, 0, height * (width < 900 ? 0.1 : 0.045), width, height);
-    this.camera.updateProjectionMatrix();
+    this.looked = Infinity;
+    this.makeRoom(Infinity);
+  }
+
+  /** The share of the picture's height that no panel covers, and the shape of what is free. */
+  private room(): { high: number; aspect: number } {
+    const { width, height } = this.shape;
+    const { top, right, bottom, left } = this.panels;
+    const high = 1 - (top + bottom) / height;
+    return { high, aspect: (width - left - right) / (high * height) };
+  }
+
+  private get shape(): { width: number; height: number } {
+    return this.fixed ?? { width: window.innerWidth, height: window.innerHeight };
+  }
+
+  /** Moves the picture's middle to the middle of what no panel covers. */
+  private makeRoom(seconds: number): void {
+    this.looked += seconds;
+    if (this.looked > CHECK_S) {
+      const before = this.panels;
+      this.panels = this.fixed ? { top: 0, right: 0, bottom: 0, left: 0 } : covered();
+      this.looked = 0;
+      const sides = ["top", "right", "bottom", "left"] as const;
+      const hasMoved = sides.some((side) => Math.abs(before[side] - this.panels[side]) > 1);
+      if (hasMoved && !this.isChosen && seconds !== Infinity) this.frame(this.view, true);
+    }
+    const { free, panels } = this;
+    const share = 1 - Math.exp(-MOVED * seconds);
+    const eased = (side: keyof Covered) => free[side] + (panels[side] - free[side]) * share;
+    this.free = { top: eased("top"), right: eased("right"), bottom: eased("bottom"), left: eased("left") };
+    const { width, height } = this.shape;
+    const { top, right, bottom, left } = this.free;
+    this.camera.setViewOffset(width, height, (right - left) / 2, (bottom - top) / 2, width, height);
   }
 
   private glide(seconds: number): void {

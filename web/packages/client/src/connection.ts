@@ -43,6 +43,7 @@ export class Connection extends Emitter<ConnectionEvents> {
   private heartbeat: ReturnType<typeof setInterval> | undefined;
   private sentPings = new Map<number, number>();
   private nonce = 0;
+  private readonly ticket = [...crypto.getRandomValues(new Uint8Array(12))].join("."); // keeps a place in the queue
   private greeted = false;
   private over = false;
 
@@ -96,7 +97,7 @@ export class Connection extends Emitter<ConnectionEvents> {
   private hello(sound: string[]): HelloMessage {
     const { token = "", role = "source", session = "", seed = 0, body = {} } = this.options;
     return {
-      type: "hello", versions: [...VERSIONS], role, token, session, seed, body, sound,
+      type: "hello", versions: [...VERSIONS], role, token, session, seed, body, sound, ticket: this.ticket,
       audio: { rate: 24000, channels: 1, format: "s16le" },
       resume: this.ready?.resume ?? "",
       ...(this.ready ? this.received() : { played: 0, epoch: null }),

@@ -9,6 +9,7 @@ export { JITTER_SECONDS, type Picture, Player } from "./player.js";
 export { Playout, type PlayoutMark } from "./playout.js";
 export { type Pose, copyPose, makePose } from "./pose.js";
 export * as protocol from "./protocol.generated.js";
+export { RESTING, Rest } from "./rest.js";
 export { Resampler } from "./resample.js";
 export { EchoSession, type SessionEvents, type SessionOptions } from "./session.js";
 export { MotionTimeline, unpackPoses } from "./timeline.js";

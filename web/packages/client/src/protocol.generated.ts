@@ -96,6 +96,8 @@ export interface ErrorMessage {
   fatal: boolean;
   /** seconds; 0: trying again will not help */
   retry_after: number;
+  /** overloaded: in the queue of tickets, from 1 on; 0: none */
+  place: number;
 }
 
 /** Motion and audio from `at` on are void: drop them, and hold the pose at `at` until new motion arrives. */
@@ -130,6 +132,8 @@ export interface HelloMessage {
   played?: number;
   /** resuming: the newest one received; a `flush` missed since is sent again */
   epoch?: number | null;
+  /** any text that no other client has; who says it again soon keeps a place in the queue */
+  ticket?: string;
   /** equal seed and sound give equal motion */
   seed?: number;
   /** for a new session; a resumed one keeps its own */

@@ -187,7 +187,7 @@ it("begins anew when the session is gone, and says again what was not heard", ()
   latest().close();
   vi.advanceTimersByTime(600);
   latest().onopen();
-  latest().say({ type: "error", code: "unknown_session", message: "over", fatal: true, retry_after: 0 });
+  latest().say({ type: "error", code: "unknown_session", message: "over", fatal: true, retry_after: 0, place: 0 });
   latest().close();
   vi.advanceTimersByTime(1100);
   latest().onopen();
@@ -198,7 +198,7 @@ it("begins anew when the session is gone, and says again what was not heard", ()
 });
 
 it("does not knock again where it was turned away for good", () => {
-  latest().say({ type: "error", code: "unauthorized", message: "wrong token", fatal: true, retry_after: 0 });
+  latest().say({ type: "error", code: "unauthorized", message: "wrong token", fatal: true, retry_after: 0, place: 0 });
   latest().close();
   vi.advanceTimersByTime(60_000);
   expect(FakeSocket.all).toHaveLength(1);

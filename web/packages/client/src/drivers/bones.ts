@@ -15,6 +15,7 @@ export interface Hips {
   readonly node: Object3D;
   readonly scale: number; // model height / rig height: strides scale with body size
   readonly inverse: Quaternion;
+  readonly place: Vector3; // in the T-pose
 }
 
 /**
@@ -38,13 +39,19 @@ export class BoneMap {
       const parent = frame.clone().multiply(world);
       const inverse = parent.clone().invert();
       this.bones.push({ node, joint, rest: node.quaternion.clone(), parent, inverse });
-      if (name === "hips") this.hips = { node, scale: hipScale(model, node, rig.rest[joint]?.[1] ?? 1), inverse };
+      if (name === "hips") this.hips = { node, scale: hipScale(model, node, rig.rest[joint]?.[1] ?? 1), inverse, place: node.position.clone() };
     });
   }
 
   /** Number of the rig's joints that the model has. */
   get size(): number {
     return this.bones.length;
+  }
+
+  /** Brings the model back to its T-pose. */
+  reset(): void {
+    for (const { node, rest } of this.bones) node.quaternion.copy(rest);
+    if (this.hips) this.hips.node.position.copy(this.hips.place);
   }
 
   apply(rotations: Float32Array, root: Float32Array): void {

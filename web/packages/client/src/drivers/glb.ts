@@ -29,7 +29,7 @@ export class GlbDriver implements AvatarDriver {
   }
 
   bind({ rig, face }: Pick<ReadyMessage, "rig" | "face">): void {
-    if (this.bones) return this.rebind(face);
+    this.bones?.reset();
     const nodes = new Map<string, Object3D>();
     this.object.traverse((node) => nodes.set(node.name.replace(/^mixamorig\d*:?/, ""), node));
     this.bones = new BoneMap(this.object, rig, (name) => nodes.get(name) ?? nodes.get(mixamoName(name)));
@@ -38,7 +38,7 @@ export class GlbDriver implements AvatarDriver {
       const bone = name.endsWith("Halfway") && nodes.get(name.slice(0, -"Halfway".length));
       return bone ? [{ node, bone }] : [];
     });
-    this.rebind(face);
+    this.morphs = new MorphMap(this.object, face);
   }
 
   apply(pose: Pose): void {
@@ -56,9 +56,5 @@ export class GlbDriver implements AvatarDriver {
       for (const material of [mesh.material ?? []].flat()) material.dispose();
     });
     this.object.removeFromParent();
-  }
-
-  private rebind(face: readonly string[]): void {
-    this.morphs = new MorphMap(this.object, face);
   }
 }

@@ -1,9 +1,10 @@
 /** Reads a .vrm, .glb or .gltf file and returns a driver for it. */
 
 import { VRMLoaderPlugin, type VRM, VRMUtils } from "@pixiv/three-vrm";
-import { LoadingManager, type WebGLRenderer } from "three";
+import { type Loader, LoadingManager, type Texture } from "three";
 import { MeshoptDecoder } from "three/examples/jsm/libs/meshopt_decoder.module.js";
 import { type GLTF, GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+import type { KTX2Loader } from "three/examples/jsm/loaders/KTX2Loader.js";
 import { targetNames } from "../facenames.js";
 import { GlbDriver } from "./glb.js";
 import { VrmDriver } from "./vrm.js";
@@ -11,9 +12,12 @@ import { VrmDriver } from "./vrm.js";
 export interface LoadOptions {
   /** The files beside a .gltf, by their names. */
   readonly files?: ReadonlyMap<string, Blob>;
-  /** What shows the avatar: KTX2 textures need it, and a page whose policy lets their transcoder evaluate code. */
-  readonly renderer?: WebGLRenderer;
+  /** What reads KTX2 textures, asked for when a file has some: three's KTX2Loader, whose transcoder evaluates code, or another. */
+  readonly basis?: (manager: LoadingManager) => Promise<BasisLoader>;
 }
+
+/** What of three's KTX2Loader is used; `fault` is the first error of a picture, which three passes to no one. */
+export type BasisLoader = Loader<Texture> & { dispose(): void; readonly fault?: Error | null };
 
 /** Throws an error with a message for the user when the bytes are not a VRM or glTF model. */
 export async function loadAvatar(data: ArrayBuffer, options: LoadOptions = {}): Promise<GlbDriver | VrmDriver> {
@@ -24,14 +28,19 @@ export async function loadAvatar(data: ArrayBuffer, options: LoadOptions = {}): 
   manager.setURLModifier((url) => files.get(url) ?? url);
   const loader = new GLTFLoader(manager).setMeshoptDecoder(MeshoptDecoder);
   loader.register((parser) => new VRMLoaderPlugin(parser));
-  const done = await Promise.all([useDraco(loader, used), useBasis(loader, used, options)]);
+  let lost = 0; // pictures; three leaves them out and goes on
+  manager.onError = () => lost++;
+  const [draco, basis] = await Promise.all([useDraco(loader, used), useBasis(loader, used, manager, options)]);
   const read = loader.parseAsync(data, "").catch((error: Error) => {
     throw new Error(`the file is damaged inside (${error.message}). Export it again.`);
   });
   const gltf = await read.finally(() => {
-    for (const decoder of done) decoder?.dispose();
+    draco?.dispose();
+    basis?.dispose();
     for (const address of files.values()) URL.revokeObjectURL(address);
   });
+  if (basis?.fault) throw basis.fault;
+  if (lost) throw new Error(`${lost} of its pictures cannot be read. Export them as PNG or JPEG.`);
   gltf.scene.traverse((node) => (node.frustumCulled = false)); // three takes a body to be where its rest pose is
   nameTargets(gltf);
   const vrm = gltf.userData["vrm"] as VRM | undefined;
@@ -49,13 +58,12 @@ async function useDraco(loader: GLTFLoader, used: string[]) {
   return draco;
 }
 
-async function useBasis(loader: GLTFLoader, used: string[], { renderer }: LoadOptions) {
+async function useBasis(loader: GLTFLoader, used: string[], manager: LoadingManager, { basis }: LoadOptions) {
   if (!used.includes("KHR_texture_basisu")) return null;
-  if (!renderer) throw new Error("its textures are KTX2 (KHR_texture_basisu), which this page cannot read. Export them as PNG or JPEG.");
-  const { KTX2Loader } = await import("three/examples/jsm/loaders/KTX2Loader.js");
-  const basis = new KTX2Loader().detectSupport(renderer);
-  loader.setKTX2Loader(basis);
-  return basis;
+  if (!basis) throw new Error("its textures are KTX2 (KHR_texture_basisu), which this page cannot read. Export them as PNG or JPEG.");
+  const found = await basis(manager);
+  loader.setKTX2Loader(found as KTX2Loader);
+  return found;
 }
 
 /** Lets every mesh know the names of its morph targets, which exporters write in several places. */

@@ -1,0 +1,206 @@
+"""What the page shows before, between and beside motion: rest, the queue, panels, choices, in a real browser."""
+
+import time
+
+import pytest
+from tests.web.make_vrm import make_vrm
+
+from echoavatar.wire.codec import encode
+from echoavatar.wire.messages import Error
+
+pytestmark = pytest.mark.browser
+SUBTITLE = "document.getElementById('subtitle').textContent"
+
+
+@pytest.fixture
+def page(new_page, mock_url):
+    driver = new_page(480, 360)
+    driver.open(f"{mock_url}?quality=low")
+    yield driver
+    assert driver.problems == []
+
+
+# Metres of the left hand's height below the left shoulder's, and the chest's rotation.
+HANGING = """(() => {
+  const node = (name) => __echo.avatar.driver.object.getObjectByName(name);
+  const height = (name) => node(name).getWorldPosition(__echo.avatar.here.clone()).y;
+  return [height("leftUpperArm") - height("leftHand"), node("chest").quaternion.x];
+})()"""
+
+
+def test_before_any_motion_a_person_rests_and_breathes(new_page, mock_url, tmp_path):
+    driver = new_page(480, 360)
+    driver.page.route_web_socket("**/v1/stream", lambda socket: None)  # never answers
+    driver.page.goto(f"{mock_url}?quality=low", wait_until="commit")
+    driver.wait("!!(window.__echo && __echo.avatar.driver)")
+    driver.wait("document.getElementById('silhouette').classList.contains('gone')")
+    driver.wait(f"{HANGING}[0] > 0.35")
+    chest = driver.ask(HANGING)[1]
+    driver.wait(f"Math.abs({HANGING}[1] - {chest}) > 0.003")
+    driver.shot(tmp_path / "rest.png")
+    assert driver.ask("__echo.shown") is None
+    assert driver.problems == []
+
+
+def waited(driver, condition):
+    """Wait while the browser's sockets are answered by the test, which happens between its own questions."""
+    for _ in range(600):
+        if driver.page.evaluate(condition):
+            return
+        driver.page.wait_for_timeout(100)
+    raise AssertionError(f"{condition} did not become true; console: {driver.problems}")
+
+
+def test_before_a_full_server_the_place_in_the_queue_is_told(new_page, mock_url, tmp_path):
+    driver, places, tickets = new_page(480, 360), [3, 1], []
+
+    def answer(socket):
+        if not places:
+            return socket.connect_to_server()
+
+        def refuse(hello):
+            tickets.append(hello[hello.index(b"ticket") :][:30])
+            error = Error(code="overloaded", message="full", fatal=True, retry_after=1.5, place=places.pop(0))
+            socket.send(encode(error))
+            socket.close(code=4429)
+
+        return socket.on_message(refuse)
+
+    driver.page.route_web_socket("**/v1/stream", answer)
+    driver.page.goto(f"{mock_url}?quality=low", wait_until="commit")
+    waited(driver, f"!!window.__echo && {SUBTITLE} === 'All places are taken. You are number 3 in the queue.'")
+    waited(driver, "!!__echo.avatar.driver")
+    waited(driver, f"{HANGING}[0] > 0.35")
+    driver.shot(tmp_path / "queue.png")
+    waited(driver, f"{SUBTITLE} === 'All places are taken. You are next.'")
+    waited(driver, "!!__echo.shown && document.getElementById('subtitle').classList.contains('off')")
+    assert len(set(tickets)) == 1
+    assert driver.problems == []
+
+
+def test_who_has_come_to_stand_has_the_rings_around_her(page):
+    page.page.evaluate("__echo.viewport.echoes.mesh.position.x += 1")
+    page.wait("Math.abs(__echo.viewport.echoes.mesh.position.x - __echo.avatar.here.x) < 0.1")
+
+
+# The hands and the head that are under a panel, each by the panel's name.
+UNDER = """(() => {
+  const { viewport, avatar } = __echo;
+  viewport.camera.updateMatrixWorld();
+  const found = [];
+  for (const node of avatar.ends) {
+    const { x, y } = node.getWorldPosition(avatar.here.clone()).project(viewport.camera);
+    const [left, top] = [((x + 1) / 2) * innerWidth, ((1 - y) / 2) * innerHeight];
+    const panels = "#hud, #talk, #actions, .dock, .welcome:not(.gone), #subtitle:not(.off), .toast";
+    for (const box of document.querySelectorAll(panels)) {
+      const at = box.getBoundingClientRect();
+      const isUnder = left > at.left && left < at.right && top > at.top && top < at.bottom;
+      if (isUnder) found.push(`${node.name} ${box.id || box.className}`);
+    }
+  }
+  return found;
+})()"""
+OPEN = "['hud', 'talk', 'typed'].filter((name) => !document.getElementById(name).hidden)"
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1440, 900), (1000, 700)])
+def test_one_panel_is_open_and_none_is_over_hands_or_face(new_page, mock_url, width, height, tmp_path):
+    driver = new_page(width, height)
+    driver.open(f"{mock_url}?quality=low")
+    driver.wait("!document.querySelector('[data-source=chat]').hidden")
+    steps = {"": [], "#begin": [], "#meters": ["hud"], "[data-source=chat]": ["talk"]}
+    for step, panels in steps.items():
+        if step:
+            driver.click(step)
+        assert driver.ask(OPEN) == panels
+        driver.wait(f"!__echo.viewport.isGliding && {UNDER}.length === 0", seconds=40)
+        time.sleep(0.5)
+        assert driver.ask(UNDER) == []
+        driver.shot(tmp_path / f"{width}{step.strip('#[]')}.png")
+    assert driver.problems == []
+
+
+def test_a_microphone_shows_how_loud_it_is(page):
+    """The browser's fake microphone beeps once a second."""
+    page.click("[data-source=microphone]")
+    page.page.locator("#menu button").nth(1).dispatch_event("click")
+    level = "document.querySelector('[data-source=microphone]').style.getPropertyValue('--level')"
+    page.wait(f"Number({level}) > 0.3")
+    page.wait(f"{level} !== '' && Number({level}) < 0.1")
+    assert page.ask("__echo.sources.title") == ""  # no name for who dances to it
+    page.click("#stop")
+    page.wait(f"{level} === ''")
+
+
+def test_characters_and_dropped_files_are_chosen_by_their_faces(page):
+    chosen = """[...document.querySelectorAll("#menu button")].map((row) =>
+      [row.dataset.choice, row.getAttribute("aria-checked"), row.querySelector("img")?.naturalWidth ?? 0])"""
+    page.drop("boxes.vrm", make_vrm())
+    page.wait("!!__echo.avatar.driver.vrm")
+    page.click("#avatar")
+    page.wait("[...document.querySelectorAll('#menu img')].every((image) => image.complete)")
+    rows = page.ask(chosen)
+    assert [row[:2] for row in rows] == [
+        ["maya", "false"], ["theo", "false"], ["amara", "false"], ["boxes.vrm", "true"], ["open", None],
+    ]  # fmt: skip
+    assert [row[2] for row in rows] == [96] * 4 + [0]
+    for name, is_own in (("theo", False), ("boxes.vrm", True), ("maya", False)):
+        if page.ask("document.getElementById('menu').hidden"):
+            page.click("#avatar")
+        page.click(f"#menu [data-choice='{name}']")
+        page.wait(f"!!__echo.avatar.driver.vrm === {str(is_own).lower()}")
+        address = {"theo": "?quality=low&character=theo", "maya": "?quality=low"}
+        if not is_own:
+            page.wait(f"location.search === '{address[name]}'")
+
+
+def test_camera_and_light_are_chosen_and_stay_after_a_reload(page, mock_url):
+    page.click("#look")
+    page.click("#menu [data-choice=face]")
+    page.click("#look")
+    page.click("#menu [data-choice=dusk]")
+    assert page.ask("[__echo.viewport.view, document.documentElement.dataset.theme]") == [2, "dark"]
+    page.open(page.page.url)
+    assert page.ask("[__echo.viewport.chosen, document.documentElement.dataset.theme]") == [2, "dark"]
+    page.click("#look")
+    checked = "[...document.querySelectorAll('#menu [aria-checked=true]')].map((row) => row.dataset.choice)"
+    assert page.ask(checked) == ["face", "dusk", "quality-low"]
+    page.click("#menu [data-choice=follow]")
+    assert page.ask("[__echo.viewport.chosen, location.search]") == [None, "?quality=low"]
+
+
+@pytest.mark.parametrize("width", [320, 390])
+def test_a_telephone_shows_all_sources_and_is_helped_with_touches(new_page, mock_url, width, tmp_path):
+    driver = new_page(width, 780, is_mobile=True, has_touch=True)
+    driver.open(f"{mock_url}?quality=low")
+    driver.wait("!document.querySelector('[data-source=chat]').hidden")
+    driver.page.evaluate("document.querySelector('[data-source=music]').hidden = false")
+    cut = """[...document.querySelectorAll(".source:not([hidden])")].filter((button) => {
+      const [box, bar] = [button, button.parentElement].map((element) => element.getBoundingClientRect());
+      const isOut = box.left < bar.left - 1 || box.right > bar.right + 1;
+      return isOut || button.scrollWidth > button.clientWidth + 1 || box.width < 32;
+    }).map((button) => button.textContent)"""
+    assert driver.ask(cut) == []
+    driver.click("#help")
+    seen = """[...document.querySelectorAll(".keys, .touches")].filter((line) => line.checkVisibility())
+      .map((line) => line.className)"""
+    assert driver.ask(seen) == ["touches"]
+    driver.shot(tmp_path / f"{width}.png")
+
+
+def test_an_upright_window_is_recorded_upright_and_fills_it(new_page, mock_url):
+    driver = new_page(390, 844, is_mobile=True, has_touch=True)
+    driver.open(f"{mock_url}?quality=low")
+    driver.click("#record")
+    driver.click("#menu [data-choice=webm]")
+    driver.wait("__echo.viewport.canvas.width === 1080 && __echo.viewport.canvas.height === 1920")
+    assert driver.page.evaluate("getComputedStyle(__echo.viewport.canvas).objectFit") == "cover"
+
+
+def test_a_file_that_cannot_be_read_is_named_with_the_cause(page):
+    """As when it was moved away after it had been chosen."""
+    page.page.evaluate("void (File.prototype.arrayBuffer = () => Promise.reject(new DOMException('gone')))")
+    for name, kind in (("me.glb", "model/gltf-binary"), ("song.ogg", "audio/ogg")):
+        page.drop(name, b"glTF", kind)
+        told = "document.getElementById('toasts').textContent"
+        page.wait(f"{told}.includes('“{name}” ') && {told}.includes('(gone)')")
