@@ -27,6 +27,7 @@ from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
 from .listener import TURN_S, Listener, Sign
+from .manner import SpeakerManner
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline import ActionLibrary
 from .pipeline.undo import Patch
@@ -65,6 +66,7 @@ class ChunkPlan(NamedTuple):
 
     audio: Float[np.ndarray, " s"]
     members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
+    manner: Float[np.ndarray, " m"]  # how the speaker gestures
     forgets: bool  # whether the model must forget its past motion
     undone: list[list[Patch]]  # steps to undo before it, latest first
 
@@ -100,6 +102,7 @@ class SessionCore:
         self._barge_in = BargeIn(self._queue, self._music, self._playout, chunk=self.chunk, rewind=rewind)
         self._actions = ActionScheduler(host.actions, self.chunk)
         self._listener = Listener(seed)
+        self._manner = SpeakerManner(seed, options)
         self._user_resampler: StreamResampler | None = None
         self._heard_user = 0  # the next chunk when the user's sound came last
         self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
@@ -196,6 +199,18 @@ class SessionCore:
         with self._lock:
             self._barge_in.replan(REPLAN_AHEAD)
             self._actions.stop(self._barge_in.next_chunk)
+
+    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, from the next chunk on; see `MotionOptions`. None leaves it as it is.
+
+        Raises:
+            ValueError: a number is not between 0 and 1.
+        """
+        MotionOptions(liveliness=liveliness, handedness=handedness)
+        with self._lock:
+            self._barge_in.replan(REPLAN_AHEAD)
+            self._manner.choose(liveliness, handedness)
+        self._host.wake()
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play music (24 kHz mono): the session hears it under its speech, and `Delivery.music` holds it."""
@@ -354,7 +369,7 @@ class SessionCore:
             forgets = "settling" in self._host.additions and self._settling.must_forget(
                 chunk, heard.audio, acts=members is not None
             )
-            plan = ChunkPlan(heard.audio, members, forgets, undone)
+            plan = ChunkPlan(heard.audio, members, self._manner.at(chunk), forgets, undone)
             self._making = chunk, heard, plan
             return plan
 
