@@ -20,6 +20,7 @@ from echoavatar.wire.messages import (
     Flush,
     Hello,
     Interrupt,
+    Manner,
     Motion,
     Music,
     Played,
@@ -231,6 +232,15 @@ def test_an_unknown_action_is_answered_with_the_list() -> None:
     room.session.act(Action(id="a", name="fly"))
     (status,) = room.box.of(ActionStatus)
     assert (status.id, status.status, status.choices) == ("a", "rejected", ("wave", "bow"))
+
+
+def test_a_manner_holds_for_what_is_not_shown_yet() -> None:
+    room = Room()
+    room.speak(1, 8.0)
+    room.go(1.0)
+    room.session.set_manner(Manner(liveliness=0.25))
+    plan = room.session.core.begin_chunk(0)
+    assert plan.manner[0] == 0.25
 
 
 def test_music_is_heard_danced_to_and_ends() -> None:

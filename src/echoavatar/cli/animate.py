@@ -13,7 +13,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from .batch import STDIN, Batch, add_outputs, outputs
-from .options import MAP_HELP, RIG_HELP, VIEWS, add_picture, add_pipeline, advance, local_path, seed, size
+from .options import MAP_HELP, RIG_HELP, VIEWS, add_manner, add_picture, add_pipeline, advance, local_path, seed, size
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
 EXAMPLES = """examples:
@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
+    add_manner(parser)
     parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
     parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
     parser.add_argument(
@@ -90,7 +91,9 @@ def run(args: argparse.Namespace) -> int:
     pipeline = Pipeline(bundle, device=args.device)
     pipeline.warm_up()
     fps = args.fps or bundle.runtime.fps
-    options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
+    options = MotionOptions(
+        in_place=args.in_place, upper_body=args.upper_body, liveliness=args.liveliness, handedness=args.handedness
+    )
     batch = Batch(len(args.audio))
     for sound, output in zip(args.audio, places, strict=True):
         with batch.each(sound, output):

@@ -94,6 +94,11 @@ class Engine:
         return self.pipeline.face is not None
 
     @property
+    def has_manner(self) -> bool:
+        """Whether the model follows the manner of a session."""
+        return self.pipeline.has_manner
+
+    @property
     def free(self) -> int:
         """How many more sessions can be opened now."""
         return self.seats - len(self._sessions)

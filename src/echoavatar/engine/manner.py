@@ -10,6 +10,7 @@ from jaxtyping import Float
 from echoavatar.models.generator.manner import MANNER, draw_manner
 from echoavatar.motion.stages.modes import MotionOptions
 
+TOLD = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 
@@ -24,8 +25,8 @@ class SpeakerManner:
 
     def choose(self, liveliness: float | None = None, handedness: float | None = None) -> None:
         """Set numbers between 0 and 1; what is None stays as it is. See `MotionOptions`."""
-        told = {"liveliness": liveliness, "right": handedness}
-        self._set |= {name: value for name, value in told.items() if value is not None}
+        told = {"liveliness": liveliness, "handedness": handedness}
+        self._set |= {TOLD[name]: value for name, value in told.items() if value is not None}
 
     def at(self, chunk: int) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `MANNER`."""

@@ -87,6 +87,14 @@ class Session:
         """Begin an action of the bundle's library with the next chunk. Never raises: it may be rejected."""
         return self.core.act(name, intensity=intensity, hold_s=hold_s)
 
+    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, 0 to 1 each; None leaves it as it is. See `MotionOptions`.
+
+        Raises:
+            ValueError: a number is out of range.
+        """
+        self.core.set_manner(liveliness, handedness)
+
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play music (24 kHz mono): the avatar hears it under its speech and dances."""
         self.core.play(title, track)

@@ -22,6 +22,7 @@ from echoavatar.wire.messages import (
     Error,
     Hello,
     Interrupt,
+    Manner,
     Music,
     Ping,
     Played,
@@ -168,6 +169,8 @@ class Connection:
                 session.interrupt(message)
             case Action():
                 session.act(message)
+            case Manner():
+                session.set_manner(message)
             case Music(op="stop"):
                 session.stop_music(message)
             case Music():

@@ -29,6 +29,7 @@ from echoavatar.wire.messages import (
     Flush,
     Hello,
     Interrupt,
+    Manner,
     Music,
     Played,
     ServerMessage,
@@ -238,6 +239,11 @@ class ServerSession:
         asked = self.core.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
         self._tell_statuses()
         return asked
+
+    def set_manner(self, message: Manner) -> None:
+        """Change how the speaker gestures."""
+        self._follow_player()
+        self.core.set_manner(message.liveliness, message.handedness)
 
     def play(self, message: Music, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play a track instead of the one that plays now."""

@@ -17,7 +17,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.json_reader import read_object
 from echoavatar.wire.codec import ProtocolError
 from echoavatar.wire.guard import check_origin
-from echoavatar.wire.messages import Action, Music
+from echoavatar.wire.messages import Action, Manner, Music
 
 from .clients import client_of, refusal
 from .session import ServerSession
@@ -57,6 +57,10 @@ class ToolActor:
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
         """Begin an action."""
         return self._session.act(Action(id=self._id, name=name, intensity=intensity, hold=hold_s))
+
+    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures."""
+        self._session.set_manner(Manner(liveliness=liveliness, handedness=handedness))
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play a track."""

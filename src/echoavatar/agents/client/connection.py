@@ -36,6 +36,7 @@ from echoavatar.wire.messages import (
     Flush,
     Hello,
     Interrupt,
+    Manner,
     Music,
     Ping,
     Played,
@@ -247,6 +248,10 @@ class Avatar:
         request = Action(id=self._next_id(), name=name, intensity=intensity, hold=hold)
         await self.send(request)
         return request.id
+
+    async def set_manner(self, *, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, 0 to 1 each; None leaves it as it is."""
+        await self.send(Manner(liveliness=liveliness, handedness=handedness))
 
     async def play_music(self, title: str = "") -> str:
         """Play one of `ready.tracks`."""

@@ -201,6 +201,10 @@ class AvatarBridge:
         """Request an action; returns whether it was accepted."""
         return await self._await_status(await self._session.act(name, intensity=intensity, hold=hold))
 
+    async def set_manner(self, *, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, 0 to 1 each; None leaves it as it is."""
+        await self._session.set_manner(liveliness=liveliness, handedness=handedness)
+
     async def play_music(self, title: str = "") -> ActionStatus:
         """Play a track, to which the avatar dances and which the chunks carry; returns whether it was accepted."""
         return await self._await_status(await self._session.play_music(title))

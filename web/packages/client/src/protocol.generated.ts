@@ -70,7 +70,7 @@ export interface AudioFormat {
   format?: "f32le" | "s16le";
 }
 
-/** How far the body may walk. A camera that stands still loses a dancer who is free. */
+/** How the body moves. A camera that stands still loses a dancer who is free to walk. */
 export interface BodyOptions {
   /** metres the hips may be from where they started; 0: no leash */
   leash_m?: number;
@@ -78,6 +78,10 @@ export interface BodyOptions {
   in_place?: boolean;
   /** hips and legs stand idle, everything above moves */
   upper_body?: boolean;
+  /** 0: hardly a gesture, 1: a storyteller; absent: by seed */
+  liveliness?: number | null;
+  /** hand of one-handed gestures, 0: left; absent: by seed */
+  handedness?: number | null;
 }
 
 /** The utterance is complete; silence follows until the next one. */
@@ -164,6 +168,15 @@ export interface Limits {
   resume_seconds: number;
   /** send something at least this often */
   ping_seconds: number;
+}
+
+/** How the speaker gestures from the next chunk on; what is absent stays as it is. See `ready.manner`. */
+export interface MannerMessage {
+  type: "manner";
+  /** 0: hardly a gesture, 1: a storyteller */
+  liveliness?: number | null;
+  /** hand of one-handed gestures, 0: left, 1: right */
+  handedness?: number | null;
 }
 
 /** Consecutive frames of body and face, 800 samples each; see `blobs` for the bytes. */
@@ -254,6 +267,8 @@ export interface ReadyMessage {
   face: string[];
   actions: string[];
   tracks: string[];
+  /** fields of `manner` that this model follows */
+  manner: string[];
   latency: Latency;
   limits: Limits;
   /** opus: most sound comes as `opus` messages, not `audio` */
@@ -314,6 +329,6 @@ export interface StatsMessage {
   sessions: number;
 }
 
-export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MusicMessage | PlayedMessage | PingMessage;
+export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MannerMessage | MusicMessage | PlayedMessage | PingMessage;
 
 export type ServerMessage = ReadyMessage | MotionMessage | SoundMessage | PackedSoundMessage | FlushMessage | ActionStatusMessage | StateMessage | StatsMessage | ErrorMessage | PongMessage;
