@@ -44,6 +44,8 @@ from echoavatar.wire.messages import (
     Sound,
     State,
     Stats,
+    Word,
+    Words,
 )
 from echoavatar_studio.typescript import Schema, interface
 
@@ -128,6 +130,7 @@ def examples() -> dict[str, ClientMessage | ServerMessage]:
         "action": Action(id="a1", name="wave", intensity=0.5, hold=1.5),
         "music_play": Music(id="m1", op="play", title="Evening"),
         "manner": Manner(liveliness=0.25),
+        "words": Words(seg=3, words=(Word(text="Hello", start=0.0, end=0.25), Word(text="you", start=0.5))),
         "music_stop": Music(id="m2", op="stop"),
         "played": Played(at=12_800, epoch=1, underruns=2),
         "ping": Ping(nonce=2**40),

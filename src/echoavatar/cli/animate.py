@@ -16,6 +16,9 @@ from .batch import STDIN, Batch, add_outputs, outputs
 from .options import MAP_HELP, RIG_HELP, VIEWS, add_manner, add_picture, add_pipeline, advance, local_path, seed, size
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
+WORDS_HELP = (
+    "words of the sound, some of which get a gesture: JSON, a list of {text, start, end} in seconds; .vtt; .srt"
+)
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -50,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
     add_manner(parser)
+    parser.add_argument("--words", type=local_path, metavar="FILE", help=WORDS_HELP)
     parser.add_argument("--camera", choices=VIEWS, default=VIEWS[0], help="side to film from (default: %(default)s)")
     parser.add_argument("--close-up", action="store_true", help="film only the face: --camera face")
     parser.add_argument(
@@ -64,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.animation import Animation
     from echoavatar.engine import animate
     from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.engine.words import read_words
     from echoavatar.files.avatar import load_character
     from echoavatar.files.exports import check_output, read_rig
     from echoavatar.files.exports.formats import FILMS, SUFFIXES
@@ -78,6 +83,9 @@ def run(args: argparse.Namespace) -> int:
         check_output(output, has_rig=args.rig is not None)
     if args.map is not None and args.rig is None:
         raise EchoAvatarError("--map is for a --rig; name the rig too, or leave out --map")
+    if args.words is not None and len(args.audio) > 1:
+        raise EchoAvatarError("--words is for one sound; animate the others by themselves")
+    words = read_words(args.words) if args.words else []
     rig = None if args.rig is None else read_rig(args.rig, read_map(args.map))
     character = load_character(args.character)
     _check_film(args, places)
@@ -102,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
             )
             with bar, _readable(sound) as path:
                 blocks, said = stream_audio(path), partial(advance, bar)
-                done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, progress=said)
+                done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, words=words, progress=said)
             is_hidden = is_quiet or output.suffix.lower() not in FILMS
             with tqdm(total=done.motion.frames, unit="frame", desc="filming", disable=is_hidden) as bar:
                 Animation(*done).save(

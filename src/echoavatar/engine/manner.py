@@ -11,6 +11,7 @@ from echoavatar.models.generator.manner import MANNER, draw_manner
 from echoavatar.motion.stages.modes import MotionOptions
 
 TOLD = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
+LIVELINESS = MANNER.index("liveliness")
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 

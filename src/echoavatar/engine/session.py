@@ -1,8 +1,8 @@
 """A session, as users have it: push audio, interrupt it with `clear`, iterate motion."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -44,6 +44,16 @@ class Session:
             EchoAvatarError: the session is finished or closed.
         """
         self.core.push(audio, rate)
+
+    def words(self, words: Iterable[Sequence[Any]]) -> None:
+        """Tell words of the audio that is pushed next: (text, start) or (text, start, end), in seconds from there.
+
+        Some begin a gesture that shows what they mean. `clear` drops those that were not heard.
+
+        Raises:
+            EchoAvatarError: a word is too long, a time is wrong or out of order, or too many words wait.
+        """
+        self.core.add_words(words)
 
     def clear(self, heard: int | None = None) -> int:
         """Barge-in: forget audio after sample `heard` of the session, and all motion that stems from it.

@@ -6,9 +6,9 @@ model's state changes when the engine makes the session's next chunk.
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -27,12 +27,13 @@ from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
 from .listener import TURN_S, Listener, Sign
-from .manner import SpeakerManner
+from .manner import LIVELINESS, SpeakerManner
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline import ActionLibrary
 from .pipeline.undo import Patch
 from .playout import Delivery, PlayoutBuffer
 from .settling import Settling
+from .words import WordGestures
 
 LISTEN_S = 20.0  # a listening posture ends by itself
 MUSIC_AHEAD_S = 0.8  # how far ahead of the player music is made: speech can begin within that time
@@ -101,6 +102,7 @@ class SessionCore:
         self._music, self._playout = MusicPlayer(self.chunk), PlayoutBuffer(self.chunk)
         self._barge_in = BargeIn(self._queue, self._music, self._playout, chunk=self.chunk, rewind=rewind)
         self._actions = ActionScheduler(host.actions, self.chunk)
+        self._words = WordGestures(seed, self._actions, self._queue, self.chunk)
         self._listener = Listener(seed)
         self._manner = SpeakerManner(seed, options)
         self._user_resampler: StreamResampler | None = None
@@ -123,6 +125,11 @@ class SessionCore:
             self._check_open()
             self._queue.push(audio, rate, utterance)
         self._host.wake()
+
+    def add_words(self, rows: Iterable[Sequence[Any]], utterance: int | None = None) -> None:
+        """Words of an utterance, ahead of its sound or with it; see `WordGestures.add`."""
+        with self._lock:
+            self._words.add(rows, utterance)
 
     def end_utterance(self, utterance: int) -> None:
         """The utterance is complete."""
@@ -172,6 +179,7 @@ class SessionCore:
         """Barge-in after sample `heard`; see `BargeIn.interrupt`."""
         with self._lock:
             done = self._barge_in.interrupt(heard, last)
+            self._words.interrupt(self._barge_in.next_chunk, last)
         self._host.wake()
         return done
 
@@ -363,13 +371,15 @@ class SessionCore:
             if self._making is not None:  # its step failed
                 return self._making[2]
             chunk, undone = self._barge_in.begin()
+            manner = self._manner.at(chunk)
+            self._words.gesture(chunk, float(manner[LIVELINESS]), is_free=not self.is_listening)
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
             members = self._actions.members(chunk, codes) if codes else None
             forgets = "settling" in self._host.additions and self._settling.must_forget(
                 chunk, heard.audio, acts=members is not None
             )
-            plan = ChunkPlan(heard.audio, members, self._manner.at(chunk), forgets, undone)
+            plan = ChunkPlan(heard.audio, members, manner, forgets, undone)
             self._making = chunk, heard, plan
             return plan
 
@@ -447,7 +457,8 @@ class SessionCore:
         return running is None or running.is_own
 
     def _source(self, chunk: int, heard: Heard) -> str:
-        if self._actions.running(chunk) is not None:
+        act = self._actions.running(chunk)
+        if act is not None and not act.concept:
             return "action"
         if float(np.abs(heard.speech).max(initial=0)) > AUDIBLE:
             return "speech"

@@ -28,6 +28,7 @@ from echoavatar.wire.messages import (
     Played,
     Pong,
     ServerMessage,
+    Words,
 )
 
 from .clients import client_of
@@ -147,7 +148,7 @@ class Connection:
     async def _pace(self, message: ClientMessage) -> None:
         """Wait if the client sends faster than it may."""
         clients = self._manager.clients
-        if isinstance(message, Audio | End):
+        if isinstance(message, Audio | End | Words):
             await clients.pace("sounds", str(id(self)))
         elif isinstance(message, Played | Ping):
             await clients.pace("reports", self._client)
@@ -158,10 +159,14 @@ class Connection:
         session = self._session
         assert session is not None
         match message:
-            case Audio() | End():
-                if session.source is not self._outbox:
-                    raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
-                await self._hear(session, message) if isinstance(message, Audio) else session.finish(message)
+            case Audio() | End() | Words() if session.source is not self._outbox:
+                raise ProtocolError("bad_order", "viewers send no speech; say hello as a source")
+            case Audio():
+                await self._hear(session, message)
+            case End():
+                session.finish(message)
+            case Words():
+                session.add_words(message)
             case Played():
                 session.played(message, self._outbox)
             case Interrupt():

@@ -168,6 +168,24 @@ class Manner(_Message, frozen=True, kw_only=True, tag="manner"):
     handedness: Annotated[Share | None, Meta(description="hand of one-handed gestures, 0: left, 1: right")] = None
 
 
+Seconds = Annotated[float, Meta(ge=0, le=86_400, description="from the first sample of the utterance")]
+
+
+class Word(Struct, frozen=True, kw_only=True):
+    """A word of speech, and when it is said."""
+
+    text: Annotated[str, Meta(max_length=100)]
+    start: Seconds
+    end: Seconds | None = None
+
+
+class Words(_Message, frozen=True, kw_only=True, tag="words"):
+    """Words of an utterance, in order, ahead of their sound or with it: some get a gesture that shows their meaning."""
+
+    seg: Utterance
+    words: Annotated[tuple[Word, ...], Meta(max_length=2_000)]
+
+
 class Music(_Message, frozen=True, kw_only=True, tag="music"):
     """Play one of `ready.tracks` (the first if there is no title), or stop; answered by `action_status`."""
 
@@ -190,7 +208,7 @@ class Ping(_Message, frozen=True, kw_only=True, tag="ping"):
     nonce: Annotated[int, Meta(ge=0, le=2**53 - 1)] = 0
 
 
-ClientMessage = Hello | Audio | End | Interrupt | Action | Manner | Music | Played | Ping
+ClientMessage = Hello | Audio | End | Interrupt | Action | Manner | Words | Music | Played | Ping
 
 
 # ---------------------------------------------------------------------------------------------- server to client

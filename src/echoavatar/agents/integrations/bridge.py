@@ -8,7 +8,7 @@ adapters: how sound is played, where motion goes, and how playback is reported. 
 import asyncio
 import time
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -162,6 +162,10 @@ class AvatarBridge:
         self._is_speaking = self._has_unreleased_speech = True
         self._seg = await self._session.speak(self._agent_resampler.push(pcm, rate, channels), end=False)
         return self._seg
+
+    async def words(self, words: Iterable[Sequence[Any]]) -> None:
+        """Tell words of the utterance that is open, or of the next one; see `Avatar.words`."""
+        await self._session.words(words, seg=self._seg if self._is_speaking else 0)
 
     async def end(self) -> int:
         """End the utterance; returns its number, or 0 if none is open."""

@@ -329,6 +329,22 @@ export interface StatsMessage {
   sessions: number;
 }
 
-export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MannerMessage | MusicMessage | PlayedMessage | PingMessage;
+/** A word of speech, and when it is said. */
+export interface Word {
+  text: string;
+  /** from the first sample of the utterance */
+  start: number;
+  end?: number | null;
+}
+
+/** Words of an utterance, in order, ahead of their sound or with it: some get a gesture that shows their meaning. */
+export interface WordsMessage {
+  type: "words";
+  /** number of an utterance, growing, counted per speaker */
+  seg: number;
+  words: Word[];
+}
+
+export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MannerMessage | WordsMessage | MusicMessage | PlayedMessage | PingMessage;
 
 export type ServerMessage = ReadyMessage | MotionMessage | SoundMessage | PackedSoundMessage | FlushMessage | ActionStatusMessage | StateMessage | StatsMessage | ErrorMessage | PongMessage;
