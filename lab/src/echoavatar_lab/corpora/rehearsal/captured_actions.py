@@ -40,7 +40,6 @@ TRUNKS = (".vmd",)  # files whose trunk is of a person's proportions
 LICENCES = {  # of the sets that actions may be cut from; NOTICE credits them
     "mmdagent_mei_cc_by3": "CC BY 3.0",
     "mmdagent_gene_cc_by4": "CC BY 4.0",
-    "pepper_gestures_bsd3": "BSD-3-Clause",
     "reachy2_emotions_apache2": "Apache-2.0",
 }
 
