@@ -26,6 +26,8 @@ from echoavatar.wire.messages import (
     Played,
     Sound,
     State,
+    Word,
+    Words,
 )
 
 
@@ -241,6 +243,21 @@ def test_a_manner_holds_for_what_is_not_shown_yet() -> None:
     room.session.set_manner(Manner(liveliness=0.25))
     plan = room.session.core.begin_chunk(0)
     assert plan.manner[0] == 0.25
+
+
+def test_words_get_a_gesture_and_bad_ones_an_error_that_is_not_fatal() -> None:
+    room = Room()
+    room.session.set_manner(Manner(liveliness=1.0))
+    room.session.add_words(Words(seg=1, words=(Word(text="Bye", start=3.0),)))
+    with pytest.raises(ProtocolError, match="send words in order") as refused:
+        room.session.add_words(Words(seg=1, words=(Word(text="a", start=2.0),)))
+    assert not refused.value.fatal
+    room.speak(1, 8.0)
+    room.go(5.0)
+    actions = room.session.core._actions
+    assert [act.concept for act in actions._actions] == ["bye"]
+    assert room.box.of(ActionStatus) == []
+    assert {state.state for state in room.box.of(State)} <= {"idle", "speaking"}
 
 
 def test_music_is_heard_danced_to_and_ends() -> None:

@@ -213,7 +213,7 @@ def _check(word: Word, latest: float) -> None:
 
 def _concepts(library: ActionLibrary) -> dict[str, _Concept]:
     """What each word and phrase of the table means, of what the library can show."""
-    found = {}
+    found: dict[str, _Concept] = {}
     for language in _table().values():
         for name, row in language.items():
             leads = {action: library[action].hold[0] for action in row["actions"] if action in library}
