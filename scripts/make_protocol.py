@@ -32,6 +32,7 @@ from echoavatar.wire.messages import (
     Interrupt,
     Latency,
     Limits,
+    Manner,
     Music,
     PackedSound,
     Ping,
@@ -43,6 +44,8 @@ from echoavatar.wire.messages import (
     Sound,
     State,
     Stats,
+    Word,
+    Words,
 )
 from echoavatar_studio.typescript import Schema, interface
 
@@ -126,6 +129,8 @@ def examples() -> dict[str, ClientMessage | ServerMessage]:
         "interrupt_unknown": Interrupt(),
         "action": Action(id="a1", name="wave", intensity=0.5, hold=1.5),
         "music_play": Music(id="m1", op="play", title="Evening"),
+        "manner": Manner(liveliness=0.25),
+        "words": Words(seg=3, words=(Word(text="Hello", start=0.0, end=0.25), Word(text="you", start=0.5))),
         "music_stop": Music(id="m2", op="stop"),
         "played": Played(at=12_800, epoch=1, underruns=2),
         "ping": Ping(nonce=2**40),

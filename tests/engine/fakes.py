@@ -26,6 +26,7 @@ class FakePipeline:
     actions = ActionLibrary()
     additions = frozenset(SESSION)
     directive_codes = 0
+    has_manner = False
     device = torch.device("cpu")
     face = None
 

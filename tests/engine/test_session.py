@@ -64,7 +64,10 @@ def test_a_queue_that_overflows_says_what_to_do() -> None:
 def test_the_public_face_is_small() -> None:
     """README: `push`, `clear` and iterate; the rest are requests, one status, and the end."""
     public = {name for name in dir(Session) if not name.startswith("_")}
-    assert public == {"push", "clear", "finish", "listen", "act", "play", "stop_music", "status", "close"}
+    assert public == {"push", "clear", "finish", "listen", "act", "play", "stop_music", "status", "close"} | {
+        "set_manner",
+        "words",
+    }
 
 
 def test_the_status_tells_how_the_session_is_doing() -> None:

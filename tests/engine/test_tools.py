@@ -44,6 +44,18 @@ def test_a_model_waves_and_hears_what_became_of_it(toolbox: Toolbox, session: Se
     assert [status.name for status in session.take_statuses()] == ["wave"]
 
 
+def test_a_manner_is_offered_where_the_model_follows_it_and_a_call_sets_it(tmp_path):
+    class Told:
+        def set_manner(self, **given):
+            self.given = given
+
+    told, toolbox = Told(), Toolbox(LIBRARY, Tracks(tmp_path), has_manner=True)
+    assert [tool["name"] for tool in toolbox.schemas()] == ["send_action", "set_manner", *NAMES[1:]]
+    assert call(toolbox, told, "set_manner", {"liveliness": 0.2}) == {"status": "done"}
+    assert told.given == {"liveliness": 0.2}
+    assert "from 0 to 1" in call(toolbox, told, "set_manner", {"liveliness": 2})["reason"]
+
+
 @pytest.mark.parametrize(
     ("name", "arguments", "reason"),
     [

@@ -12,7 +12,20 @@ from echoavatar.server.settings import ServerSettings
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar.wire.blobs import pack_audio, unpack_pose
 from echoavatar.wire.codec import ProtocolError, encode
-from echoavatar.wire.messages import ActionStatus, Audio, End, Flush, Hello, Interrupt, Motion, Played, Sound, State
+from echoavatar.wire.messages import (
+    ActionStatus,
+    Audio,
+    End,
+    Flush,
+    Hello,
+    Interrupt,
+    Motion,
+    Played,
+    Sound,
+    State,
+    Word,
+    Words,
+)
 
 
 def test_silence_is_made_just_in_time_and_goes_on() -> None:
@@ -218,6 +231,30 @@ def test_an_unknown_action_is_answered_with_the_list() -> None:
     room.session.act("fly", id="a")
     (status,) = room.box.of(ActionStatus)
     assert (status.id, status.status, status.choices) == ("a", "rejected", ("wave", "bow"))
+
+
+def test_a_manner_holds_for_what_is_not_shown_yet() -> None:
+    room = Room()
+    room.speak(1, 8.0)
+    room.go(1.0)
+    room.session.set_manner(liveliness=0.25)
+    plan = room.session.core.begin_chunk(0)
+    assert plan.manner[0] == 0.25
+
+
+def test_words_get_a_gesture_and_bad_ones_an_error_that_is_not_fatal() -> None:
+    room = Room()
+    room.session.set_manner(liveliness=1.0)
+    room.session.add_words(Words(seg=1, words=(Word(text="Bye", start=3.0),)))
+    with pytest.raises(ProtocolError, match="send words in order") as refused:
+        room.session.add_words(Words(seg=1, words=(Word(text="a", start=2.0),)))
+    assert not refused.value.fatal
+    room.speak(1, 8.0)
+    room.go(5.0)
+    actions = room.session.core._actions
+    assert [act.concept for act in actions._actions] == ["bye"]
+    assert room.box.of(ActionStatus) == []
+    assert {state.state for state in room.box.of(State)} <= {"idle", "speaking"}
 
 
 def test_music_is_heard_danced_to_and_ends() -> None:

@@ -14,7 +14,7 @@ def test_every_message_says_what_it_is_for(kind: type) -> None:
 
 def test_the_messages_are_those_of_the_protocol() -> None:
     tags = [{kind.__struct_config__.tag for kind in get_args(union)} for union in (ClientMessage, ServerMessage)]
-    assert tags[0] == {"hello", "audio", "end", "interrupt", "action", "music", "played", "ping"}
+    assert tags[0] == {"hello", "audio", "end", "interrupt", "action", "manner", "words", "music", "played", "ping"}
     assert tags[1] == {
         *("ready", "motion", "audio", "opus", "flush", "action_status", "state", "stats", "error", "pong")
     }

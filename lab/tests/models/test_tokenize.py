@@ -1,6 +1,7 @@
 """Sound alone becomes prompts that say they are no truth."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import torch
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio.io import write_wav
 from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.manner import Manner
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet, write_manifest
@@ -41,6 +43,37 @@ def test_every_clip_gets_codes_and_its_mirror_image_shares_the_sound(
     assert np.array_equal(own.audio, mirror.audio)
     assert not np.array_equal(own.motion, mirror.motion)
     assert own.domain.tolist() == [0] * 8 + [1] * 8 + [2] * 8
+
+
+def test_a_manner_comes_with_its_clip_and_its_mirror_image_leads_with_the_other_hand(
+    tiny_bundle: Path, tmp_path: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray
+) -> None:
+    bundle, source = load_bundle(tiny_bundle), corpus(tmp_path, swaying, voice)
+    told = Manner(right=0.9, liveliness=0.25)
+    labelled = replace(source.load("one"), labels={"manner": json.dumps(asdict(told))})
+    labelled.save(tmp_path / "clips" / "one.npz")
+    tokenize_corpus(write_manifest(tmp_path), bundle.codec, bundle.tokenizer, tmp_path / "tokens")
+    own, mirror = (TokenClip.load(tmp_path / f"tokens/one{name}.npz") for name in ("", ".mirror"))
+    assert own.manner == pytest.approx(told.values)
+    assert mirror.manner == pytest.approx(replace(told, right=0.1).values)
+
+
+def test_a_dancer_dances_to_the_music_and_all_else_stays_true(
+    tiny_bundle: Path, tmp_path: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray
+) -> None:
+    """12 chunks: 4 of silence, 4 of speech, 4 of music; the dance has the 8 before as its past."""
+    bundle, source = load_bundle(tiny_bundle), corpus(tmp_path, swaying, voice)
+    tokenize_corpus(source, bundle.codec, bundle.tokenizer, tmp_path / "true", is_mirrored_too=False)
+    tokenize_corpus(
+        source, bundle.codec, bundle.tokenizer, tmp_path / "danced", is_mirrored_too=False, dancer=bundle.generator
+    )
+    true = TokenClip.load(tmp_path / "true/one.npz")
+    talk, dance, end = (TokenClip.load(tmp_path / f"danced/one.{number}.npz") for number in range(3))
+    assert np.array_equal(talk.motion, true.motion[:16])
+    assert np.array_equal(dance.audio, true.audio[-len(dance.audio) :])
+    assert np.array_equal(dance.motion[:-8], true.motion[-len(dance.motion) : -8])
+    assert not np.array_equal(dance.motion[-8:], true.motion[-8:])
+    assert np.array_equal(end.motion, true.motion[16:])  # the true end of the dance, and what follows
 
 
 def test_patient_codes_change_less_often_and_say_so(

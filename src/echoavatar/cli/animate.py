@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING
 from echoavatar.errors import EchoAvatarError
 
 from .batch import STDIN, Batch, add_outputs, outputs
-from .options import MAP_HELP, RIG_HELP, VIEWS, add_picture, add_pipeline, local_path, progress, seed, size
+from .options import MAP_HELP, RIG_HELP, VIEWS, add_manner, add_picture, add_pipeline, local_path, progress, seed, size
 
 if TYPE_CHECKING:
     from echoavatar.files.exports import Rig
 
 STDIN_BYTES = 1 << 32  # six hours of stereo in WAV
+WORDS_HELP = (
+    "words of the sound, some of which get a gesture: JSON, a list of {text, start, end} in seconds; .vtt; .srt"
+)
 EXAMPLES = """examples:
   echoavatar animate talk.wav -o talk.glb            the character with the animation, for any 3D program
   echoavatar animate song.mp3 -o song.mp4 --seed 7   the character filmed, with the sound
@@ -51,6 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", type=Path, metavar="FILE", help=RIG_HELP)
     parser.add_argument("--map", type=Path, metavar="FILE", help=MAP_HELP)
     parser.add_argument("--upper-body", action="store_true", help="keep everything below the hips still")
+    add_manner(parser)
+    parser.add_argument("--words", type=local_path, metavar="FILE", help=WORDS_HELP)
     parser.add_argument("--view", choices=VIEWS, default=VIEWS[0], help="of the film (default: %(default)s)")
     parser.add_argument(
         "--size", type=size, metavar="SIZE",
@@ -65,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.animation import Animation
     from echoavatar.engine import animate
     from echoavatar.engine.pipeline import Pipeline, load_bundle
+    from echoavatar.engine.words import read_words
     from echoavatar.files.avatar import load_character
     from echoavatar.files.exports import check_output, read_rig
     from echoavatar.files.exports.formats import FILMS, SUFFIXES
@@ -78,6 +84,9 @@ def run(args: argparse.Namespace) -> int:
         check_output(output, has_rig=args.rig is not None)
     if args.map is not None and args.rig is None:
         raise EchoAvatarError("--map is for a --rig; name the rig too, or leave out --map")
+    if args.words is not None and len(args.audio) > 1:
+        raise EchoAvatarError("--words is for one sound; animate the others by themselves")
+    words = read_words(args.words) if args.words else []
     rig = None if args.rig is None else read_rig(args.rig, read_map(args.map))
     character = load_character(args.character)
     _check_film(args, places, rig)
@@ -91,14 +100,16 @@ def run(args: argparse.Namespace) -> int:
     pipeline = Pipeline(bundle, device=args.device)
     pipeline.warm_up()
     fps = args.fps or bundle.runtime.fps
-    options = MotionOptions(in_place=args.in_place, upper_body=args.upper_body)
+    options = MotionOptions(
+        in_place=args.in_place, upper_body=args.upper_body, liveliness=args.liveliness, handedness=args.handedness
+    )
     batch = Batch(len(args.audio))
     for sound, output in zip(args.audio, places, strict=True):
         with batch.each(sound, output):
             bar = progress(unit="s", desc="animating", bar_format="{desc}: {n:.1f} s of motion [{elapsed}]")
             with bar as show, _readable(sound) as path:
                 blocks = stream_audio(path)
-                done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, progress=show)
+                done = animate(pipeline, blocks, seed=args.seed, fps=fps, options=options, words=words, progress=show)
             with progress(is_hidden=output.suffix.lower() not in FILMS, unit="frame", desc="filming") as show:
                 Animation(*done).save(
                     output,

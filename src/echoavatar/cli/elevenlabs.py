@@ -84,7 +84,8 @@ def _schemas(args: argparse.Namespace) -> list[dict[str, Any]]:
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.engine.tools import Toolbox
 
-    return Toolbox(load_bundle(args.model).actions, Tracks()).schemas()
+    bundle = load_bundle(args.model)
+    return Toolbox(bundle.actions, Tracks(), has_manner=bundle.generator.config.manner).schemas()
 
 
 def _names(schemas: list[dict[str, Any]]) -> tuple[list[str], list[str]]:

@@ -75,6 +75,23 @@ def add_picture(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--renderer", choices=RENDERER_NAMES, default=RENDERER_NAMES[0], help=RENDERER_HELP)
 
 
+def add_manner(parser: argparse.ArgumentParser) -> None:
+    """Declare `--liveliness` and `--handedness`."""
+    parser.add_argument(
+        "--liveliness", type=_share, metavar="0..1", help="0: hardly a gesture, 1: a storyteller (default: as the seed)"
+    )
+    parser.add_argument(
+        "--handedness", type=_share, metavar="0..1", help="hand of one-handed gestures, 0: left, 1: right (as the seed)"
+    )
+
+
+def _share(text: str) -> float:
+    number = float(text)
+    if not 0 <= number <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1")
+    return number
+
+
 def local_path(text: str) -> Path:
     """A path; addresses are refused in plain words."""
     if "://" in text:

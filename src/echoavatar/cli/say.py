@@ -10,7 +10,7 @@ from pathlib import Path
 from echoavatar.errors import EchoAvatarError
 from echoavatar.outgoing import redacted
 
-from .options import add_repeated, add_server, local_path, progress, seed
+from .options import add_manner, add_repeated, add_server, local_path, progress, seed
 from .play import SINK_HELP
 
 PATIENCE_S = 60.0  # for the next second of motion
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="NPZ", help="write motion, face and sound to this file")
     parser.add_argument("--act", metavar="NAME", help="an action to perform at the beginning")
     parser.add_argument("--seed", type=seed, default=0, help="seed of the motion (default: %(default)s)")
+    add_manner(parser)
     add_repeated(parser, "--sink", "URL", SINK_HELP)
     parser.add_argument(
         "--live", action="store_true", help="run at the speed of playback instead of as fast as possible"
@@ -56,13 +57,14 @@ async def _say(args: argparse.Namespace) -> dict[str, float]:
     from echoavatar.models.audio import read_audio
     from echoavatar.server.sinks import SinkGroup
     from echoavatar.timing import SAMPLE_RATE_HZ
-    from echoavatar.wire.messages import ActionStatus, Error, Motion, Sound
+    from echoavatar.wire.messages import ActionStatus, BodyOptions, Error, Motion, Sound
 
     is_live = args.live or bool(args.sink)
     samples = read_audio(args.audio)
     began, first, size = time.perf_counter(), 0.0, 0
     async with AsyncExitStack() as stack:
-        avatar = await stack.enter_async_context(connect(args.server, token=args.token, seed=args.seed))
+        body = BodyOptions(liveliness=args.liveliness, handedness=args.handedness)
+        avatar = await stack.enter_async_context(connect(args.server, token=args.token, seed=args.seed, body=body))
         recorder = Recorder(avatar.ready)
         group = SinkGroup(args.sink, avatar.ready.rig, curves=len(avatar.ready.face))
         shown = stack.enter_context(closing(group))

@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from echoavatar.engine.tools import Style, Toolbox
 
     assert set(FORMS) == set(get_args(Style))
-    toolbox = Toolbox(load_bundle(args.model).actions, Tracks(args.music))
+    bundle = load_bundle(args.model)
+    toolbox = Toolbox(bundle.actions, Tracks(args.music), has_manner=bundle.generator.config.manner)
     print(json.dumps(toolbox.schemas(cast(Style, args.format)), indent=2, ensure_ascii=False))
     return 0

@@ -43,6 +43,7 @@ class ScheduledAction:
     length: int  # chunks
     reason: str = ""  # why it ends early
     is_own: bool = False  # the avatar's own idea, not a request
+    concept: str = ""  # that a word asked for, see `words`
 
     @property
     def end(self) -> int:
@@ -54,7 +55,7 @@ class ActionScheduler:
     """The actions of one session."""
 
     def __init__(self, library: ActionLibrary, chunk: ChunkSize = CHUNK) -> None:
-        self._library, self._size = library, chunk.samples
+        self.library, self._size = library, chunk.samples
         self._actions: deque[ScheduledAction] = deque(maxlen=KEPT)
         self._statuses: deque[ActStatus] = deque(maxlen=4 * KEPT)
         self._reported: set[tuple[str, Status]] = set()
@@ -69,15 +70,16 @@ class ActionScheduler:
         hold_s: float | None = None,
         id: str = "",
         is_own: bool = False,
+        concept: str = "",
     ) -> ActStatus:
         """Begin an action with the given chunk, in place of the one that runs. Never raises: it may be rejected.
 
-        Actions that the avatar takes by itself (`is_own`) are not reported.
+        Actions that the avatar takes by itself (`is_own`) are not reported. `concept` is what a word asked for.
         """
         self._number += 1
         id = id or f"action-{self._number}"
         try:
-            action = self._library.find(name)
+            action = self.library.find(name)
             if any(act.id == id for act in self._actions):
                 raise EchoAvatarError(f"action id {id!r} was used already; give each request its own")
             if not 0 < intensity <= STRONGEST:
@@ -90,20 +92,28 @@ class ActionScheduler:
                 self._statuses.append(rejected)
             return rejected
         self._end_at(chunk, f"{action.name} was asked for")
-        act = ScheduledAction(id, action, intensity, chunk, action.length(hold_s), is_own=is_own)
+        length = action.length(hold_s)
+        act = ScheduledAction(id, action, intensity, chunk, length, is_own=is_own, concept=concept)
         self._actions.append(act)
         return self._report(act, "accepted", chunk)
 
     def knows(self, name: str) -> bool:
         """Whether the library has such an action."""
         try:
-            return bool(self._library.find(name))
+            return bool(self.library.find(name))
         except EchoAvatarError:
             return False
 
     def stop(self, chunk: int) -> None:
         """End the running action before the given chunk."""
         self._end_at(chunk, "stopped")
+
+    def gestures_before(self, chunk: int) -> list[ScheduledAction]:
+        """What words asked for before a chunk. What they asked for from it on is forgotten: they are asked again."""
+        later = [act for act in self._actions if act.concept and act.begin >= chunk]
+        for act in later:
+            self._actions.remove(act)
+        return [act for act in self._actions if act.concept]
 
     def running(self, chunk: int) -> ScheduledAction | None:
         """The action that runs during a chunk."""

@@ -58,12 +58,12 @@ class AudioQueue:
     ) -> None:
         """`rewind` is how many chunks behind the one being made can be taken again."""
         self.waiting = 0  # samples at 24 kHz that are not scheduled
+        self.newest, self.pushed = 0, 0  # the newest utterance, and how much of it left the resampler
         self._size, self._rewind = chunk.samples, rewind
         self._seconds, self._is_paced = seconds, is_paced
         self._resampler: StreamResampler | None = None
         self._is_finished = False
         # utterances
-        self._newest, self._pushed = 0, 0  # the newest utterance, and how much of it left the resampler
         self._is_complete = True  # whether the newest utterance is
         self._begun = 0  # the newest utterance of which something was scheduled
         self._pieces: deque[_Piece] = deque()
@@ -86,8 +86,8 @@ class AudioQueue:
         """
         if self._is_finished:
             raise EchoAvatarError("this session is finished; open a new one to push more audio")
-        self._check_room(len(audio) / max(rate, 1), is_new=utterance > self._newest)
-        if utterance > self._newest:
+        self._check_room(len(audio) / max(rate, 1), is_new=utterance > self.newest)
+        if utterance > self.newest:
             self._begin(utterance)
         if self._resampler is None or self._resampler.rate != rate:
             self._flush()
@@ -96,9 +96,9 @@ class AudioQueue:
 
     def end_utterance(self, utterance: int) -> None:
         """The utterance is complete."""
-        if utterance > self._newest:
+        if utterance > self.newest:
             self._begin(utterance)
-        if utterance == self._newest and not self._is_complete:
+        if utterance == self.newest and not self._is_complete:
             self._is_complete = True
             self._flush()
 
@@ -134,7 +134,7 @@ class AudioQueue:
         next one more of it may be there.
         """
         first = self._pieces[0].utterance if self._pieces else 0
-        is_beginning = first == self._newest != self._begun and not self._is_complete
+        is_beginning = first == self.newest != self._begun and not self._is_complete
         self._lay(with_speech=self.waiting >= self._size or not is_beginning)
 
     def stall(self) -> None:
@@ -166,7 +166,7 @@ class AudioQueue:
         Returns the utterance that was cut off there, and how much of it was heard; the player may have heard up to
         `heard`, if that is later. The clock of a paced queue holds whole chunks, so silence completes the last one.
         """
-        last = self._newest if last is None else last
+        last = self.newest if last is None else last
         waiting = self._drop(last)
         lost = self._first_after(max(sample, heard))
         self._cut_clock(*divmod(sample, self._size))
@@ -182,6 +182,19 @@ class AudioQueue:
         spans = self._spans.get(chunk)
         return spans[0].utterance if spans else 0
 
+    def origins(self) -> dict[int, int]:
+        """Where on the clock the first sample of each utterance is that is there or waits, by its newest run."""
+        found = {
+            span.utterance: number * self._size + span.offset - span.start
+            for number, spans in self._spans.items()
+            for span in spans
+        }
+        end = self.end + self._in_hand
+        for piece in self._pieces:
+            found.setdefault(piece.utterance, end - piece.start)
+            end += len(piece.samples)
+        return found
+
     def take_finished(self, clock: int) -> tuple[int, int] | None:
         """The newest utterance that ended before `clock` since the last call, and the sample of its end."""
         done = None
@@ -195,7 +208,7 @@ class AudioQueue:
 
     def is_drained(self, utterance: int) -> bool:
         """Whether an utterance that was scheduled is complete and none of it waits. Pieces wait in order."""
-        is_over = utterance < self._newest or (utterance == self._newest and self._is_complete)
+        is_over = utterance < self.newest or (utterance == self.newest and self._is_complete)
         return is_over and (not self._pieces or self._pieces[0].utterance > utterance)
 
     # ---- inside
@@ -216,7 +229,7 @@ class AudioQueue:
     def _begin(self, utterance: int) -> None:
         if not self._is_complete:
             self._flush()
-        self._newest, self._pushed, self._is_complete = utterance, 0, False
+        self.newest, self.pushed, self._is_complete = utterance, 0, False
         self._resampler = None
 
     def _flush(self) -> None:
@@ -229,12 +242,12 @@ class AudioQueue:
         if not len(samples):
             return
         last = self._pieces[-1] if self._pieces else None
-        if last is not None and last.utterance == self._newest and len(last.samples) < self._size:
+        if last is not None and last.utterance == self.newest and len(last.samples) < self._size:
             self._pieces[-1] = last._replace(samples=np.concatenate([last.samples, samples]))
         else:
-            self._count += last is None or last.utterance != self._newest
-            self._pieces.append(_Piece(self._newest, self._pushed, samples))
-        self._pushed += len(samples)
+            self._count += last is None or last.utterance != self.newest
+            self._pieces.append(_Piece(self.newest, self.pushed, samples))
+        self.pushed += len(samples)
         self.waiting += len(samples)
 
     def _lay(self, *, with_speech: bool) -> None:
@@ -275,7 +288,7 @@ class AudioQueue:
         self._pieces = deque(piece for piece in self._pieces if piece.utterance > last)
         self.waiting = sum(len(piece.samples) for piece in self._pieces)
         self._count = len({piece.utterance for piece in self._pieces})
-        if self._newest <= last:
+        if self.newest <= last:
             self._is_complete = True
             self._resampler = None
         return HeardUntil(first.utterance, first.start) if first else HeardUntil(0, 0)

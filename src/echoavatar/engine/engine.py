@@ -21,6 +21,7 @@ import torch
 
 from echoavatar.errors import AdmissionError, EchoAvatarError
 from echoavatar.models.generator.linear import Precision
+from echoavatar.models.generator.manner import MANNER
 from echoavatar.motion.idle_motion import warm_up
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
@@ -259,6 +260,7 @@ class Engine:
         rows = seats.stop - seats.start
         audio, active = np.zeros((rows, self.chunk.samples), np.float32), torch.zeros(rows, dtype=torch.bool)
         members, is_asked, forgets = torch.zeros(rows, self._codes), False, torch.zeros_like(active)
+        manner = torch.full((rows, len(MANNER)), torch.nan)
         for session in ready:
             row = session.seat - seats.start
             if session.is_new:
@@ -269,6 +271,7 @@ class Engine:
             for patches in plan.undone:  # a second time, after a fault, changes nothing more
                 undo(patches, self._state, session.seat)
             audio[row], active[row], forgets[row] = plan.audio, True, plan.forgets
+            manner[row] = torch.from_numpy(plan.manner)
             if plan.members is not None:
                 members[row], is_asked = torch.from_numpy(plan.members), True
         state = self._state.rows(seats)
@@ -276,8 +279,9 @@ class Engine:
         try:
             if forgets.any():
                 self.pipeline.restart_generator(state, forgets)
-            directive = {"directive": self.pipeline.directive(members)} if is_asked else {}
-            chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **directive)
+            told = {"directive": self.pipeline.directive(members)} if is_asked else {}
+            told |= {"manner": manner} if self.pipeline.has_manner else {}
+            chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **told)
             undoing = [changes(before, state, s.seat - seats.start) if self._rewind else [] for s in ready]
         except Exception as fault:
             self._take_back(ready, state, before, active, fault)

@@ -2,8 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -52,20 +52,23 @@ def animate(
     seed: int = 0,
     fps: float = FRAME_RATE_HZ,
     options: MotionOptions = FREE,
+    words: Iterable[Sequence[Any]] = (),
     progress: Callable[[float], None] | None = None,
 ) -> AnimatedSound:
     """Motion for a stream of 24 kHz blocks, of exactly the sound's length (rounded up to a frame).
 
-    Frame k shows second k / `fps`, interpolated between the model's 30 frames a second. `progress` receives the seconds
-    of motion made so far.
+    Frame k shows second k / `fps`, interpolated between the model's 30 frames a second. `words` are as in
+    `Session.words`. `progress` receives the seconds of motion made so far.
 
     Raises:
         AudioError: the sound is empty, or a value is not finite.
+        EchoAvatarError: the words are wrong.
     """
     chunks: list[MotionChunk] = []
     heard: list[Float[np.ndarray, " s"]] = []
     started = time.perf_counter()
     with Engine(pipeline, rewind=0).open(seed=seed, options=options) as session:
+        session.words(words)
         for block in blocks:
             heard.append(block)
             session.push(block)

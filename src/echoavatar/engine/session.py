@@ -1,7 +1,7 @@
 """A session, as users have it: push audio, interrupt it with `clear`, iterate motion."""
 
-from collections.abc import Iterator
-from typing import NamedTuple, Self
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -44,6 +44,16 @@ class Session:
         """
         self.core.push(audio, rate)
 
+    def words(self, words: Iterable[Sequence[Any]]) -> None:
+        """Tell words of the audio that is pushed next: (text, start) or (text, start, end), in seconds from there.
+
+        Some begin a gesture that shows what they mean. `clear` drops those that were not heard.
+
+        Raises:
+            EchoAvatarError: a word is too long, a time is wrong or out of order, or too many words wait.
+        """
+        self.core.add_words(words)
+
     def clear(self, heard: int | None = None) -> int:
         """Barge-in: forget audio after sample `heard` of the session, and all motion that stems from it.
 
@@ -85,6 +95,14 @@ class Session:
     def act(self, name: str, *, intensity: float = 1.0, hold_s: float | None = None) -> ActStatus:
         """Begin an action of the bundle's library with the next chunk. Never raises: it may be rejected."""
         return self.core.act(name, intensity=intensity, hold_s=hold_s)
+
+    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, 0 to 1 each; None leaves it as it is. See `MotionOptions`.
+
+        Raises:
+            ValueError: a number is out of range.
+        """
+        self.core.set_manner(liveliness, handedness)
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play music (24 kHz mono): the avatar hears it under its speech and dances."""

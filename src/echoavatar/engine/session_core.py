@@ -6,9 +6,9 @@ model's state changes when the engine makes the session's next chunk.
 """
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -26,10 +26,12 @@ from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
 from .listener import TURN_S, Listener, Sign
+from .manner import LIVELINESS, SpeakerManner
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline.undo import Patch
 from .playout import Delivery, PlayoutBuffer
 from .settling import Settling
+from .words import WordGestures
 
 if TYPE_CHECKING:
     from .engine import Engine
@@ -44,6 +46,7 @@ class ChunkPlan(NamedTuple):
 
     audio: Float[np.ndarray, " s"]
     members: Float[np.ndarray, " K"] | None  # intensities of the codes that an action asks for
+    manner: Float[np.ndarray, " m"]  # how the speaker gestures
     forgets: bool  # whether the model must forget its past motion
     undone: list[list[Patch]]  # steps to undo before it, latest first
 
@@ -78,7 +81,9 @@ class SessionCore:
         self._music, self._playout = MusicPlayer(self.chunk), PlayoutBuffer(self.chunk)
         self._barge_in = BargeIn(self._queue, self._music, self._playout, chunk=self.chunk, rewind=rewind)
         self._actions = ActionScheduler(host.actions, self.chunk)
+        self._words = WordGestures(seed, self._actions, self._queue, self.chunk)
         self._listener = Listener(seed)
+        self._manner = SpeakerManner(seed, options)
         self._user_resampler: StreamResampler | None = None
         self._heard_user = 0  # the next chunk when the user's sound came last
         self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
@@ -93,6 +98,11 @@ class SessionCore:
             self._check_open()
             self._queue.push(audio, rate, utterance)
         self._host.wake()
+
+    def add_words(self, rows: Iterable[Sequence[Any]], utterance: int | None = None) -> None:
+        """Words of an utterance, ahead of its sound or with it; see `WordGestures.add`."""
+        with self._lock:
+            self._words.add(rows, utterance)
 
     def end_utterance(self, utterance: int) -> None:
         """The utterance is complete."""
@@ -138,6 +148,7 @@ class SessionCore:
         """Barge-in after sample `heard`; see `BargeIn.interrupt`."""
         with self._lock:
             done = self._barge_in.interrupt(heard, last)
+            self._words.interrupt(self._barge_in.next_chunk, last)
         self._host.wake()
         return done
 
@@ -165,6 +176,18 @@ class SessionCore:
         with self._lock:
             self._barge_in.replan(REPLAN_AHEAD)
             self._actions.stop(self._barge_in.next_chunk)
+
+    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, from the next chunk on; see `MotionOptions`. None leaves it as it is.
+
+        Raises:
+            ValueError: a number is not between 0 and 1.
+        """
+        MotionOptions(liveliness=liveliness, handedness=handedness)
+        with self._lock:
+            self._barge_in.replan(REPLAN_AHEAD)
+            self._manner.choose(liveliness, handedness)
+        self._host.wake()
 
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play music (24 kHz mono): the session hears it under its speech, and `Delivery.music` holds it."""
@@ -312,13 +335,15 @@ class SessionCore:
             if self._making is not None:  # its step failed
                 return self._making[2]
             chunk, undone = self._barge_in.begin()
+            manner = self._manner.at(chunk)
+            self._words.gesture(chunk, float(manner[LIVELINESS]), is_free=not self.is_listening)
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
             members = self._actions.members(chunk, codes) if codes else None
             forgets = "settling" in self._host.additions and self._settling.must_forget(
                 chunk, heard.audio, acts=members is not None
             )
-            plan = ChunkPlan(heard.audio, members, forgets, undone)
+            plan = ChunkPlan(heard.audio, members, manner, forgets, undone)
             self._making = chunk, heard, plan
             return plan
 
@@ -396,7 +421,8 @@ class SessionCore:
         return running is None or running.is_own
 
     def _source(self, chunk: int, heard: Heard) -> str:
-        if self._actions.running(chunk) is not None:
+        act = self._actions.running(chunk)
+        if act is not None and not act.concept:
             return "action"
         if float(np.abs(heard.speech).max(initial=0)) > AUDIBLE:
             return "speech"

@@ -35,6 +35,10 @@ class Actor(Protocol):
         """Begin an action."""
         ...
 
+    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures."""
+        ...
+
     def play(self, title: str, track: Float[np.ndarray, " s"]) -> None:
         """Play a track, 24 kHz mono."""
         ...
@@ -47,8 +51,9 @@ class Actor(Protocol):
 class Toolbox:
     """The tools over one action library and one music library."""
 
-    def __init__(self, actions: ActionLibrary, tracks: Tracks) -> None:
-        self._tracks = tracks
+    def __init__(self, actions: ActionLibrary, tracks: Tracks, *, has_manner: bool = False) -> None:
+        """`has_manner` says whether the model follows the manner of a session."""
+        self._tracks, self._has_manner = tracks, has_manner
         self._meanings = {name: action.about for name, action in actions.items() if name not in HIDDEN}
 
     def schemas(self, style: Style = "plain") -> list[Schema]:
@@ -75,6 +80,11 @@ class Toolbox:
             _tool("stop_music", "Fade the music out.", {}),
             _tool("list_actions", "Name the gestures the avatar can do.", {}),
         ]
+        if self._has_manner:
+            liveliness = _number("0: calm, hardly a gesture; 0.5: in conversation; 1: a storyteller.", 1)
+            handedness = _number("The hand of one-handed gestures; 0: left, 1: right.", 1)
+            about = "Change how lively the avatar gestures from now on, or with which hand."
+            plain.insert(1, _tool("set_manner", about, {"liveliness": liveliness, "handedness": handedness}))
         return render(style, plain)
 
     async def call(self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader) -> Schema:
@@ -91,6 +101,9 @@ class Toolbox:
                     )
                     reason = {"reason": asked.reason} if asked.reason else {}
                     return {"status": asked.status, "id": asked.id, "action": asked.name} | reason
+                case "set_manner":
+                    session.set_manner(**given)
+                    return {"status": "done"}
                 case "play_music":
                     title = self._tracks.find(given.get("title"))
                     session.play(title, await load(title))

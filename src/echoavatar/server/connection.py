@@ -22,11 +22,13 @@ from echoavatar.wire.messages import (
     Error,
     Hello,
     Interrupt,
+    Manner,
     Music,
     Ping,
     Played,
     Pong,
     ServerMessage,
+    Words,
 )
 
 from .clients import client_of
@@ -144,7 +146,7 @@ class Connection:
     async def _pace(self, message: ClientMessage) -> None:
         """Wait if the client sends faster than it may."""
         clients = self._manager.clients
-        if isinstance(message, Audio | End):
+        if isinstance(message, Audio | End | Words):
             await clients.pace("sounds", str(id(self)))
         elif isinstance(message, Played | Ping):
             await clients.pace("reports", self._client)
@@ -155,10 +157,14 @@ class Connection:
         session = self._session
         assert session is not None
         match message:
-            case Audio() | End():
-                if session.source is not self._outbox:
-                    raise ProtocolError("bad_order", "viewers send no sound; say hello as a source")
-                await self._hear(session, message) if isinstance(message, Audio) else session.finish(message)
+            case Audio() | End() | Words() if session.source is not self._outbox:
+                raise ProtocolError("bad_order", "viewers send no speech; say hello as a source")
+            case Audio():
+                await self._hear(session, message)
+            case End():
+                session.finish(message)
+            case Words():
+                session.add_words(message)
             case Played():
                 session.played(message, self._outbox)
             case Interrupt():
@@ -166,6 +172,8 @@ class Connection:
                 session.interrupt(message)
             case Action():
                 session.act(message.name, intensity=message.intensity, hold_s=message.hold, id=message.id)
+            case Manner():
+                session.set_manner(message.liveliness, message.handedness)
             case Music(op="stop"):
                 session.stop_music(id=message.id)
             case Music():

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from echoavatar.engine import ActStatus, Delivery, Pacer, SessionCore
-from echoavatar.errors import QueueFullError
+from echoavatar.errors import EchoAvatarError, QueueFullError
 from echoavatar.timing import SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.blobs import Pose, pack_audio, pack_pose
 from echoavatar.wire.codec import ProtocolError
@@ -34,6 +34,7 @@ from echoavatar.wire.messages import (
     Sound,
     State,
     Stats,
+    Words,
 )
 
 from .opus import OpusPacker
@@ -209,6 +210,17 @@ class ServerSession:
         if self.core.waiting >= self._size:
             self.on_change()
 
+    def add_words(self, message: Words) -> None:
+        """Take words of the avatar's speech.
+
+        Raises:
+            ProtocolError: words out of order, or too many wait; not fatal.
+        """
+        try:
+            self.core.add_words([(word.text, word.start, word.end) for word in message.words], message.seg)
+        except EchoAvatarError as error:
+            raise ProtocolError("bad_message", str(error), fatal=False) from error
+
     def finish(self, message: End) -> None:
         """An utterance is complete."""
         if message.speaker == "user":
@@ -238,6 +250,11 @@ class ServerSession:
         asked = self.core.act(name, intensity=intensity, hold_s=hold_s, id=id or f"tool-{next(_NUMBERS)}")
         self._tell_statuses()
         return asked
+
+    def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures."""
+        self._follow_player()
+        self.core.set_manner(liveliness, handedness)
 
     def play(self, title: str, track: Float[np.ndarray, " s"], *, id: str = "") -> None:
         """Play a track instead of the one that plays now."""

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from echoavatar import __version__
 from echoavatar.engine import Engine, EngineThread
+from echoavatar.engine.manner import TOLD
 from echoavatar.engine.music import Tracks
 from echoavatar.engine.tools import HIDDEN, Toolbox
 from echoavatar.errors import AdmissionError
@@ -66,7 +67,7 @@ class SessionManager:
         self._sessions: dict[str, ServerSession] = {}  # by public name
         self._keys: dict[str, ServerSession] = {}
         self._alarms: dict[str, asyncio.Handle] = {}  # by public name: the next call of `_advance`
-        self.toolbox = Toolbox(engine.actions, self.tracks)
+        self.toolbox = Toolbox(engine.actions, self.tracks, has_manner=engine.pipeline.has_manner)
         self._tracing: Any = None  # `Tracing`, with its first session
         self._restarts = 0  # of the engine, as clients know them
         self._decoders = CapacityLimiter(MOST_DECODERS)
@@ -263,6 +264,7 @@ class SessionManager:
             face=tuple(ARKIT_NAMES) if self.engine.pipeline.face is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
+            manner=tuple(TOLD) if self.engine.pipeline.has_manner else (),
             latency=Latency(algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds),
             limits=self.settings.limits,
             sound=sound,

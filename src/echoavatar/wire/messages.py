@@ -85,14 +85,23 @@ class AudioFormat(Struct, frozen=True, kw_only=True):
         return (2 if self.format == "s16le" else 4) * self.channels
 
 
+Share = Annotated[float, Meta(ge=0, le=1)]
+
+
 class BodyOptions(Struct, frozen=True, kw_only=True):
-    """How far the body may walk. A camera that stands still loses a dancer who is free."""
+    """How the body moves. A camera that stands still loses a dancer who is free to walk."""
 
     leash_m: Annotated[
         float, Meta(ge=0, le=100, description="metres the hips may be from where they started; 0: no leash")
     ] = 0.0
     in_place: Annotated[bool, Meta(description="hips stay over the start")] = False
     upper_body: Annotated[bool, Meta(description="hips and legs stand idle, everything above moves")] = False
+    liveliness: Annotated[Share | None, Meta(description="0: hardly a gesture, 1: a storyteller; absent: by seed")] = (
+        None
+    )
+    handedness: Annotated[Share | None, Meta(description="hand of one-handed gestures, 0: left; absent: by seed")] = (
+        None
+    )
 
 
 class Hello(_Message, frozen=True, kw_only=True, tag="hello"):
@@ -155,6 +164,31 @@ class Action(_Message, frozen=True, kw_only=True, tag="action"):
     hold: Annotated[float, Meta(ge=0, le=60, description="seconds; absent: the action's own length")] | None = None
 
 
+class Manner(_Message, frozen=True, kw_only=True, tag="manner"):
+    """How the speaker gestures from the next chunk on; what is absent stays as it is. See `ready.manner`."""
+
+    liveliness: Annotated[Share | None, Meta(description="0: hardly a gesture, 1: a storyteller")] = None
+    handedness: Annotated[Share | None, Meta(description="hand of one-handed gestures, 0: left, 1: right")] = None
+
+
+Seconds = Annotated[float, Meta(ge=0, le=86_400, description="from the first sample of the utterance")]
+
+
+class Word(Struct, frozen=True, kw_only=True):
+    """A word of speech, and when it is said."""
+
+    text: Annotated[str, Meta(max_length=100)]
+    start: Seconds
+    end: Seconds | None = None
+
+
+class Words(_Message, frozen=True, kw_only=True, tag="words"):
+    """Words of an utterance, in order, ahead of their sound or with it: some get a gesture that shows their meaning."""
+
+    seg: Utterance
+    words: Annotated[tuple[Word, ...], Meta(max_length=2_000)]
+
+
 class Music(_Message, frozen=True, kw_only=True, tag="music"):
     """Play one of `ready.tracks` (the first if there is no title), or stop; answered by `action_status`."""
 
@@ -177,7 +211,7 @@ class Ping(_Message, frozen=True, kw_only=True, tag="ping"):
     nonce: Annotated[int, Meta(ge=0, le=2**53 - 1)] = 0
 
 
-ClientMessage = Hello | Audio | End | Interrupt | Action | Music | Played | Ping
+ClientMessage = Hello | Audio | End | Interrupt | Action | Manner | Words | Music | Played | Ping
 
 
 # ---------------------------------------------------------------------------------------------- server to client
@@ -227,6 +261,7 @@ class Ready(_Message, frozen=True, kw_only=True, tag="ready"):
     face: Annotated[tuple[str, ...], Meta(description="ARKit names, in order; empty without a face")]
     actions: tuple[str, ...]
     tracks: tuple[str, ...]
+    manner: Annotated[tuple[str, ...], Meta(description="fields of `manner` that this model follows")] = ()
     latency: Latency
     limits: Limits
     sound: Annotated[SoundFormat, Meta(description="opus: most sound comes as `opus` messages, not `audio`")] = "pcm"

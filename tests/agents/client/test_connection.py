@@ -155,8 +155,9 @@ async def test_pings_are_no_flood_whatever_the_server_asks_for(seconds: float) -
 
 async def test_interrupt_act_and_music(server: RunningServer) -> None:
     async with connect(server.address) as avatar:
-        await avatar.speak(np.full(96_000, 0.25, np.float32))
+        await avatar.speak(np.full(96_000, 0.25, np.float32), words=[("hello", 0.5, 0.9), ("you", 2.0)])
         action = await avatar.act("wave", intensity=0.5)
+        await avatar.set_manner(liveliness=0.3)
         music = await avatar.play_music()
         seen: set[str] = set()
         async for message in avatar:

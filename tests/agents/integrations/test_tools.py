@@ -23,6 +23,9 @@ class AvatarBridge:
         self.asked.append((name, intensity, hold))
         return ActionStatus(id="1", name=name, status="accepted", at=0, reason="", choices=())
 
+    async def set_manner(self, **told: float) -> None:
+        self.asked.append(told)
+
     async def play_music(self, title: str) -> ActionStatus:
         self.asked.append(title)
         return ActionStatus(id="2", name=title, status="rejected", at=0, reason="no", choices=("Waltz",))
@@ -34,7 +37,7 @@ class AvatarBridge:
 @pytest.fixture
 def tools() -> AvatarTools:
     library = ActionLibrary({"wave": Action("wave", (0,) * 8, (1, 2))})
-    return AvatarTools(AvatarBridge(), Toolbox(library, Tracks()).schemas())  # type: ignore[arg-type]
+    return AvatarTools(AvatarBridge(), Toolbox(library, Tracks(), has_manner=True).schemas())  # type: ignore[arg-type]
 
 
 def call(tools: AvatarTools, name: str, **arguments: Any) -> dict[str, Any]:
@@ -44,12 +47,13 @@ def call(tools: AvatarTools, name: str, **arguments: Any) -> dict[str, Any]:
 def test_calls_reach_the_stage(tools: AvatarTools) -> None:
     assert call(tools, "send_action", action="wave", intensity=2) == {"action": "wave", "status": "accepted"}
     assert call(tools, "send_action", action="wave", hold=None)["status"] == "accepted"
+    assert call(tools, "set_manner", liveliness=0.2) == {"status": "done"}
     told = call(tools, "play_music", title="Rock")
     assert told == {"title": "Rock", "status": "rejected", "reason": "no", "choices": ["Waltz"]}
     assert call(tools, "stop_music") == {"status": "done"}
     assert call(tools, "list_actions") == {"actions": ["wave"], "music": ["Waltz"]}
     bridge: Any = tools._bridge
-    assert bridge.asked == [("wave", 2.0, None), ("wave", 1.0, None), "Rock", "stop"]
+    assert bridge.asked == [("wave", 2.0, None), ("wave", 1.0, None), {"liveliness": 0.2}, "Rock", "stop"]
 
 
 @pytest.mark.parametrize(

@@ -155,6 +155,11 @@ def _add_tokens(parser: argparse.ArgumentParser, options: Options) -> None:
     options.add("--patience", "training.patience")
     options.add("--no-level", "training.is_leveled")
     options.add("--no-mirror", "training.is_mirrored")
+    parser.add_argument(
+        "--dancer",
+        type=Path,
+        help="trained generator that dances to the music instead of the corpus: who starts from it keeps its dances",
+    )
     _add_parts(parser)
 
 
@@ -169,6 +174,7 @@ def _make_tokens(given: Given) -> None:
         is_mirrored_too=settings.is_mirrored and corpus.can_mirror,
         patience=settings.patience,
         is_leveled=settings.is_leveled,
+        dancer=Generator.load(args.dancer).eval() if args.dancer else None,
         progress=given.how["progress"],
     )
 
@@ -244,6 +250,7 @@ def complete(settings: Settings, motion_layers: int) -> None:
                 model.pop(name, None)
         model.setdefault("mlp", 3 * int(model["width"]))
     model.setdefault("exemplar", float(training["exemplar"]) > 0)
+    model.setdefault("manner", float(training["manner"]) > 0)
     training.setdefault("chunks", int(model["window_chunks"]) + 6)  # so that the steady stream is trained too
     training.setdefault("depth_weights", [0.7**layer for layer in range(motion_layers)])
 
@@ -258,7 +265,7 @@ def stages() -> dict[str, Stage]:
         "model": {name: size for name, size in part.items() if name != "features"},
         "training": bundle_training().model_dump(),
     }
-    left_out = ("layout", "patience", "is_leveled", "exemplar")  # follow from the codes and from the schedule
+    left_out = ("layout", "patience", "is_leveled", "exemplar", "manner")  # follow from the codes and from the schedule
     generator_base = {
         "model": {name: size for name, size in generator.items() if name not in left_out},
         "training": {
@@ -272,6 +279,7 @@ def stages() -> dict[str, Stage]:
             "other_past": 0.1,
             "cue_weight": 0.3,
             "exemplar": 0.3,
+            "manner": 0.0,
         },
     }
     codec_base = {

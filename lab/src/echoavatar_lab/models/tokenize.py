@@ -4,12 +4,17 @@ Every clip is encoded continuously from its first sample, exactly as in a stream
 to run with it, then the codec). Its mirror image is encoded too: the same sound, with left and right of the motion
 exchanged.
 
+With a `dancer` the music is danced by a generator after the true past, and cut apart from the rest (`_danced`): who
+learns from such files learns new speech and keeps the generator's dances, which were tuned after its training.
+
 Sound that has no recorded motion becomes prompts of reinforcement learning (`tokenize_sounds`). A prompt needs past
 motion. Here the generator that is to be tuned makes it, as in a live session. Such token files have `has_truth` false:
 they are not used for reference statistics, reward models or generators.
 """
 
+import json
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
 
@@ -23,11 +28,19 @@ from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.models.audio import AudioCodec, LevelControl
 from echoavatar.models.generator import Generator, open_stream
+from echoavatar.models.generator.manner import Manner
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
-from echoavatar.timing import AUDIO_TOKEN_RATE_HZ, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN, SAMPLES_PER_AUDIO_TOKEN
-from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet
+from echoavatar.timing import (
+    AUDIO_FRAMES_PER_CHUNK,
+    AUDIO_TOKEN_RATE_HZ,
+    FRAME_RATE_HZ,
+    FRAMES_PER_MOTION_TOKEN,
+    MOTION_TOKENS_PER_CHUNK,
+    SAMPLES_PER_AUDIO_TOKEN,
+)
+from echoavatar_lab.data import DOMAINS, Clip, Corpus, Sound, SoundSet
 from echoavatar_lab.data.clip import mirror_features
 from echoavatar_lab.held_folder import hold_folder
 from echoavatar_lab.models.generator.windows import TokenClip
@@ -35,6 +48,7 @@ from echoavatar_lab.models.quantize import steady_codes
 from echoavatar_lab.models.tokenizer.train import whole_features
 
 CUE_FRAMES = 3
+LEAD_CHUNKS = 6
 
 
 class TokenSettings(Config):
@@ -56,9 +70,12 @@ def tokenize_corpus(
     is_mirrored_too: bool = True,
     patience: float = 0.0,
     is_leveled: bool = True,
+    dancer: Generator | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> int:
     """Write a token file for each clip and its mirror image, and return the number of files; existing ones are kept.
+
+    With a `dancer` each becomes several (`_danced`), and one without a chunk that says that they are whole.
 
     With `patience` the motion codes are steady (`quantize.steadiest`), so that the generator has fewer changes to
     predict. `is_leveled`: see `audio_codes`. Clips without sound are skipped, because the generator would learn to
@@ -77,20 +94,63 @@ def tokenize_corpus(
         )
     with hold_folder(folder):
         for done, name in enumerate(names, start=1):
-            targets = [(folder / f"{name}.npz", False)]
-            if is_mirrored_too:
-                targets.append((folder / f"{name}.mirror.npz", True))
-            if not all(path.exists() for path, _ in targets):
+            targets = [(name, False)] + ([(f"{name}.mirror", True)] if is_mirrored_too else [])
+            if not all((folder / f"{target}.npz").exists() for target, _ in targets):
                 clip = corpus.load(name)
                 sound = audio_codes(codec, clip.audio, is_leveled=is_leveled)
-                for path, is_mirrored in targets:
+                for target, is_mirrored in targets:
                     codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
                     domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
                     cues = cues_at(clip.events, len(sound))
-                    TokenClip(sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled).save(path)
+                    manner = _manner(clip, is_mirrored=is_mirrored)
+                    whole = TokenClip(
+                        sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled, manner=manner
+                    )
+                    parts = [] if dancer is None else _danced(whole, dancer, seed=crc32(target.encode()))
+                    for number, part in enumerate(parts):
+                        part.save(folder / f"{target}.{number}.npz")
+                    (whole if dancer is None else whole.cut(0, 0)).save(
+                        folder / f"{target}.npz"
+                    )  # the last: it is done
             if progress:
                 progress(done, len(names))
         return len(list(folder.glob("*.npz")))
+
+
+@torch.inference_mode()
+def _danced(clip: TokenClip, dancer: Generator, *, seed: int) -> list[TokenClip]:
+    """The clip in parts: each stretch of music with the dancer's motion behind a true past, and what is between them.
+
+    Between them all is true, with the last `LEAD_CHUNKS` of a true dance in front, so that its end is learned too. The
+    dancer draws from its whole distribution, so that who learns from it can be cooled as it is.
+    """
+    dancer.config = dancer.config.model_copy(update={"temperature": 1.0, "cooling": 1.0, "top_p": 1.0})
+    stream = open_stream(dancer)
+    of_chunk = clip.domain[: clip.chunks * MOTION_TOKENS_PER_CHUNK].reshape(clip.chunks, -1)
+    is_music = np.concatenate([[False], (of_chunk == DOMAINS.index("music")).all(1), [False]])
+    borders = np.flatnonzero(np.diff(is_music)).reshape(-1, 2)
+    parts, free = [], 0
+    for start, stop in borders:
+        parts.append(clip.cut(free, start))
+        free = max(start, stop - LEAD_CHUNKS)
+        first = max(0, start - dancer.config.window_chunks)
+        part, state, one = clip.cut(first, stop), stream.init_state(1), torch.ones(1, dtype=torch.bool)
+        sound, moves = (torch.from_numpy(codes[None].astype(np.int64)) for codes in (part.audio, part.motion))
+        heard, known = (start - first) * AUDIO_FRAMES_PER_CHUNK, (start - first) * MOTION_TOKENS_PER_CHUNK
+        if heard:
+            stream.prime(sound[:, :heard], moves[:, :known], state, one)  # type: ignore[arg-type]
+        danced = stream.step(sound[:, heard:], state, one, seeds=torch.tensor([seed + start]))  # type: ignore[arg-type]
+        parts.append(replace(part, motion=np.concatenate([part.motion[:known], danced[0].numpy().astype(np.int16)])))
+    return [part for part in (*parts, clip.cut(free, clip.chunks)) if part.chunks]
+
+
+def _manner(clip: Clip, *, is_mirrored: bool) -> Float[np.ndarray, " m"] | None:
+    """The manner of the clip's label; in the mirror the other hand leads."""
+    if "manner" not in clip.labels:
+        return None
+    told = Manner(**json.loads(clip.labels["manner"]))
+    seen = replace(told, right=1 - told.right) if is_mirrored else told
+    return np.array(seen.values, np.float32)
 
 
 @torch.inference_mode()

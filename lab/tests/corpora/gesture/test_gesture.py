@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from lab.tests.corpora.capture.people import library
 
+from echoavatar.models.generator.manner import Manner, draw_manner
 from echoavatar_lab.corpora.capture.library import CapturedClip, CapturedLibrary
 from echoavatar_lab.corpora.capture.units import ACCENT
 from echoavatar_lab.corpora.controls import Controls, minimum_jerk, neutral
@@ -18,7 +19,7 @@ from echoavatar_lab.corpora.gesture.gesture import (
     with_steady_head,
 )
 from echoavatar_lab.corpora.gesture.idle import hands_of, resting_hands
-from echoavatar_lab.corpora.gesture.speakers import Manner, draw_manner
+from echoavatar_lab.corpora.gesture.speakers import resting_of
 from echoavatar_lab.corpora.solver import solve
 from echoavatar_lab.corpora.sound import SoundTrack
 
@@ -37,7 +38,7 @@ def hand_speed(controls: Controls) -> np.ndarray:
 def test_hands_come_to_rest_after_speech_when_their_patience_ends(talk: SoundTrack, speakers: list[Controls]):
     late = round((talk.phrases[-1][1] + REST_AFTER + PATIENCE_S + 0.7) * 30)
     for seed, controls in zip(SEEDS, speakers, strict=True):
-        rest = resting_hands(draw_manner(seed).resting)[:, :3]
+        rest = resting_hands(resting_of(draw_manner(seed)))[:, :3]
         assert np.linalg.norm(controls.wrist[late:] - rest, axis=-1).max() < 0.03
 
 

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from lab.tests.corpora.capture.people import library
 
+from echoavatar.models.generator.manner import draw_manner
 from echoavatar_lab.corpora.gesture.idle import breathing, hands_of, idle, resting_hands, with_hands
-from echoavatar_lab.corpora.gesture.speakers import draw_manner
+from echoavatar_lab.corpora.gesture.speakers import resting_of
 from echoavatar_lab.corpora.sound import SoundTrack, Span
 
 FRAMES = 900
@@ -46,6 +47,6 @@ def test_a_captured_body_waits_in_silence_and_sways_from_when_speech_is_heard(ta
     assert len(body) == 456
     speed = np.abs(np.diff(body.pelvis_position[:, 0])) * 30
     assert speed[90:280].mean() > 2 * speed[:60].mean()
-    rest = resting_hands(draw_manner(5).resting)
+    rest = resting_hands(resting_of(draw_manner(5)))
     np.testing.assert_allclose(hands_of(body)[120:130, :, :7], np.broadcast_to(rest[:, :7], (10, 2, 7)), atol=0.02)
     np.testing.assert_array_equal(idle(talk, 5, people).packed(), body.packed())

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from echoavatar.models.generator.manner import Manner
 from echoavatar_lab.corpora.gesture.handpath import FINGERS, WRIST
 from echoavatar_lab.corpora.gesture.lexicon import (
     ACCENTS,
@@ -12,7 +13,6 @@ from echoavatar_lab.corpora.gesture.lexicon import (
     in_gesture_space,
     meant_form,
 )
-from echoavatar_lab.corpora.gesture.speakers import Manner
 
 TAGS = ("size", "deixis", "negation", "count", "contrast", "question", "greeting")
 

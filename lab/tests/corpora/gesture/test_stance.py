@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from echoavatar.models.generator.manner import Manner
 from echoavatar_lab.corpora.controls import ANKLE_HEIGHT, STANDING_FEET
-from echoavatar_lab.corpora.gesture.speakers import Manner
 from echoavatar_lab.corpora.gesture.stance import Shift, Step, air, stances, walked, weight_curve
 
 

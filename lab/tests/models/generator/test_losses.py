@@ -26,7 +26,9 @@ from echoavatar_lab.models.generator.windows import TokenClip, Window, WindowSam
 
 def batch(model, missing=0):
     motion = torch.randint(8, (2, 4, 3, 2), generator=torch.Generator().manual_seed(1))
-    window = Window(audio(2, 40), motion, torch.tensor([[0, 0, 1, 1], [2, 2, 2, 2]]), torch.zeros(2, 40, 2))
+    window = Window(
+        audio(2, 40), motion, torch.tensor([[0, 0, 1, 1], [2, 2, 2, 2]]), torch.zeros(2, 40, 2), torch.zeros(2, 9)
+    )
     none = torch.full((2,), missing)
     return window, build_sequences(model.config.order, window.audio, motion, motion, none)
 

@@ -7,7 +7,7 @@ import asyncio
 import itertools
 import logging
 from collections import deque
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -37,6 +37,7 @@ from echoavatar.wire.messages import (
     Flush,
     Hello,
     Interrupt,
+    Manner,
     Music,
     Ping,
     Played,
@@ -44,6 +45,8 @@ from echoavatar.wire.messages import (
     Role,
     ServerMessage,
     Sound,
+    Word,
+    Words,
 )
 
 BLOCK_BYTES = 1 << 16
@@ -229,14 +232,24 @@ class Avatar:
 
     # ---- sending
 
-    async def speak(self, samples: np.ndarray, *, end: bool = True) -> int:
+    async def speak(self, samples: np.ndarray, *, end: bool = True, words: Iterable[Sequence[Any]] = ()) -> int:
         """Say samples: mono, at the rate given to `connect`, floats in -1..1 or int16. Returns the utterance's number.
 
-        With `end=False` the next call continues the same utterance.
+        With `end=False` the next call continues the same utterance. `words` are as in `words`.
         """
         seg = self._utterances.add(_pcm(samples), end=end)
+        if words:
+            await self.words(words, seg=seg)
         await self._send_due()
         return seg
+
+    async def words(self, words: Iterable[Sequence[Any]], *, seg: int = 0) -> None:
+        """Tell words of utterance `seg`, or of the next that `speak` begins: (text, start) or (text, start, end).
+
+        Times are seconds from its first sample, in order. Some words get a gesture that shows what they mean.
+        """
+        told = tuple(Word(**dict(zip(("text", "start", "end"), word, strict=False))) for word in words)
+        await self.send(Words(seg=seg or self._utterances.seg + 1, words=told))
 
     async def interrupt(self, heard: int | None = None) -> None:
         """Stop speaking; `heard` is the clock of the first sample that the listener did not hear."""
@@ -248,6 +261,10 @@ class Avatar:
         request = Action(id=next(self._ids), name=name, intensity=intensity, hold=hold)
         await self.send(request)
         return request.id
+
+    async def set_manner(self, *, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, 0 to 1 each; None leaves it as it is."""
+        await self.send(Manner(liveliness=liveliness, handedness=handedness))
 
     async def play_music(self, title: str = "") -> str:
         """Play one of `ready.tracks`."""

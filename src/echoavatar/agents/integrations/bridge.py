@@ -8,8 +8,9 @@ adapters: how sound is played, where motion goes, and how playback is reported. 
 import asyncio
 import time
 from collections import deque
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import suppress
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -146,6 +147,10 @@ class AvatarBridge:
         self._seg = await self._session.speak(self._agent_resampler.push(pcm, rate, channels), end=False)
         return self._seg
 
+    async def words(self, words: Iterable[Sequence[Any]]) -> None:
+        """Tell words of the utterance that is open, or of the next one; see `Avatar.words`."""
+        await self._session.words(words, seg=self._seg if self._is_speaking else 0)
+
     async def end(self) -> int:
         """End the utterance; returns its number, or 0 if none is open."""
         if not self._is_speaking:
@@ -183,6 +188,10 @@ class AvatarBridge:
     async def act(self, name: str, *, intensity: float = 1.0, hold: float | None = None) -> ActionStatus:
         """Request an action; returns whether it was accepted."""
         return await self._await_status(await self._session.act(name, intensity=intensity, hold=hold))
+
+    async def set_manner(self, *, liveliness: float | None = None, handedness: float | None = None) -> None:
+        """Change how the speaker gestures, 0 to 1 each; None leaves it as it is."""
+        await self._session.set_manner(liveliness=liveliness, handedness=handedness)
 
     async def play_music(self, title: str = "") -> ActionStatus:
         """Play a track, to which the avatar dances and which the chunks carry; returns whether it was accepted."""

@@ -64,6 +64,9 @@ class AvatarTools:
                 intensity, hold = given.get("intensity", 1.0), given.get("hold")
                 status = await self._bridge.act(given["action"], intensity=intensity, hold=hold)
                 return {"action": status.name or given["action"]} | _result(status)
+            case "set_manner":
+                await self._bridge.set_manner(**given)
+                return {"status": "done"}
             case "play_music":
                 status = await self._bridge.play_music(given.get("title", ""))
                 return {"title": status.name} | _result(status)

@@ -150,7 +150,7 @@ class ActionLibrary(dict[str, Action]):
     def save(self, folder: Path) -> None:
         """Write `actions.json`."""
         rows = [action.to_json() for action in self.values()]
-        lines = ",\n".join("  " + json.dumps(row) for row in rows)
+        lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
         write_whole(folder / FILE, '{"version": 1, "actions": [\n' + lines + "\n]}\n")
 
     @classmethod

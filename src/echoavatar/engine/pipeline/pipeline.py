@@ -139,6 +139,7 @@ class Pipeline:
         self.actions = bundle.actions
         config = bundle.generator.config
         self.chunk = bundle.chunk
+        self.has_manner = config.manner  # whether `step` takes one
         self.directive_codes = len(config.directed) * config.layout.motion_codes
         own_bias = LEARNED_BIAS if config.exemplar else BIAS
         self._bias = own_bias if config.example_bias is None else config.example_bias
@@ -215,12 +216,14 @@ class Pipeline:
         active: Bool[Tensor, " b"],
         *,
         directive: Directive | None = None,
+        manner: Float[Tensor, "b m"] | None = None,
     ) -> list[MotionChunk]:
         """Advance the active rows by one chunk; ignore what inactive rows return.
 
         A chunk has `chunk.samples` samples (6,400 in our bundles and the paper) and gives `chunk.frames` frames (8).
         The smoother works on eight frames at a time, so a longer chunk passes the stages behind the decoder in pieces.
-        `directive` holds the requests of actions, row by row. Benchmarks set `on_stage`, called after each stage.
+        Row by row, `directive` holds the requests of actions, and `manner` the numbers of `Manner`. Benchmarks set
+        `on_stage`, called after each stage.
         """
         level = self.level.step(audio, state.level, active) if self.level else audio
         self.on_stage("level")
@@ -237,6 +240,7 @@ class Pipeline:
             seeds=state.seeds.to(there),
             exemplar=exemplar,
             bias=bias,
+            manner=None if manner is None else manner.to(there),
         )
         self.on_stage("generator")
         features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()

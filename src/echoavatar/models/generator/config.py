@@ -65,6 +65,9 @@ class GeneratorConfig(Config):
     exemplar: bool = Field(
         default=False, description="whether a set of first-layer upper-body codes steers it (paper, stage 3)"
     )
+    manner: bool = Field(
+        default=False, description="depth order: whether it is told how its speaker gestures (not in the paper)"
+    )
     control: Literal["gate", "prompt"] = Field(
         default="gate",
         description="how the set enters: by a vector and a gate (ours), or as control tokens in front of the window"
@@ -106,6 +109,8 @@ class GeneratorConfig(Config):
             raise ValueError("control by exemplars speaks of the upper body, which this body is not split into")
         if self.control == "prompt" and self.sequence != "prefix":
             raise ValueError("control tokens stand in front of a prompt, so they belong to the prefix order")
+        if self.manner and self.sequence != "depth":
+            raise ValueError("a manner is told to generators of the depth order only")
         if self.steered and self.exemplar:
             raise ValueError("a generator trained with exemplars is steered in the upper body's first layer only")
         return self

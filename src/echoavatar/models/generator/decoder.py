@@ -28,6 +28,7 @@ from . import compiled
 from .config import AUDIO_FRAMES_PER_TOKEN
 from .exemplar import ExemplarControl, Steer, member_rows
 from .linear import FloatLinear, FrozenLayer, FrozenLinear, Precision, frozen_linear
+from .manner import MannerControl
 from .model import Body, DecoderLayer, Generator
 from .sampling import Sampler
 
@@ -71,6 +72,7 @@ class Decoder:
         scale = body.norm.weight.detach().float() * width**0.5
         self._heads = [frozen_linear(precision, segment * scale) for segment in heads.detach()]
         self._control = control
+        self._manner: MannerControl | None = None
         if self._control is not None:
             self._gate = ((self._control.gate_proj.weight * scale).detach().float(), self._control.gate_proj.bias)
         self._directed = config.directed
@@ -108,19 +110,30 @@ class Decoder:
         bias = torch.zeros(seen.shape, device=positions.device).masked_fill_(~seen, -torch.inf)
         return Places(rotations[:, :, None], slots, bias[:, None, None])
 
-    def steer(self, exemplar: Float[Tensor, "b K"] | None, bias: Float[Tensor, "b K"] | None) -> Steer | None:
-        """The effect of a set of codes and of a bias on their logits.
+    def steer(
+        self,
+        exemplar: Float[Tensor, "b K"] | None,
+        bias: Float[Tensor, "b K"] | None,
+        manner: Float[Tensor, "b m"] | None = None,
+    ) -> Steer | None:
+        """The effect of a set of codes, of a bias on their logits, and of a manner.
 
-        Without exemplar control the set has no effect, except on a prompt that shows it.
+        Without exemplar control the set has no effect, except on a prompt that shows it; so has a manner on a generator
+        that was told none.
         """
         if self._control is None and not self.config.layout.before_example:
             exemplar = None
-        given = bias if exemplar is None else exemplar
+        if self._manner is None:
+            manner = None
+        given = next((each for each in (exemplar, bias, manner) if each is not None), None)
         if given is None:
             return None
-        hint, nothing = given.new_zeros(len(given), self._hinted.shape[1]), torch.zeros_like(given)
+        codes = len(self._directed) * self.config.layout.motion_codes
+        hint, nothing = given.new_zeros(len(given), self._hinted.shape[1]), given.new_zeros(len(given), codes)
         if exemplar is not None and self._control is not None:
             hint = self._control.hint(exemplar, member_rows(self._hinted, self.config.layout))
+        if manner is not None and self._manner is not None:
+            hint = hint + self._manner.hint(manner)
         return Steer(hint, nothing if exemplar is None else exemplar, nothing if bias is None else bias)
 
     def generate(
@@ -293,6 +306,7 @@ class DepthDecoder(Decoder):
         super().__init__(depth.body, generator.segment_head(), generator.exemplar, precision)
         self.backbone = Decoder(generator.model, depth.condition.weight[None], None, precision)
         self._table = self._hinted = generator.model.embed_tokens.weight.detach().float()
+        self._manner = generator.manner
         layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)
         sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
         self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)

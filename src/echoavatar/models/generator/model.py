@@ -27,6 +27,7 @@ from echoavatar.nn.attention import phase_table, rotary, rotary_phases
 
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
 from .exemplar import ExemplarControl
+from .manner import MannerControl
 
 BLOCK = 256
 
@@ -264,6 +265,7 @@ class Generator(Checkpointed):
         self.depth = DepthReader(config, Body(config.depth)) if config.sequence == "depth" else None
         self.lm_head = nn.Linear(config.read_width, config.layout.vocabulary, bias=False)
         self.exemplar = _control(config)
+        self.manner = MannerControl(config.width) if config.manner else None
 
     def forward(
         self,

@@ -52,13 +52,14 @@ class GeneratorStream(StreamingModule[StateT]):
         top_p: Float[Tensor, " b"] | None = None,
         exemplar: Float[Tensor, "b K"] | None = None,
         bias: Float[Tensor, "b K"] | None = None,
+        manner: Float[Tensor, "b m"] | None = None,
     ) -> Int[Tensor, "b n p q"]:
         """Hear the audio codes of whole steps (b, 20 each, 2), return their motion codes (b, 2 each, 3, Q).
 
         `seeds` (default 0) key the noise of each row; `temperature` and `top_p` default to the config's. `exemplar` is
         each row's directive: the intensity of every code in its set of first-layer upper-body codes, 0 elsewhere (a
         generator trained without ignores it); `bias` is added to that layer's logits as it is. Where the config steers
-        other segments both have K numbers for each of them.
+        other segments both have K numbers for each of them. `manner` has the numbers of `Manner`, NaN where not told.
         """
         rows, device = x.shape[0], self._decoder.device
         seeds = torch.zeros(rows, dtype=torch.int64, device=device) if seeds is None else seeds
@@ -66,7 +67,7 @@ class GeneratorStream(StreamingModule[StateT]):
             temperature = torch.full((rows,), self.config.temperature, device=device)
         top_p = torch.full((rows,), self.config.top_p, device=device) if top_p is None else top_p
         count, codes = self.config.step * self.layout.segments, self.layout.motion_codes
-        steer = self._decoder.steer(exemplar, bias)
+        steer = self._decoder.steer(exemplar, bias, manner)
         parts = []
         for chunk in torch.split(x, self.config.audio_frames, dim=1):
             noise = gumbel_noise(seeds, self._heard(state) * count, count=count, codes=codes)

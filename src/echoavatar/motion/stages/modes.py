@@ -22,13 +22,22 @@ RAMP_FRAMES = 32  # until the sway has its full size
 
 
 class MotionOptions(Config):
-    """How one session's body may move. Feet do not slide: they are held in place, or step."""
+    """How one session's body moves. Feet do not slide: they are held in place, or step."""
 
     leash_m: float = Field(
         default=0.0, ge=0, le=100, description="metres the hips may be from where they started; 0: no leash"
     )
     in_place: bool = Field(default=False, description="hips stay over the start, as game engines expect of a clip")
     upper_body: bool = Field(default=False, description="hips and legs stand idle, everything above moves")
+    liveliness: float | None = Field(
+        default=None,
+        ge=0,
+        le=1,
+        description="how much a speaker gestures: 0 hardly, 1 a storyteller; None: as the seed",
+    )
+    handedness: float | None = Field(
+        default=None, ge=0, le=1, description="the hand of one-handed gestures: 0 left, 1 right; None: as the seed"
+    )
 
 
 FREE = MotionOptions()

@@ -70,7 +70,7 @@ export interface AudioFormat {
   format?: "f32le" | "s16le";
 }
 
-/** How far the body may walk. A camera that stands still loses a dancer who is free. */
+/** How the body moves. A camera that stands still loses a dancer who is free to walk. */
 export interface BodyOptions {
   /** metres the hips may be from where they started; 0: no leash */
   leash_m?: number;
@@ -78,6 +78,10 @@ export interface BodyOptions {
   in_place?: boolean;
   /** hips and legs stand idle, everything above moves */
   upper_body?: boolean;
+  /** 0: hardly a gesture, 1: a storyteller; absent: by seed */
+  liveliness?: number | null;
+  /** hand of one-handed gestures, 0: left; absent: by seed */
+  handedness?: number | null;
 }
 
 /** The utterance is complete; silence follows until the next one. */
@@ -170,6 +174,15 @@ export interface Limits {
   ping_seconds: number;
 }
 
+/** How the speaker gestures from the next chunk on; what is absent stays as it is. See `ready.manner`. */
+export interface MannerMessage {
+  type: "manner";
+  /** 0: hardly a gesture, 1: a storyteller */
+  liveliness?: number | null;
+  /** hand of one-handed gestures, 0: left, 1: right */
+  handedness?: number | null;
+}
+
 /** Consecutive frames of body and face, 800 samples each; see `blobs` for the bytes. */
 export interface MotionMessage {
   type: "motion";
@@ -258,6 +271,8 @@ export interface ReadyMessage {
   face: string[];
   actions: string[];
   tracks: string[];
+  /** fields of `manner` that this model follows */
+  manner: string[];
   latency: Latency;
   limits: Limits;
   /** opus: most sound comes as `opus` messages, not `audio` */
@@ -318,6 +333,22 @@ export interface StatsMessage {
   sessions: number;
 }
 
-export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MusicMessage | PlayedMessage | PingMessage;
+/** A word of speech, and when it is said. */
+export interface Word {
+  text: string;
+  /** from the first sample of the utterance */
+  start: number;
+  end?: number | null;
+}
+
+/** Words of an utterance, in order, ahead of their sound or with it: some get a gesture that shows their meaning. */
+export interface WordsMessage {
+  type: "words";
+  /** number of an utterance, growing, counted per speaker */
+  seg: number;
+  words: Word[];
+}
+
+export type ClientMessage = HelloMessage | AudioMessage | EndMessage | InterruptMessage | ActionMessage | MannerMessage | WordsMessage | MusicMessage | PlayedMessage | PingMessage;
 
 export type ServerMessage = ReadyMessage | MotionMessage | SoundMessage | PackedSoundMessage | FlushMessage | ActionStatusMessage | StateMessage | StatsMessage | ErrorMessage | PongMessage;

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.models.generator.manner import Manner, draw_manner
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.capture.library import CapturedLibrary, gesture_units
 from echoavatar_lab.corpora.capture.units import ACCENT, GestureUnit
@@ -24,7 +25,7 @@ from .handshapes import count_shape, hand_shape
 from .head_motion import head_accents
 from .idle import finger_drift, hands_of, idle, resting_hands, with_hands
 from .lexicon import ACCENTS, HOME, MEANINGS, Form, aim_at, home_of, in_gesture_space, meant_form
-from .speakers import Manner, arousal, draw_manner
+from .speakers import arousal, energy_of, pace_of, resting_of
 
 SINK_AFTER, REST_AFTER = 0.10, 0.30  # seconds after a phrase: the hands relax, then drop
 SHORTEST_SINK_GAP = 0.9  # seconds; in shorter pauses the hands wait
@@ -63,23 +64,23 @@ def gesture(
     manner, rng = manner or draw_manner(seed), np.random.default_rng([seed, 3])
     body = idle(track, seed, library, manner)
     frames = len(body)
-    rest = resting_hands(manner.resting)
+    rest = resting_hands(resting_of(manner))
     units = gesture_units(library) if library is not None else ()
     speaker = _Speaker(manner, rng, [HandPath(rest[LEFT].copy()), HandPath(rest[RIGHT].copy())], rest, units)
     starts = [begin for begin, _ in track.phrases] + [np.inf]
     for phrase, following in zip(track.phrases, starts[1:], strict=True):
         excited = arousal(track, phrase)
         minor = [s.vowel for s in track.syllables if phrase[0] <= s.vowel < phrase[1] and s.prominence > MINOR]
-        cues = gesture_cues(track, phrase, manner.pace * excited**0.5, rng)
-        speaker.say(phrase, cues, following, manner.energy * excited, minor)
+        cues = gesture_cues(track, phrase, pace_of(manner) * excited**0.5, rng)
+        speaker.say(phrase, cues, following, energy_of(manner) * excited, minor)
     moved = smoothed(np.stack([path.curve(frames) for path in speaker.hands], axis=1), 0.03) - rest
     lively = np.clip(np.abs(moved[..., :3]).sum(-1) / 0.2, 0, 1)[..., None]
     moved[..., FINGERS] += finger_drift(frames, rng) * (0.4 + 0.8 * lively)
     drift = 0.6 * wander(frames, 6, period=1.1, rng=rng) + wander(frames, 6, period=2.4, rng=rng)
-    moved[..., :3] += drift.reshape(frames, 2, 3) * DRIFT_M * manner.energy * lively
+    moved[..., :3] += drift.reshape(frames, 2, 3) * DRIFT_M * energy_of(manner) * lively
     if library is not None:
         body = with_clock_of(body, moved[..., :3])
-    head, spine = head_accents(track, manner.energy, rng)
+    head, spine = head_accents(track, energy_of(manner), rng)
     posture, hinge = postures(track, manner, rng, POSTURE if library is None else POSTURE_CAPTURED)
     turned = body.pelvis_rotation + hinge * np.array([0.0, 1.0, 0.0], np.float32)
     resting = hands_of(body)
@@ -113,7 +114,7 @@ class _Speaker:
         units: tuple[GestureUnit, ...],
     ) -> None:
         self.manner, self.rng, self.hands, self.rest, self.units = manner, rng, hands, rest, units
-        self.energy = manner.energy
+        self.energy = energy_of(manner)
         self.up = [False, False]
         taste = rng.dirichlet(np.full(len(ACCENTS), 1.4))
         self.taste = 0.5 * taste + 0.5 / len(ACCENTS)
@@ -254,7 +255,7 @@ class _Speaker:
                 arc = self.rng.normal(0, 0.03, 3)
                 self.hands[side].move(vowel + LAUNCH_S, end, aim, arc.astype(np.float32))
                 self.homes[side][:6] = 0.6 * self.homes[side][:6] + 0.4 * aim[:6]
-                free = end + 0.10 / self.manner.pace
+                free = end + 0.10 / pace_of(self.manner)
 
     def _accent(self, cue: Cue) -> None:
         """A larger gesture for the phrase's nucleus; the hand's home moves there."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.models.generator.manner import Manner, draw_manner
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.capture.library import CapturedLibrary
 from echoavatar_lab.corpora.capture.standing import IDLE, TALKING
@@ -18,7 +19,7 @@ from ..controls import HANGING_WRIST, STANDING_PELVIS, Array, Controls, critical
 from ..sound import SoundTrack, bridged
 from .handpath import FINGERS, pack_hand
 from .handshapes import hand_shape
-from .speakers import Manner, draw_manner
+from .speakers import resting_of
 from .stance import Feet, stances, walked, weight_curve
 
 REACTION_S, ARMS_S = 0.15, 0.4  # from the sound to the body's answer; for the arms to come to rest
@@ -55,7 +56,7 @@ def idle(
     body = standing(walked(frames, steps), weight_curve(frames, shifts, start), rng)
     breath = breathing(frames, float(rng.uniform(*BREATH_HZ)), rng)
     head = body.head + glances(track, rng) + wander(frames, 3, period=2.2, rng=rng) * (0.012, 0.010, 0.008)
-    hands = np.repeat(resting_hands(manner.resting)[None], frames, axis=0)
+    hands = np.repeat(resting_hands(resting_of(manner))[None], frames, axis=0)
     hands[:, :, :3] += wander(frames, 6, period=3.5, rng=rng).reshape(frames, 2, 3) * 0.003
     hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
     spine = body.spine + wander(frames, 3, period=4.0, rng=rng) * (0.010, 0.006, 0.006)
@@ -75,7 +76,7 @@ def _captured(track: SoundTrack, seed: int, library: CapturedLibrary, manner: Ma
         resting[first:last] = 1.0
     body = captured_standing(library, frames, rng, liveliness=wanted)
     share = critically_damped(resting, ARMS_S)[:, None, None]
-    captured, rest = hands_of(body), resting_hands(manner.resting)
+    captured, rest = hands_of(body), resting_hands(resting_of(manner))
     hands = captured + share * (rest - captured)
     hands[:, :, FINGERS] += finger_drift(frames, rng) * 0.5
     breath = breathing(frames, float(rng.uniform(*BREATH_HZ)), rng)

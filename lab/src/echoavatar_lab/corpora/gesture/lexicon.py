@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.models.generator.manner import Manner
+
 from ..controls import Array
 from .handpath import pack_hand
 from .handshapes import hand_shape
-from .speakers import Manner
 
 HOME = (0.025, -0.210, 0.200)  # relaxed wrist position in gesture space, from the shoulder
 SPACE = (0.08, 0.08, 0.0)  # by which homes lie further out and higher in the widest gesture space than in the narrowest

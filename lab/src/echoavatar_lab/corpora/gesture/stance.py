@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from echoavatar.models.generator.manner import Manner
 from echoavatar.timing import FRAME_RATE_HZ
 
 from ..controls import ANKLE_HEIGHT, STANDING_FEET, STANDING_FOOT_YAW, Array, air, minimum_jerk
 from ..keyframes import glide
-from .speakers import Manner
+from .speakers import energy_of
 
 LONGEST_STEP_M = 0.24  # to each side; longer ones stretch the leg behind
 SHIFT_S, STANCE_S = 2.5, 2.3  # mean time between shifts of the weight, and between stances, of a person in conversation
@@ -88,7 +89,7 @@ def stances(
 
     In pauses both become rare. A stepping foot carries no weight. `weight` is that of the start.
     """
-    shift_s, stance_s, roam = SHIFT_S / manner.energy, STANCE_S / manner.energy, ROAM_M * manner.energy
+    shift_s, stance_s, roam = SHIFT_S / energy_of(manner), STANCE_S / energy_of(manner), ROAM_M * energy_of(manner)
     steps: list[Step] = []
     shifts: list[Shift] = []
     middle = np.zeros(2)

@@ -1,7 +1,8 @@
 """Reference clips of the built-in actions: key poses written as `Controls`, then solved to joint rotations.
 
-Every clip begins and ends standing at ease, so that an action can start and stop at any point of a session. Times are
-seconds from the start of the clip; `hold` is the stretch that repeats while an action is held.
+Those of `captured_actions` have a key at every frame. Every clip begins and ends standing at ease, so that an action
+can start and stop at any point of a session. Times are seconds from the start of the clip; `hold` is the stretch that
+repeats while an action is held.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,6 +17,7 @@ from ..controls import Controls, mirrored, neutral
 from ..dance.poses import ARMS, HANDS, ArmPose
 from ..keyframes import glide
 from ..solver import solve
+from .captured_actions import captured_actions
 
 Array = np.ndarray
 Triple = tuple[float, float, float]
@@ -114,6 +116,19 @@ POINTING = ArmPose((0.477, 0.021, 0.257), (0.13, -0.314, 0.673), -0.059, (0.173,
 FISTS = ArmPose((0.06, -0.14, 0.28), (0.0, 0.0, 0.2), 0.25, (0.15, 0.05), "fist")
 FISTS_DOWN = ArmPose((0.08, -0.26, 0.30), (0.0, 0.0, 0.2), 0.3, (0.1, 0.05), "fist")
 SLUMPED = ArmPose((0.07, -0.47, 0.10), (0.15, 0.0, 0.4), 0.0, (-0.12, 0.2))
+SHOWN = ArmPose((0.11, -0.04, 0.27), (-0.1, 0.0, 0.9), 0.05, (0.05, 0.0), "point")
+AHEAD = ArmPose((0.02, -0.08, 0.45), (0.0, 0.0, 0.9), 0.1, (0.05, 0.15), "point")
+GROUND = ArmPose((0.04, -0.27, 0.36), (0.5, 0.0, 1.0), 0.15, (0.0, 0.1), "point")
+GIVING = ArmPose((0.05, -0.22, 0.40), (-0.1, 0.0, -1.1), -0.05, (0.0, 0.1), "open")
+ASIDE = ArmPose((0.30, -0.14, 0.30), (-0.1, 0.0, -1.0), -0.05, (0.05, 0.0), "open")
+NARROW = ArmPose((-0.03, -0.17, 0.32), (0.0, 0.0, 0.0), 0.1, (0.0, 0.05), "flat")
+BROAD = ArmPose((0.13, -0.14, 0.34), (0.0, 0.0, 0.0), 0.1, (0.05, 0.0), "open")
+WHOLE = ArmPose((0.42, 0.0, 0.20), (-0.2, 0.0, -0.5), 0.0, (0.1, 0.0), "open")
+TALL = ArmPose((0.20, 0.20, 0.26), (0.3, 0.0, 1.4), 0.2, (0.2, 0.0), "flat")
+SHORT = ArmPose((0.18, -0.38, 0.24), (-0.5, 0.0, 1.4), 0.1, (-0.05, 0.0), "flat")
+GOOD = ArmPose((0.05, -0.13, 0.34), (0.0, 0.0, 0.0), 0.1, (0.0, 0.05), "thumb_up")
+SALUTING = ArmPose((0.06, 0.17, 0.14), (0.1, 0.0, 0.9), 0.5, (0.15, 0.0), "flat")
+HALT = ArmPose((0.03, -0.02, 0.42), (-0.9, 0.0, 1.2), 0.1, (0.05, 0.15), "flat")
 
 _RAISE_LEFT = Script(
     _there_and_back(pose("up"), reach=0.8, stay=1.3, back=0.9), (0.9, 2.0), "raise the left hand high", has_hands=True
@@ -124,10 +139,25 @@ _POINT_LEFT = Script(
     "point to the left",
     has_hands=True,
 )
+
+
+def _right(arm: ArmPose, about: str, *, head: Triple = NOTHING) -> Script:
+    """The right arm goes into a pose and back."""
+    keys = _there_and_back(pose(None, arm, head=head), reach=0.55, stay=1.0, back=0.7)
+    return Script(keys, (0.55, 1.55), about, has_hands=True)
+
+
+def _both(arm: ArmPose, about: str, *shakes: Shake, head: Triple = NOTHING) -> Script:
+    """Both arms go into a pose and back."""
+    keys = _there_and_back(pose(arm, arm, head=head), reach=0.55, stay=1.0, back=0.7)
+    return Script(keys, (0.55, 1.55), about, shakes, has_hands=True)
+
+
+_ON_RIGHT = _right(ASIDE, "an open hand to the right: on the other hand, there", head=(-0.25, 0.05, 0.0))
 _NOD = swing("head", (1,), 0.30, 1.9, 0.2, 2.1)
 _SHAKE = swing("head", (0,), 0.42, 1.5, 0.2, 2.3)
 
-SCRIPTS: Mapping[str, Script] = {
+_WRITTEN: Mapping[str, Script] = {
     "raise_left_hand": _RAISE_LEFT,
     "raise_right_hand": _flipped(_RAISE_LEFT, "raise the right hand high"),
     "raise_both_hands": Script(
@@ -230,4 +260,49 @@ SCRIPTS: Mapping[str, Script] = {
         "listen: head a little tilted",
         is_on_top=True,  # arms stay where they are: nods come and go while the user speaks
     ),
+    "count_one": _right(SHOWN, "raise one finger: one, first, wait a moment"),
+    "count_two": _right(replace(SHOWN, hand="two"), "show two fingers: two, second"),
+    "count_three": _right(replace(SHOWN, hand="three"), "show three fingers: three, third"),
+    "point_up": _right(replace(SHOWN, wrist=(0.16, 0.16, 0.22)), "point up: above, high", head=(-0.1, -0.25, 0.0)),
+    "point_down": _right(GROUND, "point down: below, here on the ground", head=(-0.1, 0.25, 0.0)),
+    "point_forward": _right(AHEAD, "point ahead with a finger: you, over there"),
+    "you": _right(GIVING, "hold an open hand out to the listener: you, your turn"),
+    "on_one_side": _flipped(_ON_RIGHT, "an open hand to the left: on the one hand, there"),
+    "on_other_side": _ON_RIGHT,
+    "explain": _both(
+        GIVING, "hold out both open hands: look, that is how it is", swing("wrist", (0, 1), 0.03, 1.3, 0.5, 1.6)
+    ),
+    "small": _both(NARROW, "hands close together: small, little, a bit", head=(0.0, 0.12, 0.0)),
+    "big": _both(BROAD, "hands far apart: big, much"),
+    "everything": _both(WHOLE, "spread both arms wide: everything, all of us, the whole world", head=(0.0, -0.08, 0.0)),
+    "tall": _right(TALL, "a flat hand held high: tall, more, it rises", head=(-0.15, -0.15, 0.0)),
+    "short": _right(SHORT, "a flat hand held low: short, less, it falls", head=(-0.1, 0.15, 0.0)),
+    "thumbs_up": _right(GOOD, "thumb up: well done, fine, agreed", head=(0.0, 0.06, 0.06)),
+    "stop": _right(HALT, "a flat hand against the listener: stop, wait"),
+    "refuse": _both(
+        HALT,
+        "wave both hands before the body: no, out of the question",
+        swing("wrist", (0, 0), 0.07, 1.6, 0.4, 1.7),
+        swing("wrist", (1, 0), 0.07, 1.6, 0.4, 1.7),
+        swing("head", (0,), 0.2, 1.6, 0.4, 1.7),
+    ),
+    "salute": _right(SALUTING, "salute: at your service"),
+    "please": _both(TOGETHER, "palms together: please, I beg you", head=(0.0, 0.2, 0.0)),
+    "hands_on_hips": Script(
+        _there_and_back(pose("hip", "hip")), (0.7, 1.9), "both hands on the hips: ready, resolute", has_hands=True
+    ),
+    "look_up": Script(
+        _there_and_back(pose(head=(0.1, -0.4, 0.0))), (0.7, 1.9), "look up, as to the sky", is_on_top=True
+    ),
+    "look_down": Script(_there_and_back(pose(head=(0.0, 0.5, 0.0))), (0.7, 1.9), "look down", is_on_top=True),
 }
+_CAPTURED = {
+    name: Script(
+        tuple((at / FRAME_RATE_HZ, one.controls[at : at + 1]) for at in range(len(one.controls))),
+        one.hold,
+        one.about,
+        has_hands=True,
+    )
+    for name, one in captured_actions().items()
+}
+SCRIPTS: Mapping[str, Script] = {**_WRITTEN, **_CAPTURED}

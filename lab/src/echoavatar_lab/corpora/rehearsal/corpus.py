@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.models.generator.manner import draw_manner
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.corpora.capture.library import open_library
@@ -23,7 +24,6 @@ from echoavatar_lab.data.clip import Clip
 from echoavatar_lab.data.corpus import clip_path, write_manifest
 from echoavatar_lab.held_folder import hold_folder
 
-from ..gesture.speakers import draw_manner
 from ..solver import solve
 from ..sound import SoundTrack
 from .choreography import choreograph

@@ -112,8 +112,10 @@ def heard_at(order: SequenceOrder, chunks: int) -> Int[Tensor, " f"]:
     return chunk * order.motion_per_chunk + (frames + 1) * order.layout.audio_layers
 
 
-def read(generator: Generator, batch: Sequences, exemplar: Exemplar | None = None) -> Float[Tensor, "b t c"]:
-    """Hidden states of the sequences, under a directive where one is given."""
+def read(
+    generator: Generator, batch: Sequences, exemplar: Exemplar | None = None, manner: Float[Tensor, "b m"] | None = None
+) -> Float[Tensor, "b t c"]:
+    """Hidden states of the sequences, under a directive and for a manner where these are given."""
     hints = None
     if exemplar is not None and generator.exemplar is not None:
         rows = member_rows(generator.model.embed_tokens.weight, generator.config.layout)
@@ -124,6 +126,9 @@ def read(generator: Generator, batch: Sequences, exemplar: Exemplar | None = Non
             for predictors in batch.predictors:
                 there[:, predictors] = exemplar.holds.to(hint)
         hints = there[..., None] * hint[:, None]
+    if manner is not None and generator.manner is not None:
+        told = generator.manner.hint(manner)[:, None]
+        hints = told if hints is None else hints + told
     hidden: Tensor = generator(batch.ids, batch.valid, hints, batch.asked)
     return hidden
 

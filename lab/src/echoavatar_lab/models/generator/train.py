@@ -95,6 +95,12 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="share of windows that are told a set of their own first-layer upper codes (paper, stage 3)",
     )
+    manner: float = Field(
+        default=0.0,
+        ge=0,
+        le=1,
+        description="depth order: share of windows that are told how their speaker gestures (not in the paper)",
+    )
     cue_weight: float = Field(
         default=0.0,
         ge=0,
@@ -148,7 +154,7 @@ def _bodies(generator: Generator) -> list[Body]:
 
 _FARTHEST, _DRIFT = 3, 0.08  # tokens out of step (0.4 s, half a slow beat); chance of a change at each token
 _MEASURED = 512  # windows of an evaluation
-_EXEMPLARS = 500_009  # salt of the random numbers of directives
+_EXEMPLARS, _MANNERS = 500_009, 700_001  # salts of the random numbers of directives and manners
 
 
 class Lesson(NamedTuple):
@@ -159,6 +165,7 @@ class Lesson(NamedTuple):
     missing: Int[Tensor, " b"]  # leading chunks that count as not there
     exemplar: Exemplar | None
     asked: Int[Tensor, "b n"] | None  # the frames whose codes are asked for, the same in all rows; None is all
+    manner: Float[Tensor, "b m"]  # NaN where it is not told
 
 
 @torch.no_grad()
@@ -177,8 +184,9 @@ def initialise(generator: Generator) -> None:
             nn.init.normal_(parameter, std=0.02 / ((2 * config.layers) ** 0.5 if into_residual else 1))
     if generator.depth is not None:
         generator.depth.condition.weight.mul_(config.width**-0.5)
-    if generator.exemplar is not None:
-        generator.exemplar.clear()
+    for control in (generator.exemplar, generator.manner):
+        if control is not None:
+            control.clear()
 
 
 class GeneratorTask(TrainingTask[Lesson]):
@@ -205,6 +213,8 @@ class GeneratorTask(TrainingTask[Lesson]):
             raise CheckpointError("training asked < 1 needs a generator of the depth order; leave it at 1")
         if training.exemplar and not config.exemplar:
             raise CheckpointError("training exemplar > 0 needs a generator config with exemplar true")
+        if training.manner and not config.manner:
+            raise CheckpointError("training manner > 0 needs a generator config with manner true")
         if training.exemplar and config.control == "prompt" and not config.layout.before_example:
             raise CheckpointError(
                 "control prompt needs a layout with before_example, behind which control tokens stand"
@@ -226,14 +236,13 @@ class GeneratorTask(TrainingTask[Lesson]):
         self.sampler = WindowSampler(chosen, chunks=self.chunks, seed=training.seed)
 
     def begin_with(self, start: Generator | Path) -> None:
-        """Take the weights of a trained generator, which may lack exemplar control, or the body of a Qwen2 folder."""
+        """Take the weights of a trained generator, which may lack a control, or the body of a Qwen2 folder."""
         if isinstance(start, Path):
             init_from_qwen(self.generator, start)
             return
-        weights = start.state_dict()
-        if start.exemplar is None:
-            own = self.generator.state_dict()
-            weights = dict(weights) | {key: own[key] for key in own if key.startswith("exemplar.")}
+        own, weights = self.generator.state_dict(), start.state_dict()
+        new = [key for key in own if key not in weights and key.startswith(("exemplar.", "manner."))]
+        weights = dict(weights) | {key: own[key] for key in new}
         checkpoint.load_into(self.generator, weights, origin="the generator to start from")
 
     def optimisers(self) -> list[torch.optim.Optimizer]:
@@ -278,7 +287,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             frames = context.shape[1]
             count = math.ceil(training.asked * frames)
             asked = torch.randperm(frames, generator=random)[:count].sort().values.repeat(rows, 1)
-        return Lesson(window, context, missing, self._exemplar(window, step), asked)
+        return Lesson(window, context, missing, self._exemplar(window, step), asked, self._manner(window, step))
 
     def weight(self, batch: Lesson) -> float:
         """Chunks that carry loss."""
@@ -294,7 +303,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         sequences = self._sequences(batch)
         if batch.asked is not None:
             sequences = sequences.asking(batch.asked[0])
-        hidden = read(self.generator, sequences, batch.exemplar)
+        hidden = read(self.generator, sequences, batch.exemplar, batch.manner)
         nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)
         told = {"codes": codes} | summary(nll.detach(), sequences, window, batch.exemplar)
@@ -334,6 +343,14 @@ class GeneratorTask(TrainingTask[Lesson]):
             whole=config.sequence == "prefix",
             generator=self.config.noise(step, _EXEMPLARS),
         )
+
+    def _manner(self, window: Window, step: int) -> Float[Tensor, "b m"]:
+        """The step's manners. Where none is known, a random one is told, so that it means nothing there."""
+        random = self.config.noise(step, _MANNERS)
+        any_manner = torch.rand(window.manner.shape, generator=random)
+        told = torch.rand(len(any_manner), 1, generator=random) < self.config.manner
+        known = torch.where(window.manner.isnan(), any_manner, window.manner)
+        return torch.where(told, known, torch.nan)
 
 
 def _out_of_step(motion: Int[Tensor, "b n p q"], share: float, random: torch.Generator) -> Int[Tensor, "b n p q"]:

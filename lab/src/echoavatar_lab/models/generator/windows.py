@@ -3,8 +3,8 @@
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
 `domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
 where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, `is_leveled`, whether the
-sound was brought to one loudness, and `has_truth`, false where the sound has no recorded motion and the codes are a
-generator's own (prompts for reinforcement learning).
+sound was brought to one loudness, `manner` (9,) float32, how its speaker gestures (`Manner`), and `has_truth`, false
+where the sound has no recorded motion and the codes are a generator's own (prompts for reinforcement learning).
 
 Token corruption, uniform and hierarchical, is as in the paper's appendix (Corruption-based Quality Ordering). It is
 used on the context motion tokens in training (Hierarchical Token Corruption against conditional collapse) and to grade
@@ -24,6 +24,7 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
+from echoavatar.models.generator.manner import MANNER
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import whole_file
@@ -47,11 +48,14 @@ class TokenClip:
     patience: float = 0.0  # how steady the codes of motion are (`quantize.steadiest`)
     has_truth: bool = True  # whether the motion is true, or a generator's own
     is_leveled: bool = True  # whether the sound was brought to one loudness first
+    manner: Float[np.ndarray, " m"] | None = None  # how its speaker gestures; not known where None
 
     def __post_init__(self) -> None:
         chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
         cues = np.zeros((len(self.audio), len(CUES)), np.uint8) if self.cues is None else self.cues
         object.__setattr__(self, "cues", cues[: chunks * AUDIO_FRAMES_PER_CHUNK])
+        if self.manner is None:
+            object.__setattr__(self, "manner", np.full(len(MANNER), np.nan, np.float32))
         object.__setattr__(self, "audio", self.audio[: chunks * AUDIO_FRAMES_PER_CHUNK])
         object.__setattr__(self, "motion", self.motion[: chunks * MOTION_TOKENS_PER_CHUNK])
         object.__setattr__(self, "domain", self.domain[: chunks * MOTION_TOKENS_PER_CHUNK])
@@ -60,6 +64,13 @@ class TokenClip:
     def chunks(self) -> int:
         """Whole chunks of 8 frames."""
         return len(self.motion) // MOTION_TOKENS_PER_CHUNK
+
+    def cut(self, start: int, stop: int) -> Self:
+        """The chunks from `start` to `stop`."""
+        sound = slice(start * AUDIO_FRAMES_PER_CHUNK, stop * AUDIO_FRAMES_PER_CHUNK)
+        moves = slice(start * MOTION_TOKENS_PER_CHUNK, stop * MOTION_TOKENS_PER_CHUNK)
+        parts = {"audio": self.audio[sound], "motion": self.motion[moves], "domain": self.domain[moves]}
+        return replace(self, cues=np.asarray(self.cues)[sound], **parts)
 
     def heard_ahead(self, chunks: int) -> Self:
         """The clip with its sound this many chunks early: a motion token lies beside later sound and cues.
@@ -82,7 +93,7 @@ class TokenClip:
                 cues, patience = file.get("cues"), float(file.get("patience", 0.0))
                 codes = file["audio_codes"], file["motion_codes"], file["domain"]
                 flags = (bool(file.get(name, True)) for name in ("has_truth", "is_leveled"))
-                return cls(*codes, str(file["split"]), cues, patience, *flags)
+                return cls(*codes, str(file["split"]), cues, patience, *flags, file.get("manner"))
         except NPZ_ERRORS as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
@@ -99,6 +110,7 @@ class TokenClip:
                 patience=np.array(self.patience),
                 has_truth=np.array(self.has_truth),
                 is_leveled=np.array(self.is_leveled),
+                manner=np.asarray(self.manner, np.float32),
             )
 
 
@@ -123,6 +135,7 @@ class Window(NamedTuple):
     motion: Int[Tensor, "b n p q"]
     domain: Int[Tensor, "b n"]
     cues: Int[Tensor, "b f 2"]
+    manner: Float[Tensor, "b m"]  # of `Manner`; NaN where not known
 
 
 class WindowSampler:
@@ -177,6 +190,7 @@ class WindowSampler:
             cut("motion", MOTION_TOKENS_PER_CHUNK),
             cut("domain", MOTION_TOKENS_PER_CHUNK),
             cut("cues", AUDIO_FRAMES_PER_CHUNK),
+            torch.from_numpy(np.stack([np.asarray(self._clips[clip].manner, np.float32) for clip, _ in spots])),
         )
 
 

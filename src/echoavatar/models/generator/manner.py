@@ -1,0 +1,89 @@
+"""The manner of a speaker: a few numbers that the generator is told (not in the paper).
+
+The sound does not say which hand a speaker uses, nor how lively he is. Without a manner each chunk draws what most
+people do, and both hands do the same. A session draws a manner from its seed; a user may set parts of it.
+
+The numbers enter as one vector, added to the backbone's input at each frame (`MannerControl`). A generator that is
+told nothing gets a zero vector.
+"""
+
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+KNOTS = 5  # of the piecewise linear function of each number
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How one person gestures; every value is between 0 and 1, and 0.5 is nothing special.
+
+    Attributes:
+        liveliness: 0 is few, small and slow gestures on a quiet body; 1 is a storyteller.
+        right: which hand leads; the chance that a gesture of one hand is the right hand's.
+        both: chance that both hands work in a phrase; otherwise one works, or they take turns.
+        mirror: how much two working hands share; 0: each its own way, size and time, 1: nearly mirror images.
+        space: where gestures are; 0 is low, narrow and near the body, 1 high and wide.
+        hold: 0: hands keep moving, and sink at once after a phrase; 1: they stay up, with small moves.
+        bow: how far the trunk bends forwards as the hands sink; upright at 0.
+        tilt: how far the shoulder of a raised hand rises; level at 0.
+        rest: where idle hands are: below 0.55 at the sides, then clasped (0.75), on the hip (0.9), behind the back.
+    """
+
+    liveliness: float = 0.5
+    right: float = 0.7
+    both: float = 0.5
+    mirror: float = 0.25
+    space: float = 0.5
+    hold: float = 0.5
+    bow: float = 0.5
+    tilt: float = 0.5
+    rest: float = 0.0
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The numbers in the order of `MANNER`."""
+        return astuple(self)
+
+
+MANNER = tuple(field.name for field in fields(Manner))
+
+
+def draw_manner(seed: int) -> Manner:
+    """The manner that follows from a seed; four people in five lead with the right hand."""
+    rng = np.random.default_rng([seed, 1])
+    right = float(rng.beta(4, 2))
+    return Manner(
+        liveliness=float(rng.beta(2, 2)),
+        right=1 - right if rng.random() < 0.1 else right,
+        both=float(rng.beta(2, 2)),
+        mirror=float(rng.beta(1.2, 4)),
+        space=float(rng.beta(2, 2)),
+        hold=float(rng.beta(2, 2)),
+        bow=float(rng.random()),
+        tilt=float(rng.random()),
+        rest=float(rng.random()),
+    )
+
+
+class MannerControl(nn.Module):
+    """Learned effect of a manner: a piecewise linear function of each number, summed over the numbers."""
+
+    def __init__(self, width: int, count: int = len(MANNER)) -> None:
+        super().__init__()
+        self.proj = nn.Linear(count * KNOTS, width, bias=False)
+        self.clear()
+
+    def clear(self) -> None:
+        """Reset to no effect."""
+        nn.init.zeros_(self.proj.weight)
+
+    def hint(self, manner: Float[Tensor, "b m"]) -> Float[Tensor, "b c"]:
+        """The vector to add to the input; a number that is NaN is not told and adds nothing."""
+        knots = torch.linspace(0, 1, KNOTS, device=manner.device)
+        near = (1 - (manner[..., None] - knots).abs() * (KNOTS - 1)).clamp(min=0).nan_to_num(0)
+        told: Tensor = self.proj(near.flatten(1))
+        return told
