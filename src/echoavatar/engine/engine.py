@@ -279,7 +279,7 @@ class Engine:
         try:
             if forgets.any():
                 self.pipeline.restart_generator(state, forgets)
-            told = {"directive": self.pipeline.directive(members)} if is_asked else {}
+            told: dict[str, Any] = {"directive": self.pipeline.directive(members)} if is_asked else {}
             told |= {"manner": manner} if self.pipeline.has_manner else {}
             chunks = self.pipeline.step(torch.from_numpy(audio), state, active, **told)
             undoing = [changes(before, state, s.seat - seats.start) if self._rewind else [] for s in ready]

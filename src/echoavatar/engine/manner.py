@@ -33,7 +33,7 @@ class SpeakerManner:
         """The numbers of a chunk, in the order of `MANNER`."""
         block, into = divmod(chunk, DRIFT_CHUNKS)
         before, after = self._wander(block), self._wander(block + 1)
-        values = np.clip(self._drawn + before + (after - before) * into / DRIFT_CHUNKS, 0, 1)
+        values: Float[np.ndarray, " m"] = np.clip(self._drawn + before + (after - before) * into / DRIFT_CHUNKS, 0, 1)
         for name, value in self._set.items():
             values[MANNER.index(name)] = value
         return values.astype(np.float32)

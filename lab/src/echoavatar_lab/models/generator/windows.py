@@ -69,8 +69,8 @@ class TokenClip:
         """The chunks from `start` to `stop`."""
         sound = slice(start * AUDIO_FRAMES_PER_CHUNK, stop * AUDIO_FRAMES_PER_CHUNK)
         moves = slice(start * MOTION_TOKENS_PER_CHUNK, stop * MOTION_TOKENS_PER_CHUNK)
-        parts = {"audio": self.audio[sound], "motion": self.motion[moves], "domain": self.domain[moves]}
-        return replace(self, cues=np.asarray(self.cues)[sound], **parts)
+        cues = np.asarray(self.cues)[sound]
+        return replace(self, audio=self.audio[sound], motion=self.motion[moves], domain=self.domain[moves], cues=cues)
 
     def heard_ahead(self, chunks: int) -> Self:
         """The clip with its sound this many chunks early: a motion token lies beside later sound and cues.
@@ -92,8 +92,9 @@ class TokenClip:
             with NpzArrays(path, MotionError) as file:
                 cues, patience = file.get("cues"), float(file.get("patience", 0.0))
                 codes = file["audio_codes"], file["motion_codes"], file["domain"]
-                flags = (bool(file.get(name, True)) for name in ("has_truth", "is_leveled"))
-                return cls(*codes, str(file["split"]), cues, patience, *flags, file.get("manner"))
+                has_truth, is_leveled = (bool(file.get(name, True)) for name in ("has_truth", "is_leveled"))
+                split, manner = str(file["split"]), file.get("manner")
+                return cls(*codes, split, cues, patience, has_truth, is_leveled, manner)
         except NPZ_ERRORS as error:
             raise MotionError(f"{path} is not a token file ({error}); tokenize the corpus again") from error
 
