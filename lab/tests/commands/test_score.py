@@ -21,7 +21,7 @@ def test_a_table_then_one_line_of_json(folders: list[str], tmp_path: Path, capsy
     assert main(["score", *folders, "--picture", str(tmp_path / "a.png")]) == 0
     said = capsys.readouterr().out.strip().splitlines()
     told = json.loads(said[-1])
-    assert {line.split()[0] for line in said[2:-1]} == told.keys()
+    assert {line.split()[0].removesuffix("*") for line in said[2:-2]} == told.keys()
     assert told["fid"]["value"] > 0
     assert told["ba_g_emage"]["chance"] is not None
     assert (tmp_path / "a.png").stat().st_size > 10_000

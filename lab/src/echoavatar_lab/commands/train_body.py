@@ -250,7 +250,7 @@ def complete(settings: Settings, motion_layers: int) -> None:
                 model.pop(name, None)
         model.setdefault("mlp", 3 * int(model["width"]))
     model.setdefault("exemplar", float(training["exemplar"]) > 0)
-    model.setdefault("manner", float(training["manner"]) > 0)
+    model.setdefault("manner", float(training.get("manner", 0)) > 0)
     training.setdefault("chunks", int(model["window_chunks"]) + 6)  # so that the steady stream is trained too
     training.setdefault("depth_weights", [0.7**layer for layer in range(motion_layers)])
 

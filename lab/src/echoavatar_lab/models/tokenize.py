@@ -12,7 +12,6 @@ motion. Here the generator that is to be tuned makes it, as in a live session. S
 they are not used for reference statistics, reward models or generators.
 """
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +25,7 @@ from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
+from echoavatar.json_reader import read_object
 from echoavatar.models.audio import AudioCodec, LevelControl
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.generator.manner import Manner
@@ -148,7 +148,7 @@ def _manner(clip: Clip, *, is_mirrored: bool) -> Float[np.ndarray, " m"] | None:
     """The manner of the clip's label; in the mirror the other hand leads."""
     if "manner" not in clip.labels:
         return None
-    told = Manner(**json.loads(clip.labels["manner"]))
+    told = Manner(**read_object(clip.labels["manner"].encode(), f"the manner of {clip.name}"))
     seen = replace(told, right=1 - told.right) if is_mirrored else told
     return np.array(seen.values, np.float32)
 

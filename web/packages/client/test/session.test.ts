@@ -38,7 +38,7 @@ class FakeSocket {
 
 const READY: ReadyMessage = {
   type: "ready", version: 1, server: "test", session: "public", resume: "key", resumed: false, at: 0, epoch: 0, seg: 0,
-  received: 0, sample_rate: 24000, frame_rate: 30, chunk_samples: 6400, face: ["jawOpen"], actions: ["wave"], tracks: [],
+  received: 0, sample_rate: 24000, frame_rate: 30, chunk_samples: 6400, face: ["jawOpen"], actions: ["wave"], tracks: [], manner: [],
   rig: { names: ["hips"], parents: [-1], rest: [[0, 1, 0]] }, latency: { algorithm: 267, compute: 1 },
   sound: "pcm", limits: { message_bytes: 1 << 20, inbox_seconds: 600, ahead_seconds: 2, resume_seconds: 30, ping_seconds: 30 },
 };
