@@ -18,8 +18,9 @@ def contact_sheet(
     count = columns * rows
     step = every or max(1, motion.frames // count)
     at = np.minimum(np.arange(count) * step, motion.frames - 1)
-    here = motion.root[at] * np.float32([0, 1, 0])  # who walks stays in the middle
-    picked = Motion(motion.skeleton, motion.rotations[at], here, motion.fps / step)
+    root = motion.root[at].copy()
+    root[:, [0, 2]] = 0  # who walks stays in the middle
+    picked = Motion(motion.skeleton, motion.rotations[at], root, motion.fps / step)
     pictures = np.stack(list(film(picked, shot=Shot(size))))
     width, height = size
     grid = pictures.reshape(rows, columns, height, width, 3)
