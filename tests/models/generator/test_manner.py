@@ -104,6 +104,16 @@ def test_a_trained_generator_moves_as_it_is_told(tmp_path):
     assert (moved[1] >= 4).float().mean() > 0.9
 
 
+def test_what_a_manner_does_may_be_learned_alone(tmp_path):
+    training = GeneratorTraining(steps=3, batch=4, chunks=4, manner=1, only_manner=True, depth_weights=(1, 1))
+    start = generator(sequence="depth", layers=1)
+    task = GeneratorTask(config(sequence="depth", layers=1, manner=True), training, clips())
+    task.begin_with(start)
+    learned = train(task, tmp_path).generator.state_dict()
+    assert all(torch.equal(learned[name], weight) for name, weight in start.state_dict().items())
+    assert learned["manner.proj.weight"].any()
+
+
 def test_where_no_manner_is_known_any_is_told_and_it_may_be_absent():
     known, unknown = clips(2)[0], TokenClip(*(getattr(clips(2)[0], name) for name in ("audio", "motion", "domain")))
     training = GeneratorTraining(batch=64, chunks=4, manner=0.75, depth_weights=(1, 1))

@@ -101,6 +101,9 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="depth order: share of windows that are told how their speaker gestures (not in the paper)",
     )
+    only_manner: bool = Field(
+        default=False, description="learn only what a manner does: a small weight learns slowly beside the rest"
+    )
     cue_weight: float = Field(
         default=0.0,
         ge=0,
@@ -213,7 +216,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             raise CheckpointError("training asked < 1 needs a generator of the depth order; leave it at 1")
         if training.exemplar and not config.exemplar:
             raise CheckpointError("training exemplar > 0 needs a generator config with exemplar true")
-        if training.manner and not config.manner:
+        if (training.manner or training.only_manner) and not config.manner:
             raise CheckpointError("training manner > 0 needs a generator config with manner true")
         if training.exemplar and config.control == "prompt" and not config.layout.before_example:
             raise CheckpointError(
@@ -228,6 +231,10 @@ class GeneratorTask(TrainingTask[Lesson]):
         super().__init__(training, {"generator": self.generator} | ({"cues": self.cues} if is_reading else {}))
         if training.objective == "streams":
             freeze_body(self.generator)
+        if training.only_manner:
+            self.generator.requires_grad_(False)
+            assert self.generator.manner is not None
+            self.generator.manner.requires_grad_(True)
         self.has_idle = self.generator.exemplar is not None and not training.exemplar and training.objective == "motion"
         self.is_recordable = config.sequence == "depth" and training.objective == "motion"
         self.chunks = config.window_chunks if config.sequence == "prefix" else training.chunks
