@@ -70,7 +70,7 @@ CONSTANTS = {  # by file of the package
     "agents/integrations/bridge": "LEAD_S",
     "agents/integrations/playback": "GRACE_S REST_S",
     "agents/proxy/conversation": "STALL_S",
-    "agents/client/connection": "AHEAD_S",
+    "agents/client/utterances": "AHEAD_S | agents/client/test_connection",
 }
 
 
