@@ -76,7 +76,7 @@ def test_a_recipe_opens_with_its_commands_and_has_valid_settings(path: Path, mon
         assert words[:1] == ["train"]
         assert words[words.index("--recipe") + 1] == str(path.relative_to(ROOT))
         kind, settings = settings_of(words)
-        assert kind.replace("-", "_") == re.sub("_(stage.*|offline|depth|mirrored)$", "", path.stem)
+        assert kind.replace("-", "_") == re.sub("_(stage.*|offline|depth|speakers|manner|mirrored)$", "", path.stem)
         model, training = CONFIGS[kind]
         settings.checked(training, "training")
         if model is None:

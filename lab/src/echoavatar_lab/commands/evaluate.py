@@ -88,6 +88,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="people whom nothing was trained on, a folder each: how well a classifier of movement tells ours apart",
     )
+    dial = measure(
+        "dial",
+        "what the dials of a speaker's manner do: hand speed from --liveliness 0 to 1, and the right hand's share from"
+        " --handedness 0 to 1, over --clips voices from --recordings",
+        *("clips", "recordings", "seconds"),
+    )
+    dial.add_argument("--captured", type=Path, help="folder of captured motion: also count the jury's rows outside")
+    dial.add_argument("--pictures", type=Path, metavar="PNG", help="write a plot")
     actions = measure(
         "actions",
         "the actions: distance from the reference clip with and without each, and the head's rotation in head actions;"
@@ -158,7 +166,8 @@ def run(args: argparse.Namespace) -> int:
     print(f"runtime: {bundle.runtime.label}")
     if args.split == "test":
         _claim_test(args)
-    own = {"alive": _alive, "jury": _jury, "actions": _actions, "face": _face, "codes": _codes, "domains": _domains}
+    own = {"alive": _alive, "jury": _jury, "dial": _dial, "actions": _actions}
+    own |= {"face": _face, "codes": _codes, "domains": _domains}
     numbers = own.get(args.measure, _whole)(args, bundle)
     if numbers:
         print(json.dumps(numbers))
@@ -306,7 +315,7 @@ def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     ours = jury.read_moving(args.motion, args.clips) if args.motion else []
     with progress_bar() as say:
         if not args.motion:
-            sounds = read_sounds(args.recordings, args.seconds, args.clips)
+            sounds = read_sounds(args.recordings, args.seconds, args.clips, split=args.split)
             pipeline = Pipeline(bundle.without(["face"]))
             for seed in (args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)):
                 ours += perform(pipeline, sounds, seed=seed, progress=partial(say, f"performing, seed {seed}"))
@@ -315,6 +324,30 @@ def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     told = {kind: told_apart(*both) for kind, both in sides.items()}
     print(jury.as_text(found, told))
     return jury.as_json(found, told)
+
+
+def _dial(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
+    from echoavatar.engine.pipeline import Pipeline
+    from echoavatar_lab.evaluation import dial
+    from echoavatar_lab.evaluation.takes import read_captured, read_sounds
+
+    if not args.recordings:
+        raise EchoAvatarError("`dial` performs recorded speech; give a folder with --recordings")
+    captured = read_captured(args.captured) if args.captured else []
+    sounds = read_sounds(args.recordings, args.seconds, args.clips, split=args.split)
+    with progress_bar() as say:
+        settings = dial.turn_dials(
+            Pipeline(bundle.without(["face"])),
+            sounds,
+            captured,
+            args.seconds,
+            seed=args.seed,
+            progress=partial(say, "settings"),
+        )
+    if args.pictures:
+        dial.draw(settings, args.pictures)
+    print(dial.as_text(settings))
+    return dial.as_json(settings)
 
 
 def _write_scores(path: Path, command: str, numbers: dict[str, dict[str, float | None]]) -> None:

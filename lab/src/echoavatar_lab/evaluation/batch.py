@@ -11,6 +11,7 @@ from echoavatar.engine.offline import cut_to_sound
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import AudioError
 from echoavatar.motion.motion_chunk import join
+from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ
 
 
@@ -19,11 +20,13 @@ def animate_many(
     sounds: Sequence[Float[np.ndarray, " s"]],
     *,
     seeds: Sequence[int],
+    options: MotionOptions = FREE,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[AnimatedSound]:
     """Motion and face for several sounds (24 kHz) in one batch: the same as one by one, in less time.
 
-    `progress` receives the chunks done and the chunks in all. The seconds of work are shared out by length of sound.
+    `options` are those of each session. `progress` receives the chunks done and the chunks in all. The seconds of work
+    are shared out by length of sound.
 
     Raises:
         AudioError: one of the sounds is empty, or a value is not finite.
@@ -32,7 +35,7 @@ def animate_many(
         raise AudioError(f"there is no sound in number {silent[0]}; give at least one sample")
     started = time.perf_counter()
     engine = Engine(pipeline, seats=max(1, len(sounds)), rewind=0, workers=0)
-    sessions = [engine.open(seed=seed) for _, seed in zip(sounds, seeds, strict=True)]
+    sessions = [engine.open(seed=seed, options=options) for _, seed in zip(sounds, seeds, strict=True)]
     for session, sound in zip(sessions, sounds, strict=True):
         session.push(sound)
         session.finish()

@@ -17,6 +17,7 @@ from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
+from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ
 from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.csv_rows import read_rows
@@ -114,11 +115,16 @@ def told_by_path(folder: Path, words: Mapping[str, Sequence[str]]) -> list[tuple
 
 
 def perform(
-    pipeline: Pipeline, sounds: Sequence[Sound], *, seed: int = 0, progress: Callable[[int, int], None] | None = None
+    pipeline: Pipeline,
+    sounds: Sequence[Sound],
+    *,
+    seed: int = 0,
+    options: MotionOptions = FREE,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[Take]:
     """The avatar's motion to the sounds, each with a seed of its own; `progress` receives chunks done and in all."""
     seeds = range(seed, seed + len(sounds))
-    made = animate_many(pipeline, [sound.audio for sound in sounds], seeds=seeds, progress=progress)
+    made = animate_many(pipeline, [sound.audio for sound in sounds], seeds=seeds, options=options, progress=progress)
     return [Take(*sound[:3], one.motion, sound.audio) for sound, one in zip(sounds, made, strict=True)]
 
 
