@@ -175,7 +175,7 @@ def test_a_context_that_goes_on_in_an_utterance_counts_from_its_own_sound() -> N
     async def script(scene: Scene) -> None:
         nonlocal told
         told = words_told(scene.avatar.bridge)
-        far = 1e4  # the pipeline's clock is far behind: the second context begins with the newest word
+        far = scene.avatar.get_clock().get_time() / 1e9 + 3.0  # so the second context begins with this word
         first = [sound(0.1, "a"), word("Over", far, "a"), sound(0.9, "a")]
         await scene.push(*first, sound(1.0, "b"), word("the", far + 0.5, "b", spaced=True))
         await scene.push(word("re ", far + 0.6, "b", spaced=True), word("no time", 0, "b"), TTSStoppedFrame())
