@@ -140,14 +140,14 @@ def test_words_count_from_the_first_sample_of_their_utterance() -> None:
         nonlocal told
         told = words_told(scene.avatar.bridge)
         await scene.push(TTSSpeakFrame("Put it over there now."), TTSSpeakFrame("But you and me."))
-        await scene.until(lambda: len(told) == 9)
+        await scene.until(lambda: len(told) == 9, 30)
         await scene.push(TTSSpeakFrame("This is gone before it ends."))
-        await scene.until(lambda: len(told) > 10)
+        await scene.until(lambda: len(told) > 10, 30)
         await scene.push(InterruptionFrame())
         await asyncio.sleep(0.2)
         scene.before = len(told)  # type: ignore[attr-defined]
         await scene.push(TTSSpeakFrame("You are here."))
-        await scene.until(lambda: len(told) == scene.before + 3)  # type: ignore[attr-defined]
+        await scene.until(lambda: len(told) == scene.before + 3, 30)  # type: ignore[attr-defined]
 
     play(script, before=[Voice()])
     spoken = {seg: [(word, at) for number, word, at in told if number == seg] for seg in (1, 2, 3, 4)}
@@ -176,14 +176,14 @@ def test_a_context_that_goes_on_in_an_utterance_counts_from_its_own_sound() -> N
         nonlocal told
         told = words_told(scene.avatar.bridge)
         far = scene.avatar.get_clock().get_time() / 1e9 + 3.0  # so the second context begins with this word
-        first = [sound(0.1, "a"), word("Over", far, "a"), sound(0.9, "a")]
+        first = [sound(0.1, "a"), word("Over", far, "a"), sound(3.9, "a")]
         await scene.push(*first, sound(1.0, "b"), word("the", far + 0.5, "b", spaced=True))
         await scene.push(word("re ", far + 0.6, "b", spaced=True), word("no time", 0, "b"), TTSStoppedFrame())
-        await scene.until(lambda: len(told) == 2)
+        await scene.until(lambda: len(told) == 2, 30)
 
     play(script)
     assert [word for _, word, _ in told] == ["Over", "there"]
-    assert told[1][2] == pytest.approx(1.5, abs=1e-3)
+    assert told[1][2] == pytest.approx(4.5, abs=1e-3)
 
 
 def test_any_rate_is_spoken() -> None:
