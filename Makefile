@@ -54,7 +54,7 @@ integration-test: .venv-integrations/ready
 	$(PYTHON) -m venv .venv-integrations
 	.venv-integrations/bin/pip install $(PIP_FLAGS) -c constraints.txt -e '.[serve,elevenlabs]' \
 	    -e ./integrations/pipecat-echoavatar -e ./integrations/livekit-plugins-echoavatar \
-	    'pipecat-ai[webrtc,runner,silero,openai]' 'pytest>=8.3,<10'
+	    -e ./lab 'pipecat-ai[webrtc,runner,silero,openai]' 'pytest>=8.3,<10'
 	touch $@
 
 .venv-demo/ready: pyproject.toml constraints.txt

@@ -69,7 +69,7 @@ CONSTANTS = {  # by file of the package
     "server/video/live_stream": "FAR_S MOST_AHEAD_S MOST_BEHIND_S",
     "agents/integrations/bridge": "LEAD_S",
     "agents/integrations/playback": "GRACE_S REST_S",
-    "agents/proxy/conversation": "STALL_S",
+    "agents/proxy/speech_items": "STALL_S",
     "agents/client/utterances": "AHEAD_S | agents/client/test_connection",
 }
 

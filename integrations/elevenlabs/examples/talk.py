@@ -31,6 +31,7 @@ def main() -> None:
         requires_auth=True,
         audio_interface=audio,
         client_tools=tools,
+        callback_audio_alignment=audio.align,
     )
     conversation.start_session()
     conversation.wait_for_session_end()

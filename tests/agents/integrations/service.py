@@ -1,6 +1,7 @@
 """A scripted ElevenLabs service on this machine."""
 
 import base64
+import itertools
 import json
 import threading
 from collections.abc import Callable, Iterator
@@ -25,12 +26,20 @@ class Talk:
     def send(self, kind: str, **content: Any) -> None:
         self.line.send(json.dumps({"type": kind, **content}))
 
-    def speak(self, samples: np.ndarray, rate: int) -> None:
-        """Send speech as the service does: faster than playback, a quarter of a second per event."""
+    def speak(self, samples: np.ndarray, rate: int, *texts: str) -> None:
+        """Send speech as the service does: faster than playback, a quarter of a second per event.
+
+        Each event may have a text, whose letters share its time and count from its beginning.
+        """
+        letters = iter(texts)
         for start in range(0, len(samples), rate // 4):
             self.events += 1
             part = samples[start : start + rate // 4].astype("<i2").tobytes()
-            audio = {"audio_base_64": base64.b64encode(part).decode(), "event_id": self.events}
+            audio: dict[str, Any] = {"audio_base_64": base64.b64encode(part).decode(), "event_id": self.events}
+            if text := next(letters, ""):
+                ms = [250 * at // len(text) for at in range(len(text) + 1)]
+                lasts = [b - a for a, b in itertools.pairwise(ms)]
+                audio["alignment"] = {"chars": list(text), "char_start_times_ms": ms[:-1], "char_durations_ms": lasts}
             self.send("audio", audio_event=audio)
 
     def interrupt(self) -> None:

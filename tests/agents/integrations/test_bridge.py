@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable
 
 import numpy as np
 import pytest
-from tests.agents.integrations.fakes import engine, tone
+from tests.agents.integrations.fakes import engine, tone, words_told
 
 from echoavatar.agents.client import ConnectionLostError
 from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
@@ -16,7 +16,7 @@ from echoavatar.agents.integrations.backend import LocalBackend
 from echoavatar.agents.integrations.bridge import SpeechResampler
 from echoavatar.agents.integrations.playback import Event
 from echoavatar.errors import EchoAvatarError
-from echoavatar.wire.messages import ActionStatus, BodyOptions, Ready, State
+from echoavatar.wire.messages import ActionStatus, BodyOptions, Error, Ready, State
 
 
 class Scene:
@@ -150,6 +150,47 @@ async def test_music_needs_no_speech_and_ends() -> None:
         await scene.until(lambda: scene.of(State)[-1].state == "idle")
     assert "dancing" in {state.state for state in scene.of(State)}
     assert {chunk.seg for chunk in scene.of(AvatarChunk)} == {0}
+
+
+async def test_timed_text_becomes_the_words_of_its_utterance() -> None:
+    async with playing() as scene:
+        bridge, told = scene.bridge, words_told(scene.bridge)
+        await bridge.words([("Over th", 0.0, 0.7)])
+        assert not told, "the utterance may never come"
+        await bridge.say(tone(0.5), 24_000)
+        await bridge.words([("ere ", 0.7, 1.0)])
+        await bridge.say(np.repeat(tone(0.5, 16_000), 2), 16_000, channels=2)
+        assert bridge.said_s == 1.0
+        await bridge.words([("me", 1.2)])
+        await bridge.end()
+        assert bridge.said_s == 0
+        await bridge.words([("you ", 0.0)])
+        await bridge.say(tone(0.5).tobytes(), 24_000)
+        assert bridge.said_s == 0.5
+        await bridge.end()
+        (session,) = bridge.backend._app.state.manager._sessions.values()  # type: ignore[attr-defined]
+        await scene.until(lambda: set(session.core._words._words) == {1, 2})
+    assert told == [(1, "Over", 0.0), (1, "there", 0.467), (1, "me", 1.2), (2, "you", 0.0)]
+
+
+async def test_an_interruption_drops_words_that_were_not_told() -> None:
+    async with playing() as scene:
+        told, refused = words_told(scene.bridge), []
+        take = scene.bridge._take
+        scene.bridge._take = lambda message: (  # type: ignore[method-assign]
+            refused.append(message) if isinstance(message, Error) else take(message)
+        )
+        await scene.bridge.words([("gone ", 5.0)])
+        await scene.bridge.interrupt()
+        await scene.bridge.say(tone(2.0), 24_000)
+        await scene.bridge.words([("over ", 0.5), ("the", 0.9)])
+        await scene.bridge.interrupt()
+        await scene.bridge.words([("re ", 0.1)])
+        await scene.bridge.say(tone(0.5), 24_000)
+        await scene.bridge.end()
+        await scene.until(lambda: any(done.seg == 2 for done in scene.of(UtteranceDone)))
+    assert told == [(1, "over", 0.5), (2, "re", 0.1)]
+    assert not refused
 
 
 async def test_a_lost_session_is_replaced_and_the_clock_continues() -> None:

@@ -13,7 +13,7 @@ pytest.importorskip("elevenlabs", reason="pip install 'echoavatar[elevenlabs]'")
 
 from elevenlabs import AsyncElevenLabs, ElevenLabs
 from elevenlabs.conversational_ai.conversation import AsyncConversation, ClientTools, Conversation
-from tests.agents.integrations.fakes import engine, tone
+from tests.agents.integrations.fakes import engine, tone, words_told
 from tests.agents.integrations.service import Talk, service
 
 from echoavatar.agents.integrations import AvatarChunk, Flushed
@@ -68,7 +68,12 @@ class Scene:
         with service(lambda talk: script(self, talk)) as url:
             client = ElevenLabs(api_key="none", base_url=url)
             conversation = Conversation(
-                client, "agent", requires_auth=False, audio_interface=self.audio, client_tools=self.tools
+                client,
+                "agent",
+                requires_auth=False,
+                audio_interface=self.audio,
+                client_tools=self.tools,
+                callback_audio_alignment=self.audio.align,
             )
             conversation.start_session()
             assert conversation.wait_for_session_end() == "c1"
@@ -119,6 +124,28 @@ def test_an_interruption_and_another_right_after() -> None:
     last = scene.events.index(scene.of(Flushed)[0])
     after = [event for event in scene.events[last + 1 :] if isinstance(event, AvatarChunk)]
     assert after[0].at == first.at
+
+
+@pytest.mark.parametrize("rate", [16_000, 24_000])
+def test_letters_of_the_speech_become_words_that_count_from_the_first_sample(rate: int) -> None:
+    def script(scene: Scene, talk: Talk) -> None:
+        talk.speak(tone(1.0, rate), rate, "Over ther", "e, ", "", "me")
+        wait(lambda: len(told) == 3)  # the last word ends with the utterance
+        talk.speak(tone(0.25, rate), rate, "you ")
+        wait(lambda: len(told) == 4)
+        time.sleep(0.6)  # a pause ends it
+        talk.speak(tone(3.0, rate), rate, "but th")
+        wait(lambda: len(told) == 5)
+        talk.interrupt()
+        wait(lambda: scene.device.interruptions == 1)
+        talk.speak(tone(0.5, rate), rate, "is", " one ")
+        wait(lambda: len(told) == 7)
+
+    scene = Scene(rate=rate)
+    told = words_told(scene.audio.avatar.bridge)
+    scene.converse(script)
+    assert told[:4] == [(1, "Over", 0.0), (1, "there,", 0.138), (1, "me", 0.75), (2, "you", 0.0)]
+    assert told[4:] == [(3, "but", 0.0), (4, "is", 0.0), (4, "one", 0.3)]
 
 
 def test_music_by_a_tool_goes_on_through_an_interruption() -> None:
@@ -196,9 +223,10 @@ def test_the_async_twin() -> None:
             super().output(audio)
 
     device = Microphone()
+    told: list[list[tuple[int, str, float]]] = []
 
     def script(talk: Talk) -> None:
-        talk.speak(tone(2.0, 16_000), 16_000)
+        talk.speak(tone(2.0, 16_000), 16_000, "over ", "there ")
         wait(lambda: len(device.heard) > 8_000)
         assert json.loads(talk.call("send_action", action="bow")["result"])["status"] == "accepted"
         talk.interrupt()
@@ -214,13 +242,17 @@ def test_the_async_twin() -> None:
             requires_auth=False,
             audio_interface=audio,
             client_tools=tools,
+            callback_audio_alignment=audio.align,
         )
+        await audio.prepare()
+        told.append(words_told(audio.bridge))
         await conversation.start_session()
         assert await conversation.wait_for_session_end() == "c1"
 
     with service(script) as url:
         asyncio.run(run(url))
     assert not device.is_open
+    assert told[0] == [(1, "over", 0.0), (1, "there", 0.25)]
 
 
 @pytest.mark.slow

@@ -7,7 +7,9 @@ from tests.agents.client.test_recording import READY
 
 from echoavatar.agents.proxy import avatar_events
 from echoavatar.agents.proxy.avatar_events import EventWriter
-from echoavatar.agents.proxy.conversation import Conversation, Decoder, SpeechItem
+from echoavatar.agents.proxy.conversation import Conversation
+from echoavatar.agents.proxy.speech_items import SpeechItem
+from echoavatar.agents.voice_formats import Decoder
 from echoavatar.wire.blobs import Pose, pack_pose
 from echoavatar.wire.messages import Flush, Sound
 

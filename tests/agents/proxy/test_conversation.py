@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 
 from echoavatar.agents.proxy import conversation as room
-from echoavatar.agents.proxy.conversation import Conversation, SpeechItem, SpeechItems
+from echoavatar.agents.proxy.conversation import Conversation
 from echoavatar.agents.proxy.events import Event
-from echoavatar.agents.voice_formats import Decoder
-from echoavatar.timing import CHUNK_SAMPLES, ChunkSize
 from echoavatar.wire.messages import Audio, Sound
 
 
@@ -24,6 +22,9 @@ class Avatar:
     async def speak(self, samples: np.ndarray, *, end: bool = True) -> int:
         self.told.append(("end" if end else "chunk", len(samples)))
         return self.seg
+
+    async def words(self, words: Any, *, seg: int) -> None:
+        self.told.append(("words", (seg, words)))
 
     async def interrupt(self, heard: int | None = None) -> None:
         self.told.append(("interrupt", heard))
@@ -117,6 +118,33 @@ async def test_sound_after_the_end_or_between_other_items_goes_on_with_its_item(
     truncate = Event("conversation.item.truncate", item_id="a", audio_end_ms=400)
     await conversation.on_client_event(truncate, avatar, 0.02)  # type: ignore[arg-type]
     assert [item.cut for item in conversation.items] == [None, None, 2_400, 0]
+
+
+def word(text: Any, at_ms: Any, item: str = "a", ms: Any = None) -> Event:
+    return Event("response.audio_timestamp.delta", item_id=item, audio_offset_ms=at_ms, audio_duration_ms=ms, text=text)
+
+
+async def test_azures_words_are_told_with_the_sound_of_their_item() -> None:
+    early = [(0.0, word("Over", 50, ms=150)), (0.0, delta(0.1)), (0.0, word("there", 200.0)), (0.0, delta(0.3))]
+    late = [(0.1, word("and", 350)), (0.1, word(7, 360)), (0.1, word("here", "soon")), (0.1, word("now", None))]
+    told = (await run([*early, *late])).told
+    assert told == [
+        ("chunk", 6_400),
+        ("words", (1, [("Over", 0.05, 0.2), ("there", 0.2)])),
+        ("words", (1, [("and", 0.35)])),
+    ]
+
+
+async def test_words_of_the_second_part_of_an_item_count_from_there_and_those_that_are_cut_are_dropped() -> None:
+    parts = [(0.0, delta(1.0)), (0.0, Event("response.output_audio.done", item_id="a")), (0.1, delta(1.0))]
+    events = [*parts, (0.1, word("there", 1_500)), (0.2, Event("response.cancel")), (0.2, word("gone", 1_900))]
+    told = (await run(events)).told
+    assert [what for kind, what in told if kind == "words"] == [(1, [("there", 0.5)])]
+
+
+async def test_words_whose_sound_never_came_are_not_those_of_the_next_response() -> None:
+    events = [word("gone", 100), Event("response.created", response={"id": "r"}), delta(0.3, response_id="r")]
+    assert (await run([(0.0, event) for event in events])).told == [("chunk", 6_400)]
 
 
 async def test_a_pause_of_the_server_moves_what_is_heard() -> None:
@@ -293,67 +321,6 @@ async def test_telephone_sound_of_the_user_comes_as_24_khz() -> None:
     sent = [message for kind, message in avatar.told if kind == "send"]
     assert all(isinstance(message, Audio) and message.speaker == "user" for message in sent)
     assert 22_000 < sum(len(message.pcm) // 2 for message in sent) <= 24_000
-
-
-def voice(item: str = "a", begun: float = 0.0) -> SpeechItem:
-    return SpeechItem(item, "r", 0, 0, Decoder(), begun=begun)
-
-
-def test_only_whole_chunks_are_made_and_the_last_is_padded_with_silence() -> None:
-    one = voice()
-    chunks = one.add(np.ones(CHUNK_SAMPLES + 100, "<i2").tobytes()) + one.end()
-    assert [len(chunk) for chunk in chunks] == [CHUNK_SAMPLES] * 2
-    assert (chunks[1].sum(), one.samples) == (100, CHUNK_SAMPLES + 100)
-
-
-def test_chunks_are_as_long_as_the_avatars() -> None:
-    one = SpeechItem("a", "r", 0, 0, Decoder(), begun=0.0, chunk=ChunkSize(3))
-    chunks = one.add(np.ones(10_000, "<i2").tobytes()) + one.end()
-    assert [len(chunk) for chunk in chunks] == [9_600, 9_600]
-    for at in (19_200, 28_800):
-        one.note_returned(at)
-    assert (one.clock_at(9_700), one.frame(1), one.speech(1).sum()) == (28_900, 12, 400)
-
-
-def test_samples_are_found_on_the_avatars_clock_across_gaps() -> None:
-    one = voice()
-    one.add(np.ones(3 * CHUNK_SAMPLES, "<i2").tobytes())
-    for at in (12_800, 32_000, 38_400, 32_000):
-        one.note_returned(at)
-    assert [one.clock_at(s) for s in (0, 6_399, 6_400, 12_800, 19_200, 19_201)] == [
-        12_800,
-        19_199,
-        32_000,
-        38_400,
-        44_800,
-        None,
-    ]
-    one.void(32_500)
-    assert one.clock == [12_800, 32_000]
-
-
-def test_the_playing_item_is_estimated_from_when_its_sound_arrived() -> None:
-    items = SpeechItems()
-    first, second = voice("a", 10.0), voice("b", 10.1)
-    items.begin(first)
-    first.add(np.ones(24_000, "<i2").tobytes())
-    first.end()
-    items.begin(second)
-    second.add(np.ones(24_000, "<i2").tobytes())
-    assert second.begun == 11.0  # it follows the first
-    assert items.playing_at(9.0) is None
-    assert items.playing_at(10.5) is first
-    assert items.playing_at(11.5) is second
-    assert items.playing_at(12.2) is second  # more sound may come
-    assert items.playing_at(13.0) is None  # it has stalled
-    assert (first.heard(10.5), first.heard(99.0)) == (12_000, 24_000)
-
-
-def test_speech_is_silent_from_where_it_was_cut() -> None:
-    one = voice()
-    one.add(np.ones(2 * CHUNK_SAMPLES, "<i2").tobytes())
-    one.cut = CHUNK_SAMPLES + 100
-    assert (one.speech(0).sum(), one.speech(1).sum(), one.speech(7).sum()) == (CHUNK_SAMPLES, 100, 0)
 
 
 async def test_minutes_of_sound_in_one_event_leave_the_event_loop_to_others() -> None:

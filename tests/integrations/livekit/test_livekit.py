@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,15 +14,19 @@ pytest.importorskip("livekit.plugins.echoavatar", reason="pip install ./integrat
 
 from livekit import api, rtc
 from livekit.agents import AgentSession
+from livekit.agents.types import USERDATA_TIMED_TRANSCRIPT, TimedString
 from livekit.agents.voice.avatar import DataStreamAudioOutput, QueueAudioOutput
+from livekit.agents.voice.generation import perform_audio_forwarding
 from livekit.plugins.echoavatar import AvatarSession, AvatarWorker, Performer, RemoteAvatarSession
 from livekit.plugins.echoavatar.motion import MOTION_TOPIC, TOPIC, MotionChannel
-from livekit.plugins.echoavatar.tools import ask_for_tools
-from tests.agents.integrations.fakes import engine, tone
+from livekit.plugins.echoavatar.tools import ask_for_tools, function_tools
+from tests.agents.integrations.fakes import engine, tone, words_told
 from tests.integrations.livekit.rooms import Room, Speaker, pair
 
 from echoavatar.agents.integrations import AvatarBridge, find_backend
 from echoavatar.engine.music import Tracks
+from echoavatar.engine.pipeline.actions import ActionLibrary
+from echoavatar.engine.tools import Toolbox
 from echoavatar.wire.codec import decode_server
 from echoavatar.wire.messages import Flush, Motion, Ready
 
@@ -233,6 +237,70 @@ def test_an_interruption_during_music_leaves_the_music() -> None:
     assert np.abs(sound[-8_000:]).max() > 0.01, "the music stopped"
 
 
+def timed(samples: np.ndarray, *text: TimedString, rate: int = 24_000) -> rtc.AudioFrame:
+    return rtc.AudioFrame(samples.tobytes(), rate, 1, len(samples), userdata={USERDATA_TIMED_TRANSCRIPT: list(text)})
+
+
+def test_timed_transcripts_become_the_words_of_their_segment() -> None:
+    told: list[tuple[int, str, float]] = []
+
+    async def script(scene: Scene) -> None:
+        nonlocal told
+        told = words_told(scene.bridge)
+        await scene.sink.capture_frame(timed(tone(0.5), TimedString("Over ", 0.1, 0.3), TimedString("th", 0.4, 0.5)))
+        await scene.sink.capture_frame(timed(tone(0.5), TimedString("ere", 0.5), TimedString(" untimed ")))
+        scene.sink.flush()
+        await asyncio.wait_for(scene.sink.wait_for_playout(), 20)
+        await scene.sink.capture_frame(timed(tone(3.0), TimedString("you", 0.2)))
+        scene.sink.flush()
+        await scene.until(lambda: len([1 for name, _ in scene.events if name == "started"]) == 2)
+        await scene.sink.capture_frame(timed(tone(3.0), TimedString("but ", 0.2), TimedString("gone", 1.0)))
+        await scene.until(lambda: len(told) == 4)
+        scene.sink.clear_buffer()
+        scene.sink.flush()
+        await asyncio.wait_for(scene.sink.wait_for_playout(), 20)
+        await scene.sink.capture_frame(timed(tone(0.5), TimedString("me ", 0.1)))
+        await scene.until(lambda: len(told) == 5)
+
+    play(script)
+    assert told == [(1, "Over", 0.1), (1, "there", 0.4), (2, "you", 0.2), (3, "but", 0.2), (4, "me", 0.1)]
+
+
+async def test_words_survive_the_agents_forwarding_of_a_voice_at_another_rate() -> None:
+    session: AgentSession[None] = AgentSession()
+    avatar = AvatarSession(engine())
+    await avatar.start(session, Room("agent"))  # type: ignore[arg-type]
+    told = words_told(avatar.bridge)
+
+    async def voice() -> AsyncIterator[rtc.AudioFrame]:
+        for word, start in (("over ", 0.1), ("there ", 0.6)):
+            yield timed(tone(0.5, 16_000), TimedString(word, start, start + 0.2), rate=16_000)
+
+    assert session.output.audio is not None
+    task, out = perform_audio_forwarding(
+        audio_output=session.output.audio, tts_output=voice(), reconcile_playout_pause=lambda: None
+    )
+    await asyncio.wait_for(task, 10)
+    event = await asyncio.wait_for(session.output.audio.wait_for_playout(), 20)
+    assert event.playback_position == pytest.approx(1.0, abs=1e-3)
+    assert told == [(1, "over", 0.1), (1, "there", 0.6)]
+    out.first_frame_fut.cancel()
+    await avatar.aclose()
+
+
+def test_set_manner_is_a_tool_where_the_avatar_has_it() -> None:
+    schemas = Toolbox(ActionLibrary({}), Tracks(), has_manner=True).schemas()
+    asked: list[Any] = []
+
+    async def call(name: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        asked.append((name, arguments))
+        return {"status": "done"}
+
+    tools = {tool.info.name: tool for tool in function_tools(schemas, call)}
+    assert asyncio.run(tools["set_manner"](raw_arguments={"liveliness": 0.9})) is None
+    assert asked == [("set_manner", {"liveliness": 0.9})]
+
+
 async def test_livekits_own_source_is_understood() -> None:
     """`rtc.AudioSource` needs no room; its queue gives the playback position."""
     scene = Scene(engine())
@@ -270,7 +338,7 @@ async def test_a_session_in_process_takes_the_agents_voice_and_leaves_the_agent_
     told = json.loads(await tools["send_action"](raw_arguments={"action": "fly"}))
     assert told["status"] == "rejected"
     assert session.output.audio is not None
-    assert session.output.audio.sample_rate == 24_000
+    assert session.output.audio.sample_rate is None
     await speak(session.output.audio, tone(0.5))
     event = await asyncio.wait_for(session.output.audio.wait_for_playout(), 20)
     assert (event.interrupted, round(event.playback_position, 2)) == (False, 0.5)

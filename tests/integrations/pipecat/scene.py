@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
 
 import numpy as np
 from loguru import logger
@@ -19,6 +19,9 @@ from pipecat.frames.frames import (
 )
 from pipecat.pipeline.pipeline import Pipeline
 from pipecat.pipeline.worker import PipelineParams, PipelineWorker
+from pipecat.processors.frame_processor import FrameProcessor
+from pipecat.services.settings import TTSSettings
+from pipecat.services.tts_service import TTSService
 from pipecat.workers.runner import WorkerRunner
 from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
 from tests.agents.integrations.fakes import engine
@@ -88,13 +91,32 @@ class Scene:
             await asyncio.sleep(0.01)
 
 
-def play(script: Callable[[Scene], Awaitable[None]], where: object = None) -> RecordingTransport:
-    """Run a script in a pipeline, then end the pipeline."""
+class Voice(TTSService):
+    """Says each word of a text in half a second, three times as fast, and tells when it is said."""
+
+    def __init__(self) -> None:
+        settings = TTSSettings(model=None, voice=None, language=None)
+        super().__init__(settings=settings, push_start_frame=True, push_stop_frames=True, push_text_frames=False)
+
+    async def run_tts(self, text: str, context_id: str) -> AsyncGenerator[Frame | None, None]:
+        words = [(word, 0.5 * k) for k, word in enumerate(text.split())]
+        await self.add_word_timestamps(words[:1], context_id)  # before its sound
+        for k in range(len(words)):
+            yield TTSAudioRawFrame(audio=tone(0.5), sample_rate=24_000, num_channels=1, context_id=context_id)
+            await self.add_word_timestamps(words[k + 1 : k + 2], context_id)
+            await asyncio.sleep(0.15)
+
+
+def play(
+    script: Callable[[Scene], Awaitable[None]], where: object = None, *, before: Sequence[FrameProcessor] = ()
+) -> RecordingTransport:
+    """Run a script in a pipeline, then end the pipeline; `before` comes in front of the avatar."""
 
     async def run() -> RecordingTransport:
         avatar = EchoAvatarProcessor(where or engine())  # type: ignore[arg-type]
         transport = RecordingTransport()
-        worker = PipelineWorker(Pipeline([avatar, transport]), params=PipelineParams(), cancel_on_idle_timeout=False)
+        pipeline = Pipeline([*before, avatar, transport])
+        worker = PipelineWorker(pipeline, params=PipelineParams(), cancel_on_idle_timeout=False)
         begun = asyncio.Event()
 
         @worker.event_handler("on_pipeline_started")

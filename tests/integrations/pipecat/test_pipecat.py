@@ -17,15 +17,20 @@ from pipecat.frames.frames import (
     OutputAudioRawFrame,
     OutputTransportMessageFrame,
     TTSAudioRawFrame,
+    TTSSpeakFrame,
     TTSStartedFrame,
     TTSStoppedFrame,
     TTSTextFrame,
 )
 from pipecat.tests.utils import SleepFrame, run_test
 from pipecat_echoavatar import AvatarSpeechFrame, EchoAvatarProcessor
-from tests.integrations.pipecat.scene import Scene, engine, play, tone
+from tests.agents.integrations.fakes import words_told
+from tests.integrations.pipecat.scene import Scene, Voice, engine, play, tone
 
+from echoavatar.agents.integrations import AvatarTools
 from echoavatar.engine.music import Tracks
+from echoavatar.engine.pipeline.actions import ActionLibrary
+from echoavatar.engine.tools import Toolbox
 
 
 def test_motion_comes_before_the_sound_it_belongs_to_and_no_sound_is_lost() -> None:
@@ -125,6 +130,60 @@ def test_frames_behind_speech_stay_behind_it() -> None:
     assert passed["before"] == 0
     assert 0.6 * 24_000 <= passed["between"] <= 0.6 * 24_000 + 6_400
     assert 1.2 * 24_000 <= passed["after"] <= 1.2 * 24_000 + 6_400
+
+
+def test_words_count_from_the_first_sample_of_their_utterance() -> None:
+    """Two utterances at once: the second's words wait for its sound. Then one that is interrupted, and another."""
+    told: list[tuple[int, str, float]] = []
+
+    async def script(scene: Scene) -> None:
+        nonlocal told
+        told = words_told(scene.avatar.bridge)
+        await scene.push(TTSSpeakFrame("Put it over there now."), TTSSpeakFrame("But you and me."))
+        await scene.until(lambda: len(told) == 9, 30)
+        await scene.push(TTSSpeakFrame("This is gone before it ends."))
+        await scene.until(lambda: len(told) > 10, 30)
+        await scene.push(InterruptionFrame())
+        await asyncio.sleep(0.2)
+        scene.before = len(told)  # type: ignore[attr-defined]
+        await scene.push(TTSSpeakFrame("You are here."))
+        await scene.until(lambda: len(told) == scene.before + 3, 30)  # type: ignore[attr-defined]
+
+    play(script, before=[Voice()])
+    spoken = {seg: [(word, at) for number, word, at in told if number == seg] for seg in (1, 2, 3, 4)}
+    assert [" ".join(word for word, _ in spoken[seg]) for seg in (1, 2, 4)] == [
+        "Put it over there now.",
+        "But you and me.",
+        "You are here.",
+    ]
+    assert 0 < len(spoken[3]) < 6
+    for words in spoken.values():
+        assert [at for _, at in words] == pytest.approx([0.5 * k for k in range(len(words))], abs=0.04)
+
+
+def test_a_context_that_goes_on_in_an_utterance_counts_from_its_own_sound() -> None:
+    told: list[tuple[int, str, float]] = []
+
+    def word(text: str, at_s: float, context: str, *, spaced: bool = False) -> TTSTextFrame:
+        frame = TTSTextFrame(text, text_type="word", context_id=context)
+        frame.pts, frame.includes_inter_frame_spaces = round(1e9 * at_s), spaced
+        return frame
+
+    def sound(seconds: float, context: str) -> TTSAudioRawFrame:
+        return TTSAudioRawFrame(audio=tone(seconds), sample_rate=24_000, num_channels=1, context_id=context)
+
+    async def script(scene: Scene) -> None:
+        nonlocal told
+        told = words_told(scene.avatar.bridge)
+        far = scene.avatar.get_clock().get_time() / 1e9 + 3.0  # so the second context begins with this word
+        first = [sound(0.1, "a"), word("Over", far, "a"), sound(3.9, "a")]
+        await scene.push(*first, sound(1.0, "b"), word("the", far + 0.5, "b", spaced=True))
+        await scene.push(word("re ", far + 0.6, "b", spaced=True), word("no time", 0, "b"), TTSStoppedFrame())
+        await scene.until(lambda: len(told) == 2, 30)
+
+    play(script)
+    assert [word for _, word, _ in told] == ["Over", "there"]
+    assert told[1][2] == pytest.approx(4.5, abs=1e-3)
 
 
 def test_any_rate_is_spoken() -> None:
@@ -288,6 +347,31 @@ def test_tools_list_the_avatars_actions_and_are_silent() -> None:
     assert (refused["status"], loud) == ("rejected", None)
     assert "wave" in refused["reason"]
     assert direct["status"] == "accepted"
+
+
+async def test_set_manner_is_a_direct_function_where_the_avatar_has_it() -> None:
+    from pipecat.adapters.llm.schemas.direct_function import DirectFunctionWrapper
+    from pipecat_echoavatar.tools import direct_functions
+
+    asked: list[Any] = []
+
+    class Bridge:
+        async def set_manner(self, **manner: float) -> None:
+            asked.append(manner)
+
+    class Params:
+        async def result_callback(self, result: Any, *, properties: Any) -> None:
+            asked.append((result, properties.run_llm))
+
+    toolbox = Toolbox(ActionLibrary({}), Tracks(), has_manner=True)
+    functions = direct_functions(AvatarTools(Bridge(), toolbox.schemas()))  # type: ignore[arg-type]
+    (function,) = [function for function in functions if function.__name__ == "set_manner"]
+    schema = DirectFunctionWrapper(function).to_function_schema()
+    assert set(schema.properties) == {"liveliness", "handedness"}
+    assert schema.required == []
+    assert "storyteller" in schema.properties["liveliness"]["description"]
+    await function(params=Params(), liveliness=0.9)
+    assert asked == [{"liveliness": 0.9}, ({"status": "done"}, False)]
 
 
 def test_pipecat_understands_the_direct_functions() -> None:

@@ -29,6 +29,7 @@ from pipecat.frames.frames import (
     SystemFrame,
     TTSAudioRawFrame,
     TTSStoppedFrame,
+    TTSTextFrame,
 )
 from pipecat.processors.frame_processor import FrameDirection, FrameProcessor, FrameProcessorSetup
 from pipecat.processors.frameworks.rtvi import RTVIClientMessageFrame
@@ -83,6 +84,8 @@ class EchoAvatarProcessor(FrameProcessor):
         self._has_failed = False
         self._has_told = False  # of sound that is none of speech
         self._is_speaking = False
+        self._context: tuple[str | None] | None = None  # of the voice, whose words are timed
+        self._begun_ns = self._word_ns = 0  # pts of its utterance's first sample, and of the newest word
         self._register_event_handler("on_avatar_ready")
 
     def can_generate_metrics(self) -> bool:
@@ -172,6 +175,8 @@ class EchoAvatarProcessor(FrameProcessor):
         elif isinstance(frame, TTSAudioRawFrame):
             await self._say(frame)
         else:
+            if isinstance(frame, TTSTextFrame) and frame.pts:
+                await self._tell(frame, frame.pts)
             await self._follow(frame)
 
     # ---- internals
@@ -180,8 +185,23 @@ class EchoAvatarProcessor(FrameProcessor):
         if not self._is_speaking:
             self._is_speaking = True
             await self.start_ttfb_metrics()
+        self._begin(frame.context_id)
         self._pending.add(frame, frame.num_frames * SAMPLE_RATE_HZ // frame.sample_rate)
         await self._attempt(self.bridge.say(frame.audio, frame.sample_rate, frame.num_channels))
+
+    async def _tell(self, frame: TTSTextFrame, pts: int) -> None:
+        """Tell a word; it comes before its sound."""
+        self._begin(frame.context_id)
+        self._word_ns = pts
+        text = frame.text if frame.includes_inter_frame_spaces else f"{frame.text} "
+        await self._attempt(self.bridge.words([(text, (pts - self._begun_ns) / 1e9)]))
+
+    def _begin(self, context: str | None) -> None:
+        """Pipecat counts the words of a context from its first sound on, or from the newest word if that is later."""
+        if self._context != (context,):
+            self._context = (context,)
+            begun = max(self.get_clock().get_time(), self._word_ns)
+            self._begun_ns = begun - round(self.bridge.said_s * 1e9)
 
     async def _follow(self, frame: Frame) -> None:
         if isinstance(frame, OutputAudioRawFrame) and not self._has_told:
@@ -190,7 +210,7 @@ class EchoAvatarProcessor(FrameProcessor):
                 f"{self}: the avatar does not move to a {type(frame).__name__}; push TTSAudioRawFrame for speech"
             )
         if isinstance(frame, TTSStoppedFrame):
-            self._is_speaking = False
+            self._is_speaking, self._context = False, None
             seg = await self._attempt(self.bridge.end())
             if seg:
                 self._pending.mark_end(seg)
@@ -201,7 +221,7 @@ class EchoAvatarProcessor(FrameProcessor):
 
     async def _interrupt(self) -> None:
         """Interrupt the avatar; from here on no stale chunk is released."""
-        self._is_speaking = False
+        self._is_speaking, self._context, self._word_ns = False, None, 0
         kept = self._pending.interrupt()
         if self.bridge.is_busy:
             await self._attempt(self.bridge.interrupt())

@@ -33,6 +33,11 @@ def direct_functions(tools: AvatarTools) -> list[DirectFunction]:
         given = {"action": action, "intensity": intensity, "hold": hold or None}
         await _answer(params, await tools.call("send_action", given))
 
+    async def set_manner(
+        params: FunctionCallParams, liveliness: float | None = None, handedness: float | None = None
+    ) -> None:
+        await _answer(params, await tools.call("set_manner", {"liveliness": liveliness, "handedness": handedness}))
+
     async def play_music(params: FunctionCallParams, title: str = "") -> None:
         await _answer(params, await tools.call("play_music", {"title": title or None}))
 
@@ -44,7 +49,7 @@ def direct_functions(tools: AvatarTools) -> list[DirectFunction]:
 
     known = {schema["name"]: schema for schema in tools.schemas}
     functions = []
-    for function in (send_action, play_music, stop_music, list_actions):
+    for function in (send_action, set_manner, play_music, stop_music, list_actions):
         schema = known.get(function.__name__)
         if schema is not None:
             function.__doc__ = _docstring(schema["description"], schema["parameters"].get("properties", {}))

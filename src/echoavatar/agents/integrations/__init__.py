@@ -1,4 +1,4 @@
-"""What the adapters of voice agent frameworks share. May import `server`, `client`, `voice_formats` and below.
+"""What adapters of voice frameworks share. May import `server`, `client`, `timed_text`, `voice_formats` and below.
 
 >>> bridge = AvatarBridge(find_backend("default"))  # or find_backend("http://127.0.0.1:8765")
 >>> await bridge.start()

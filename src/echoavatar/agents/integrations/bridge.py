@@ -8,9 +8,8 @@ adapters: how sound is played, where motion goes, and how playback is reported. 
 import asyncio
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Iterable, Sequence
+from collections.abc import AsyncIterator, Iterable
 from contextlib import suppress
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -32,6 +31,7 @@ from echoavatar.wire.messages import (
     State,
 )
 
+from ..timed_text import TimedText, Word
 from ..voice_formats import Decoder, Pcm
 from .backend import AvatarBackend
 from .playback import AvatarChunk, Event, Flushed, Playback, UtteranceDone, make_chunk
@@ -76,6 +76,7 @@ class AvatarBridge:
         """`body` says how far the avatar may walk, such as `BodyOptions(leash_m=0.5)`; by default anywhere."""
         self.backend = backend
         self.playback = Playback(0, 0.0)
+        self.said_s = 0.0  # seconds of speech in the utterance that is open
         self._hello = Hello(seed=seed, body=body or BodyOptions())
         self._avatar: Avatar | None = None
         self._events: deque[Event] = deque()
@@ -89,6 +90,7 @@ class AvatarBridge:
         self._pending_flush: asyncio.Future[Flush] | None = None
         self._pending_actions: dict[str, asyncio.Future[ActionStatus]] = {}
         self._agent_resampler, self._user_resampler = SpeechResampler(), SpeechResampler()
+        self._text = TimedText()  # of the utterance that is open, or of the next one
         self._is_speaking = False  # an utterance is open
         self._has_unreleased_speech = False
         self._seg, self._cut_seg = 0, 0  # the newest utterance; the newest that was cut off
@@ -144,19 +146,29 @@ class AvatarBridge:
     async def say(self, pcm: Speech, rate: int, channels: int = 1) -> int:
         """Speak samples at any rate; returns the utterance's number. The utterance continues until `end`."""
         self._is_speaking = self._has_unreleased_speech = True
-        self._seg = await self._session.speak(self._agent_resampler.push(pcm, rate, channels), end=False)
+        self.said_s += memoryview(pcm).nbytes / (2 * channels * rate)
+        samples = self._agent_resampler.push(pcm, rate, channels)
+        self._seg = await self._session.speak(samples, end=False, words=self._text.take())
         return self._seg
 
-    async def words(self, words: Iterable[Sequence[Any]]) -> None:
-        """Tell words of the utterance that is open, or of the next one; see `Avatar.words`."""
-        await self._session.words(words, seg=self._seg if self._is_speaking else 0)
+    async def words(self, text: Iterable[Word]) -> None:
+        """Tell timed text of the utterance that is open, or of the next one; see `Avatar.words`.
+
+        Its pieces may be of any size, such as letters: words end at white space, and with the utterance.
+        """
+        for piece in text:
+            self._text.add(*piece)
+        if self._is_speaking and (words := self._text.take()):
+            await self._session.words(words, seg=self._seg)
 
     async def end(self) -> int:
         """End the utterance; returns its number, or 0 if none is open."""
         if not self._is_speaking:
             return 0
-        self._is_speaking = False
-        return await self._session.speak(self._agent_resampler.flush(), end=True)
+        self._text.close()
+        words = self._text.take()
+        self._forget_utterance()
+        return await self._session.speak(self._agent_resampler.flush(), end=True, words=words)
 
     async def interrupt(self) -> Flush | None:
         """Interrupt the avatar: discard what was not heard. From now on no stale chunk is released.
@@ -164,7 +176,8 @@ class AvatarBridge:
         Returns where the session was cut (`flush.heard` samples of utterance `flush.seg` were heard), or None if the
         connection broke meanwhile. Concurrent calls share one cut.
         """
-        self._is_speaking = self._has_unreleased_speech = False
+        self._forget_utterance()
+        self._has_unreleased_speech = False
         self._agent_resampler.reset()
         if self._pending_flush is None:
             heard = self.playback.position(time.monotonic())
@@ -234,6 +247,9 @@ class AvatarBridge:
         if self._avatar is None:
             raise EchoAvatarError("the session is not open; await start() first")
         return self._avatar
+
+    def _forget_utterance(self) -> None:
+        self._is_speaking, self.said_s, self._text = False, 0.0, TimedText()
 
     def _release(self, chunk: AvatarChunk) -> None:
         samples = chunk.motion.frames * SAMPLE_RATE_HZ // self.ready.frame_rate

@@ -9,7 +9,7 @@ import inspect
 import json
 import logging
 import threading
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +21,7 @@ from echoavatar.errors import AudioError, DependencyError, EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.messages import BodyOptions
 
+from ..timed_text import Word
 from ..voice_formats import READABLE, Decoder, is_file, named_format
 from .backend import find_backend
 from .bridge import AvatarBridge
@@ -35,7 +36,12 @@ _LOG = logging.getLogger(__name__)
 
 
 try:
-    from elevenlabs.conversational_ai.conversation import AsyncAudioInterface, AudioInterface, ClientTools
+    from elevenlabs.conversational_ai.conversation import (
+        AsyncAudioInterface,
+        AudioEventAlignment,
+        AudioInterface,
+        ClientTools,
+    )
 except ModuleNotFoundError as error:
     raise DependencyError("the ElevenLabs SDK is missing: pip install 'elevenlabs>=2.40,<3'") from error
 
@@ -75,7 +81,7 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         self._decoder = Decoder(self._kind)
         self._has_told = False  # of bytes that are a file
         self._down: Any = soxr.ResampleStream(SAMPLE_RATE_HZ, DEVICE_RATE, 1, dtype="int16")
-        self._bytes: asyncio.Queue[bytes] = asyncio.Queue()
+        self._speech: asyncio.Queue[bytes | AudioEventAlignment] = asyncio.Queue()
         self._tasks: list[asyncio.Task[None]] = []
         self._tools: AvatarTools | None = None
         self._has_failed = False
@@ -142,12 +148,16 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
         if is_file(audio) and not self._has_told:
             self._has_told = True
             _LOG.warning("the agent sends files, not samples; set its output format to pcm_%d", self._rate)
-        self._bytes.put_nowait(audio)
+        self._speech.put_nowait(audio)
+
+    async def align(self, alignment: AudioEventAlignment) -> None:
+        """Take the letters of the newest speech and their times: give this as `callback_audio_alignment`."""
+        self._speech.put_nowait(alignment)
 
     async def interrupt(self) -> None:
         """Stop speaking at once: the user spoke."""
-        while not self._bytes.empty():
-            self._bytes.get_nowait()
+        while not self._speech.empty():
+            self._speech.get_nowait()
         self._decoder = Decoder(self._kind)  # without the first half of a sample
         if self._device is not None:
             await _maybe(self._device.interrupt())
@@ -158,15 +168,21 @@ class AsyncAvatarAudioInterface(AsyncAudioInterface):  # type: ignore[misc]
     # ---- internals
 
     async def _speak(self) -> None:
+        begun_s = 0.0  # of the newest speech, in its utterance; its letters count from there
         while True:
             try:
                 async with asyncio.timeout(PAUSE_S):
-                    audio = await self._bytes.get()
+                    speech = await self._speech.get()
             except TimeoutError:
                 if not self._has_failed:
                     await self._try(self.bridge.end())
-                audio = await self._bytes.get()
-            pcm = self._decoder.push(audio)
+                speech = await self._speech.get()
+            if not isinstance(speech, bytes):
+                if not self._has_failed:
+                    await self._try(self.bridge.words(_timed(speech, begun_s)))
+                continue
+            begun_s = self.bridge.said_s
+            pcm = self._decoder.push(speech)
             if self._has_failed or not await self._try(self.bridge.say(pcm, self._rate)):
                 await self._play(pcm, self._rate)  # the voice continues without the avatar
 
@@ -239,12 +255,24 @@ class AvatarAudioInterface(AudioInterface):  # type: ignore[misc]
         """Take speech of the agent."""
         self._run(self.avatar.output(audio))
 
+    def align(self, alignment: AudioEventAlignment) -> None:
+        """Take the letters of the newest speech and their times: give this as `callback_audio_alignment`."""
+        self._run(self.avatar.align(alignment))
+
     def interrupt(self) -> None:
         """Stop speaking at once: the user spoke."""
         self._run(self.avatar.interrupt())
 
     def _run(self, work: Coroutine[Any, Any, _Result]) -> _Result:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result()
+
+
+def _timed(alignment: AudioEventAlignment, begun_s: float) -> Iterator[Word]:
+    """The letters of speech that begins at `begun_s`."""
+    times = zip(alignment.chars, alignment.char_start_times_ms, alignment.char_durations_ms, strict=False)
+    for char, start_ms, duration_ms in times:
+        start_s = begun_s + start_ms / 1000
+        yield char, start_s, start_s + duration_ms / 1000
 
 
 async def _maybe(result: object) -> None:

@@ -16,7 +16,8 @@ import numpy as np
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from echoavatar.wire.messages import ActionStatus, Flush, Motion, Ready, ServerMessage, Sound
 
-from .conversation import Conversation, SpeechItem
+from .conversation import Conversation
+from .speech_items import SpeechItem
 
 AvatarEvent = dict[str, Any]
 _NUMBERS = itertools.count(1)

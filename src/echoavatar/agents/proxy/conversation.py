@@ -1,10 +1,5 @@
 """Turn Realtime events into messages of the avatar's session: the model's speech, the user's speech, interruptions.
 
-The avatar receives whole chunks only, one per message; the last chunk of an item is padded with silence. So a chunk on
-its clock holds speech of at most one item, and the n-th chunk with speech of an item is that item's n-th. Frames can
-therefore be counted from the start of each item without help from the protocol. The avatar moves by whole chunks
-anyway, so nothing is delayed by this.
-
 Playback happens in the client, where the proxy cannot see it. The avatar's playhead follows the wall clock and is never
 ahead of playback, because motion cannot exist before its sound. How much was heard is known from three sources: the
 time at which sound was forwarded (a client plays it as it arrives), `conversation.item.truncate`, and
@@ -16,167 +11,25 @@ its item, or of another one between, goes on with the item: as a further `Speech
 
 import asyncio
 import logging
-from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from math import inf
+from math import nan
 
 import numpy as np
 
-from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
+from echoavatar.timing import CHUNK, SAMPLE_RATE_HZ, ChunkSize
 from echoavatar.wire.messages import Audio, Sound
 
 from ..client import Avatar
+from ..timed_text import TimedText
 from ..voice_formats import READABLE, Decoder, Format, Pcm, is_file
 from .events import AUDIO_DELTA, AUDIO_DONE, CUTS, PARTS_DONE, SESSION, Event, audio_format, inside, interrupts, sound
+from .speech_items import STALL_S, SpeechItem, SpeechItems
 
 _LOG = logging.getLogger(__name__)
-STALL_S = 0.5  # an item that receives no sound for longer than this is no longer playing
-KEPT_CHUNKS = 32  # of speech already shown, to separate music from speech when motion is remade
 GRACE_S = 0.25  # after the user starts to speak: time for the client to report how much was heard
 VOID_S = 2.0  # what comes of a response after it was cut off was on its way
 TRUNCATE_TOLERANCE = SAMPLE_RATE_HZ // 30  # a truncation closer than this to the estimate changes nothing
 BLOCK_BYTES = 48_000  # of sound that are decoded at once: an event may bring minutes, and others go on meanwhile
-
-
-@dataclass(eq=False)
-class SpeechItem:
-    """The audio of one item, at 24 kHz."""
-
-    item_id: str
-    response_id: str | None
-    output_index: int
-    content_index: int
-    decoder: Decoder
-    begun: float  # time by the loop's clock at which its first sound was forwarded
-    chunk: ChunkSize = CHUNK  # chunk size of the avatar that receives it
-    first: int = 0  # samples of the item that came before, in an earlier part of it
-    guess: Format | None = None  # the format, where nobody has told it yet
-    seg: int = 0  # the avatar's number for it; 0: not sent yet
-    samples: int = 0  # received so far
-    is_ended: bool = False
-    is_announced: bool = False  # whether its last face frame was announced
-    cut: int | None = None  # samples heard when it was cut off
-    clock: list[int] = field(default_factory=list)  # of each chunk that came back from the avatar
-    _rest: Pcm = field(default_factory=lambda: np.zeros(0, np.int16))
-    _chunks: dict[int, Pcm] = field(default_factory=dict)
-    _chunk_count: int = 0
-
-    @property
-    def is_over(self) -> bool:
-        """Whether no more of it will be shown."""
-        return self.cut is not None or (self.is_ended and len(self.clock) >= self._chunk_count)
-
-    def add(self, data: bytes) -> list[Pcm]:
-        """Append sound; returns the chunks that are now complete."""
-        return self._take(self.decoder.push(data))
-
-    def end(self) -> list[Pcm]:
-        """End the item; returns the remaining chunks, the last one padded with silence."""
-        self.is_ended = True
-        chunks = self._take(self.decoder.push(b"", is_last=True))
-        if len(self._rest):
-            chunks += self._take(np.zeros(self.chunk.samples - len(self._rest), np.int16), is_silence=True)
-        return chunks
-
-    def _take(self, new: Pcm, *, is_silence: bool = False) -> list[Pcm]:
-        self.samples += 0 if is_silence else len(new)
-        self._rest = np.concatenate([self._rest, new])
-        made = []
-        while len(self._rest) >= self.chunk.samples:
-            made.append(self._rest[: self.chunk.samples])
-            self._rest = self._rest[self.chunk.samples :]
-            self._chunks[self._chunk_count] = made[-1]
-            self._chunk_count += 1
-        return made
-
-    def note_returned(self, at: int) -> None:
-        """Note that the next chunk lies at clock `at`."""
-        if at not in self.clock:
-            self.clock.append(at)
-            self._chunks.pop(len(self.clock) - KEPT_CHUNKS - 1, None)
-
-    def void(self, at: int) -> None:
-        """Forget the chunks that came back from clock `at` on."""
-        self.clock = [known for known in self.clock if known < at]
-
-    def heard(self, now: float) -> int:
-        """Samples heard by now, if the sound is played as it arrives."""
-        return max(0, min(round((now - self.begun) * SAMPLE_RATE_HZ), self.samples))
-
-    def ran_dry(self, now: float) -> float:
-        """Seconds since the sound that has come was over, if it is played as it arrives; negative before."""
-        return now - self.begun - self.samples / SAMPLE_RATE_HZ
-
-    def clock_at(self, sample: int) -> int | None:
-        """The avatar's clock of a sample; None if it is not known."""
-        chunk, offset = divmod(max(0, sample), self.chunk.samples)
-        if chunk < len(self.clock):
-            return self.clock[chunk] + offset
-        if self.clock and sample <= len(self.clock) * self.chunk.samples:
-            return self.clock[-1] + self.chunk.samples
-        return None
-
-    def speech(self, chunk: int) -> Pcm:
-        """The speech in a chunk; silence from where the item was cut off."""
-        known = self._chunks.get(chunk)
-        if known is None:
-            return np.zeros(self.chunk.samples, np.int16)
-        if self.cut is None or self.cut >= (chunk + 1) * self.chunk.samples:
-            return known
-        kept = known.copy()
-        kept[max(0, self.cut - chunk * self.chunk.samples) :] = 0
-        return kept
-
-    def frame(self, chunk: int) -> int:
-        """The number of a chunk's first frame, counted from the start of the item."""
-        return self.first // SAMPLES_PER_FRAME + chunk * self.chunk.frames
-
-
-class SpeechItems:
-    """The items of a session, the newest last; finished ones are kept for late truncations."""
-
-    def __init__(self) -> None:
-        self._items: deque[SpeechItem] = deque(maxlen=16)
-
-    def __iter__(self) -> Iterator[SpeechItem]:
-        return iter(list(self._items))
-
-    @property
-    def newest(self) -> SpeechItem | None:
-        """The item that began last."""
-        return self._items[-1] if self._items else None
-
-    def begin(self, item: SpeechItem) -> None:
-        """Add an item; it is heard after the one before it."""
-        before = self.newest
-        if before is not None and before.cut is None:
-            item.begun = max(item.begun, before.begun + before.samples / SAMPLE_RATE_HZ)
-        self._items.append(item)
-
-    def find(self, item_id: str | None, content_index: int = 0, sample: float = inf) -> SpeechItem | None:
-        """Find an item by its id; of its parts the last, or the one with this sample."""
-        for item in reversed(self._items):
-            if (item.item_id, item.content_index) == (item_id, content_index) and item.first <= sample:
-                return item
-        return None
-
-    def of(self, seg: int) -> SpeechItem | None:
-        """Find an item by the avatar's utterance number."""
-        return next((item for item in self._items if seg and item.seg == seg), None)
-
-    def playing_at(self, now: float) -> SpeechItem | None:
-        """The item that is playing at the time `now`, if sound is played as it arrives."""
-        for item in self._items:
-            if item.cut is None and item.begun <= now and item.ran_dry(now) < (0 if item.is_ended else STALL_S):
-                return item
-        return None
-
-    def forget(self) -> None:
-        """The avatar's session is gone: cut off every item."""
-        for item in self._items:
-            item.cut = item.samples if item.cut is None else item.cut
-            item.seg = 0
 
 
 class Conversation:
@@ -193,6 +46,7 @@ class Conversation:
         self._void: tuple[str | None, float] = None, 0.0  # the response that was cut off, and when
         self._item: str | None = None  # what the server last called an item of the model's
         self._unnamed = 0  # number of the item for which nobody has a name
+        self._text = TimedText()  # of an item whose sound has not come
         self._user_interrupts = True
         self._user_decoder: tuple[Format, Decoder] | None = None
         self._user_segment, self._user_sent = 0, 0
@@ -224,6 +78,8 @@ class Conversation:
         kind = event.type
         if kind.endswith(AUDIO_DELTA):
             await self._speak(event, avatar, now)
+        elif kind == "response.audio_timestamp.delta":
+            await self._take_word(event, avatar)
         elif kind.endswith(AUDIO_DONE) or kind in PARTS_DONE:
             await self._end(self.items.find(self._name(event), event.content_index), avatar)
             self._unnamed += 1
@@ -231,6 +87,7 @@ class Conversation:
             self._response_format = audio_format(event.response, "output") or self._asked_format
             self._asked_format = None
             self._response, self._item, self._void = event.response_id, None, (None, 0.0)
+            self._text = TimedText()
             self._unnamed += 1
         elif kind in ("response.output_item.added", "conversation.item.created", "conversation.item.added"):
             if inside(event.item, "role") != "user" and inside(event.item, "type") in ("message", None):
@@ -307,8 +164,10 @@ class Conversation:
             begun=now,
             chunk=self._chunk,
             first=before.first + before.samples if before is not None else 0,
+            text=self._text,
             guess=None if self._response_format or "output" in self._told else form,
         )
+        self._text = TimedText()
         void, since = self._void
         if avatar is None or (item.response_id is not None and item.response_id == void and now < since + VOID_S):
             item.cut = 0  # the avatar missed its beginning, or it is on its way since the response was cut off
@@ -331,6 +190,22 @@ class Conversation:
             await asyncio.sleep(0)
             if avatar is not None and item.cut is None:
                 item.seg = await avatar.speak(chunk, end=False)
+        if avatar is not None and item.seg and item.cut is None and (words := item.text.take()):
+            await avatar.words(words, seg=item.seg)
+
+    async def _take_word(self, event: Event, avatar: Avatar | None) -> None:
+        """Azure tells when a word of a response begins, if its session asks for that."""
+        if event.audio_offset_ms is None or not isinstance(event.text, str):
+            return
+        start = event.audio_offset_ms / 1000
+        end = start + (nan if event.audio_duration_ms is None else event.audio_duration_ms / 1000)
+        item = self.items.find(self._name(event), event.content_index, start * SAMPLE_RATE_HZ)
+        if item is None:
+            self._text.add(f"{event.text} ", start, end)
+        else:
+            first = item.first / SAMPLE_RATE_HZ
+            item.text.add(f"{event.text} ", start - first, end - first)
+            await self._send_chunks(item, (), avatar)
 
     # ---- interruptions
 

@@ -39,6 +39,9 @@ class Event(msgspec.Struct):
     delta: Any = None  # base64 in audio events
     audio: Any = None  # base64, sent by the client
     audio_end_ms: Any = None  # a number
+    audio_offset_ms: Any = None  # a number, of a word
+    audio_duration_ms: Any = None  # a number, of a word
+    text: Any = None  # of a word
     call_id: Any = None  # text
     name: Any = None  # text
     arguments: Any = None
@@ -52,7 +55,8 @@ class Event(msgspec.Struct):
         self.call_id, self.name = identity(self.call_id), identity(self.name)
         self.output_index = round(_number(self.output_index) or 0)
         self.content_index = round(_number(self.content_index) or 0)
-        self.audio_end_ms = _number(self.audio_end_ms)
+        self.audio_end_ms, self.audio_offset_ms = _number(self.audio_end_ms), _number(self.audio_offset_ms)
+        self.audio_duration_ms = _number(self.audio_duration_ms)
 
 
 _DECODER = msgspec.json.Decoder(Event, strict=False)  # 0.0 is a whole number, as some servers write it

@@ -112,7 +112,7 @@ class AvatarSession(_Session):
         """Replace the agent's audio output by the avatar's."""
         await super().start(agent_session, room)
         await self.prepare()
-        sink = QueueAudioOutput(sample_rate=SAMPLES, wait_playback_start=True)
+        sink = QueueAudioOutput(wait_playback_start=True)  # at the voice's own rate: resampling loses words
         channel = MotionChannel(room, prefer_track=self._prefer_track)
         agent_session.output.replace_audio_tail(sink)
         if self._shot is not None:

@@ -8,12 +8,16 @@ import asyncio
 import time
 from collections import deque
 from dataclasses import dataclass
+from math import nan
 from typing import Protocol
 
 from livekit import rtc
+from livekit.agents import utils
+from livekit.agents.types import USERDATA_TIMED_TRANSCRIPT, TimedString
 from livekit.agents.voice.avatar import AudioReceiver, AudioSegmentEnd
 
 from echoavatar.agents.integrations import AvatarBridge, AvatarChunk, Flushed, UtteranceDone
+from echoavatar.agents.timed_text import Word
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import SAMPLE_RATE_HZ
 from echoavatar.wire.messages import Flush, Ready
@@ -110,6 +114,7 @@ class Performer:
             self._segments.append(Segment())
         segment = self._segments[-1]
         segment.seconds += frame.duration
+        await self.bridge.words(_timed(text) for text in frame.userdata.get(USERDATA_TIMED_TRANSCRIPT, ()))
         segment.seg = await self.bridge.say(bytes(frame.data), frame.sample_rate, frame.num_channels)
 
     async def _end(self) -> None:
@@ -211,6 +216,12 @@ class Performer:
 
     def _finished(self, seconds: float, *, interrupted: bool) -> None:
         self._receiver.notify_playback_finished(playback_position=seconds, interrupted=interrupted)
+
+
+def _timed(text: TimedString) -> Word:
+    """A piece of text whose times count from the first sample of its segment."""
+    start, end = (at if utils.is_given(at) else nan for at in (text.start_time, text.end_time))
+    return text, start, end
 
 
 def _heard(segment: Segment, flush: Flush | None) -> float:
