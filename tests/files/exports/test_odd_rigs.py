@@ -54,7 +54,7 @@ CASES = {
     "Z up in centimetres, as Blender writes": Odd(BODY, above=(_matrix(-Z_UP, 0.01),), baked=100 * _turn(Z_UP)),
     "faces +X": Odd(BODY, baked=_turn([0, np.pi / 2, 0])),
     "faces between": Odd(BODY, baked=_turn([0, 0.6, 0])),
-    "faces -Z": Odd(BODY, baked=_turn([0, np.pi, 0]), scheme="own"),
+    "faces -Z": Odd(BODY, dict(zip(NAMES, map(str, range(52)), strict=True)), is_vrm=True, baked=_turn([0, np.pi, 0])),
     "joints of any axes and scales": Odd(
         BODY, axes=SOME_AXES, scales=np.exp(np.random.default_rng(6).normal(0, 0.4, len(NAMES)))
     ),
