@@ -23,6 +23,8 @@ from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
 
 SLOWEST_HZ = 0.1  # of frames; slower ones would make a short file last for years
+NTSC_HZ = tuple(rate * 1000 / 1001 for rate in (24, 30, 60, 120))
+_SAME_RATE = 3e-4  # share by which a measured rate may miss a whole or NTSC rate
 
 
 class Pose(NamedTuple):
@@ -144,6 +146,12 @@ def align_signs(quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t
     is_flipped = (quaternions[1:] * quaternions[:-1]).sum(-1) < 0
     sign = np.where(np.cumsum(is_flipped, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
     return np.concatenate([quaternions[:1], quaternions[1:] * sign[..., None]])
+
+
+def usual_rate(fps: float) -> float:
+    """The whole or NTSC rate that a measured or rounded one means, such as 30000/1001 for 29.97; else itself."""
+    nearest = min((*NTSC_HZ, float(round(fps))), key=lambda rate: abs(rate - fps))
+    return nearest if abs(nearest - fps) < _SAME_RATE * fps else fps
 
 
 def frame_ratio(source_fps: float, fps: float) -> Fraction:
