@@ -85,6 +85,17 @@ def test_the_same_pose_as_on_the_plain_rig(
     assert outcome.as_source < TOLERANCE
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("degrees", [10, 45, 60, 80, 89, 90, 135, 180])
+def test_a_turn_by_any_angle_above_the_hips_changes_nothing(degrees: float, axis: int, tmp_path: Path) -> None:
+    path, above = tmp_path / "a.glb", _matrix(np.radians(degrees) * np.eye(3)[axis], 1.0)
+    rests = []
+    for odd in (Odd(BODY), Odd(BODY, above=(above,)), Odd(BODY, above=(moved(0.5, 0, 2) @ above,), in_world=True)):
+        path.write_bytes(glb(odd))
+        rests.append(read_rig(path).skeleton.rest_positions.numpy())
+    np.testing.assert_allclose(rests[1:], rests[:1] * 2, atol=1e-3)
+
+
 @pytest.mark.parametrize(
     "name", ["faces +X", "faces between", "arms down", "one arm up", "Z up in centimetres, as Blender writes"]
 )
