@@ -24,7 +24,7 @@ from pydantic import ValidationError
 from echoavatar.errors import MotionError
 from echoavatar.limits import BVH_BYTES, BVH_LINE, BVH_LINES, DEPTH, JOINTS, ROTATIONS, STILL_ROTATIONS, check_file
 
-from ..kinematics.motion import NTSC_HZ, SLOWEST_HZ, Motion, usual_rate
+from ..kinematics.motion import SLOWEST_HZ, Motion, usual_rate
 from ..kinematics.rigs import JointMap, known_bones, with_bones
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
@@ -35,7 +35,8 @@ _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is 
 _MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
 _ASSUMED_HZ = 30.0
-_RATES_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
+_WHOLE_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
+_RATES_HZ = (*_WHOLE_HZ, *(rate * 1000 / 1001 for rate in (24, 30, 60, 120)))  # NTSC
 _WIDE = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"H\0": "utf-16-le", b"\0H": "utf-16-be"}  # how they begin
 _COMMENT = re.compile(r"(?<!\S)//.*|^[ \t]*#.*|#(?!\S).*", re.MULTILINE)
 _STATEMENT = re.compile(
@@ -277,7 +278,7 @@ def _rate(word: str, at: int, notes: list[str]) -> float:
     halves, step = 2 / seconds, 10.0 ** int(Decimal(word.strip(",").replace(",", ".")).normalize().as_tuple().exponent)
     if abs(halves - round(halves)) < 1e-7:
         return round(halves) / 2
-    for rate in (*_RATES_HZ, *NTSC_HZ):
+    for rate in _RATES_HZ:
         if -0.501 * step < 1 / rate - seconds < 0.7 * step < 0.1 * seconds:
             return float(rate)
     return usual_rate(1 / seconds)

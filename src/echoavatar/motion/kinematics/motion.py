@@ -23,8 +23,7 @@ from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
 
 SLOWEST_HZ = 0.1  # of frames; slower ones would make a short file last for years
-NTSC_HZ = tuple(rate * 1000 / 1001 for rate in (24, 30, 60, 120))
-_SAME_RATE = 3e-4  # share by which a measured rate may miss a whole or NTSC rate
+_SAME_RATE = 3e-4  # share by which a measured rate may miss a whole one
 
 
 class Pose(NamedTuple):
@@ -150,8 +149,7 @@ def align_signs(quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t
 
 def usual_rate(fps: float) -> float:
     """The whole or NTSC rate that a measured or rounded one means, such as 30000/1001 for 29.97; else itself."""
-    nearest = min((*NTSC_HZ, float(round(fps))), key=lambda rate: abs(rate - fps))
-    return nearest if abs(nearest - fps) < _SAME_RATE * fps else fps
+    return float(round(fps)) if abs(round(fps) - fps) < _SAME_RATE * fps else float(_fraction(fps))
 
 
 def frame_ratio(source_fps: float, fps: float) -> Fraction:
