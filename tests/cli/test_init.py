@@ -12,6 +12,8 @@ import pytest
 
 from echoavatar import __version__, cli
 from echoavatar.cli import COMMANDS, SEPARATE, build_parser, main
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.commands import plot
 
 
@@ -144,6 +146,31 @@ def test_a_command_runs_where_the_current_folder_is_gone(
     told = capsys.readouterr()
     assert "is gone" in told.err
     assert told.out.startswith("echoavatar ")
+
+
+def test_a_user_without_a_home_has_every_command(tmp_path: Path) -> None:
+    """As containers have: an id without a name, and no folder of its own."""
+    code = """
+import os, pwd
+def nobody(*_): raise KeyError("uid not found")
+pwd.getpwuid = nobody
+from echoavatar.cli import main
+assert main(["export", "a.bvh", "-o", "b.glb"]) == 0
+for command in ("animate", "say", "serve", "proxy", "doctor"):
+    try:
+        main([command, "--help"])
+    except SystemExit as end:
+        assert not end.code
+"""
+    made = Motion.at_rest(HUMANOID)
+    write_bvh(tmp_path / "a.bvh", HUMANOID, made.rotations, made.root, 30)
+    kept = {name: value for name, value in os.environ.items() if name not in ("HOME", "XDG_CACHE_HOME")}
+    kept["PYTHONPATH"] = os.pathsep.join([*sys.path[1:], kept.get("PYTHONPATH", "")])
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, env=kept, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    assert (tmp_path / "b.glb").is_file()
 
 
 def test_without_any_temporary_folder_it_says_what_to_set(

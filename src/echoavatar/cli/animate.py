@@ -135,7 +135,7 @@ def _check_film(args: argparse.Namespace, places: list[Path], rig: "Rig | None")
     from echoavatar.files.exports.formats import FILMS
 
     if rig is not None and any(output.suffix.lower() in FILMS for output in places):
-        if rig.gltf is None:
+        if not rig.has_mesh:
             raise EchoAvatarError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")
         if args.character:
             raise EchoAvatarError("a film shows --rig or --character; leave one of the two out")

@@ -3,12 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 from tests.files.exports.bodies import CORNERS, HUMANOID, MIXAMO, NAMES, ROUND, TRIANGLES, offsets_of
+from tests.motion.kinematics.naming import body as named_body
+from tests.motion.kinematics.naming import every_body
 
 from echoavatar.files.avatar.gltf import Buffer, container
 from echoavatar.motion.formats import write_bvh
@@ -19,11 +22,9 @@ from echoavatar.motion.kinematics.upright import Stand
 Array = np.ndarray
 BODIES = 12  # how many there are
 FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
-SCHEMES: Mapping[str, Mapping[str, str]] = {
-    "vrm": {name: name for name in NAMES},
-    "mixamo": MIXAMO,
-    "own": {name: f"joint {k}" for k, name in enumerate(NAMES)},  # known by the map of a VRM alone
-}
+CONVENTIONS = {name: named_body(*entry).bones for name, entry in every_body().items()}
+CONVENTIONS = {name: bones for name, bones in CONVENTIONS.items() if set(NAMES) <= bones.keys()}
+AROUND = ("{}", "{}", "hero_{}", "rig:{}", "Armature|{}", "{}.001", "{}_jnt", "upper", "lower")
 POSES = ("T", "A", "N", "hands", "knees", "one up", "ahead", "sitting", "any")
 
 
@@ -32,7 +33,8 @@ class Odd:
     """How a rig differs from the plain one of its body."""
 
     body: Array  # rest offsets in T-pose (j, 3)
-    scheme: str = "mixamo"
+    names: Mapping[str, str] = field(default_factory=lambda: MIXAMO)  # of bones to those of joints
+    is_vrm: bool = False  # whether the map of a VRM says which joint is which
     pose: str = "T"
     bind: str = ""  # the pose in which the mesh was bound, "" for the nodes' own
     axes: Array | None = None  # (j, 3) rotation of each joint's axes
@@ -60,7 +62,7 @@ class Odd:
     @property
     def plain(self) -> "Odd":
         """The same body without any of it."""
-        return Odd(self.body, "vrm")
+        return Odd(self.body, {name: name for name in NAMES})
 
 
 @cache
@@ -82,7 +84,7 @@ def drawn(seed: int) -> Odd:
     def some(share: float) -> bool:
         return bool(draw.random() < share)
 
-    odd = Odd(body, str(draw.choice(list(SCHEMES))), str(draw.choice(POSES)), seed=seed)
+    odd = Odd(body, *_named(draw, some), str(draw.choice(POSES)), seed=seed)
     if some(0.3):
         odd = replace(odd, bind=str(draw.choice(POSES[:4])))
     if some(0.7):
@@ -96,7 +98,8 @@ def drawn(seed: int) -> Odd:
     elif some(0.4):
         angle = draw.choice([np.pi, np.pi / 2, -np.pi / 2, draw.uniform(-3, 3)])
         unit = draw.choice([1.0, 100.0, 1000.0, 1 / 0.0254])
-        odd = replace(odd, baked=_turn([0, angle, 0]) * unit)
+        up = _turn(np.pi / 2 * draw.choice([(0, 0, 0), (0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, 0, 1), (0, 0, -1)]))
+        odd = replace(odd, baked=up @ _turn([0, angle, 0]) * unit)
     odd = replace(odd, above=tuple(above))
     metre = np.cbrt(abs(np.linalg.det(odd.over[:3, :3] @ odd.baked)))
     is_precise = bool(np.linalg.norm(odd.over[:3, 3]) < 3 * metre)  # as 32-bit numbers of a mesh in the world are
@@ -111,6 +114,15 @@ def drawn(seed: int) -> Odd:
         mirrored_arm=some(0.15),
         root_joint=bool(above) and some(0.4),
     )
+
+
+def _named(draw: np.random.Generator, some: Any) -> tuple[dict[str, str], bool]:
+    """Names by a convention, with something around them; one rig in six is a VRM whose names say nothing."""
+    if some(1 / 6):
+        return {name: f"joint {k}" for k, name in enumerate(NAMES)}, True
+    bones, around = CONVENTIONS[str(draw.choice(list(CONVENTIONS)))], str(draw.choice(AROUND))
+    put = around.format if "{" in around else methodcaller(around)
+    return {name: put(bones[name]) for name in NAMES}, False
 
 
 def _node(draw: np.random.Generator, some: Any) -> Array:
@@ -199,7 +211,7 @@ def built(odd: Odd) -> Built:
         unit = np.cbrt(np.linalg.det(odd.baked))
         matrix[:, :3, :3] = odd.baked / unit @ matrix[:, :3, :3]
         worlds.append(matrix)
-    names, parents = [SCHEMES[odd.scheme][name] for name in NAMES], list(HUMANOID.parents)
+    names, parents = [odd.names[name] for name in NAMES], list(HUMANOID.parents)
     bones = {name: joint for joint, name in enumerate(NAMES)}
     rest, bind, stretched = worlds
     if odd.twists:
@@ -274,7 +286,7 @@ def glb(odd: Odd) -> bytes:
         sampler = {"input": clock, "output": output}
         channel = {"sampler": 0, "target": {"node": 0, "path": "rotation"}}
         document["animations"] = [{"name": "spin", "samplers": [sampler], "channels": [channel]}]
-    if odd.scheme == "own":
+    if odd.is_vrm:
         bones = {bone: {"node": joint} for bone, joint in made.bones.items()}
         document["extensionsUsed"] = ["VRMC_vrm"]
         document["extensions"] = {"VRMC_vrm": {"specVersion": "1.0", "humanoid": {"humanBones": bones}}}

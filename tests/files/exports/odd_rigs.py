@@ -24,7 +24,7 @@ import numpy as np
 import torch
 from tests.files.exports.bodies import NAMES
 from tests.files.exports.moving import clapping
-from tests.files.exports.odd import SCHEMES, Odd, bvh, drawn, glb
+from tests.files.exports.odd import Odd, bvh, drawn, glb
 
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Take, read_rig, read_take, write_take
@@ -96,8 +96,8 @@ def places_in_bvh(path: Path) -> tuple[list[str], Array]:
 def pose_in(path: Path, odd: Odd) -> Array:
     """Where the bones are from the hips, in the body's axes and metres (t, j, 3)."""
     names, worlds = places_in(path) if path.suffix != ".bvh" else places_in_bvh(path)
-    own = SCHEMES[odd.scheme]
-    at = [names.index(own[name].replace(" ", "_") if path.suffix == ".bvh" else own[name]) for name in NAMES]
+    own = [odd.names[name] for name in NAMES]
+    at = [names.index("_".join(name.split()) if path.suffix == ".bvh" else name) for name in own]
     over = np.eye(4) if path.suffix == ".bvh" else odd.over
     inner = (np.linalg.inv(over) @ worlds[:, at])[..., :3, 3]
     from_hips: Array = (inner - inner[:, :1]) @ np.linalg.inv(odd.baked).T
@@ -151,7 +151,7 @@ def outcomes(seeds: range, folder: Path) -> Iterator[tuple[Odd, str, Outcome]]:
     take = Take(clapping(1.2), None, None)
     for seed in seeds:
         odd = drawn(seed)
-        for suffix in (".glb", ".bvh") if seed % 4 == 0 and odd.scheme != "own" else (".glb",):
+        for suffix in (".glb", ".bvh") if seed % 4 == 0 and not odd.is_vrm else (".glb",):
             yield odd, suffix, tried(odd, take, folder, suffix)
 
 
@@ -173,7 +173,7 @@ def main() -> None:
         worst = [max(a, b) for a, b in zip(worst, errors, strict=True)]
         held += max(errors) < TOLERANCE
         if max(errors) >= TOLERANCE:
-            how = f"{odd.pose} {odd.bind} {odd.scheme}, {len(odd.above)} nodes above"
+            how = f"{odd.pose} {odd.bind} {odd.names['hips']}, {len(odd.above)} nodes above"
             far.append(f"{odd.seed}{suffix} ({how}): {1e3 * errors[0]:.2f} and {1e3 * errors[1]:.2f} mm\n")
     lines = [
         f"{held} held the pose: {1e3 * worst[0]:.4f} mm off at most, and {1e3 * worst[1]:.4f} mm as a source\n",

@@ -54,7 +54,7 @@ CASES = {
     "Z up in centimetres, as Blender writes": Odd(BODY, above=(_matrix(-Z_UP, 0.01),), baked=100 * _turn(Z_UP)),
     "faces +X": Odd(BODY, baked=_turn([0, np.pi / 2, 0])),
     "faces between": Odd(BODY, baked=_turn([0, 0.6, 0])),
-    "faces -Z": Odd(BODY, baked=_turn([0, np.pi, 0]), scheme="own"),
+    "faces -Z": Odd(BODY, dict(zip(NAMES, map(str, range(52)), strict=True)), is_vrm=True, baked=_turn([0, np.pi, 0])),
     "joints of any axes and scales": Odd(
         BODY, axes=SOME_AXES, scales=np.exp(np.random.default_rng(6).normal(0, 0.4, len(NAMES)))
     ),
@@ -83,6 +83,17 @@ def test_the_same_pose_as_on_the_plain_rig(
     assert "other way round" not in caplog.text  # a mirror above the hips does not swap its sides
     assert outcome.error < TOLERANCE
     assert outcome.as_source < TOLERANCE
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("degrees", [10, 45, 60, 80, 89, 90, 135, 180])
+def test_a_turn_by_any_angle_above_the_hips_changes_nothing(degrees: float, axis: int, tmp_path: Path) -> None:
+    path, above = tmp_path / "a.glb", _matrix(np.radians(degrees) * np.eye(3)[axis], 1.0)
+    rests = []
+    for odd in (Odd(BODY), Odd(BODY, above=(above,)), Odd(BODY, above=(moved(0.5, 0, 2) @ above,), in_world=True)):
+        path.write_bytes(glb(odd))
+        rests.append(read_rig(path).skeleton.rest_positions.numpy())
+    np.testing.assert_allclose(rests[1:], rests[:1] * 2, atol=1e-3)
 
 
 @pytest.mark.parametrize(

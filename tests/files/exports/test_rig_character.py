@@ -136,6 +136,7 @@ def test_alpha_cuts_out_or_shows_through(
 def test_what_a_film_cannot_show_is_said_in_one_line(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     document, binary = taken_apart(painted(long_armed(), b"\xabKTX 20\xbb\r\n\x1a\n" + bytes(60)))
     document["extensionsRequired"] = ["KHR_texture_basisu", "ACME_fur"]
+    document["textures"] = [{"extensions": {"KHR_texture_basisu": document["textures"][0]}}]
     with caplog.at_level(logging.WARNING, "echoavatar.files.exports.rig_character"):
         picture = still(tmp_path / "a.glb", container(document, binary))
     (said,) = [record.getMessage() for record in caplog.records if record.name.endswith("rig_character")]

@@ -185,6 +185,7 @@ REFUSED: dict[str, tuple[Callable[[], bytes], str]] = {
     "a page": (lambda: b"\n<!DOCTYPE html>\n<html><title>404</title></html>", "but a web page"),
     "raw samples": (lambda: (TWO * 32_767).astype("<i2").tobytes(), "raw samples need their rate"),
     "an archive": (lambda: b"PK\3\4" + bytes(range(256)) * 20, "is not a sound file"),
+    "samples of another byte order": (lambda: b"RIFX\0\0\1\0WAVEfmt " + bytes(200), "byte order of old computers"),
     "an MP4 without its end": (lambda: b"\0\0\0\x18ftypM4A \0\0\0\0M4A isom" + bytes(4_000), "cut off or damaged"),
 }
 

@@ -77,6 +77,8 @@ SAME: dict[str, tuple[Callable[[str], str | bytes], str]] = {  # what a program 
     "a byte order mark": (lambda t: b"\xef\xbb\xbf" + t.encode(), ""),
     "UTF-16": (lambda t: t.encode("utf-16"), "utf-16"),
     "UTF-16 of the other end": (lambda t: b"\xfe\xff" + t.encode("utf-16-be"), "utf-16"),
+    "UTF-16 without a mark": (lambda t: t.encode("utf-16-le"), "utf-16"),
+    "UTF-16 of the other end without a mark": (lambda t: t.encode("utf-16-be"), "utf-16"),
     "small letters": (lambda t: t.lower(), ""),
     "capitals": (lambda t: re.sub("rotation|position|Frames|Frame Time|End Site", lambda m: m[0].upper(), t), ""),
     "Motion": (lambda t: t.replace("MOTION", "Motion").replace("HIERARCHY", "Hierarchy"), ""),
@@ -166,8 +168,9 @@ def test_what_programs_write_is_read_as_the_plain_file(name, plain, tmp_path, ca
         ("左ひじ", "shift_jis", "shift_jis"),
         ("センター", "cp932", "shift_jis"),
         ("左手腕", "gbk", "gb2312"),
-        ("Bündel", "latin-1", "latin-1"),
-        ("épaule", "cp1252", "latin-1"),
+        ("傳左腕", "gbk", "gbk"),
+        ("Bündel", "latin-1", "cp1252"),
+        ("épaule", "cp1252", "cp1252"),
         ("左ひじ", "utf-16", "utf-16"),
         ("Größe 左", "utf-8", ""),
     ],
@@ -246,6 +249,7 @@ def test_ten_minutes_stay_ten_minutes(rate, tmp_path) -> None:  # type: ignore[n
         (lambda t: t.replace("OFFSET 0.000000 7.5", "OFFSET 0,0,0 7.5"), "OFFSET needs three"),
         (lambda t: re.sub("Time: .*", "Time: inf", t), "expected 'Frame Time:' and a number"),
         (lambda t: re.sub("Time: .*", "Time: 1/30", t), "expected 'Frame Time:' and a number"),
+        (lambda t: re.sub("Time: .*", "Time: 30", t), "line 316: Frame Time 30 is not 0.0001 to 10"),
         (lambda t: t.replace("ROOT hips\n{", "ROOT hips"), "is not BVH"),
         (lambda t: "\n".join(t.splitlines()[:200]), "the file ends before MOTION"),
         (lambda t: rows(t)[0], "has no frames"),
@@ -261,6 +265,13 @@ def test_what_cannot_be_read_is_refused_with_its_line_at_once(change, complaint,
     with pytest.raises(MotionError, match=rf"a\.bvh.*{re.escape(complaint)}"):
         read_bvh(path)
     assert time.process_time() - start < 2
+
+
+@pytest.mark.parametrize("name", [b"\x81", b"\xb6\xd2\x81\x20", b"\xe9paule\x8d"])
+def test_names_in_no_encoding_at_all_are_replaced(name: bytes, plain: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.bvh"
+    path.write_bytes(plain.encode().replace(b"JOINT leftThumbDistal", b"JOINT thumb " + name))
+    assert read_bvh(path).skeleton.joints == HUMANOID.joints
 
 
 @pytest.mark.parametrize("size", ["1e39", "1e300", "-3e38"])

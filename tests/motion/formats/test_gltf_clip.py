@@ -65,6 +65,20 @@ def test_keys_between_frames_are_interpolated(kind: str, tmp_path: Path) -> None
         assert angle_between(frame, matrix) < 2e-3
 
 
+@pytest.mark.parametrize("rate", [30000 / 1001, 24000 / 1001, 30.0, 60.0])
+def test_the_rate_of_the_keys_is_kept_over_ten_minutes(rate: float, tmp_path: Path) -> None:
+    frames = round(600 * rate)
+
+    def keys(buffer: Buffer) -> dict:  # type: ignore[type-arg]
+        times = (np.arange(frames) / rate).astype(np.float32)
+        turns = np.array([turn(0.001 * k) for k in range(frames)], np.float32)
+        return {"input": buffer.add(times, bounds=True), "output": buffer.add(turns)}
+
+    motion = read_gltf_clip(animated(tmp_path / "a.glb", keys), "one")
+    assert motion.fps == pytest.approx(rate, rel=1e-9)
+    assert motion.frames == frames
+
+
 def test_an_animation_is_chosen_by_its_name(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     def keys(buffer: Buffer) -> dict:  # type: ignore[type-arg]
         times, turns = np.array([0, 0.1], np.float32), np.array([turn(0), turn(1)], np.float32)

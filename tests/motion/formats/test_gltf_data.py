@@ -4,11 +4,12 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
-from tests.files.exports.bodies import child, long_armed
+from tests.files.exports.bodies import MIXAMO, child, long_armed
 from tests.files.exports.moving import clapping
 from tests.files.exports.readers import node
 from tests.motion.formats.repacked import (
@@ -24,7 +25,7 @@ from tests.motion.formats.repacked import (
 
 from echoavatar.errors import DependencyError, MotionError
 from echoavatar.files.avatar.gltf import container
-from echoavatar.files.exports import Take, read_rig
+from echoavatar.files.exports import Take, read_rig, read_take, write_take
 from echoavatar.files.exports.target_rig import pack_on_rig
 from echoavatar.motion.formats.gltf_data import Binary, read_accessor, read_chunks
 from echoavatar.motion.formats.gltf_rig import Skinned, read_skinned
@@ -150,6 +151,52 @@ def test_a_vrm_of_rigid_parts_on_its_bones_is_read(tmp_path: Path, short: Take) 
     assert read.weights[:, [rig.skeleton.config.vrm["hips"]]].sum() > 100  # the body hangs on no bone
     assert rig.gltf is not None
     pack_on_rig(rig.gltf, rig.retarget(short))
+
+
+def test_it_is_read_by_its_content_whatever_it_is_called(tmp_path: Path) -> None:
+    binary, text = tmp_path / "a.gltf", tmp_path / "b.glb"
+    binary.write_bytes(long_armed())
+    text.write_bytes(b"\xef\xbb\xbf" + in_parts(long_armed(), tmp_path).read_bytes())
+    for path in (binary, text):
+        assert read_rig(path).skeleton.joints == len(MIXAMO)
+
+
+def without_meshes(document: dict[str, Any]) -> None:
+    del document["skins"]
+    for entry in document["nodes"]:
+        entry.pop("mesh", None)
+        entry.pop("skin", None)
+
+
+def test_a_skeleton_without_a_mesh_is_a_rig(tmp_path: Path, short: Take) -> None:
+    document, binary = taken_apart(long_armed())
+    without_meshes(document)
+    path, out = tmp_path / "a.glb", tmp_path / "b.glb"
+    path.write_bytes(container(document, binary))
+    write_take(out, short, rig=read_rig(path))
+    assert read_take(out).motion.frames == short.motion.frames
+    with pytest.raises(MotionError, match="a skeleton without a mesh"):
+        write_take(tmp_path / "b.mp4", short, rig=read_rig(path))
+
+
+def test_a_body_of_rigid_parts_needs_no_skin(tmp_path: Path, short: Take) -> None:
+    """A robot: each bone has a mesh of its own. A mesh beside the bones follows none, and is refused."""
+    document, binary = taken_apart(long_armed())
+    without_meshes(document)
+    bare = json.dumps(document)
+    for bone in [entry for entry in document["nodes"] if "Leg" in entry["name"] or "Arm" in entry["name"]]:
+        bone.setdefault("children", []).append(len(document["nodes"]))
+        document["nodes"].append({"mesh": 1, "name": f"part of {bone['name']}"})
+    path = tmp_path / "a.glb"
+    path.write_bytes(container(document, binary))
+    rig = read_rig(path)
+    assert rig.gltf is not None
+    pack_on_rig(rig.gltf, rig.retarget(short))
+    document = json.loads(bare)
+    document["nodes"].append({"mesh": 1, "name": "body"})
+    path.write_bytes(container(document, binary))
+    with pytest.raises(MotionError, match="has no skin"):
+        read_rig(path)
 
 
 def test_what_unpacks_it_may_be_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

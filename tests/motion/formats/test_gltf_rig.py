@@ -88,13 +88,6 @@ HOSTILE = {
     "a matrix of texts": lambda d: d["nodes"][0].update(matrix=["x"] * 16),
     "a place that is not finite": lambda d: d["nodes"][hips(d)].update(translation=[0, float("nan"), 0]),
     "a head that hangs from nothing": lambda d: orphan(d, "mixamorig:Head"),
-    "a bone map of nothing": lambda d: d.update(extensions={"VRMC_vrm": {}}),
-    "bones of nodes that are not there": lambda d: d.update(
-        extensions={"VRMC_vrm": {"humanoid": {"humanBones": {"hips": {"node": 10**9}}}}}
-    ),
-    "a thumb of no kind": lambda d: d.update(
-        extensions={"VRM": {"humanoid": {"humanBones": [{"bone": "leftThumbX", "node": 0}]}}}
-    ),
 }  # fmt: skip
 
 
@@ -104,6 +97,41 @@ def test_a_document_that_breaks_the_rules_is_one_error_that_names_the_file(tmp_p
     path = spoilt(tmp_path / "a.glb", long_armed(), HOSTILE[name])
     with pytest.raises(MotionError, match=r"a\.glb"):
         read_gltf_rig(path)
+
+
+def vrm1(**bones: object) -> dict[str, Any]:
+    return {"VRMC_vrm": {"humanoid": {"humanBones": bones}}}
+
+
+def vrm0(*bones: dict[str, object]) -> dict[str, Any]:
+    return {"VRM": {"humanoid": {"humanBones": bones}}}
+
+
+@pytest.mark.parametrize(
+    "extensions",
+    [
+        {"VRMC_vrm": {}},
+        vrm0(),
+        vrm1(hips={"node": 10**9}),
+        vrm1(hips={}),
+        vrm0({"bone": "leftThumbX", "node": 0}),
+        vrm0({"bone": "leftEye", "node": -1}, {"bone": "jaw", "node": None}),
+    ],
+    ids=str,
+)
+def test_a_map_without_the_bones_of_a_body_is_completed_by_names(tmp_path: Path, extensions: dict[str, Any]) -> None:
+    path = spoilt(tmp_path / "a.vrm", long_armed(), lambda document: document.update(extensions=extensions))
+    rig = read_gltf_rig(path).skeleton
+    assert {bone: rig.names[joint] for bone, joint in rig.config.vrm.items()} == MIXAMO
+
+
+def test_a_map_is_believed_where_it_and_the_names_differ(tmp_path: Path) -> None:
+    def lower(document: dict[str, Any]) -> None:
+        names = [node.get("name") for node in document["nodes"]]
+        document["extensions"] = vrm1(chest={"node": names.index("mixamorig:Spine")})
+
+    rig = read_gltf_rig(spoilt(tmp_path / "a.vrm", long_armed(), lower)).skeleton
+    assert rig.names[rig.config.vrm["chest"]] == "mixamorig:Spine"
 
 
 def test_nested_json_and_lists_are_no_gltf(tmp_path) -> None:  # type: ignore[no-untyped-def]

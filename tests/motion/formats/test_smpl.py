@@ -10,7 +10,11 @@ from echoavatar.errors import MotionError
 from echoavatar.files.exports import read_take
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.formats.smpl import skeleton
-from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_multiply
+from echoavatar.motion.kinematics.rotations import (
+    axis_angle_from_quaternion,
+    matrix_from_axis_angle,
+    quaternion_multiply,
+)
 
 FRAMES = 12
 SWAY = swaying(FRAMES, size=0.2, skeleton=skeleton())
@@ -25,6 +29,11 @@ def arrays(*, is_z_up: bool = False) -> tuple[np.ndarray, np.ndarray]:
         rotations[:, 0] = quaternion_multiply(quarter, rotations[:, 0])
         trans = trans[:, [0, 2, 1]] * [1, -1, 1]
     return axis_angle_from_quaternion(rotations).numpy(), trans
+
+
+def matrices(poses: np.ndarray) -> np.ndarray:
+    turns: np.ndarray = matrix_from_axis_angle(torch.from_numpy(poses)).numpy()
+    return turns
 
 
 POSES, TRANS = arrays()
@@ -50,6 +59,16 @@ LAYOUTS = {  # arrays, and whether they have hands
             "pose_body": POSES[:, 1:22].reshape(FRAMES, -1),
             "pose_hand": np.concatenate([LEFT, RIGHT], 1),
             "trans": TRANS,
+        },
+        True,
+    ),
+    "parts as matrices": (
+        {
+            "global_orient": matrices(POSES[:, 0]),
+            "body_pose": matrices(POSES[:, 1:24]),
+            "left_hand_pose": matrices(POSES[:, 25:40]),
+            "right_hand_pose": matrices(POSES[:, 40:]),
+            "transl": TRANS,
         },
         True,
     ),
@@ -85,6 +104,13 @@ def test_what_is_assumed_is_said(tmp_path, caplog) -> None:  # type: ignore[no-u
     assert "30 frames per second are assumed" in caplog.text
 
 
+def test_without_places_the_body_stays_where_it_is(tmp_path, caplog) -> None:  # type: ignore[no-untyped-def]
+    np.savez(tmp_path / "a.npz", poses=POSES, fps=30)
+    motion = read_take(tmp_path / "a.npz").motion
+    assert not np.ptp(motion.root, axis=0).any()
+    assert "no 'trans', so the body stays in one place" in caplog.text
+
+
 def test_it_is_exported(tmp_path) -> None:  # type: ignore[no-untyped-def]
     np.savez(tmp_path / "a.npz", mocap_framerate=29.97, **LAYOUTS["parts, Z up"][0])
     assert main(["export", str(tmp_path / "a.npz"), "-o", str(tmp_path / "b.bvh")]) == 0
@@ -100,7 +126,6 @@ def test_it_is_exported(tmp_path) -> None:  # type: ignore[no-untyped-def]
         ({"poses": np.zeros((4, 75)), "trans": np.zeros((4, 3))}, r"poses \(4, 75\)"),
         ({"poses": np.zeros(165), "trans": np.zeros((1, 3))}, r"poses \(165,\)"),
         ({"poses": np.zeros((4, 72)), "trans": np.zeros((3, 3))}, r"4 poses and trans \(3, 3\)"),
-        ({"poses": np.zeros((4, 72))}, "lacks 'trans'"),
         ({"body_pose": np.zeros((4, 30)), "transl": np.zeros((4, 3))}, r"body_pose \(4, 30\)"),
         (
             {"global_orient": np.zeros((3, 3)), "body_pose": np.zeros((4, 63)), "transl": np.zeros((4, 3))},

@@ -61,6 +61,17 @@ AMBIGUOUS = {
         ),
         "leg": "UpperLeg=leg_upper_{s}/LowerLeg=leg_lower_{s}/Foot=foot_{s}",
     },
+    "biomechanics": {"leg": "UpperLeg=femur_{s}/LowerLeg=shank_{s}/Foot=talus_{s}/=calcn_{s}/Toes=toes_{s}"},
+    "legs counted": {"leg": "UpperLeg=leg_1_{s}/LowerLeg=leg_2_{s}/Foot=leg_3_{s}"},
+    "the limb in front": {
+        "arm": "Shoulder={s}Arm_Collarbone/UpperArm={s}Arm_UpperArm/LowerArm={s}Arm_ForeArm/Hand={s}Arm_Hand",
+        "leg": "UpperLeg={s}Leg_Thigh/LowerLeg={s}Leg_Calf/Foot={s}Leg_Foot/Toes={s}Leg_Toe1",
+    },
+    "anatomy in Japanese": {
+        "arm": "Shoulder={s}鎖骨/UpperArm={s}上腕/LowerArm={s}前腕/Hand={s}手",
+        "leg": "UpperLeg={s}大腿/LowerLeg={s}下腿/Foot={s}足/Toes={s}つま先",
+        "sides": ("左", "右"),
+    },
     "no neck": {"trunk": "hips=hips/spine=torso/head=head"},
 }
 

@@ -46,7 +46,7 @@ def film_character(rig: Rig, face: Float[Array, "t 52"] | None, frames: int) -> 
     Raises:
         MotionError: the rig is a skeleton without a mesh, or its file is damaged or too large.
     """
-    if rig.gltf is None:
+    if rig.gltf is None or not rig.has_mesh:
         raise MotionError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
         weights = {} if face is None else face_on(rig.path, rig.gltf.document, face)

@@ -119,6 +119,11 @@ class Rig:
     gltf: GltfRig | None  # None for a BVH
     stand: Stand = OURS  # of a BVH: its unit and axes
 
+    @property
+    def has_mesh(self) -> bool:
+        """Whether the file has anything to show."""
+        return self.gltf is not None and any("mesh" in node for node in self.gltf.document["nodes"])
+
     def retarget(self, take: Take) -> Take:
         """The take on this rig. Planted feet stay on the floor; hands that touch each other or the body still do.
 
@@ -198,7 +203,8 @@ def read_rig(path: Path, given: JointMap | None = None) -> Rig:
     suffix = path.suffix.lower()
     if suffix in GLTF:
         gltf = read_gltf_rig(path, given)
-        return Rig(path, _standing(path, gltf.skeleton, skinned(gltf)), gltf)
+        rig = Rig(path, gltf.skeleton, gltf)
+        return replace(rig, skeleton=_standing(path, gltf.skeleton, skinned(gltf) if rig.has_mesh else None))
     if suffix != BVH:
         raise MotionError(f"{path} is not a rig: give a character (.vrm, .glb, .gltf) or a skeleton (.bvh)")
     motion, stand = read_standing(path, given)

@@ -232,6 +232,8 @@ def _parts(path: Path) -> list[range]:
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         first = _after_tag(data)
         kind = data[first : first + 4]
+        if kind == b"RIFX":  # FFmpeg would take its samples for those of RIFF
+            raise AudioError(f"{path} is a WAV in the byte order of old computers (RIFX); convert it to WAV (RIFF)")
         if kind == b"OggS":
             begins = _ogg_begins(data, first)
         elif data[first + 4 : first + 8] == b"ftyp":

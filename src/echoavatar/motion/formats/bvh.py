@@ -7,11 +7,11 @@ Joints below the root may have position channels. If the root's only child trave
 root is merged into it. Elsewhere bones count as rigid, and their mean length is used.
 """
 
-import codecs
 import logging
 import re
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
@@ -24,7 +24,7 @@ from pydantic import ValidationError
 from echoavatar.errors import MotionError
 from echoavatar.limits import BVH_BYTES, BVH_LINE, BVH_LINES, DEPTH, JOINTS, ROTATIONS, STILL_ROTATIONS, check_file
 
-from ..kinematics.motion import Motion
+from ..kinematics.motion import SLOWEST_HZ, Motion, usual_rate
 from ..kinematics.rigs import JointMap, known_bones, with_bones
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_multiply
 from ..kinematics.skeleton import Skeleton, SkeletonConfig
@@ -35,9 +35,9 @@ _RIGID = 2e-3  # of the longest bone: a bone that changes its length by more is 
 _MOST = 1e12  # a number of a file is smaller, so that no sum of squares overflows
 _BESIDE = 0.1  # of a joint's OFFSET: positions that are smaller on average count from there
 _ASSUMED_HZ = 30.0
-_RATES_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
-_SAME_RATE = 3e-4  # share by which a frame time may miss a whole or NTSC rate
-_NTSC_HZ = tuple(rate * 1000 / 1001 for rate in (24, 30, 60, 120))
+_WHOLE_HZ = (24, 25, 30, 50, 60, 90, 100, 120, 15, 10, 12, 20, 48, 72, 144, 200, 240)  # the likely ones first
+_RATES_HZ = (*_WHOLE_HZ, *(rate * 1000 / 1001 for rate in (24, 30, 60, 120)))  # NTSC
+_WIDE = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"H\0": "utf-16-le", b"\0H": "utf-16-be"}  # how they begin
 _COMMENT = re.compile(r"(?<!\S)//.*|^[ \t]*#.*|#(?!\S).*", re.MULTILINE)
 _STATEMENT = re.compile(
     r"(?:(?P<key>root|joint|end(?:site)?)\b(?P<name>[^\n{}]*)(?:\n\s*)?\{|offset(?P<offset>(?:\s+[^\s{}]+){3})"
@@ -129,16 +129,14 @@ def _text(path: Path, notes: list[str]) -> str:
 
 
 def _decoded(data: bytes) -> tuple[str, str]:
-    """The text, and its encoding as far as the bytes tell: of the older ones, Shift-JIS alone has 0x81 to 0x9f."""
-    guesses = ("utf-8-sig", "shift_jis" if re.search(rb"[\x81-\x9f]", data) else "gb2312")
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return data.decode("utf-16", "replace"), "utf-16"
-    for guess in guesses:
-        try:
+    """The text, and its encoding as far as the bytes tell: of the older ones, Shift-JIS alone has many 0x81 to 0x9f."""
+    if data[:2] in _WIDE:
+        return data.decode(_WIDE[data[:2]], "replace"), "utf-16"
+    older = ("shift_jis", "gbk") if re.search(rb"[\x81-\x9f]", data) else ("gb2312",)
+    for guess in ("utf-8-sig", *older):
+        with suppress(UnicodeDecodeError):
             return data.decode(guess), guess
-        except UnicodeDecodeError:
-            continue
-    return data.decode("latin-1"), "latin-1"
+    return data.decode("cp1252", "replace"), "cp1252"
 
 
 def _joints(text: str) -> tuple[list[_Joint], int]:
@@ -275,18 +273,15 @@ def _rate(word: str, at: int, notes: list[str]) -> float:
     if seconds == 0:
         notes.append(f"it has no frame time, and {_ASSUMED_HZ:g} frames per second are assumed")
         return _ASSUMED_HZ
-    if not 1e-6 < seconds < 1e6:
-        raise _TextError(
-            f"Frame Time {seconds} is not above 0 and below a million; write the seconds between frames", at
-        )
+    if not 1e-4 < seconds <= 1 / SLOWEST_HZ:
+        raise _TextError(f"Frame Time {seconds:g} is not 0.0001 to 10; write the seconds between frames", at)
     halves, step = 2 / seconds, 10.0 ** int(Decimal(word.strip(",").replace(",", ".")).normalize().as_tuple().exponent)
     if abs(halves - round(halves)) < 1e-7:
         return round(halves) / 2
-    for rate in (*_RATES_HZ, *_NTSC_HZ):
+    for rate in _RATES_HZ:
         if -0.501 * step < 1 / rate - seconds < 0.7 * step < 0.1 * seconds:
             return float(rate)
-    nearest = min((*_NTSC_HZ, round(1 / seconds)), key=lambda rate: abs(rate * seconds - 1))
-    return float(nearest) if abs(nearest * seconds - 1) < _SAME_RATE else 1 / seconds
+    return usual_rate(1 / seconds)
 
 
 def _body(joints: list[_Joint], notes: list[str]) -> list[_Joint]:

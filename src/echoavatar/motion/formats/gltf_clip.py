@@ -17,6 +17,7 @@ from echoavatar.limits import ROTATIONS
 from echoavatar.timing import FRAME_RATE_HZ
 
 from ..kinematics import Motion
+from ..kinematics.motion import usual_rate
 from ..kinematics.rigs import JointMap
 from ..kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from .gltf_data import read_accessor, refusing_damage
@@ -25,6 +26,7 @@ from .gltf_rig import GltfRig, read_gltf_rig
 
 _log = logging.getLogger(__name__)
 _RATES = (1.0, 240.0)  # keys per second that count as a frame rate
+_EVEN = 0.1  # of the median step: 32-bit times of a long clip are uneven
 _PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 
 
@@ -57,8 +59,8 @@ def _sampled(rig: GltfRig, entry: dict[str, Any]) -> Motion:
         raise MotionError(f"{rig.path}: its animation {entry.get('name', '')!r} moves no bone; choose another")
     first, last = (pick([pick(keys) for keys, _, _ in tracks.values()]) for pick in (np.min, np.max))
     steps = np.concatenate([np.diff(keys) for keys, _, _ in tracks.values()])
-    fps = 1 / float(np.median(steps)) if steps.size else float(FRAME_RATE_HZ)
-    fps = float(round(fps)) if abs(fps - round(fps)) < 2e-3 * fps else fps
+    steps = steps[np.abs(steps - np.median(steps)) < _EVEN * np.median(steps)] if steps.size else steps
+    fps = usual_rate(1 / float(steps.mean())) if steps.size else float(FRAME_RATE_HZ)
     fps = fps if _RATES[0] <= fps <= _RATES[1] else float(FRAME_RATE_HZ)
     frames = int((last - first) * fps + 1e-3) + 1
     if frames * len(needed) > ROTATIONS:

@@ -65,11 +65,15 @@ def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
     try:
         check_file(path, GLB_BYTES, MotionError)
         with path.open("rb", buffering=0) as file:  # a buffer would copy what is read
-            length = GLTF_BYTES + 1
-            if path.suffix.lower() != ".gltf":
-                magic, _, _, length, kind = struct.unpack("<4sIIII", file.read(20))
-                if magic != b"glTF" or kind != 0x4E4F534A:
+            head, length = file.read(20), GLTF_BYTES + 1
+            if head.startswith(b"glTF"):
+                *_, length, kind = struct.unpack("<4sIIII", head)
+                if kind != 0x4E4F534A:
                     raise struct.error
+            elif path.suffix.lower() != ".gltf" and not head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{"):
+                raise struct.error
+            else:
+                file.seek(0)
             text = file.read(min(length, GLTF_BYTES + 1))
             file.seek(28 + length)
             first = file.read()

@@ -24,7 +24,7 @@ from ..kinematics import Skeleton, SkeletonConfig
 from ..kinematics.alignment import has_rest_pose
 from ..kinematics.joint_tree import REQUIRED, Tree, with_parents
 from ..kinematics.retarget import PlainRig, plain_rig
-from ..kinematics.rigs import JointMap, check_bones, feet_of, find_bones
+from ..kinematics.rigs import BONES, JointMap, check_bones, feet_of, find_bones
 from ..kinematics.upright import axes_of, height, metres_of
 from .gltf_data import Binary, attribute, read_chunks, refusing_damage
 from .gltf_file import above, binds_of, node_matrix, parents_of, unscaled, worlds_of
@@ -33,6 +33,7 @@ Array = np.ndarray
 _SAME = 0.02  # radians, about: as far apart two poses are one
 _log = logging.getLogger(__name__)
 _OLD_THUMB = {"Proximal": "Metacarpal", "Intermediate": "Proximal", "Distal": "Distal"}  # VRM 0.x to 1.0
+_RIGID = 6  # bones that have a part of their own, where nothing is skinned
 _EVEN = 1.002  # how much larger than its smallest the largest scale of a joint with children may be
 
 
@@ -238,17 +239,16 @@ def _rig(
 
 
 def _humanoid(document: dict[str, Any]) -> dict[str, int]:
+    """The map of a VRM, without entries that name no node; empty in other files."""
     extensions = document.get("extensions", {})
     if own := extensions.keys() & {"VRMC_vrm", "VRMC_vrm_animation"}:
-        bones = extensions[own.pop()]["humanoid"]["humanBones"]
-        return {bone: int(entry["node"]) for bone, entry in bones.items()}
-    if "VRM" in extensions:
-        found: dict[str, int] = {}
-        for entry in extensions["VRM"]["humanoid"]["humanBones"]:
-            stem, thumb, part = entry["bone"].partition("Thumb")
-            found[stem + thumb + (_OLD_THUMB[part] if thumb else part)] = int(entry["node"])
-        return found
-    return {}
+        listed = extensions[own.pop()].get("humanoid", {}).get("humanBones", {}).items()
+    else:
+        entries = extensions.get("VRM", {}).get("humanoid", {}).get("humanBones", [])
+        thumbs = [(entry, *entry["bone"].partition("Thumb")) for entry in entries]
+        listed = [(stem + thumb + _OLD_THUMB.get(thumb and part, part), entry) for entry, stem, thumb, part in thumbs]
+    nodes = range(len(document["nodes"]))
+    return {bone: entry["node"] for bone, entry in listed if bone in BONES and entry.get("node", -1) in nodes}
 
 
 class Skinned(NamedTuple):
@@ -271,7 +271,9 @@ def skinned(rig: GltfRig) -> Skinned:
         MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
-        if not rig.document.get("skins") and not _humanoid(rig.document):
+        owners = _owners(rig)
+        held = {owners[node] for node, entry in enumerate(rig.document["nodes"]) if "mesh" in entry} - {-1}
+        if not (rig.document.get("skins") or _humanoid(rig.document) or len(held) >= _RIGID):
             raise MotionError(
                 f"{rig.path} has no skin, so nothing says which vertex follows which bone; export it rigged"
             )

@@ -5,7 +5,7 @@ rotations are exact, positions are those of a body of 1.70 m. What a file lacks,
 
 A file has `poses`, axis angles in radians of 22 (body), 24 (SMPL), 52 (SMPL-H) or 55 joints, flat or (t, j, 3), or its
 parts (`global_orient`, `body_pose`, ...; AMASS: `root_orient`, `pose_body`, ...), and `trans` or `transl` (t, 3) in
-metres. Hand poses are absolute, as MoSh writes them: no mean hand is added.
+metres. Matrices (t, j, 3, 3) are read as well. Hand poses are absolute, as MoSh writes them: no mean hand is added.
 """
 
 import logging
@@ -21,7 +21,7 @@ from echoavatar.limits import ROTATIONS, STILL_ROTATIONS
 
 from ..kinematics.motion import Motion
 from ..kinematics.named_bones import finger_bones
-from ..kinematics.rotations import quaternion_from_axis_angle
+from ..kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle, quaternion_from_matrix
 from ..kinematics.skeleton import HUMANOID, Skeleton, SkeletonConfig
 from ..kinematics.upright import of_clip, righted
 
@@ -94,9 +94,8 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     Raises:
         MotionError: an array is missing, has another shape, is not finite, or the body does not stand; names the file.
     """
-    poses, trans = _poses(path, stored), _first(path, stored, _PLACES)
-    if trans is None:
-        raise MotionError(f"{path} lacks 'trans'; it is not SMPL-X motion")
+    poses, found = _poses(path, stored), _first(path, stored, _PLACES)
+    trans = np.zeros((len(poses), 3)) if found is None else found
     if trans.shape != (len(poses), 3):
         raise MotionError(f"{path}: {len(poses)} poses and trans {trans.shape}; give a place (t, 3) for each pose")
     if not (np.isfinite(poses).all() and np.isfinite(trans).all()):
@@ -114,7 +113,7 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     spine = motion.matrices()[:, 0, :, 1].mean(0).numpy().round(2)
     if spine[1] < _UPRIGHT:
         raise MotionError(f"{path}: the body does not stand (mean spine {spine.tolist()}); turn it upright")
-    notes = stand.notes(usual=1.0)
+    notes = stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if found is None else [])
     notes += [f"it has no frame rate, and {fps:g} frames per second are assumed"] if rate is None else []
     if notes:
         _log.warning("%s: %s", path, "; ".join(notes))
@@ -130,7 +129,11 @@ def _numbers(path: Path, array: np.ndarray) -> Float[np.ndarray, "..."]:
     most = min(ROTATIONS, STILL_ROTATIONS + path.stat().st_size)
     if array.size > 3 * most or (array.ndim and len(array) * 55 > most):
         raise MotionError(f"{path}: an array {array.shape} is more than {most // 55:,} frames of SMPL; cut it")
-    return np.asarray(array, np.float64)
+    numbers = np.asarray(array, np.float64)
+    if numbers.ndim < 3 or numbers.shape[-2:] != (3, 3):
+        return numbers
+    angles: np.ndarray = axis_angle_from_quaternion(quaternion_from_matrix(torch.from_numpy(numbers))).numpy()
+    return angles
 
 
 def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 55 3"]:

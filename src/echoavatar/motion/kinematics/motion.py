@@ -23,6 +23,7 @@ from .rotations import matrix_from_quaternion, slerp
 from .skeleton import Skeleton
 
 SLOWEST_HZ = 0.1  # of frames; slower ones would make a short file last for years
+_SAME_RATE = 3e-4  # share by which a measured rate may miss a whole one
 
 
 class Pose(NamedTuple):
@@ -144,6 +145,11 @@ def align_signs(quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t
     is_flipped = (quaternions[1:] * quaternions[:-1]).sum(-1) < 0
     sign = np.where(np.cumsum(is_flipped, axis=0) % 2 == 1, np.float32(-1), np.float32(1))
     return np.concatenate([quaternions[:1], quaternions[1:] * sign[..., None]])
+
+
+def usual_rate(fps: float) -> float:
+    """The whole or NTSC rate that a measured or rounded one means, such as 30000/1001 for 29.97; else itself."""
+    return float(round(fps)) if abs(round(fps) - fps) < _SAME_RATE * fps else float(_fraction(fps))
 
 
 def frame_ratio(source_fps: float, fps: float) -> Fraction:

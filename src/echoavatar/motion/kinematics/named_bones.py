@@ -17,7 +17,7 @@ _OPTIONAL = ("Shoulder", "Toes")
 _MEANS = {  # how well a word names each bone of a limb
     "hips": {"UpperLeg": 2.0},
     "thigh": {"UpperLeg": 3.0},
-    "leg": {"UpperLeg": 1.5, "LowerLeg": 1.5},
+    "leg": {"UpperLeg": 1.5, "LowerLeg": 1.5, "Foot": 0.75},
     "knee": {"LowerLeg": 3.0},
     "foot": {"Foot": 2.5, "Toes": 1.0},
     "ankle": {"Foot": 3.0},

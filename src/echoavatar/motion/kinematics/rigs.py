@@ -70,7 +70,7 @@ def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str,
     Args:
         tree: the joints.
         given: the user's map, which comes before all else.
-        believed: the map in the file, in place of names and shape.
+        believed: the map in the file; names and shape count where it lacks bones that motion needs.
 
     Raises:
         MotionError: the user's map names a joint that is not there.
@@ -80,11 +80,14 @@ def find_bones(tree: Tree, given: JointMap | None = None, believed: Mapping[str,
         if joint not in tree.names:
             raise MotionError(f"the map says that {bone} is {joint[:80]!r}, and the rig has no such joint; correct it")
     own = {bone: list(tree.names).index(joint) for bone, joint in joints.items()}
-    found = dict(believed or named_bones(tree))
-    if not believed and any(bone not in found for bone in REQUIRED):
-        found = _with_shape(tree, found)
-    if not believed and _is_crossed(tree, found):
-        _log.warning("the feet say that left and right are the other way round than the names; the names are believed")
+    found, sure = {}, dict(believed or {})
+    if any(bone not in sure for bone in REQUIRED):
+        found = named_bones(tree)
+        if any(bone not in found for bone in REQUIRED):
+            found = _with_shape(tree, found)
+        if _is_crossed(tree, found):
+            _log.warning("by the feet left and right are the other way round than by the names; the names are believed")
+    found = {bone: joint for bone, joint in found.items() if joint not in sure.values()} | sure
     return {bone: j for bone, j in found.items() if bone not in (given or {}) and j not in own.values()} | own
 
 
