@@ -50,8 +50,7 @@ class ClientLimits:
     async def check(self, kind: Kind, key: str) -> None:
         """Count a request of a client. A refusal is slow, so that asking again and again costs the server little.
 
-        Raises:
-            ProtocolError: `overloaded`, with `retry_after`.
+        Raises ProtocolError: `overloaded`, with `retry_after`.
         """
         if seconds := self._wait(kind, key):
             await asyncio.sleep(REFUSAL_S)

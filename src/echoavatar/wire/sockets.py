@@ -49,8 +49,7 @@ _REFUSAL_HEADERS = {
 def listen(host: str, port: int) -> socket.socket:
     """A listening socket; port 0 takes any free one.
 
-    Raises:
-        EchoAvatarError: the port is taken, or may not be used.
+    Raises EchoAvatarError if the port is taken, or may not be used.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # With the protocol named, asyncio sets TCP_NODELAY: small messages leave at once.
@@ -72,10 +71,8 @@ class WebServer(uvicorn.Server):
 
     `names` are hosts and origins by which requests may name this server, beside `localhost` and IP addresses; None: any
     (see `RequestChecks`). `X-Forwarded-For` and `X-Forwarded-Proto` are believed from `proxies`, addresses or networks,
-    and from nobody else. `on_ready` is called with the address. Further options are uvicorn's.
-
-    Raises:
-        EchoAvatarError: the port is taken, or may not be used; or the certificate or its key cannot be used.
+    and from nobody else. `on_ready` is called with the address. Further options are uvicorn's. Raises EchoAvatarError
+    if the port is taken, or may not be used; or the certificate or its key cannot be used.
     """
 
     def __init__(

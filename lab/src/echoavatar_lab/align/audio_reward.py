@@ -230,11 +230,7 @@ class AudioMotion(checkpoint.Checkpointed):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: the folder holds no alignment reward.
-        """
+        """Read a checkpoint folder. Raises CheckpointError if the folder holds no alignment reward."""
         config = checkpoint.read_config(folder, AudioMotionConfig)
         weights = checkpoint.read_weights(folder)
         sound, motion = (

@@ -168,8 +168,7 @@ class PolicyTask(TrainingTask[BatchT]):
     ) -> None:
         """The weights of exemplar control are not trained.
 
-        Raises:
-            CheckpointError: the reference has another vocabulary.
+        Raises CheckpointError if the reference has another vocabulary.
         """
         check_reference(generator, reference, name=context.reference_name)
         for name, parameter in generator.named_parameters():
@@ -226,8 +225,7 @@ class PolicyTask(TrainingTask[BatchT]):
     def after(self, step: int, gather: Gather) -> None:
         """Stop a run that diverges.
 
-        Raises:
-            DivergedError: the mean divergence of the step's continuations exceeds `kl_stop`.
+        Raises DivergedError if the mean divergence of the step's continuations exceeds `kl_stop`.
         """
         total = gather(self._divergence.to(self.device)[None]).sum(0)
         self._divergence = torch.zeros(2)

@@ -46,10 +46,8 @@ def run(args: argparse.Namespace) -> int:
 def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
     """Copy the checkpoints without their training state, with weights in half precision, or the generator's in int8.
 
-    A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made.
-
-    Raises:
-        EchoAvatarError: a part is missing or damaged.
+    A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made. Raises
+    EchoAvatarError if a part is missing or damaged.
     """
     from echoavatar.checkpoint import read_card
     from echoavatar.models.audio import AudioCodec

@@ -95,8 +95,7 @@ class Settings(NamedTuple):
     def checked(self, kind: type[ConfigT], section: str, **more: Any) -> ConfigT:
         """A section as a validated config.
 
-        Raises:
-            EchoAvatarError: a key is unknown, or a value is invalid; names both.
+        Raises EchoAvatarError if a key is unknown, or a value is invalid; names both.
         """
         values = {**getattr(self, section), **more}
         try:
@@ -140,11 +139,7 @@ def shipped(part: str) -> dict[str, Any]:
 
 
 def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
-    """The sections of a recipe.
-
-    Raises:
-        EchoAvatarError: the file is missing, is not YAML, or has other sections.
-    """
+    """The sections of a recipe. Raises EchoAvatarError if the file is missing, is not YAML, or has other sections."""
     text = read_text(path, "give the YAML file of a recipe", largest=RECIPE_BYTES)
     try:
         if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
@@ -164,8 +159,7 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
 def paper_recipe(recipe: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
     """The paper's settings that a recipe names, changed by its own.
 
-    Raises:
-        EchoAvatarError: there are none of that name.
+    Raises EchoAvatarError if there are none of that name.
     """
     if (settings := paper.RECIPES.get(str(recipe[PAPER]))) is None:
         raise EchoAvatarError(f"{path}: no paper: {recipe[PAPER]}; there are {', '.join(paper.RECIPES)}")

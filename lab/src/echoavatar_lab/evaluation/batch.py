@@ -24,9 +24,7 @@ def animate_many(
     """Motion and face for several sounds (24 kHz) in one batch: the same as one by one, in less time.
 
     `progress` receives the chunks done and the chunks in all. The seconds of work are shared out by length of sound.
-
-    Raises:
-        AudioError: one of the sounds is empty, or a value is not finite.
+    Raises AudioError if one of the sounds is empty, or a value is not finite.
     """
     if silent := [number for number, sound in enumerate(sounds) if not len(sound)]:
         raise AudioError(f"there is no sound in number {silent[0]}; give at least one sample")

@@ -139,8 +139,7 @@ class TrainingTask(ABC, Generic[BatchT]):
     def begin_with(self, start: Any) -> None:
         """Take the weights of a trained model before a new run; by default they are those of the first module.
 
-        Raises:
-            CheckpointError: it is of other sizes.
+        Raises CheckpointError if it is of other sizes.
         """
         name, module = next(iter(self.modules.items()))
         checkpoint.load_into(module, start.state_dict(), origin=f"the {name} to start from")

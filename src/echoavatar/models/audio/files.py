@@ -70,8 +70,7 @@ class Piece(NamedTuple):
 def check_sound(path: Path) -> None:
     """Refuse at once what is no file with sound in it: its first piece is decoded.
 
-    Raises:
-        AudioError: there is nothing, a folder, no regular file, or no sound in it.
+    Raises AudioError if there is nothing, a folder, no regular file, or no sound in it.
     """
     if path.is_dir():
         raise AudioError(f"{path} is a folder; name a sound file in it")
@@ -111,8 +110,7 @@ def _sound_decoders() -> str:
 def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> Iterator[Piece]:
     """All pieces of one track, or of every track as they come; damage is passed over, and with `is_told` in the log.
 
-    Raises:
-        AudioError: it is not sound, has no track of sound, or cannot be read.
+    Raises AudioError if it is not sound, has no track of sound, or cannot be read.
     """
     parts, piece, failure = _parts(path), None, "holds no sound that can be decoded"
     for number, part in enumerate(parts):

@@ -148,10 +148,8 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
 
     Heads are not exactly above hips. So the body stands and faces along axes of the first of `frames` that has them
     near, or at least stands along one; the columns of a frame are its axes. Without any, it stands as it was measured.
-    A rig is mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes.
-
-    Raises:
-        MotionError: the hips, the head and the two sides are not in the places of a body's.
+    A rig is mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes. Raises
+    MotionError: the hips, the head and the two sides are not in the places of a body's.
     """
     line = [places[bone] for bone in ("leftFoot", "leftLowerLeg", "leftUpperLeg", "head")]
     size = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()

@@ -221,11 +221,7 @@ class CodecTask(TrainingTask[Sounds]):
         self.pool = pool
 
     def begin_with(self, start: AudioCodec) -> None:
-        """Take over a trained codec; only the probe begins anew.
-
-        Raises:
-            CheckpointError: it is of other sizes.
-        """
+        """Take over a trained codec; only the probe begins anew. Raises CheckpointError if it is of other sizes."""
         checkpoint.load_into(self.codec, start.state_dict(), origin="the codec to start from")
         books = {f"layers.{q}.codebook": book for q, book in enumerate(start.codebooks)}
         self.quantizer.load_state_dict(books)
