@@ -18,9 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar bundle default               show the shipped bundle's card"
     )
     parser.add_argument("source", help="folder with codec/, tokenizer/, generator/ and optionally face/; or a bundle")
-    parser.add_argument(
-        "-o", "--output", type=Path, help="folder of the new bundle; without it the bundle's card is shown"
-    )
+    parser.add_argument("-o", "--output", type=Path, help="folder of the new bundle; without it the card is shown")
     parser.add_argument(
         "--int8",
         action="store_true",

@@ -56,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("source", type=Path, metavar="SRC", help="your copy of the dataset")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="output folder")
-    parser.add_argument(
-        "--dry-run", action="store_true", help="report what would be done; read headers only, write nothing"
-    )
+    parser.add_argument("--dry-run", action="store_true", help="report what would be done, from headers; write nothing")
     parser.add_argument("--strict", action="store_true", help="exit with 1 if any recording failed")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
     chosen = parser.add_argument_group("which recordings")
@@ -68,9 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     chosen.add_argument(
         "--speakers", nargs="+", default=[], metavar="SPEAKER", help="numbers or names of speakers (BEAT2: 2)"
     )
-    chosen.add_argument(
-        "--additional", action="store_true", help="BEAT2: include the additional recordings, for training"
-    )
+    chosen.add_argument("--additional", action="store_true", help="BEAT2: train on the additional recordings too")
     defaults = {"sound": "need, but none for bandai", "test_every": "the published split"}
     add_fields(chosen, SetOptions, CHOSEN, default=defaults)
     made = parser.add_argument_group("how they are made")

@@ -48,9 +48,7 @@ class Options:
         self._parser, self._fields = parser, dict[str, tuple[str, str]]()
         self._configs = {"model": model, "training": training}
         self._base = {section: dict((base or {}).get(section, {})) for section in SECTIONS}
-        parser.add_argument(
-            "--recipe", type=Path, metavar="YAML", help="file of settings; options on the command line win over it"
-        )
+        parser.add_argument("--recipe", type=Path, metavar="YAML", help="file of settings; options win over it")
         parser.set_defaults(options=self)
 
     def add(self, flag: str, field: str) -> None:

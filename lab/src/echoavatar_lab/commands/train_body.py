@@ -195,9 +195,7 @@ def _add_generator(parser: argparse.ArgumentParser, options: Options) -> None:
     )
     options.add("--seed", "training.seed")
     add_minutes(parser)
-    parser.add_argument(
-        "--sharded", action="store_true", help="each of several processes holds a share of the weights (FSDP2)"
-    )
+    parser.add_argument("--sharded", action="store_true", help="each process holds a share of the weights (FSDP2)")
     _add_parts(parser)
 
 

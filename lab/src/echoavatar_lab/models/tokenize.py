@@ -56,9 +56,7 @@ class TokenSettings(Config):
 
     patience: float = Field(default=0.4, ge=0, description="cost of changing a code (paper: 0, the nearest codes)")
     is_leveled: bool = Field(default=True, description="whether sound is brought to one loudness (paper: false)")
-    is_mirrored: bool = Field(
-        default=True, description="whether mirrored motion is encoded too (paper: for the alignment reward)"
-    )
+    is_mirrored: bool = Field(default=True, description="encode mirrored motion too (paper: for the alignment reward)")
 
 
 def tokenize_corpus(

@@ -46,9 +46,7 @@ class Runtime(Config):
     fps: float = Field(
         default=FRAME_RATE_HZ, ge=1, le=1000, description="frames per second of files, interpolated (paper: 60)"
     )
-    rig: RigConfig | None = Field(
-        default=None, description="how the features of a foreign rig differ from ours; None: our rig"
-    )
+    rig: RigConfig | None = Field(default=None, description="how a foreign rig's features differ; None: our rig")
 
     @property
     def additions(self) -> tuple[str, ...]:
