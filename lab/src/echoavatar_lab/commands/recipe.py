@@ -114,7 +114,7 @@ class Given(NamedTuple):
     args: argparse.Namespace
     settings: Settings
     card: dict[str, object]
-    how: dict[str, Any]  # device, trackers, progress
+    how: dict[str, Any]  # device, trackers, minutes, progress
 
 
 class Stage(NamedTuple):
@@ -125,8 +125,9 @@ class Stage(NamedTuple):
     model: type[Config]
     training: type[Config]
     base: dict[str, dict[str, Any]]  # defaults that are not the configs'
-    add: Callable[[argparse.ArgumentParser, Options], None]
+    options: tuple[str, ...]  # each a flag and its field, such as "--rate training.learning_rate"
     train: Callable[[Given], None]
+    add: Callable[[argparse.ArgumentParser], None] | None = None  # declares options that no field has
     examples: str | None = None
 
 
