@@ -1,6 +1,6 @@
 """Limits on files from outside, and the check that every reader makes before it opens one.
 
-A file may be damaged or made to do harm. What a reader allocates is bounded by these constants, never by a number that
+A file may be damaged or made to do harm. A reader's memory is bounded by these constants, never by a number that
 the file itself states. Uses only `errors`.
 """
 

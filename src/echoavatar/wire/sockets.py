@@ -202,7 +202,7 @@ class RepeatFilter(logging.Filter):
         self._logged: dict[str, float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the record is logged. What clients put into a line does not make it another one."""
+        """Whether the record is logged. The text of a client in a line does not make it another one."""
         now, text = time.monotonic(), str(record.msg).partition("\n")[0][:80]
         if now - self._logged.get(text, -REPEAT_S) < REPEAT_S:
             return False

@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     survey = survey_of(args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional)
     given = ({"sound": "none"} if args.layout == "bandai" else {}) | given_fields(args, (*CHOSEN, *MADE))
     options = SetOptions(mirror=not args.no_mirror, joints=read_map(args.map), **given)
-    _print_survey(survey, args.layout)
+    _print_survey(survey)
     if args.dry_run:
         return _print_forecast(survey, options, args)
     outcome = _prepare(args, survey, options)
@@ -115,7 +115,7 @@ def _prepare(args: argparse.Namespace, survey: "Survey", options: "SetOptions") 
         raise
 
 
-def _print_survey(survey: "Survey", layout: str) -> None:
+def _print_survey(survey: "Survey") -> None:
     print(f"{survey.terms.title}: {len(survey.recordings)} recordings; licence: {survey.terms.licence}")
     print(f"may be shipped: {survey.terms.may_ship}")
     for line in survey.missing:

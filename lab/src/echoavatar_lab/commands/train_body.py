@@ -146,7 +146,7 @@ def _add_tokens(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dancer",
         type=Path,
-        help="trained generator that dances to the music instead of the corpus: who starts from it keeps its dances",
+        help="trained generator that dances in place of the corpus; a generator that starts from it keeps its dances",
     )
     _add_parts(parser)
 

@@ -2,9 +2,9 @@
 
 Paper, Discussions: male speech is taken for song, and the avatar dances. Measured here: a frame is danced if the ankles
 travel faster than `ANKLES` in the mean over the two seconds around it. It is gestured if it is not danced and the
-wrists move faster than `HANDS` about the shoulders. What is neither is rest. Both limits are those that tell captured
-people apart best (`limits`): dancers from all others, and people who talk from people who wait. How well
-they do is measured on performers who did not choose them (`held_out`).
+wrists move faster than `HANDS` about the shoulders. Other frames are rest. Both limits are those that tell captured
+people apart best (`limits`): dancers from all others, and people who talk from people who wait. How well they do is
+measured on performers who did not choose them (`held_out`).
 """
 
 import re

@@ -61,7 +61,8 @@ def read_sounds(
     A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
     its `split` is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a
     manifest, a path with "music" in it is music, and folders are classes. Voices of one class are joined until they
-    last `seconds`; music is not. What stays shorter than 20 s is left out. Raises EchoAvatarError if nothing is left.
+    last `seconds`; music is not. Sounds that stay shorter than 20 s are left out.
+    Raises EchoAvatarError if nothing is left.
     """
     listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
     for path, kind, group in _listed(folder, class_of or _class, split):

@@ -53,7 +53,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Form(NamedTuple):
-    """What may change within a file."""
+    """The properties of sound that may change within a file."""
 
     rate: int  # samples per second
     channels: tuple[str, ...]  # their roles, such as FL, FR, FC, LFE
@@ -282,7 +282,7 @@ def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
 
 
 def _what_it_is(path: Path, failure: str) -> str:
-    """What can be said of a file in which there is no sound, and the remedy."""
+    """The error of a file in which there is no sound: its kind, and the remedy."""
     with path.open("rb") as file:
         begin = file.read(1024)
     text = begin.decode("utf-8", "replace").lstrip("\ufeff \t\r\n")

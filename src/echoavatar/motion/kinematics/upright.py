@@ -55,7 +55,7 @@ class Stand(NamedTuple):
     tall: float = 0.0  # metres; 0 where it is not known
 
     def notes(self, usual: float = 0.01) -> list[str]:
-        """What is assumed, in words."""
+        """The assumptions, in words."""
         rest, world = (np.trace(turn) < _SAME for turn in (self.rest, self.world))
         what = "it" if rest and world else "its rest pose" if rest else "its motion"
         notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
@@ -101,7 +101,7 @@ def height(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"]) -> float:
 def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True) -> Stand:
     """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up.
 
-    Where the floor may be at 0 (`has_floor`), who lies there is not stood up.
+    Where the floor may be at 0 (`has_floor`), a body that lies there is not stood up.
     """
     stand = measure(bones, motion.skeleton.rest_positions.numpy())
     if not stand.tall:
