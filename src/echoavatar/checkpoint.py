@@ -37,8 +37,7 @@ _DRAWS = {Tensor.normal_, Tensor.uniform_, nn.init.normal_, nn.init.uniform_, nn
 def read_config(folder: Path, kind: type[ConfigT], name: str = "config.json") -> ConfigT:
     """Read and check the settings of a folder.
 
-    Raises:
-        CheckpointError: the folder or file is missing, or a field does not fit.
+    Raises CheckpointError if the folder or file is missing, or a field does not fit.
     """
     path = folder / name
     try:
@@ -102,8 +101,7 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
 def check_numbers(path: Path, weights: Mapping[str, Tensor]) -> None:
     """Refuse weights that are complex, infinite or not a number.
 
-    Raises:
-        CheckpointError: some are; the first is named.
+    Raises CheckpointError if some are; the first is named.
     """
     for key, value in weights.items():
         is_number = not value.is_complex()
@@ -116,8 +114,7 @@ def check_numbers(path: Path, weights: Mapping[str, Tensor]) -> None:
 def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT]) -> ModuleT:
     """The module that `build` makes of a folder's config, with the folder's weights in it.
 
-    Raises:
-        CheckpointError: files are missing or damaged, or config and weights do not fit each other.
+    Raises CheckpointError if files are missing or damaged, or config and weights do not fit each other.
     """
     config = read_config(folder, kind)
     return build_for(read_weights(folder), lambda: build(config), origin=str(folder))
@@ -126,8 +123,7 @@ def load(folder: Path, kind: type[ConfigT], build: Callable[[ConfigT], ModuleT])
 def build_for(weights: Mapping[str, Tensor], build: Callable[[], ModuleT], *, origin: str) -> ModuleT:
     """The module that `build` makes, with `weights` in it.
 
-    Raises:
-        CheckpointError: the module is larger than the weights, or does not fit them.
+    Raises CheckpointError if the module is larger than the weights, or does not fit them.
     """
     try:
         with _no_larger_than(weights), _Unset():
@@ -188,8 +184,7 @@ def _no_larger_than(weights: Mapping[str, Tensor]) -> Iterator[None]:
 def load_into(module: nn.Module, weights: Mapping[str, Tensor], *, origin: str) -> None:
     """Strictly load `weights`; every missing, extra and misshapen key is named.
 
-    Raises:
-        CheckpointError: keys or shapes differ.
+    Raises CheckpointError: keys or shapes differ.
     """
     own = module.state_dict()
     problems = [f"missing {key}" for key in own if key not in weights]
@@ -229,10 +224,8 @@ def save(
 ) -> None:
     """Write a checkpoint folder whole or not at all; `dtype` stores floating weights in that precision.
 
-    With `torch.int8` matrices are stored as integers with one scale per row, and vectors in half precision.
-
-    Raises:
-        CheckpointError: a file cannot be written.
+    With `torch.int8` matrices are stored as integers with one scale per row, and vectors in half precision. Raises
+    CheckpointError if a file cannot be written.
     """
     make_output_folder(folder, error=CheckpointError)
     stored = {}
@@ -260,8 +253,7 @@ class Checkpointed(nn.Module):
     def load(cls, folder: Path) -> Self:
         """Read a checkpoint folder; the model is ready for use (eval mode).
 
-        Raises:
-            CheckpointError: a file is missing, damaged or of another shape.
+        Raises CheckpointError if a file is missing, damaged or of another shape.
         """
         return load(folder, cls.config_type, cls).eval()
 

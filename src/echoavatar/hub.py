@@ -1,4 +1,4 @@
-"""Models from and to the hub. What a hub or its mirror says is a stranger's word.
+"""Models from and to the hub. The word of a hub or its mirror is a stranger's.
 
 The hub's own client publishes; downloads are ours, because the client writes to wherever an answer names, and takes
 more than the hub stated. A name that leads out of the folder refuses the whole repository before anything is touched,
@@ -205,7 +205,7 @@ def _check_inside(root: Path, path: Path) -> None:
 
 
 def _is_there(file: _File, path: Path, blob: Path) -> bool:
-    """Whether a file is there and whole. What is there in its place is removed, also where the file is a link to it."""
+    """Whether a file is there and whole. Anything else in its place is removed, also where the file is a link to it."""
     if _is_whole(file, path):
         return True
     for place in (path, blob):

@@ -61,8 +61,7 @@ def read_object(
 ) -> dict[str, Any]:
     """The JSON object in a text; see `read_json`.
 
-    Raises:
-        EchoAvatarError: of the given class: as `read_json`, or the value is not an object.
+    Raises EchoAvatarError: of the given class: as `read_json`, or the value is not an object.
     """
     value = read_json(data, name, error=error, **bounds)
     if not isinstance(value, dict):

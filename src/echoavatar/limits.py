@@ -1,6 +1,6 @@
 """Limits on files from outside, and the check that every reader makes before it opens one.
 
-A file may be damaged or made to do harm. What a reader allocates is bounded by these constants, never by a number that
+A file may be damaged or made to do harm. A reader's memory is bounded by these constants, never by a number that
 the file itself states. Uses only `errors`.
 """
 
@@ -89,8 +89,7 @@ def read_text(
 ) -> str:
     """The UTF-8 text of a file; a byte order mark is passed over. `remedy` ends the message where it cannot be read.
 
-    Raises:
-        EchoAvatarError: of the given kind; there is no such regular file, it is too large, or not UTF-8.
+    Raises EchoAvatarError: of the given kind; there is no such regular file, it is too large, or not UTF-8.
     """
     try:
         return read_bytes(path, largest, error).decode("utf-8-sig").replace("\r\n", "\n")

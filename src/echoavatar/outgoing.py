@@ -72,11 +72,7 @@ class Answer:
         self.close()
 
     def blocks(self) -> Iterator[bytes]:
-        """The body as it comes.
-
-        Raises:
-            OutgoingError: the connection broke, or the seconds are over.
-        """
+        """The body as it comes. Raises OutgoingError: the connection broke, or the seconds are over."""
         while block := self._call.attempt(lambda: self._response.read1(_BLOCK)):
             yield block
         if self._response.length:
@@ -120,8 +116,7 @@ def opened(
 def fetch(url: str, body: object = None, *, most: int = MOST_BYTES, **request: Any) -> bytes:
     """The whole answer to a request, with the arguments and errors of `opened`.
 
-    Raises:
-        OutgoingError: also where the answer breaks off or is longer than `most`.
+    Raises OutgoingError: also where the answer breaks off or is longer than `most`.
     """
     got = bytearray()
     with opened(url, body, **request) as answer:
@@ -298,11 +293,7 @@ class _SameOrigin(urllib.request.HTTPRedirectHandler):
 
 
 def origin(url: str) -> tuple[str, str, int]:
-    """Scheme, host and port of an address.
-
-    Raises:
-        EchoAvatarError: the address is none for HTTP.
-    """
+    """Scheme, host and port of an address. Raises EchoAvatarError if the address is none for HTTP."""
     parts = _web_address(url)
     return parts.scheme, parts.hostname or "", parts.port or {"http": 80, "https": 443}[parts.scheme]
 

@@ -38,11 +38,7 @@ class ChunkSize:
 
     @classmethod
     def of(cls, samples: int) -> "ChunkSize":
-        """The chunk of so many samples of sound.
-
-        Raises:
-            ValueError: `samples` is no whole number of motion tokens.
-        """
+        """The chunk of so many samples of sound. Raises ValueError: `samples` is no whole number of motion tokens."""
         if samples < 1:
             raise ValueError(f"a chunk has one sample or more, not {samples}")
         return cls(exact_div(samples, SAMPLES_PER_MOTION_TOKEN))

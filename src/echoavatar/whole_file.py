@@ -59,8 +59,7 @@ def write_whole(
 ) -> None:
     """Write bytes, or text as UTF-8, completely or not at all.
 
-    Raises:
-        EchoAvatarError: of the kind `error`; the file cannot be written.
+    Raises EchoAvatarError: of the kind `error`; the file cannot be written.
     """
     with whole_file(path, error=error, is_flushed=is_flushed) as partial:
         partial.write_bytes(data.encode() if isinstance(data, str) else data)
@@ -69,8 +68,7 @@ def write_whole(
 def make_output_folder(folder: Path, *, error: type[EchoAvatarError] = EchoAvatarError) -> None:
     """Make a folder for the output of a command, with the folders above it; it may exist.
 
-    Raises:
-        EchoAvatarError: of the kind `error`; it cannot be made.
+    Raises EchoAvatarError: of the kind `error`; it cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

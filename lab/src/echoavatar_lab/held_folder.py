@@ -40,10 +40,8 @@ _held: set[tuple[Path, int]] = set()  # folders, each with the thread that holds
 def hold_folder(folder: Path) -> Iterator[None]:
     """Make a folder and keep other runs out of it; parts of this run may hold it again, in the same thread.
 
-    Files that a killed run left half written are removed.
-
-    Raises:
-        EchoAvatarError: another run holds it, or the disk is full or read-only, now or while it is held.
+    Files that a killed run left half written are removed. Raises EchoAvatarError if another run holds it, or the disk
+    is full or read-only, now or while it is held.
     """
     key = (folder.resolve(), threading.get_ident())
     if key in _held:

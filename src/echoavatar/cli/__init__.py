@@ -206,8 +206,7 @@ def build_parser(filled: Collection[str]) -> argparse.ArgumentParser:
 def command_module(command: str) -> ModuleType:
     """Import the module of a command.
 
-    Raises:
-        DependencyError: the command comes with another distribution, which is not installed.
+    Raises DependencyError if the command comes with another distribution, which is not installed.
     """
     if command in SEPARATE:
         for entry in entry_points(group="echoavatar.commands", name=command.replace(" ", "-")):

@@ -1,6 +1,6 @@
 """Several files of one command: where each output goes, and what came of each.
 
-One bad file of ten does not stop the others. What it was is said at once and in a table at the end; the exit code is 1.
+One bad file of ten does not stop the others. The fault is told at once and in a table at the end; the exit code is 1.
 """
 
 import argparse

@@ -61,9 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="numbers of sessions to try, such as 1,2,4 (default: 1,2,3,4)",
     )
     many.add_argument("--seconds", type=float, default=20.0, help="length of each session (default: %(default)s)")
-    many.add_argument(
-        "--neighbours", action="store_true", help="also next to a session that floods, stalls or vanishes"
-    )
+    many.add_argument("--neighbours", action="store_true", help="also beside a session that floods, stalls or vanishes")
 
     proxy = kinds.add_parser(
         "proxy",

@@ -28,9 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     setup.add_argument(
         "--persona", default="Echo", metavar="NAME", help="the character's name in the prompt (default: %(default)s)"
     )
-    setup.add_argument(
-        "--surroundings", default="", metavar="TEXT", help="for the prompt: a description of where the avatar stands"
-    )
+    setup.add_argument("--surroundings", default="", metavar="TEXT", help="where the avatar stands, for the prompt")
     setup.add_argument("--prompt", type=Path, metavar="FILE", help="use this prompt instead")
     setup.add_argument("--first-message", default="", metavar="TEXT", help="the agent's first words (default: none)")
     setup.add_argument(

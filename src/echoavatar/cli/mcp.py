@@ -21,9 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--http", action="store_true", help="serve streamable HTTP instead of standard input")
     parser.add_argument("--host", default="127.0.0.1", help="with --http (default: %(default)s)")
-    parser.add_argument(
-        "--port", type=int, default=8767, help="with --http; 0 takes any free one (default: %(default)s)"
-    )
+    parser.add_argument("--port", type=int, default=8767, help="with --http; 0: any free one (default: %(default)s)")
     parser.add_argument(
         "--agent-token",
         metavar="TOKEN",

@@ -29,13 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Then give your agent ws://127.0.0.1:8766/v1 instead of wss://api.openai.com/v1; its key is passed on.\n"
         "docs/integrations/openai_realtime.md lists the events that the proxy adds.\n"
     )
-    parser.add_argument(
-        "--upstream", required=True, metavar="URL", help="the voice agent, such as wss://api.openai.com/v1/realtime"
-    )
+    parser.add_argument("--upstream", required=True, metavar="URL", help="such as wss://api.openai.com/v1/realtime")
     parser.add_argument("--avatar", metavar="URL", help="a running `echoavatar serve` (default: start one)")
-    parser.add_argument(
-        "--token", default=os.environ.get(TOKEN, ""), help=f"token of the avatar's server; default ${TOKEN}"
-    )
+    parser.add_argument("--token", default=os.environ.get(TOKEN, ""), help=f"token of that server; default ${TOKEN}")
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8766, help="0 takes any free one (default: %(default)s)")
     parser.add_argument(
@@ -44,9 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-idle", action="store_true", help="send motion for speech only, none in between")
     add_repeated(parser, "--origin", "URL", "let pages of this host connect")
     add_model(parser, "bundle for the server that it starts")
-    parser.add_argument(
-        "--seats", type=int, default=3, help="conversations with an avatar at the same time (default: %(default)s)"
-    )
+    parser.add_argument("--seats", type=int, default=3, help="conversations that get an avatar (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:

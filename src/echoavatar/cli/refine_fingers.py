@@ -32,9 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="both",
         help="hands that get new fingers; frozen: those whose fingers do not move (default: %(default)s)",
     )
-    parser.add_argument(
-        "--seed", type=seed, default=0, help="random seed; another seed gives other fingers (default: %(default)s)"
-    )
+    parser.add_argument("--seed", type=seed, default=0, help="another seed gives other fingers (default: %(default)s)")
 
 
 def run(args: argparse.Namespace) -> int:

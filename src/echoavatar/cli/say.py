@@ -34,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=seed, default=0, help="seed of the motion (default: %(default)s)")
     add_manner(parser)
     add_repeated(parser, "--sink", "URL", SINK_HELP)
-    parser.add_argument(
-        "--live", action="store_true", help="run at the speed of playback instead of as fast as possible"
-    )
+    parser.add_argument("--live", action="store_true", help="at the speed of playback, not as fast as possible")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -37,9 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_pipeline(parser)
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: %(default)s)")
     parser.add_argument("--port", type=int, default=8765, help="0 takes any free one (default: %(default)s)")
-    parser.add_argument(
-        "--seats", type=int, default=3, help="largest number of sessions at the same time (default: %(default)s)"
-    )
+    parser.add_argument("--seats", type=int, default=3, help="most sessions at the same time (default: %(default)s)")
     parser.add_argument(
         "--token",
         help=f"token that clients must send; default: ${TOKEN}, else none on this machine, a random one on a network",
@@ -73,9 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--certificate", "--tls-cert", metavar="PEM", help="TLS certificate, with --key: https and wss")
     parser.add_argument("--key", "--tls-key", metavar="PEM", help="private key of --certificate, without a password")
     add_repeated(parser, "--sink", "URL", SINK_HELP)
-    parser.add_argument(
-        "--audio-port", type=int, default=12345, help="with unity://, port for audio (default: %(default)s)"
-    )
+    parser.add_argument("--audio-port", type=int, default=12345, help="unity://: port for audio (default: %(default)s)")
     parser.add_argument(
         "--action-port",
         type=int,

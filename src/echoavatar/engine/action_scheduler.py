@@ -1,6 +1,6 @@
 """The actions of one session: accepted, started, done; one at a time, each with an end.
 
-Times are chunks of the session's clock. What an action does to a chunk depends on the chunk's number alone, so a
+Times are chunks of the session's clock. The effect of an action on a chunk depends on the chunk's number alone, so a
 session that goes back does the same again.
 """
 
@@ -109,7 +109,7 @@ class ActionScheduler:
         self._end_at(chunk, "stopped")
 
     def gestures_before(self, chunk: int) -> list[ScheduledAction]:
-        """What words asked for before a chunk. What they asked for from it on is forgotten: they are asked again."""
+        """The actions that words asked for before a chunk. Later ones are forgotten: the words ask again."""
         later = [act for act in self._actions if act.concept and act.begin >= chunk]
         for act in later:
             self._actions.remove(act)

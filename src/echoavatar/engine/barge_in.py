@@ -9,7 +9,7 @@ barge-in at sample `heard` (`interrupt`) and a change of plan that loses no soun
     MusicPlayer          stands where it stood before that chunk
     PlayoutBuffer        drops motion after `heard`; new motion
                          will blend out of the pose shown there
-    epoch                rises: what readers hold of it is void
+    epoch                rises: messages of the older one are void
     model's row                                                       steps after that chunk are undone
 
 The row may only be touched by the thread that steps the session, so going back is recorded as a target and carried

@@ -119,8 +119,7 @@ class Tracks:
     def __init__(self, folder: Path | None = None) -> None:
         """A track in `folder` replaces a shipped one of the same title.
 
-        Raises:
-            EchoAvatarError: the folder does not exist.
+        Raises EchoAvatarError if the folder does not exist.
         """
         with as_file(files("echoavatar") / "assets" / "music") as shipped:
             self._paths = _found(shipped) if shipped.is_dir() else {}
@@ -133,8 +132,7 @@ class Tracks:
     def find(self, title: str | None) -> str:
         """The exact title; case and underscores do not matter. Without a title (None or empty) the first one.
 
-        Raises:
-            EchoAvatarError: no such title; the message lists all titles.
+        Raises EchoAvatarError: no such title; the message lists all titles.
         """
         wanted = (title or next(iter(self._paths), "")).replace("_", " ").strip().lower()
         for own in self._paths:
@@ -146,8 +144,7 @@ class Tracks:
     def load(self, title: str) -> Float[np.ndarray, " s"]:
         """A track, 24 kHz mono. Decoding it takes a while, so call this on a thread of its own.
 
-        Raises:
-            EchoAvatarError: no such title, or a file that cannot be read.
+        Raises EchoAvatarError: no such title, or a file that cannot be read.
         """
         return _read(self._paths[self.find(title)])
 

@@ -180,8 +180,7 @@ class SessionCore:
     def set_manner(self, liveliness: float | None = None, handedness: float | None = None) -> None:
         """Change how the speaker gestures, from the next chunk on; see `MotionOptions`. None leaves it as it is.
 
-        Raises:
-            ValueError: a number is not between 0 and 1.
+        Raises ValueError if a number is not between 0 and 1.
         """
         MotionOptions(liveliness=liveliness, handedness=handedness)
         with self._lock:

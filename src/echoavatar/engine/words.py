@@ -51,10 +51,8 @@ class Word(NamedTuple):
 def read_words(path: Path) -> list[Word]:
     """Words of a file: JSON, a list of objects with `text`, `start` and perhaps `end`; or captions (.vtt, .srt).
 
-    The words of a caption share its time by their letters.
-
-    Raises:
-        EchoAvatarError: the file cannot be read, or holds something else.
+    The words of a caption share its time by their letters. Raises EchoAvatarError if the file cannot be read, or holds
+    something else.
     """
     try:
         data = read_bytes(path, CONFIG_BYTES)
@@ -89,10 +87,8 @@ class WordGestures:
     def add(self, rows: Iterable[Sequence[Any]], utterance: int | None = None) -> None:
         """Add words of an utterance, none of which begins before those that are there.
 
-        Without an utterance, their times count from the next sample that is pushed.
-
-        Raises:
-            EchoAvatarError: a word is too long, a time is wrong or out of order, or too many words wait.
+        Without an utterance, their times count from the next sample that is pushed. Raises EchoAvatarError if a word is
+        too long, a time is wrong or out of order, or too many words wait.
         """
         words = _words_of(rows)
         if utterance is None:
@@ -185,8 +181,7 @@ def _caption(cue: re.Match[str]) -> Iterator[Word]:
 def _words_of(rows: Iterable[Sequence[Any]]) -> list[Word]:
     """Words of tuples: a text, its start, and its end or None if that is known.
 
-    Raises:
-        EchoAvatarError: a row is something else.
+    Raises EchoAvatarError if a row is something else.
     """
     try:
         return [

@@ -46,8 +46,7 @@ def reorder(
 ) -> Float[np.ndarray, "t m"]:
     """Reorder columns; names without a source are 0.
 
-    Raises:
-        MotionError: there is not exactly one name per column, or a name occurs twice.
+    Raises MotionError if there is not exactly one name per column, or a name occurs twice.
     """
     if len(names) != curves.shape[1] or len(set(names)) != len(names):
         raise MotionError(f"{curves.shape[1]} columns but {len(set(names))} different names; give one name for each")

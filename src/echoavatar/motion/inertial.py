@@ -50,10 +50,8 @@ class InertialBlend:
     def begin(self, shown: MotionChunk) -> None:
         """Announce a cut. `shown` ends with the frame on screen; its last two frames give pose and speed.
 
-        May be called again before an offset has ended: pass what was shown, offset included.
-
-        Raises:
-            MotionError: fewer than two frames.
+        May be called again before an offset has ended: pass what was shown, offset included. Raises MotionError: fewer
+        than two frames.
         """
         if len(shown.root) < 2:
             raise MotionError("a blend needs the last two frames on screen to know their speed; pass at least 2")
@@ -62,8 +60,7 @@ class InertialBlend:
     def step(self, chunk: MotionChunk) -> MotionChunk:
         """The next frames plus the offset. The first frame after `begin` follows the last one shown by one frame.
 
-        Raises:
-            MotionError: the first chunk after `begin` has fewer than two frames.
+        Raises MotionError if the first chunk after `begin` has fewer than two frames.
         """
         if self._shown is not None:
             if len(chunk.root) < 2:

@@ -43,10 +43,8 @@ def kernel(*, reorders: bool = False, **options: Any) -> Callable[[Callable[...,
     """Compile a function; release the interpreter's lock while it runs, and keep the machine code between runs.
 
     `reorders` allows sums in any order and fused products, which is faster; the result then depends on the processor.
-    `options` are those of `numba.njit`. A function must come after the kernels and constants that it uses.
-
-    Raises:
-        NameError: the function uses a global name that is not defined yet.
+    `options` are those of `numba.njit`. A function must come after the kernels and constants that it uses. Raises
+    NameError if the function uses a global name that is not defined yet.
     """
     if reorders:
         options["fastmath"] = set(REORDERED)

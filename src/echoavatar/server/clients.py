@@ -1,4 +1,4 @@
-"""How often a client may do what costs the server something. What is too fast waits or is refused; see `ClientLimits`.
+"""How often a client may ask for costly things. Requests beyond a rate wait or are refused; see `ClientLimits`.
 
 A client is an IPv4 address or the first 64 bits of an IPv6 one, so an office behind one address is one client.
 """
@@ -50,8 +50,7 @@ class ClientLimits:
     async def check(self, kind: Kind, key: str) -> None:
         """Count a request of a client. A refusal is slow, so that asking again and again costs the server little.
 
-        Raises:
-            ProtocolError: `overloaded`, with `retry_after`.
+        Raises ProtocolError: `overloaded`, with `retry_after`.
         """
         if seconds := self._wait(kind, key):
             await asyncio.sleep(REFUSAL_S)

@@ -98,8 +98,7 @@ class ChatModel:
     def __init__(self, url: str, *, model: str, key: str = "", transcriber: str = "", persona: str = PERSONA) -> None:
         """`transcriber` names a model for `/audio/transcriptions` at the same address; empty: no transcription.
 
-        Raises:
-            EchoAvatarError: the address is not valid, or no model is named.
+        Raises EchoAvatarError if the address is not valid, or no model is named.
         """
         if not url.startswith(("http://", "https://")):
             raise EchoAvatarError(
@@ -113,8 +112,7 @@ class ChatModel:
     async def reply(self, said: str, history: Sequence[ChatTurn], doing: ToolAccess) -> str:
         """The answer to say; the tool calls that go with it are carried out on the way.
 
-        Raises:
-            EchoAvatarError: the model does not answer.
+        Raises EchoAvatarError if the model does not answer.
         """
         messages: list[dict[str, Any]] = [{"role": "system", "content": self._persona}]
         messages += [{"role": past.role, "content": past.text} for past in history[-MAX_HISTORY_TURNS:]]
@@ -138,8 +136,7 @@ class ChatModel:
     async def transcribe(self, wav: bytes) -> str:
         """The words in a WAV file; empty if nothing was understood.
 
-        Raises:
-            EchoAvatarError: no model that transcribes is named, or it does not answer.
+        Raises EchoAvatarError if no model that transcribes is named, or it does not answer.
         """
         if not self._transcriber:
             raise EchoAvatarError("transcription is off; set ECHOAVATAR_CHAT_EARS to a model that transcribes")
@@ -314,10 +311,8 @@ def from_environment(environment: Mapping[str, str] = os.environ) -> Companion:
     """A language model if `ECHOAVATAR_CHAT_URL` is set, else the script.
 
     `ECHOAVATAR_CHAT_MODEL`, `ECHOAVATAR_CHAT_KEY`, `ECHOAVATAR_CHAT_EARS` (a model that transcribes speech) and
-    `ECHOAVATAR_PERSONA` (a text file) configure the model.
-
-    Raises:
-        EchoAvatarError: the address is not valid, the model is not named, or the file cannot be read.
+    `ECHOAVATAR_PERSONA` (a text file) configure the model. Raises EchoAvatarError if the address is not valid, the
+    model is not named, or the file cannot be read.
     """
     url = environment.get("ECHOAVATAR_CHAT_URL", "")
     if not url:

@@ -209,8 +209,7 @@ def serve(
 ) -> None:
     """Serve until SIGINT or SIGTERM; port 0 takes any free one. `on_ready` receives the address.
 
-    Raises:
-        EchoAvatarError: as `WebServer`; or the engine failed again and again.
+    Raises EchoAvatarError: as `WebServer`; or the engine failed again and again.
     """
     server = Server(app, host=host, port=port, on_ready=on_ready, certificate=ssl_certfile, key=ssl_keyfile)
     gc.collect()

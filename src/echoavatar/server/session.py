@@ -187,8 +187,7 @@ class ServerSession:
     def hear(self, message: Audio) -> None:
         """Take sound of the avatar, or of the user that it listens to.
 
-        Raises:
-            ProtocolError: a gap, too much waiting sound, or invalid samples; not fatal.
+        Raises ProtocolError: a gap, too much waiting sound, or invalid samples; not fatal.
         """
         reader = self.speech if message.speaker == "avatar" else self._user_speech
         new = reader.read(message)
@@ -211,11 +210,7 @@ class ServerSession:
             self.on_change()
 
     def add_words(self, message: Words) -> None:
-        """Take words of the avatar's speech.
-
-        Raises:
-            ProtocolError: words out of order, or too many wait; not fatal.
-        """
+        """Take words of the avatar's speech. Raises ProtocolError: words out of order, or too many wait; not fatal."""
         try:
             self.core.add_words([(word.text, word.start, word.end) for word in message.words], message.seg)
         except EchoAvatarError as error:

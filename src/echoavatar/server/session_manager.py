@@ -90,11 +90,7 @@ class SessionManager:
         return tuple(self._sessions)
 
     def find(self, name: str = "") -> ServerSession:
-        """A session by its public name; the newest without one.
-
-        Raises:
-            ProtocolError: there is no such session.
-        """
+        """A session by its public name; the newest without one. Raises ProtocolError if there is no such session."""
         return self._known(self._sessions, name or next(reversed(self._sessions), ""))
 
     async def load_track(self, title: str) -> Float[np.ndarray, " s"]:
@@ -116,8 +112,7 @@ class SessionManager:
     def enter(self, hello: Hello, outbox: Outbox) -> ServerSession:
         """Open a session, resume one, or admit a viewer. `ready` is the first message that is queued.
 
-        Raises:
-            ProtocolError: no common version, no such session, no seat, or the server is stopping.
+        Raises ProtocolError: no common version, no such session, no seat, or the server is stopping.
         """
         version = max(set(hello.versions) & set(VERSIONS), default=None)
         if version is None:

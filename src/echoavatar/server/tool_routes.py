@@ -25,11 +25,7 @@ STATUSES = {"unauthorized": 401, "forbidden_origin": 403, "unknown_session": 404
 
 
 async def read_body(request: Request, most: int, *, seconds: float = SECONDS) -> bytes:
-    """The whole body.
-
-    Raises:
-        EchoAvatarError: the body has more than `most` bytes, or does not arrive in time.
-    """
+    """The whole body. Raises EchoAvatarError if the body has more than `most` bytes, or does not arrive in time."""
     body = bytearray()
     try:
         with anyio.fail_after(seconds):
@@ -102,8 +98,7 @@ def lists_sessions(manager: SessionManager, request: Request) -> bool:
 def asked_session(manager: SessionManager, request: Request, message: dict[str, Any]) -> ServerSession:
     """The session of a request: by its name; without one the newest, if the client may know it.
 
-    Raises:
-        ProtocolError: there is no such session, or it has to be named.
+    Raises ProtocolError if there is no such session, or it has to be named.
     """
     name = message.get("session") or ""
     if not isinstance(name, str) or not (name or lists_sessions(manager, request)):

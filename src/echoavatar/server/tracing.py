@@ -24,8 +24,7 @@ Times = list[tuple[str, int]]  # name of a stage, and its end in nanoseconds of 
 def export_to(address: str) -> Tracer:
     """A tracer whose spans go to an OTLP collector over HTTP, such as http://127.0.0.1:4318/v1/traces.
 
-    Raises:
-        ModuleNotFoundError: the extra `traces` is not installed.
+    Raises ModuleNotFoundError if the extra `traces` is not installed.
     """
     import requests
     from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter

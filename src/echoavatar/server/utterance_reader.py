@@ -1,4 +1,4 @@
-"""The order of a speaker's `audio` messages: what is new, what came twice, what is missing."""
+"""The order of a speaker's `audio` messages: new, repeated and missing sound."""
 
 import numpy as np
 from jaxtyping import Float

@@ -36,11 +36,7 @@ def find_voice() -> str:
 
 
 def speak(voice: str, text: str) -> bytes:
-    """A WAV file of the text.
-
-    Raises:
-        EchoAvatarError: the text is empty or too long, or the program failed.
-    """
+    """A WAV file of the text. Raises EchoAvatarError if the text is empty or too long, or the program failed."""
     if not text.strip() or len(text) > MAX_LETTERS:
         raise EchoAvatarError(f"text of {len(text)} letters; say something, in at most {MAX_LETTERS}")
     try:

@@ -154,8 +154,7 @@ class Viewer:
     async def answer(self, offer: str) -> str:
         """The SDP answer to an SDP offer; from here on the viewer is served.
 
-        Raises:
-            EchoAvatarError: that is no offer of ours to serve.
+        Raises EchoAvatarError if that is no offer of ours to serve.
         """
         try:
             await self._peer.setRemoteDescription(RTCSessionDescription(offer, "offer"))

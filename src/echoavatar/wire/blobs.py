@@ -47,8 +47,7 @@ def pack_pose(pose: Pose, *, at: int, epoch: int = 0, state: AvatarState = "idle
 def unpack_pose(motion: Motion, *, joints: int = 52, curves: int = 52) -> Pose:
     """Unpack the frames of a motion message; quaternions are normalised.
 
-    Raises:
-        ProtocolError: the bytes do not fit the number of frames, or a place is not finite.
+    Raises ProtocolError if the bytes do not fit the number of frames, or a place is not finite.
     """
     frames = motion.frames
     sizes = (len(motion.rotations), len(motion.root), len(motion.face))
@@ -73,8 +72,7 @@ def pack_audio(samples: Float[np.ndarray, " s"]) -> bytes:
 def unpack_audio(pcm: bytes, form: AudioFormat) -> Float[np.ndarray, " s"]:
     """Unpack an audio message to mono floats at the format's own rate.
 
-    Raises:
-        ProtocolError: the bytes are not a whole number of samples, or values are not finite.
+    Raises ProtocolError if the bytes are not a whole number of samples, or values are not finite.
     """
     if len(pcm) % form.width:
         raise ProtocolError(

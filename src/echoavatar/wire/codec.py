@@ -66,8 +66,7 @@ def encode(message: ClientMessage | ServerMessage, encoding: Encoding = "msgpack
 def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientMessage:
     """Decode a client's message.
 
-    Raises:
-        ProtocolError: the frame is malformed or too large, or is a message that only servers send.
+    Raises ProtocolError if the frame is malformed or too large, or is a message that only servers send.
     """
     try:
         return cast(ClientMessage, _decode(_TO_SERVER, frame, encoding))
@@ -78,8 +77,7 @@ def decode_client(frame: bytes | str, encoding: Encoding = "msgpack") -> ClientM
 def decode_server(frame: bytes | str, encoding: Encoding = "msgpack") -> ServerMessage | None:
     """Decode a server's message; None for a type that this version does not know, which is to be ignored.
 
-    Raises:
-        ProtocolError: the frame is malformed.
+    Raises ProtocolError if the frame is malformed.
     """
     try:
         return cast(ServerMessage, _decode(_TO_CLIENT, frame, encoding))

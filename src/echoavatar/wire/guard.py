@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 def check_token(expected: str, given: str, headers: Mapping[str, str]) -> None:
     """Check the token, given in the hello or in the Authorization header.
 
-    Raises:
-        ProtocolError: the token is wrong.
+    Raises ProtocolError if the token is wrong.
     """
     if expected and not has_token(expected, headers) and not _same(expected, given):
         raise ProtocolError("unauthorized", "wrong token; put the server's token into hello.token")
@@ -37,11 +36,8 @@ def check_origin(headers: Mapping[str, str], allowed: tuple[str, ...]) -> None:
     """Check the page that connects. Only browsers name one; other clients are let in.
 
     Without an entry in `allowed`, a page may connect to the host that served it if that is `localhost` or an IP
-    address, and pages of this machine to this machine. Anyone can point a host name at this server (DNS rebinding),
-    so host names must be in the list.
-
-    Raises:
-        ProtocolError: the page is not allowed.
+    address, and pages of this machine to this machine. Anyone can point a host name at this server (DNS rebinding), so
+    host names must be in the list. Raises ProtocolError if the page is not allowed.
     """
     origin = headers.get("origin")
     if origin is None or origin in allowed:
@@ -105,8 +101,7 @@ def _same(a: str, b: str) -> bool:
 def check_certificate(certificate: str, key: str | None) -> None:
     """Read a TLS certificate and its private key as the server will.
 
-    Raises:
-        EchoAvatarError: a file is missing or damaged, the key has a password, or it is another certificate's.
+    Raises EchoAvatarError if a file is missing or damaged, the key has a password, or it is another certificate's.
     """
     for path in filter(None, (certificate, key)):
         if not Path(path).is_file():

@@ -67,8 +67,7 @@ class TokenGate:
     def check(self, given: str, headers: Mapping[str, str], address: str) -> None:
         """Check a token, given in a hello or in the Authorization header, that came from an address.
 
-        Raises:
-            ProtocolError: `unauthorized`, or `overloaded` with `retry_after` if the address has to wait.
+        Raises ProtocolError: `unauthorized`, or `overloaded` with `retry_after` if the address has to wait.
         """
         if not self._token:
             return

@@ -49,8 +49,7 @@ _REFUSAL_HEADERS = {
 def listen(host: str, port: int) -> socket.socket:
     """A listening socket; port 0 takes any free one.
 
-    Raises:
-        EchoAvatarError: the port is taken, or may not be used.
+    Raises EchoAvatarError if the port is taken, or may not be used.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # With the protocol named, asyncio sets TCP_NODELAY: small messages leave at once.
@@ -72,10 +71,8 @@ class WebServer(uvicorn.Server):
 
     `names` are hosts and origins by which requests may name this server, beside `localhost` and IP addresses; None: any
     (see `RequestChecks`). `X-Forwarded-For` and `X-Forwarded-Proto` are believed from `proxies`, addresses or networks,
-    and from nobody else. `on_ready` is called with the address. Further options are uvicorn's.
-
-    Raises:
-        EchoAvatarError: the port is taken, or may not be used; or the certificate or its key cannot be used.
+    and from nobody else. `on_ready` is called with the address. Further options are uvicorn's. Raises EchoAvatarError
+    if the port is taken, or may not be used; or the certificate or its key cannot be used.
     """
 
     def __init__(
@@ -205,7 +202,7 @@ class RepeatFilter(logging.Filter):
         self._logged: dict[str, float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the record is logged. What clients put into a line does not make it another one."""
+        """Whether the record is logged. The text of a client in a line does not make it another one."""
         now, text = time.monotonic(), str(record.msg).partition("\n")[0][:80]
         if now - self._logged.get(text, -REPEAT_S) < REPEAT_S:
             return False

@@ -196,8 +196,7 @@ class Beats(nn.Module):
     def from_published(cls, tensors: Mapping[str, Tensor]) -> Self:
         """Build from the tensors under `model` in a published file; sizes follow from their shapes.
 
-        Raises:
-            CheckpointError: the tensors belong to another model.
+        Raises CheckpointError: the tensors belong to another model.
         """
         kept = {
             name: value
@@ -309,8 +308,7 @@ class Wav2Clip(nn.Module):
     def from_published(cls, tensors: Mapping[str, Tensor]) -> Self:
         """Build from the tensors under `state_dict` in a published file; sizes follow from their shapes.
 
-        Raises:
-            CheckpointError: the tensors belong to another model.
+        Raises CheckpointError: the tensors belong to another model.
         """
         kept = {
             name.removeprefix(_PREFIX): value

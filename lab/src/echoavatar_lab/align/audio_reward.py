@@ -62,9 +62,7 @@ class AudioMotionConfig(Config):
     layers: int = Field(default=4, gt=0, description="transformer layers of the motion encoder")
     heads: int = Field(default=4, gt=0, description="attention heads (paper: 8)")
     size: int = Field(default=768, gt=0, description="length of the embedding of 4 s")
-    slices: int = Field(
-        default=24, gt=0, le=4096, description="time slices in the embedding of 4 s; 1: the whole clip (paper)"
-    )
+    slices: int = Field(default=24, gt=0, le=4096, description="time slices of an embedding; 1: the whole clip (paper)")
 
     @property
     def is_whole(self) -> bool:
@@ -230,11 +228,7 @@ class AudioMotion(checkpoint.Checkpointed):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read a checkpoint folder.
-
-        Raises:
-            CheckpointError: the folder holds no alignment reward.
-        """
+        """Read a checkpoint folder. Raises CheckpointError if the folder holds no alignment reward."""
         config = checkpoint.read_config(folder, AudioMotionConfig)
         weights = checkpoint.read_weights(folder)
         sound, motion = (

@@ -62,9 +62,7 @@ def untrained(
     """The reward before training; `encoder` is one of `audio_encoders.KINDS`, `motion` what it reads.
 
     Published `weights` of BEATs or Wav2CLIP are kept fixed; without them a small network of that kind learns along.
-
-    Raises:
-        CheckpointError: the file holds other weights.
+    Raises CheckpointError if the file holds other weights.
     """
     read = tokenizer.statistics if motion == "features" else None
     with seeded(seed):

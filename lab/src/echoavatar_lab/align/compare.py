@@ -32,11 +32,7 @@ def gain(first: Mapping[str, Any], later: Mapping[str, Any]) -> tuple[float, flo
 
 
 def draw_run(metrics: Path, picture: Path) -> None:
-    """Draw the `metrics.jsonl` of a run as a PNG.
-
-    Raises:
-        EchoAvatarError: the file is missing or holds no step.
-    """
+    """Draw the `metrics.jsonl` of a run as a PNG. Raises EchoAvatarError if the file is missing or holds no step."""
     lines = read_metrics(metrics)
     steps = [one for one in lines if "loss" in one]
     probes = [one["held_out"] | {"step": one["step"]} for one in lines if "held_out" in one]
@@ -183,8 +179,7 @@ def compare(
 ) -> dict[str, Measurements]:
     """Measurements by generator name, the true motion's first; generators are moved to `device`.
 
-    Raises:
-        CheckpointError: the generators have different vocabularies.
+    Raises CheckpointError if the generators have different vocabularies.
     """
     first = next(iter(generators.values()))
     for name, generator in generators.items():

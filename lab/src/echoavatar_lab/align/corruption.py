@@ -114,8 +114,7 @@ def degraded(
 def read_scores(path: Path) -> dict[str, float]:
     """Scores by level from a file of `echoavatar align calibrate`.
 
-    Raises:
-        CheckpointError: the file is missing or holds something else.
+    Raises CheckpointError if the file is missing or holds something else.
     """
     try:
         scores = {str(name): float(score) for name, score in read_object_file(path)["scores"].items()}

@@ -62,8 +62,7 @@ def read_pairs(
 ) -> list[tuple[Prompt, PreferencePair]]:
     """Pairs with their prompts; pairs with a margin below `margin` are skipped.
 
-    Raises:
-        MotionError: a line is not a pair, names an unknown clip, or holds codes outside this vocabulary.
+    Raises MotionError if a line is not a pair, names an unknown clip, or holds codes outside this vocabulary.
     """
     remedy = "make pairs with `echoavatar align rollouts`"
     lines = read_text(path, remedy, largest=PAIRS_BYTES, error=MotionError).splitlines()

@@ -206,8 +206,7 @@ def mean_by_layer(values: Float[Tensor, "b n k"], layers: int) -> list[float]:
 def check_reference(policy: Generator, reference: Generator, *, name: str, what: str = "reference") -> None:
     """Refuse a reference whose codes mean something else.
 
-    Raises:
-        CheckpointError: its vocabulary, sequence order or code patience differs.
+    Raises CheckpointError: its vocabulary, sequence order or code patience differs.
     """
     own, other = policy.config, reference.config
     for key in ("layout", "sequence", "patience"):
@@ -222,8 +221,7 @@ def check_reference(policy: Generator, reference: Generator, *, name: str, what:
 def soup(start: Generator, runs: Mapping[str, tuple[Generator, float]]) -> Generator:
     """A new generator with `start`'s config. `runs` holds each tuned generator and its share, by name.
 
-    Raises:
-        CheckpointError: the codes of a run mean something else than `start`'s.
+    Raises CheckpointError: the codes of a run mean something else than `start`'s.
     """
     mixed = Generator(start.config)
     weights = {name: value.clone() for name, value in start.state_dict().items()}

@@ -65,10 +65,8 @@ def read_token_clips(
 ) -> dict[str, TokenClip]:
     """The token files of a folder by name, checked against the generator's vocabulary if `layout` is given.
 
-    With `needs_truth` clips whose motion a generator made (`data rl-corpus`) are skipped.
-
-    Raises:
-        MotionError: there are none, one is damaged, or its codes do not fit the vocabulary.
+    With `needs_truth` clips whose motion a generator made (`data rl-corpus`) are skipped. Raises MotionError if there
+    are none, one is damaged, or its codes do not fit the vocabulary.
     """
     clips = {path.stem: TokenClip.load(path) for path in sorted(folder.glob("*.npz"))}
     if not clips:
@@ -94,11 +92,7 @@ def read_token_clips(
 
 
 def train_and_test(clips: Mapping[str, TokenClip], folder: Path) -> tuple[dict[str, TokenClip], dict[str, TokenClip]]:
-    """The clips of split train, and the others.
-
-    Raises:
-        MotionError: none is of split train.
-    """
+    """The clips of split train, and the others. Raises MotionError if none is of split train."""
     train = {name: clip for name, clip in clips.items() if clip.split == "train"}
     if not train:
         raise MotionError(f"{folder} holds no clip of split train, so there is nothing to learn from")
@@ -153,8 +147,7 @@ class PromptSampler:
     def cut(self, name: str, start: int) -> Prompt:
         """The prompt whose past begins at chunk `start` of a clip.
 
-        Raises:
-            MotionError: there is no such clip, or it is too short.
+        Raises MotionError if there is no such clip, or it is too short.
         """
         clip = self._clips.get(name)
         if clip is None:

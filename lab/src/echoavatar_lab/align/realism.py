@@ -70,8 +70,7 @@ class Realism(JsonFile):
     def judge(self, motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
         """Log odds that the continuation is a person's, within -4 and 4; 0 for a kind of sound without classifier.
 
-        Raises:
-            EchoAvatarError: the continuation has another length than the windows.
+        Raises EchoAvatarError if the continuation has another length than the windows.
         """
         seconds = motion.frames / FRAME_RATE_HZ
         if abs(seconds - self.seconds) > 0.5 / FRAME_RATE_HZ:
@@ -103,10 +102,8 @@ def fit_realism(
 ) -> tuple[Realism, Mapping[str, Mapping[str, float]]]:
     """Fit to the last `length` chunks of the policy's continuations of `book`'s prompts and to captured windows.
 
-    Returns the reward, and for each kind the numbers of windows and how surely held-out ones are `told_apart`.
-
-    Raises:
-        EchoAvatarError: no kind of sound has 20 windows of each side.
+    Returns the reward, and for each kind the numbers of windows and how surely held-out ones are `told_apart`. Raises
+    EchoAvatarError if no kind of sound has 20 windows of each side.
     """
     seconds = length * CHUNK_SECONDS
     frames, done = round(seconds * FRAME_RATE_HZ), 0

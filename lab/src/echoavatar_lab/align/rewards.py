@@ -66,11 +66,7 @@ class JsonFile(Config):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read what `save` wrote.
-
-        Raises:
-            CheckpointError: the file is missing or holds something else.
-        """
+        """Read what `save` wrote. Raises CheckpointError if the file is missing or holds something else."""
         try:
             return cls.model_validate(read_object_file(path))
         except (OSError, EchoAvatarError, ValidationError) as error:
@@ -96,11 +92,7 @@ class ReferenceStatistics(JsonFile):
 
 
 def measure_reference_statistics(scenes: Sequence[DecodedMotion]) -> ReferenceStatistics:
-    """Profiles and mean levels of true motion.
-
-    Raises:
-        MotionError: there are too few beats and stresses.
-    """
+    """Profiles and mean levels of true motion. Raises MotionError if there are too few beats and stresses."""
     profiles = {}
     for kind in KINDS:
         around = []
@@ -322,8 +314,7 @@ class RewardMix:
     def __call__(self, motions: Sequence[DecodedMotion]) -> Rewards:
         """Rewards of motions.
 
-        Raises:
-            EchoAvatarError: a function returned a value that is not finite or has the wrong length.
+        Raises EchoAvatarError if a function returned a value that is not finite or has the wrong length.
         """
         tokens = np.zeros((len(motions), motions[0].frames // FRAMES_PER_MOTION_TOKEN))
         whole, parts = np.zeros(len(motions)), {}
@@ -357,8 +348,7 @@ class RewardMix:
 def parse_weights(words: Sequence[str], what: str = "reward", example: str = "beats=1") -> dict[str, float]:
     """`beats=1 stillness=0.5` as weights; of rewards, `module:function` names a function of your own.
 
-    Raises:
-        EchoAvatarError: a word is not NAME=WEIGHT.
+    Raises EchoAvatarError if a word is not NAME=WEIGHT.
     """
     weights = {}
     for word in words:
@@ -373,11 +363,7 @@ def parse_weights(words: Sequence[str], what: str = "reward", example: str = "be
 
 
 def imported(name: str, what: str) -> Any:
-    """The object that `module:name` names.
-
-    Raises:
-        EchoAvatarError: there is no such object.
-    """
+    """The object that `module:name` names. Raises EchoAvatarError if there is no such object."""
     module, _, attribute = name.partition(":")
     try:
         return getattr(importlib.import_module(module), attribute)

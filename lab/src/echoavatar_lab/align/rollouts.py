@@ -77,7 +77,7 @@ class RolloutTask(PolicyTask[RolloutBatch]):
     def credited(self, advantages: Float[Tensor, "r n"]) -> Float[Tensor, "r n k"]:
         """An advantage for each code; 0 for the RVQ layers that rewards are not credited to (not in the paper).
 
-        Coarse codes decide when a limb moves. What rewards of timing tell the many fine codes is mostly noise.
+        Coarse codes decide when a limb moves. For the many fine codes rewards of timing are mostly noise.
         """
         layout = self.policy.layout
         layers = torch.arange(layout.segments, device=advantages.device) % layout.motion_layers

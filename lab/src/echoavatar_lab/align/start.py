@@ -199,10 +199,8 @@ def tune(
     """Train into `folder`, or resume the run in it; returns why the run ended early, or an empty string.
 
     A run that diverges ends with its last checkpoint from before; calling again would repeat the same steps and end in
-    the same place.
-
-    Raises:
-        CheckpointError: the run diverged before its first checkpoint, or the folder holds another run.
+    the same place. Raises CheckpointError: the run diverged before its first checkpoint, or the folder holds another
+    run.
     """
     is_first = os.environ.get("RANK", "0") == "0"  # the process that writes
     with hold_folder(folder) if is_first else nullcontext():

@@ -138,8 +138,7 @@ def target_task(
 def people_in_music(captured: Sequence[Take], length: int) -> Float[np.ndarray, "n 9"]:
     """Statistics of captured dancers in windows of `length` chunks.
 
-    Raises:
-        MotionError: a clip is not of 30 frames a second, or there is none of dance.
+    Raises MotionError if a clip is not of 30 frames a second, or there is none of dance.
     """
     frames, rows = length * CHUNK_FRAMES, []
     for take in captured:

@@ -122,8 +122,7 @@ class Targets(JsonFile):
 def targets_like(means: Mapping[str, float]) -> dict[str, Target]:
     """Targets from another generator's means (`means_of`).
 
-    Raises:
-        KeyError: its continuations were not of both kinds of sound.
+    Raises KeyError if its continuations were not of both kinds of sound.
     """
     told = {
         "music.told_apart": Target(aim=TOLD_APART, is_least=False, weight=0.12, low=0.03, high=0.5),

@@ -37,25 +37,17 @@ class AlignTraining(TrainingConfig):
     method: Method = Field(default="grpo", description="grpo, dpo or ppo")
     steps: int = Field(default=200, gt=0, description="optimiser steps")
     batch: int = Field(default=4, gt=0, description="prompts, or pairs, a step (paper: 16)")
-    accumulation: int = Field(
-        default=1, gt=0, description="pieces that a batch is split into; changes memory, not the result"
-    )
-    group: int = Field(
-        default=8, gt=0, description="continuations of each prompt (paper: GRPO 30, PPO 1, pairs for DPO 8)"
-    )
+    accumulation: int = Field(default=1, gt=0, description="pieces of a batch; changes memory, not the result")
+    group: int = Field(default=8, gt=0, description="continuations of a prompt (paper: GRPO 30, PPO 1, DPO's pairs 8)")
     past: int = Field(default=3, ge=0, description="chunks of true motion and audio before a continuation")
     own_past: int = Field(
         default=0, ge=0, description="chunks of the past that the policy makes itself, as in a session (paper: none)"
     )
     length: int = Field(default=9, gt=0, description="chunks of a continuation (paper: 15, 4 s)")
-    fewest_events: int = Field(
-        default=2, ge=0, description="beats or stressed syllables that a prompt's audio must contain"
-    )
+    fewest_events: int = Field(default=2, ge=0, description="beats or stressed syllables that a prompt must contain")
     events: Events = Field(default="any", description="which events count: any, beat (music) or stress (speech)")
     learning_rate: float = Field(default=1e-4, gt=0, description="AdamW (paper: 6e-5 at 0.5B)")
-    schedule: Schedule = Field(
-        default="constant", description="learning rate schedule; a constant one lets a run be extended"
-    )
+    schedule: Schedule = Field(default="constant", description="of the learning rate; constant lets a run be extended")
     warmup: int = Field(default=5, ge=0, description="steps of linear warm-up")
     weight_decay: float = Field(default=0.0, ge=0, description="AdamW's decay")
     epochs: int = Field(default=1, gt=0, description="optimiser steps on the same continuations")
@@ -168,8 +160,7 @@ class PolicyTask(TrainingTask[BatchT]):
     ) -> None:
         """The weights of exemplar control are not trained.
 
-        Raises:
-            CheckpointError: the reference has another vocabulary.
+        Raises CheckpointError if the reference has another vocabulary.
         """
         check_reference(generator, reference, name=context.reference_name)
         for name, parameter in generator.named_parameters():
@@ -226,8 +217,7 @@ class PolicyTask(TrainingTask[BatchT]):
     def after(self, step: int, gather: Gather) -> None:
         """Stop a run that diverges.
 
-        Raises:
-            DivergedError: the mean divergence of the step's continuations exceeds `kl_stop`.
+        Raises DivergedError if the mean divergence of the step's continuations exceeds `kl_stop`.
         """
         total = gather(self._divergence.to(self.device)[None]).sum(0)
         self._divergence = torch.zeros(2)

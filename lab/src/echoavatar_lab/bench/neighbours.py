@@ -139,11 +139,7 @@ def measure(name: str, target: Target, seconds: float) -> dict[str, Any]:
 
 @contextmanager
 def served(model: str, token: str, *, video: bool, files: tuple[Path, Path] | None = None) -> Iterator[str]:
-    """A server in a process of its own; yields its address.
-
-    Raises:
-        EchoAvatarError: it did not start.
-    """
+    """A server in a process of its own; yields its address. Raises EchoAvatarError if it did not start."""
     with listen_here("127.0.0.1", 0) as free:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "echoavatar", "serve", "--model", model, "--port", str(port)]
@@ -173,8 +169,7 @@ def bench_neighbours(
 ) -> list[dict[str, Any]]:
     """Measure each neighbour at each server, at one of our own if none is given; `tell` receives each row.
 
-    Raises:
-        EchoAvatarError: there is no such neighbour, or no server.
+    Raises EchoAvatarError if there is no such neighbour, or no server.
     """
     names = only or tuple(NEIGHBOURS)
     if unknown := set(names) - set(NEIGHBOURS):

@@ -223,10 +223,8 @@ def bench_soak(
 ) -> dict[str, Any]:
     """Run the soak. `progress` is told the minutes that have passed.
 
-    The report is counts, the share of real time that the sessions' motion reached, and memory over time in MB.
-
-    Raises:
-        EchoAvatarError: the server did not start, or ended.
+    The report is counts, the share of real time that the sessions' motion reached, and memory over time in MB. Raises
+    EchoAvatarError if the server did not start, or ended.
     """
     context = multiprocessing.get_context("spawn")
     told = context.Queue()
@@ -289,11 +287,7 @@ def _metric(text: str, name: str) -> float:
 
 
 def draw(report: Mapping[str, Any], path: Path) -> None:
-    """Write the memory of a soak over time.
-
-    Raises:
-        EchoAvatarError: the picture cannot be written.
-    """
+    """Write the memory of a soak over time. Raises EchoAvatarError if the picture cannot be written."""
     figure = Figure(figsize=(8.0, 3.6), layout="constrained")
     axis = figure.subplots()
     seconds, memory = np.array(report["memory_mb"], np.float64).T

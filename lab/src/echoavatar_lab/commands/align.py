@@ -119,9 +119,7 @@ def _add_rollouts(child: argparse.ArgumentParser) -> None:
     child.add_argument("--prompts", type=int, default=200, help="number of prompts (default: %(default)s)")
     child.add_argument("--recipe", choices=RECIPES, default="rehearsal", help="of the sizes (default: %(default)s)")
     add_fields(child, AlignTraining, SIZES, default=dict.fromkeys(SIZES, "the recipe's") | {"group": CANDIDATES})
-    child.add_argument(
-        "--margin", type=float, default=0.5, help="least difference of rewards in a pair (default: %(default)s)"
-    )
+    child.add_argument("--margin", type=float, default=0.5, help="least difference in a pair (default: %(default)s)")
     child.add_argument("--seed", type=seed, default=0, help="seed of prompts and codes (default: %(default)s)")
 
 
@@ -183,9 +181,7 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         help="a component of the reward, also MODULE:FUNCTION=WEIGHT; may be repeated (default: beats=1 stresses=1 "
         "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5; with --recipe paper quality=1 alignment=1)",
     )
-    child.add_argument(
-        "--reference-statistics", type=Path, help="reference statistics of true motion (default: measured now)"
-    )
+    child.add_argument("--reference-statistics", type=Path, help="statistics of true motion (default: measured now)")
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
     child.add_argument("--realism", type=Path, metavar="JSON", help="fitted realism reward, for --reward realism=0.04")

@@ -18,9 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar bundle default               show the shipped bundle's card"
     )
     parser.add_argument("source", help="folder with codec/, tokenizer/, generator/ and optionally face/; or a bundle")
-    parser.add_argument(
-        "-o", "--output", type=Path, help="folder of the new bundle; without it the bundle's card is shown"
-    )
+    parser.add_argument("-o", "--output", type=Path, help="folder of the new bundle; without it the card is shown")
     parser.add_argument(
         "--int8",
         action="store_true",
@@ -46,10 +44,8 @@ def run(args: argparse.Namespace) -> int:
 def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
     """Copy the checkpoints without their training state, with weights in half precision, or the generator's in int8.
 
-    A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made.
-
-    Raises:
-        EchoAvatarError: a part is missing or damaged.
+    A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made. Raises
+    EchoAvatarError if a part is missing or damaged.
     """
     from echoavatar.checkpoint import read_card
     from echoavatar.models.audio import AudioCodec

@@ -32,12 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--offset", type=float, default=0.0, help="time in the sound at which the take begins, seconds (default: 0)"
     )
-    parser.add_argument(
-        "--timecode", type=int, choices=(30, 60), help="frames per second of the timecode (default: guessed)"
-    )
-    parser.add_argument(
-        "--test-every", type=int, default=10, help="hold out every n-th take for testing (default: %(default)s)"
-    )
+    parser.add_argument("--timecode", type=int, choices=(30, 60), help="frame rate of the timecode (default: guessed)")
+    parser.add_argument("--test-every", type=int, default=10, help="hold out every n-th take (default: %(default)s)")
     parser.add_argument("-o", "--output", type=Path, default=Path("faces"), help="folder (default: %(default)s)")
 
 

@@ -56,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("source", type=Path, metavar="SRC", help="your copy of the dataset")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="output folder")
-    parser.add_argument(
-        "--dry-run", action="store_true", help="report what would be done; read headers only, write nothing"
-    )
+    parser.add_argument("--dry-run", action="store_true", help="report what would be done, from headers; write nothing")
     parser.add_argument("--strict", action="store_true", help="exit with 1 if any recording failed")
     parser.add_argument("--workers", type=int, default=2, help="processes (default: %(default)s)")
     chosen = parser.add_argument_group("which recordings")
@@ -68,9 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     chosen.add_argument(
         "--speakers", nargs="+", default=[], metavar="SPEAKER", help="numbers or names of speakers (BEAT2: 2)"
     )
-    chosen.add_argument(
-        "--additional", action="store_true", help="BEAT2: include the additional recordings, for training"
-    )
+    chosen.add_argument("--additional", action="store_true", help="BEAT2: train on the additional recordings too")
     defaults = {"sound": "need, but none for bandai", "test_every": "the published split"}
     add_fields(chosen, SetOptions, CHOSEN, default=defaults)
     made = parser.add_argument_group("how they are made")
@@ -93,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     survey = survey_of(args.layout, args.source, only=args.only, speakers=args.speakers, has_additional=args.additional)
     given = ({"sound": "none"} if args.layout == "bandai" else {}) | given_fields(args, (*CHOSEN, *MADE))
     options = SetOptions(mirror=not args.no_mirror, joints=read_map(args.map), **given)
-    _print_survey(survey, args.layout)
+    _print_survey(survey)
     if args.dry_run:
         return _print_forecast(survey, options, args)
     outcome = _prepare(args, survey, options)
@@ -119,7 +115,7 @@ def _prepare(args: argparse.Namespace, survey: "Survey", options: "SetOptions") 
         raise
 
 
-def _print_survey(survey: "Survey", layout: str) -> None:
+def _print_survey(survey: "Survey") -> None:
     print(f"{survey.terms.title}: {len(survey.recordings)} recordings; licence: {survey.terms.licence}")
     print(f"may be shipped: {survey.terms.may_ship}")
     for line in survey.missing:

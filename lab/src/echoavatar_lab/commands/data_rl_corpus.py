@@ -34,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="output folder")
-    parser.add_argument(
-        "--seed", type=seed, default=0, help="seed of generated scripts, voices and music (default: %(default)s)"
-    )
+    parser.add_argument("--seed", type=seed, default=0, help="seed of scripts, voices and music (default: %(default)s)")
     speech = parser.add_argument_group("speech")
     speech.add_argument("--hours", type=float, default=1.0, help="hours of speech; 0 for none (default: %(default)s)")
     speech.add_argument("--scripts", type=Path, metavar="FILE", help="scripts to speak first, UTF-8 text")
@@ -58,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     music = parser.add_argument_group("music")
     music.add_argument("--pieces", type=int, default=100, help="pieces of music; 0 for none (default: %(default)s)")
     music.add_argument("--music", type=Path, metavar="DIR", help="a folder of sound files (default: composed music)")
-    music.add_argument(
-        "--music-licence", default="not stated", metavar="TEXT", help="licence of that music, for the manifest"
-    )
+    music.add_argument("--music-licence", default="not stated", metavar="TEXT", help="its licence, for the manifest")
     after = parser.add_argument_group("afterwards")
     after.add_argument(
         "--model",

@@ -15,9 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="OWNER/NAME on the hub")
     parser.add_argument("-o", "--output", type=Path, help="folder (default: the local model cache)")
     parser.add_argument("--revision", help="branch, tag or commit (default: the newest)")
-    parser.add_argument(
-        "--only", action="append", metavar="PATTERN", help="files to fetch, such as 'ckpts/*'; may be repeated"
-    )
+    parser.add_argument("--only", action="append", metavar="PATTERN", help="files, such as 'ckpts/*'; may be repeated")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -48,9 +48,7 @@ class Options:
         self._parser, self._fields = parser, dict[str, tuple[str, str]]()
         self._configs = {"model": model, "training": training}
         self._base = {section: dict((base or {}).get(section, {})) for section in SECTIONS}
-        parser.add_argument(
-            "--recipe", type=Path, metavar="YAML", help="file of settings; options on the command line win over it"
-        )
+        parser.add_argument("--recipe", type=Path, metavar="YAML", help="file of settings; options win over it")
         parser.set_defaults(options=self)
 
     def add(self, flag: str, field: str) -> None:
@@ -95,8 +93,7 @@ class Settings(NamedTuple):
     def checked(self, kind: type[ConfigT], section: str, **more: Any) -> ConfigT:
         """A section as a validated config.
 
-        Raises:
-            EchoAvatarError: a key is unknown, or a value is invalid; names both.
+        Raises EchoAvatarError if a key is unknown, or a value is invalid; names both.
         """
         values = {**getattr(self, section), **more}
         try:
@@ -117,7 +114,7 @@ class Given(NamedTuple):
     args: argparse.Namespace
     settings: Settings
     card: dict[str, object]
-    how: dict[str, Any]  # device, trackers, progress
+    how: dict[str, Any]  # device, trackers, minutes, progress
 
 
 class Stage(NamedTuple):
@@ -128,8 +125,9 @@ class Stage(NamedTuple):
     model: type[Config]
     training: type[Config]
     base: dict[str, dict[str, Any]]  # defaults that are not the configs'
-    add: Callable[[argparse.ArgumentParser, Options], None]
+    options: tuple[str, ...]  # each a flag and its field, such as "--rate training.learning_rate"
     train: Callable[[Given], None]
+    add: Callable[[argparse.ArgumentParser], None] | None = None  # declares options that no field has
     examples: str | None = None
 
 
@@ -140,11 +138,7 @@ def shipped(part: str) -> dict[str, Any]:
 
 
 def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
-    """The sections of a recipe.
-
-    Raises:
-        EchoAvatarError: the file is missing, is not YAML, or has other sections.
-    """
+    """The sections of a recipe. Raises EchoAvatarError if the file is missing, is not YAML, or has other sections."""
     text = read_text(path, "give the YAML file of a recipe", largest=RECIPE_BYTES)
     try:
         if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
@@ -164,8 +158,7 @@ def read_recipe(path: Path) -> dict[str, dict[str, Any]]:
 def paper_recipe(recipe: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:
     """The paper's settings that a recipe names, changed by its own.
 
-    Raises:
-        EchoAvatarError: there are none of that name.
+    Raises EchoAvatarError if there are none of that name.
     """
     if (settings := paper.RECIPES.get(str(recipe[PAPER]))) is None:
         raise EchoAvatarError(f"{path}: no paper: {recipe[PAPER]}; there are {', '.join(paper.RECIPES)}")

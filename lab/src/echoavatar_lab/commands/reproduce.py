@@ -85,9 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--resample", action="store_true", help="take motion of --with that is not at 30 fps")
     parser.add_argument("--model", help="bundle for latency (default: the default bundle)")
     parser.add_argument("--device", default="cpu", help="where to train and generate (default: %(default)s)")
-    parser.add_argument(
-        "--seeds", type=_count, default=1, metavar="N", help="train and sample N times (default: %(default)s)"
-    )
+    parser.add_argument("--seeds", type=_count, default=1, metavar="N", help="train and sample N times (default: 1)")
     parser.add_argument(
         "--processes",
         type=_count,

@@ -38,9 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("made", nargs="?", type=Path, metavar="MADE", help="folder of generated motion")
     parser.add_argument("true", nargs="?", type=Path, metavar="TRUE", help="folder of true motion")
-    parser.add_argument(
-        "--model", metavar="BUNDLE", help="bundle that makes the motion in MADE first, for the sounds of TRUE"
-    )
+    parser.add_argument("--model", metavar="BUNDLE", help="bundle that first makes MADE for the sounds of TRUE")
     parser.add_argument("--runtime", metavar="HOW", help=f"with --model: {RUNTIME_HELP} (default: default)")
     parser.add_argument("--device", default="cpu", help=f"with --model: {DEVICE_HELP}")
     parser.add_argument("--audio", type=Path, help="folder of audio files (default: in the clips, or next to them)")

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from echoavatar.errors import EchoAvatarError
 
 from . import train_body, train_others
-from .config_options import add_track, command_line
+from .config_options import add_minutes, add_track, command_line
 from .recipe import Given, Options
 
 ORDER = """all commands from nothing to a bundle:
@@ -43,10 +43,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         child.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
         options = Options(child, model=stage.model, training=stage.training, base=stage.base)
         child.set_defaults(stage=stage)
+        for option in stage.options:
+            options.add(*option.split())
+        if stage.add:
+            stage.add(child)
         if name != "tokens":
             child.add_argument("--device", default="cpu", help="cpu or cuda (default: %(default)s)")
             add_track(child)
-        stage.add(child, options)
+            if name != "codec":  # whose schedule is fitted to its minutes
+                add_minutes(child)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -67,10 +72,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _how(args: argparse.Namespace, progress: Callable[[int, int], None]) -> dict[str, Any]:
-    """Device, trackers and progress, as far as the stage takes them."""
+    """Device, trackers, minutes and progress, as far as the stage takes them."""
     if args.kind == "tokens":
         return {"progress": progress}
     how: dict[str, Any] = {"device": args.device, "trackers": args.track, "progress": progress}
+    if args.kind != "codec":
+        how["minutes"] = args.minutes
     if args.kind in ("fingers", "fid-encoder") and how.pop("device") != "cpu":
         raise EchoAvatarError(f"{args.kind} trains on a CPU only, in minutes; leave out --device")
     return how

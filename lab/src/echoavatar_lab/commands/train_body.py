@@ -32,11 +32,10 @@ from echoavatar_lab.models.tokenizer.train import (
 from echoavatar_lab.models.tokenizer.variants import AnyBodyTokenizer
 from echoavatar_lab.training import train
 
-from .config_options import add_minutes
-from .recipe import Given, Options, Settings, Stage, shipped
+from .recipe import Given, Settings, Stage, shipped
 
 
-def _add_codec(parser: argparse.ArgumentParser, options: Options) -> None:
+def _add_codec(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--recordings",
         type=Path,
@@ -51,7 +50,6 @@ def _add_codec(parser: argparse.ArgumentParser, options: Options) -> None:
         help="take a published EnCodec instead of training: a folder of it, or facebook/encodec_24khz (the paper's)"
         " from the local model cache",
     )
-    options.add("--minutes", "training.minutes")
 
 
 def _train_codec(given: Given) -> None:
@@ -72,10 +70,8 @@ def _train_codec(given: Given) -> None:
     train(CodecTask(config, AudioPool(groups), card=given.card), args.output, start=start, **given.how)
 
 
-def _add_tokenizer(parser: argparse.ArgumentParser, options: Options) -> None:
-    options.add("--steps", "training.steps")
+def _add_tokenizer(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--start", type=Path, help="trained tokenizer of the same sizes to start from")
-    add_minutes(parser)
 
 
 def _train_tokenizer(given: Given) -> None:
@@ -93,7 +89,6 @@ def _train_tokenizer(given: Given) -> None:
         TokenizerTask(config, training, corpus.motions("train"), tests=corpus.motions("test"), card=given.card),
         args.output,
         start=start,
-        minutes=args.minutes,
         **given.how,
     )
 
@@ -124,11 +119,8 @@ def body_sizes(settings: Settings, skeleton: Skeleton) -> BodyTokenizerConfig:
     return BodyTokenizerConfig(skeleton=skeleton.config, parts=sizes)
 
 
-def _add_decoder(parser: argparse.ArgumentParser, options: Options) -> None:
+def _add_decoder(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--tokenizer", type=Path, required=True, help="trained tokenizer; its codes keep their meaning")
-    options.add("--steps", "training.steps")
-    options.add("--patience", "training.patience")
-    add_minutes(parser)
 
 
 def _train_decoder(given: Given) -> None:
@@ -146,19 +138,15 @@ def _train_decoder(given: Given) -> None:
             progress=given.how["progress"],
         ),
         args.output,
-        minutes=args.minutes,
         **given.how,
     )
 
 
-def _add_tokens(parser: argparse.ArgumentParser, options: Options) -> None:
-    options.add("--patience", "training.patience")
-    options.add("--no-level", "training.is_leveled")
-    options.add("--no-mirror", "training.is_mirrored")
+def _add_tokens(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dancer",
         type=Path,
-        help="trained generator that dances to the music instead of the corpus: who starts from it keeps its dances",
+        help="trained generator that dances in place of the corpus; a generator that starts from it keeps its dances",
     )
     _add_parts(parser)
 
@@ -179,25 +167,12 @@ def _make_tokens(given: Given) -> None:
     )
 
 
-def _add_generator(parser: argparse.ArgumentParser, options: Options) -> None:
-    options.add("--steps", "training.steps")
-    options.add("--batch", "training.batch")
-    options.add("--rate", "training.learning_rate")
-    options.add("--optimiser", "training.optimiser")
-    options.add("--width", "model.width")
-    options.add("--layers", "model.layers")
-    options.add("--window", "model.window_chunks")
-    for name in ("corruption", "blind", "out_of_step", "cue_weight", "exemplar"):
-        options.add(f"--{name.replace('_', '-')}", f"training.{name}")
+def _add_generator(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--start", type=Path, help="trained generator of the same sizes to begin with")
     parser.add_argument(
         "--qwen", type=Path, metavar="FOLDER", help="Qwen2.5-0.5B-Instruct, to initialise a new run's transformer"
     )
-    options.add("--seed", "training.seed")
-    add_minutes(parser)
-    parser.add_argument(
-        "--sharded", action="store_true", help="each of several processes holds a share of the weights (FSDP2)"
-    )
+    parser.add_argument("--sharded", action="store_true", help="each process holds a share of the weights (FSDP2)")
     _add_parts(parser)
 
 
@@ -234,7 +209,6 @@ def _train_generator(given: Given) -> None:
             motion_codebooks=tokenizer.codebooks(),
         ),
         args.output,
-        minutes=args.minutes,
         sharded=args.sharded,
         start=Generator.load(args.start) if args.start else args.qwen,
         **given.how,
@@ -293,8 +267,9 @@ def stages() -> dict[str, Stage]:
             CodecConfig,
             CodecTrainingConfig,
             codec_base,
-            _add_codec,
+            ("--minutes training.minutes",),
             _train_codec,
+            _add_codec,
         ),
         "tokenizer": Stage(
             "the motion tokenizer, on the corpus's motion",
@@ -302,8 +277,9 @@ def stages() -> dict[str, Stage]:
             MotionTokenizerConfig,
             TokenizerTraining,
             tokenizer_base,
-            _add_tokenizer,
+            ("--steps training.steps",),
             _train_tokenizer,
+            _add_tokenizer,
         ),
         "decoder": Stage(
             "a trained tokenizer's decoder, on the steady codes that a generator learns",
@@ -311,8 +287,9 @@ def stages() -> dict[str, Stage]:
             Config,
             DecoderTraining,
             heard,
-            _add_decoder,
+            ("--steps training.steps", "--patience training.patience"),
             _train_decoder,
+            _add_decoder,
         ),
         "tokens": Stage(
             "encode the corpus with a trained codec and tokenizer",
@@ -320,8 +297,9 @@ def stages() -> dict[str, Stage]:
             Config,
             TokenSettings,
             heard,
-            _add_tokens,
+            ("--patience training.patience", "--no-level training.is_leveled", "--no-mirror training.is_mirrored"),
             _make_tokens,
+            _add_tokens,
         ),
         "generator": Stage(
             "the generator, on a folder of codes",
@@ -329,7 +307,14 @@ def stages() -> dict[str, Stage]:
             GeneratorConfig,
             GeneratorTraining,
             generator_base,
-            _add_generator,
+            (
+                *("--steps training.steps", "--batch training.batch", "--rate training.learning_rate"),
+                *("--optimiser training.optimiser", "--seed training.seed", "--corruption training.corruption"),
+                *("--blind training.blind", "--out-of-step training.out_of_step", "--cue-weight training.cue_weight"),
+                *("--exemplar training.exemplar", "--width model.width", "--layers model.layers"),
+                "--window model.window_chunks",
+            ),
             _train_generator,
+            _add_generator,
         ),
     }

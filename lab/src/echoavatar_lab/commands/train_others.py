@@ -34,20 +34,13 @@ from echoavatar_lab.models.fingers import FingerTask, FingerTraining
 from echoavatar_lab.models.published import read_hubert
 from echoavatar_lab.training import train
 
-from .config_options import add_minutes
-from .recipe import Given, Options, Stage, shipped
+from .recipe import Given, Stage, shipped
 
 _log = logging.getLogger(__name__)
 
 
-def _add_face(parser: argparse.ArgumentParser, options: Options) -> None:
-    options.add("--steps", "training.steps")
-    options.add("--batch", "training.batch")
-    options.add("--rate", "training.learning_rate")
-    options.add("--listen", "training.listen")
-    options.add("--no-tempo", "training.tempo")
+def _add_face(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--start", type=Path, help="trained face model of the same sizes to start from")
-    options.add("--seed", "training.seed")
     parser.add_argument(
         "--hubert",
         type=Path,
@@ -56,7 +49,6 @@ def _add_face(parser: argparse.ArgumentParser, options: Options) -> None:
         "multilingual, with 768 channels. Goes with --recipe lab/recipes/paper/face.yaml or --paper",
     )
     parser.add_argument("--paper", action="store_true", help="sizes of the paper (width 256), mel encoder")
-    add_minutes(parser)
 
 
 def _train_face(given: Given) -> None:
@@ -76,20 +68,13 @@ def _train_face(given: Given) -> None:
             encoder=encoder,
         ),
         args.output,
-        minutes=args.minutes,
         start=FaceModel.load(args.start) if args.start else None,
         **given.how,
     )
 
 
-def _add_fingers(parser: argparse.ArgumentParser, options: Options) -> None:
+def _add_fingers(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--recordings", type=Path, help="folder of recorded BVH clips to train on as well")
-    options.add("--steps", "training.steps")
-    options.add("--batch", "training.batch")
-    options.add("--rate", "training.learning_rate")
-    options.add("--width", "model.width")
-    options.add("--layers", "model.layers")
-    add_minutes(parser)
 
 
 def _train_fingers(given: Given) -> None:
@@ -99,9 +84,7 @@ def _train_fingers(given: Given) -> None:
     training = settings.checked(FingerTraining, "training")
     clips = list(_clips(args.source, "train", config.frames))
     recorded = list(_recordings(args.recordings, config.frames)) if args.recordings else []
-    train(
-        FingerTask(config, training, clips, recorded, card=given.card), args.output, minutes=args.minutes, **given.how
-    )
+    train(FingerTask(config, training, clips, recorded, card=given.card), args.output, **given.how)
     model = FingerModel.load(args.output)
     tests = [clip for clip in _clips(args.source, "test", config.frames) if clip.is_moving.all()]
     if tests:
@@ -137,13 +120,6 @@ def _recordings(folder: Path, frames: int) -> Iterator[FingerClip]:
         _log.warning("left out, because their rigs are unknown: %s", ", ".join(left_out))
 
 
-def _add_fid_encoder(parser: argparse.ArgumentParser, options: Options) -> None:
-    options.add("--steps", "training.steps")
-    options.add("--width", "model.width")
-    options.add("--latent", "model.latent")
-    add_minutes(parser)
-
-
 def _train_fid_encoder(given: Given) -> None:
     """Train on the corpus's training clips, then measure how much variance of its test clips the latents preserve."""
     args, settings, corpus = given.args, given.settings, Corpus(given.args.source)
@@ -152,7 +128,7 @@ def _train_fid_encoder(given: Given) -> None:
     clips = _features(corpus, "train")
     if not clips:
         raise EchoAvatarError(f"{args.source} has no training clips; make a longer corpus")
-    train(MotionEncoderTask(config, training, clips, card=given.card), args.output, minutes=args.minutes, **given.how)
+    train(MotionEncoderTask(config, training, clips, card=given.card), args.output, **given.how)
     model = MotionEncoder.load(args.output)
     scores = {"explained_train": round(explained_variance(model, clips[:32]), 4)}
     if tests := _features(corpus, "test"):
@@ -189,8 +165,12 @@ def stages() -> dict[str, Stage]:
             FaceConfig,
             FaceTraining,
             {"model": shipped("face")},
-            _add_face,
+            (
+                *("--steps training.steps", "--batch training.batch", "--rate training.learning_rate"),
+                *("--listen training.listen", "--no-tempo training.tempo", "--seed training.seed"),
+            ),
             _train_face,
+            _add_face,
         ),
         "fingers": Stage(
             "the model behind `refine-fingers`, on motion with good fingers",
@@ -198,8 +178,12 @@ def stages() -> dict[str, Stage]:
             FingerConfig,
             FingerTraining,
             {},
-            _add_fingers,
+            (
+                *("--steps training.steps", "--batch training.batch", "--rate training.learning_rate"),
+                *("--width model.width", "--layers model.layers"),
+            ),
             _train_fingers,
+            _add_fingers,
             FINGERS,
         ),
         "fid-encoder": Stage(
@@ -208,8 +192,8 @@ def stages() -> dict[str, Stage]:
             MotionEncoderConfig,
             MotionEncoderTraining,
             {},
-            _add_fid_encoder,
+            ("--steps training.steps", "--width model.width", "--latent model.latent"),
             _train_fid_encoder,
-            FID_ENCODER,
+            examples=FID_ENCODER,
         ),
     }

@@ -84,8 +84,7 @@ class Shard:
 def write_shard(folder: Path, name: str, arrays: Mapping[str, NDArray[Any]], *, skeleton: int = 0) -> ShardEntry:
     """Write the arrays of a shard, each file completely or not at all.
 
-    Raises:
-        MotionError: a file cannot be written.
+    Raises MotionError if a file cannot be written.
     """
     sums = {}
     for array, values in arrays.items():
@@ -193,11 +192,7 @@ class Corpus:
 
     @cached_property
     def skeleton(self) -> Skeleton:
-        """The rig of all clips.
-
-        Raises:
-            MotionError: the clips have different rigs.
-        """
+        """The rig of all clips. Raises MotionError if the clips have different rigs."""
         skeletons = self.manifest.skeletons
         if len(skeletons) > 1:
             raise MotionError(

@@ -30,10 +30,8 @@ def penetration_depth_m(
     """Depth of the deepest point of the left and the right hand below the skin of torso, neck or head, metres.
 
     The points are all joints and tips of all fingers, each with its thickness. The distance to an ellipsoid is exact at
-    the skin and of first order below it. 0 where the hand is outside.
-
-    Raises:
-        MotionError: the rig's bones are not known, or a rotation is not finite.
+    the skin and of first order below it. 0 where the hand is outside. Raises MotionError if the rig's bones are not
+    known, or a rotation is not finite.
     """
     if not torch.isfinite(rotations).all():
         raise MotionError("the motion holds rotations that are not finite; leave out these frames")

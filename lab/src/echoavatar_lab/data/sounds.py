@@ -82,8 +82,7 @@ class SoundSet:
     def load(self, sound: Sound) -> NDArray[np.float32]:
         """Samples (800 t,) at 24 kHz.
 
-        Raises:
-            AudioError: the file is missing, damaged or of another length than listed.
+        Raises AudioError if the file is missing, damaged or of another length than listed.
         """
         path = self.path(sound)
         try:

@@ -45,8 +45,7 @@ class Script:
 def conversations(seed: int, file: Path | None = None) -> Iterator[Script]:
     """Endless scripts: those of the file, the shipped ones, then generated ones, which follow from seed and number.
 
-    Raises:
-        EchoAvatarError: the file cannot be read, or holds no script.
+    Raises EchoAvatarError if the file cannot be read, or holds no script.
     """
     written = [(f"file-{k:04d}", lines, file.name) for k, lines in enumerate(_blocks(file))] if file else []
     written += [(f"own-{k:04d}", block.splitlines(), OWN) for k, block in enumerate(_CONVERSATIONS.split("\n\n"))]

@@ -1,27 +1,16 @@
 """Published datasets, and folders of BVH: finds recordings, splits and terms of use in the user's own copy.
 
 Each layout has its `Terms` and a function from folder to `Survey`; `LAYOUTS` names them as the command line does.
+docs/datasets.md says what a copy must hold. Beyond that:
 
-- ZeroEGGS (Ubisoft La Forge): 67 monologues of one speaker in 19 styles, BVH and WAV of the same name, 60 fps.
-  `data/Zeggs_data.zip` unpacks to `clean/` (aligned; read here) and `original/` (not aligned; left out). The validation
-  split is a column of `data/info.csv`; `ZEROEGGS_VALIDATION` repeats it for copies without that file. Retargeted copies
-  that keep the names are read the same way.
-- Motorica Dance Dataset: six hours of dance in eight styles, `bvh/` at 120 fps and `wav/` of the same names. Names
-  follow AIST: prefix_genre_situation_camera_dancer_music_choreography. Music of the casual session (`kthmisc`) is not
-  published, so these clips have no sound. Published work on it holds out `MOTORICA_TEST`. In many clips fingers are
-  missing or drift, which is the reason for the paper's motion refinement. Parts of it come with Listen, Denoise,
-  Action! as `NAME_00.expmap_30fps.pkl`, without fingers (`lda`), and are taken for dances of which there is no BVH.
-  Mirrored ones are left out: sets mirror by themselves.
-- BEAT2 (EMAGE): 60 hours of 25 speakers, SMPL-X npz at 30 fps and 16 kHz wav. Per language `beat_english_v2.0.0/` has
-  `smplxflame_30/{id}.npz`, `wave16k/{id}.wav` and `train_test_split.csv` with the columns id and type (train, val,
-  test, additional). An id begins with the speaker's number and name, as in 2_scott_0_1_1. As in published work,
-  `additional` is left out by default.
-- Bandai-Namco-Research-Motiondataset 1 and 2: short acted motions in many styles, BVH at 30 fps, no sound. File names
-  are dataset-{n}_{content}_{style}_{id}. The rig has 22 joints, no fingers and an unusual rest pose. The set suits a
-  tokenizer; without sound it cannot train a generator.
-- Any folder of BVH. The sound of a clip has the same file name, beside it or in a folder of sounds. A path that
-  contains "music" or "dance" marks its sound as music; any other sound is speech. Sub-folders named train, val or test
-  give the split.
+- ZeroEGGS: `clean/` is aligned and read, `original/` is not. `ZEROEGGS_VALIDATION` repeats the split of `info.csv` for
+  copies without that file. Retargeted copies that keep the names are read the same way.
+- Motorica: names follow AIST (prefix_genre_situation_camera_dancer_music_choreography). Music of the casual session
+  (`kthmisc`) is not published. Published work holds out `MOTORICA_TEST`. Parts come with Listen, Denoise, Action! as
+  `NAME_00.expmap_30fps.pkl`, without fingers (`lda`); they stand for dances of which there is no BVH. Mirrored ones are
+  left out: sets mirror by themselves.
+- BEAT2: an id begins with the speaker's number and name, as in 2_scott_0_1_1. Types are train, val, test, additional.
+- Bandai-Namco: dataset-{n}_{content}_{style}_{id}. The rig has 22 joints, no fingers and an unusual rest pose.
 """
 
 import fnmatch

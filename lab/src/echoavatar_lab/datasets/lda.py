@@ -49,9 +49,8 @@ _REFERENCE = ("reference_dXposition", "reference_dZposition", "reference_dYrotat
 def read_lda(path: Path, skeleton: Skeleton | None = None) -> Motion:
     """A dance with the bone lengths of `skeleton`, a rig with Motorica's names, or ours.
 
-    Raises:
-        MotionError: the file is missing, damaged, refused because it would run code, lacks a column, or holds values
-            that are not finite; or the skeleton lacks a joint.
+    Raises MotionError if the file is missing, damaged, refused because it would run code, lacks a column, or holds
+    values that are not finite; or the skeleton lacks a joint.
     """
     try:
         stored = read_pickled_frame(path)

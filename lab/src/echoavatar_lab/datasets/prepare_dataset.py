@@ -58,9 +58,8 @@ def prepare(
 ) -> Outcome:
     """Make or complete the set of a survey's recordings in `folder`, and write `report.json` there.
 
-    Raises:
-        EchoAvatarError: nothing could be prepared, the folder cannot be written or holds something else, or a worker
-            was killed; finished parts are kept.
+    Raises EchoAvatarError: nothing could be prepared, the folder cannot be written or holds something else, or a
+    worker was killed; finished parts are kept.
     """
     started = time.perf_counter()
     with hold_folder(folder):
@@ -216,11 +215,7 @@ def _seconds(recording: Recording, options: SetOptions) -> tuple[float, bool]:
 
 
 def motion_header(path: Path) -> tuple[int, float]:
-    """Frames and frame rate of a BVH or SMPL-X npz.
-
-    Raises:
-        MotionError: the file is missing or has no such header.
-    """
+    """Frames and frame rate of a BVH or SMPL-X npz. Raises MotionError if the file is missing or has no such header."""
     try:
         if path.suffix.lower() == ".npz":
             with NpzArrays(path, MotionError) as stored:
@@ -240,11 +235,7 @@ def motion_header(path: Path) -> tuple[int, float]:
 
 
 def sound_seconds(path: Path) -> float:
-    """Length of a sound file in seconds, from its header.
-
-    Raises:
-        MotionError: the file is missing or is not sound.
-    """
+    """Length of a sound file in seconds, from its header. Raises MotionError if the file is missing or is not sound."""
     if not path.is_file():
         raise MotionError(f"{path} is missing; add it, or pass --sound any to take the motion alone")
     try:

@@ -160,8 +160,7 @@ class Receipt(Config):
 def prepare_recording(recording: Recording, options: SetOptions, folder: Path) -> Receipt:
     """Make the part of one recording that has a split.
 
-    Raises:
-        EchoAvatarError: a file is missing, damaged or does not fit; the message names the file and the remedy.
+    Raises EchoAvatarError if a file is missing, damaged or does not fit; the message names the file and the remedy.
     """
     started = time.perf_counter()
     sound = _sound(recording, options)

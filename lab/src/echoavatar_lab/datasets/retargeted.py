@@ -33,10 +33,8 @@ from echoavatar_lab.data.statistics import arm_length
 def annotate_rig(motion: Motion) -> Motion:
     """The same motion on a skeleton with body parts, mirror pairs and feet.
 
-    "lower" is the legs and the root, "hands" is everything below the hand bones, "upper" is the rest.
-
-    Raises:
-        MotionError: the joint names are unknown, or left and right cannot be paired.
+    "lower" is the legs and the root, "hands" is everything below the hand bones, "upper" is the rest. Raises
+    MotionError if the joint names are unknown, or left and right cannot be paired.
     """
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     thighs = {bones["leftUpperLeg"], bones["rightUpperLeg"]}

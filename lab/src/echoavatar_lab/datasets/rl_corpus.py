@@ -61,11 +61,7 @@ class Job(NamedTuple):
 
 
 def recorded_music(folder: Path, licence: str) -> Iterator[Job]:
-    """One job per sound file of a folder, sorted by path.
-
-    Raises:
-        EchoAvatarError: the folder holds no sound.
-    """
+    """One job per sound file of a folder, sorted by path. Raises EchoAvatarError if the folder holds no sound."""
     paths = files_below(folder, *SOUND_SUFFIXES)
     if not paths:
         raise EchoAvatarError(f"--music {folder} holds no sound ({', '.join(SOUND_SUFFIXES)}); name another folder")

@@ -102,9 +102,7 @@ class SetOptions(Config):
     sound: Literal["need", "any", "none"] = Field(
         default="need", description="need: refuse motion without sound; any: accept it; none: leave out all sound"
     )
-    mirror: bool = Field(
-        default=True, description="list a mirror image of each training clip; it takes no space on disk"
-    )
+    mirror: bool = Field(default=True, description="list a mirror image of each training clip; takes no space")
     seed: int = Field(default=0, description="seed of new fingers")
     test_every: int | None = Field(default=None, ge=0, description="hold out every n-th recording by name, 0 none")
     length_tolerance: float = Field(
@@ -117,9 +115,7 @@ class SetOptions(Config):
     joints: dict[str, str | None] | None = Field(
         default=None, description="the user's map from bones to joints of the recordings; None: they are found"
     )
-    body_model: Path | None = Field(
-        default=None, description="BEAT2: your SMPLX_NEUTRAL_2020.npz, for the speaker's joint positions"
-    )
+    body_model: Path | None = Field(default=None, description="BEAT2: SMPLX_NEUTRAL_2020.npz, for the speaker's joints")
 
     def binding(self) -> dict[str, Any]:
         """The options that all clips of a set must share; the others only decide which clips it holds."""

@@ -101,8 +101,7 @@ def performance(
 def measure(take: Take, seconds: float) -> Measured:
     """Measure windows of `seconds`, and windows of 10 s every 5 s.
 
-    Raises:
-        MotionError: the rig is not known; names the take.
+    Raises MotionError if the rig is not known; names the take.
     """
     try:
         points = body_points(take.motion)
@@ -302,8 +301,7 @@ def sheet(takes: Sequence[Take]) -> UInt8[np.ndarray, "h w 3"]:
 def draw(found: AliveReport, path: Path) -> None:
     """Write a panel for each statistic: a dot for each window, grey for captured ones, a bar for people's range.
 
-    Raises:
-        EchoAvatarError: the picture cannot be written.
+    Raises EchoAvatarError if the picture cannot be written.
     """
     figure = Figure(figsize=(10.0, 7.5), layout="constrained")
     for axis, (name, unit) in zip(figure.subplots(3, 3).flat, STATISTICS.items(), strict=True):

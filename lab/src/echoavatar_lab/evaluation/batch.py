@@ -27,9 +27,7 @@ def animate_many(
 
     `options` are those of each session. `progress` receives the chunks done and the chunks in all. The seconds of work
     are shared out by length of sound.
-
-    Raises:
-        AudioError: one of the sounds is empty, or a value is not finite.
+    Raises AudioError if one of the sounds is empty, or a value is not finite.
     """
     if silent := [number for number, sound in enumerate(sounds) if not len(sound)]:
         raise AudioError(f"there is no sound in number {silent[0]}; give at least one sample")

@@ -2,9 +2,9 @@
 
 Paper, Discussions: male speech is taken for song, and the avatar dances. Measured here: a frame is danced if the ankles
 travel faster than `ANKLES` in the mean over the two seconds around it. It is gestured if it is not danced and the
-wrists move faster than `HANDS` about the shoulders. What is neither is rest. Both limits are those that tell captured
-people apart best (`limits`): dancers from all others, and people who talk from people who wait. How well
-they do is measured on performers who did not choose them (`held_out`).
+wrists move faster than `HANDS` about the shoulders. Other frames are rest. Both limits are those that tell captured
+people apart best (`limits`): dancers from all others, and people who talk from people who wait. How well they do is
+measured on performers who did not choose them (`held_out`).
 """
 
 import re
@@ -84,11 +84,7 @@ class Person(NamedTuple):
 
 
 def pace(motion: Motion) -> Pace:
-    """How fast a body on any known rig moves ankles and wrists.
-
-    Raises:
-        MotionError: the rig is not known.
-    """
+    """How fast a body on any known rig moves ankles and wrists. Raises MotionError if the rig is not known."""
     points, fps = body_points(motion), motion.fps
     return Pace(*(_around(paths, fps) for paths in (foot_paths(points), hand_paths(points))))
 
@@ -102,10 +98,7 @@ def danced_gestured(found: Pace, chosen: Limits = DEFAULT) -> tuple[np.ndarray, 
 def read_sounds(folder: Path, seconds: float, most: int, *, split: str = "dev") -> list[Sound]:
     """The sounds of `takes.read_sounds` by classes of voice, and up to three mixtures of speech and music, twice.
 
-    Music is as loud as the voice, and 12 dB quieter.
-
-    Raises:
-        EchoAvatarError: no sound is left.
+    Music is as loud as the voice, and 12 dB quieter. Raises EchoAvatarError if no sound is left.
     """
     sounds = takes.read_sounds(folder, seconds, most, class_of=voice, split=split)
     spoken, played = ([sound for sound in sounds if sound.kind == kind] for kind in (SPEECH, MUSIC))
@@ -138,10 +131,8 @@ def voice(row: dict[str, str]) -> str:
 def read_people(folder: Path, *, progress: Callable[[int, int], None] | None = None) -> list[Person]:
     """Captured takes of at least 2 s whose path says what they are: "dance", "idle", "talk", "speech", "gesture".
 
-    A performer is what a file's name says before the first underscore.
-
-    Raises:
-        EchoAvatarError: there are no dancers, nobody who talks, or nobody who waits; or a file cannot be read.
+    A performer is what a file's name says before the first underscore. Raises EchoAvatarError if there are no dancers,
+    nobody who talks, or nobody who waits; or a file cannot be read.
     """
     found, paths = [], told_by_path(folder, _WORDS)
     for done, (path, _, kind) in enumerate(paths, 1):

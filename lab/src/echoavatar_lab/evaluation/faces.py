@@ -59,8 +59,7 @@ def evaluate_face(
 ) -> FaceScores:
     """Animate the face to tracks with known phones and to recordings (24 kHz), and measure it.
 
-    Raises:
-        EchoAvatarError: the bundle has no face model.
+    Raises EchoAvatarError if the bundle has no face model.
     """
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")

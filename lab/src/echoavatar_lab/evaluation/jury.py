@@ -52,10 +52,8 @@ class Verdict(NamedTuple):
 def read_moving(place: Path, most: int) -> list[Take]:
     """Stretches of speech and of music of the first clips of a corpus, or of the first takes of a folder.
 
-    A take without labels is music if its name says "music" or "dance", else speech.
-
-    Raises:
-        EchoAvatarError: a clip cannot be read, or no clip has 10 s of speech or music.
+    A take without labels is music if its name says "music" or "dance", else speech. Raises EchoAvatarError if a clip
+    cannot be read, or no clip has 10 s of speech or music.
     """
     found = []
     for name, source in itertools.islice(sources(place, None).items(), most):
@@ -79,10 +77,8 @@ def verdicts(
 ) -> dict[str, list[Verdict]]:
     """The rows of speech and of music, as far as ours has them, the furthest outside first.
 
-    Ours are means over windows of `seconds` and performances, with intervals over clips (by name and class).
-
-    Raises:
-        MotionError: a rig is not known, or a take is shorter than a second; names the take.
+    Ours are means over windows of `seconds` and performances, with intervals over clips (by name and class). Raises
+    MotionError if a rig is not known, or a take is shorter than a second; names the take.
     """
     done, total = itertools.count(1), sum(take.kind in (SPEECH, MUSIC) for take in (*ours, *people))
 

@@ -129,8 +129,7 @@ def read_pairs(
 def sound_of(name: str, source: Source, how: ReadOptions) -> Float[np.ndarray, " s"]:
     """The audio of a clip at 24 kHz, as `read_pairs` finds it.
 
-    Raises:
-        AudioError: it has none, or it cannot be read.
+    Raises AudioError if it has none, or it cannot be read.
     """
     sounds = _audio_files(how.audio) if how.audio else {}
     here = (source, source.read(is_resampling=how.is_resampling))
@@ -140,9 +139,8 @@ def sound_of(name: str, source: Source, how: ReadOptions) -> Float[np.ndarray, "
 def sources(place: Path, split: str | None = "test") -> dict[str, Source]:
     """What a set or a folder holds, by name: of a set the clips of one split (None: of all) that are no mirror images.
 
-    Raises:
-        MotionError: the folder does not exist, holds no motion, or has two files of one name; or the set has no clip of
-            that split.
+    Raises MotionError if the folder does not exist, holds no motion, or has two files of one name; or the set has
+    no clip of that split.
     """
     if not (place / "manifest.json").is_file():
         return {name: Source(path) for name, path in motion_files(place).items()}
@@ -159,8 +157,7 @@ def sources(place: Path, split: str | None = "test") -> dict[str, Source]:
 def motion_files(folder: Path) -> dict[str, Path]:
     """Motion files of a folder by the names of their clips: the stem, without what EMAGE or EDGE write before it.
 
-    Raises:
-        MotionError: the folder does not exist, holds no motion, or has two files of one name.
+    Raises MotionError if the folder does not exist, holds no motion, or has two files of one name.
     """
     if not folder.is_dir():
         raise MotionError(f"{folder} is not a folder; give a folder of {', '.join(MOTION_SUFFIXES)} motion")
@@ -332,11 +329,7 @@ def make_motion(
 
 
 def made_how(folder: Path) -> dict[str, object] | None:
-    """The note of a folder; None where it has none, as of other systems.
-
-    Raises:
-        MotionError: the note is damaged.
-    """
+    """The note of a folder; None where it has none, as of other systems. Raises MotionError if the note is damaged."""
     path = folder / NOTE
     try:
         return read_object_file(path)

@@ -55,10 +55,7 @@ class Seen(NamedTuple):
 def read_judges(folder: Path) -> list[Take]:
     """People whom nothing was trained on: a path with "dance" dances, one with "idle" is left out, all others talk.
 
-    Each folder should hold one person.
-
-    Raises:
-        EchoAvatarError: there is none, or one cannot be read.
+    Each folder should hold one person. Raises EchoAvatarError if there is none, or one cannot be read.
     """
     return [take for take in read_captured(folder, _WORDS, WINDOW_S) if take.kind != SILENCE]
 

@@ -28,10 +28,6 @@ def contact_sheet(
 
 
 def save_picture(path: Path, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-    """Write a PNG or JPEG, chosen by the suffix.
-
-    Raises:
-        EchoAvatarError: it cannot be written.
-    """
+    """Write a PNG or JPEG, chosen by the suffix. Raises EchoAvatarError if it cannot be written."""
     with whole_file(path, failures=(ValueError, KeyError)) as partial:
         Image.fromarray(picture).save(partial, Image.registered_extensions()[path.suffix.lower()])

@@ -62,8 +62,7 @@ def score(
 ) -> list[Row]:
     """All rows; without audio those that need it are left out, without an extractor FID.
 
-    Raises:
-        MotionError: there is no clip, or one is too short.
+    Raises MotionError if there is no clip, or one is too short.
     """
     if not pairs:
         raise MotionError("there is no clip to score; give folders with motion")
@@ -230,8 +229,7 @@ def recording_rows(
 def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
     """Arrays `audio` and `motion` of an `.npz`, one pair a row.
 
-    Raises:
-        EchoAvatarError: missing, damaged, of different shapes, or not finite.
+    Raises EchoAvatarError: missing, damaged, of different shapes, or not finite.
     """
     try:
         with NpzArrays(path) as stored:

@@ -217,11 +217,7 @@ def _span(ends: Interval) -> str:
 
 
 def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
-    """Write a picture (.png, .pdf or .svg).
-
-    Raises:
-        EchoAvatarError: the picture cannot be written.
-    """
+    """Write a picture (.png, .pdf or .svg). Raises EchoAvatarError if the picture cannot be written."""
     figure = Figure(figsize=(8.0, 0.9 + 0.42 * len(rows)), layout="constrained")
     figure.suptitle(title, fontsize=11, x=0.02, ha="left", parse_math=False)
     axes = figure.subplots(len(rows), 1, squeeze=False)[:, 0]

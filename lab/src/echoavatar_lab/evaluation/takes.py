@@ -62,10 +62,8 @@ def read_sounds(
     A `manifest.csv` (columns path, kind, speaker_or_artist, language_or_genre, split) tells kind and class, and only
     its `split` is used (as `recorded_files` chooses it); `class_of` tells other classes of its rows. Without a
     manifest, a path with "music" in it is music, and folders are classes. Voices of one class are joined until they
-    last `seconds`; music is not. What stays shorter than 20 s is left out.
-
-    Raises:
-        EchoAvatarError: nothing is left.
+    last `seconds`; music is not. Sounds that stay shorter than 20 s are left out.
+    Raises EchoAvatarError if nothing is left.
     """
     listed: dict[tuple[str, str], list[Path]] = defaultdict(list)
     for path, kind, group in _listed(folder, class_of or _class, split):
@@ -87,10 +85,8 @@ def read_captured(
 ) -> list[Take]:
     """Captured clips whose path says "speech" or "conversation", "dance" or "idle"; by folder.
 
-    Each has the sound of the same name beside it, if there is one.
-
-    Raises:
-        EchoAvatarError: there is none, or one cannot be read.
+    Each has the sound of the same name beside it, if there is one. Raises EchoAvatarError if there is none, or one
+    cannot be read.
     """
     takes = []
     for path, said, kind in told_by_path(folder, words):
@@ -131,8 +127,7 @@ def perform(
 def judged(take: Take) -> Points:
     """The take's points as `metrics.tells` measures them.
 
-    Raises:
-        MotionError: the rig is not known, or the motion is shorter than a second; names the take.
+    Raises MotionError if the rig is not known, or the motion is shorter than a second; names the take.
     """
     try:
         return judged_points(take.motion)

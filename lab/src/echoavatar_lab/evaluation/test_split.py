@@ -18,8 +18,7 @@ READINGS = "test_readings"
 def claim_test(generator: Path, *, command: str, commit: str, is_again: bool = False) -> None:
     """Write into the card of a generator's folder that the test recordings are heard now.
 
-    Raises:
-        EchoAvatarError: these weights have heard them, and it is not said that they do so again.
+    Raises EchoAvatarError: these weights have heard them, and it is not said that they do so again.
     """
     card, weights = read_card(generator), checksum(generator / "model.safetensors")
     listed = card.get(READINGS)

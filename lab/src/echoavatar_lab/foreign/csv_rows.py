@@ -14,8 +14,7 @@ def read_rows(
 ) -> list[dict[str, str]]:
     """The rows by the names in the first line; a cell that a short row lacks is empty.
 
-    Raises:
-        EchoAvatarError: of the given kind; the file cannot be read, is no table, or lacks one of `columns`.
+    Raises EchoAvatarError: of the given kind; the file cannot be read, is no table, or lacks one of `columns`.
     """
     text = io.StringIO(read_text(path, "give a table of comma-separated values", error=error), newline="")
     table = csv.DictReader(text, restval="")

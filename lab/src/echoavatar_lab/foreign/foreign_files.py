@@ -91,11 +91,7 @@ CountedT = TypeVar("CountedT", bound=Sized)
 
 
 def want_few(path: Path, tensors: CountedT) -> CountedT:
-    """Refuse a file of more tensors than any model of the release has.
-
-    Raises:
-        CheckpointError: there are more.
-    """
+    """Refuse a file of more tensors than any model of the release has. Raises CheckpointError if there are more."""
     if len(tensors) > _TENSORS:
         raise CheckpointError(
             f"{path} holds {len(tensors):,} tensors, at most {_TENSORS:,} are read; download it again"
@@ -120,8 +116,7 @@ def check_torch_file(path: Path) -> None:
 def _foreign_names(path: Path) -> list[str]:
     """The names in the pickle of a torch file that no state dict needs.
 
-    Raises:
-        CheckpointError: the archive unpacks to more than its own size (torch never compresses).
+    Raises CheckpointError: the archive unpacks to more than its own size (torch never compresses).
     """
     with zipfile.ZipFile(path) as archive:
         unpacked = sum(entry.file_size for entry in archive.infolist())
@@ -187,8 +182,7 @@ def _is_of_torch(name: str) -> bool:
 def read_array(path: Path, shape: tuple[int, ...]) -> np.ndarray:
     """A plain array of numbers of that shape (-1: any length) from an npy file.
 
-    Raises:
-        CheckpointError: missing, damaged, of another shape, or with values that are not finite.
+    Raises CheckpointError: missing, damaged, of another shape, or with values that are not finite.
     """
     with _named(path):
         array = array_of(read_bytes(path, ARRAYS_BYTES, CheckpointError))
@@ -198,8 +192,7 @@ def read_array(path: Path, shape: tuple[int, ...]) -> np.ndarray:
 def read_table(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
     """Arrays by name from an npy file that holds a pickled dictionary of them.
 
-    Raises:
-        CheckpointError: missing, damaged, of another shape, or with anything but arrays of numbers in it.
+    Raises CheckpointError: missing, damaged, of another shape, or with anything but arrays of numbers in it.
     """
     with _named(path):
         file = io.BytesIO(read_bytes(path, PICKLED_BYTES, CheckpointError))
@@ -222,8 +215,7 @@ def read_table(path: Path, names: tuple[str, ...], shape: tuple[int, ...]) -> di
 def read_pickled_table(path: Path) -> dict[str, object]:
     """The entries of a pickled dictionary by name: arrays of numbers as NumPy's, and plain numbers and texts.
 
-    Raises:
-        CheckpointError: missing, damaged, no dictionary, or with anything in it that would run when read.
+    Raises CheckpointError: missing, damaged, no dictionary, or with anything in it that would run when read.
     """
     stored = _unpickled(path)
     if not isinstance(stored, dict):
@@ -234,8 +226,7 @@ def read_pickled_table(path: Path) -> dict[str, object]:
 def read_pickled_frame(path: Path) -> dict[str, np.ndarray]:
     """The columns of a data frame of numbers that pandas pickled, by name, each (rows,).
 
-    Raises:
-        CheckpointError: missing, damaged, no data frame, or with anything in it that would run when read.
+    Raises CheckpointError: missing, damaged, no data frame, or with anything in it that would run when read.
     """
     stored = _unpickled(path, NOTED)
     try:
@@ -254,8 +245,7 @@ def _unpickled(path: Path, noted: tuple[str, ...] = ()) -> object:
 def read_pickled_array(data: bytes) -> np.ndarray:
     """One pickled array of numbers, as the release's tools send it over a socket.
 
-    Raises:
-        CheckpointError: the bytes are anything else.
+    Raises CheckpointError if the bytes are anything else.
     """
     try:
         if len(data) > PICKLED_BYTES:
@@ -269,11 +259,7 @@ def read_pickled_array(data: bytes) -> np.ndarray:
 
 
 def read_arrays(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Plain arrays by name from an npz file.
-
-    Raises:
-        CheckpointError: missing, damaged, or without one of them.
-    """
+    """Plain arrays by name from an npz file. Raises CheckpointError: missing, damaged, or without one of them."""
     with _named(path), NpzArrays(path, CheckpointError, most=PICKLED_BYTES) as stored:
         if missing := [name for name in names if name not in stored]:
             raise CheckpointError(f"{path} has no array {missing[0]!r}; is it a file of the release?")
@@ -283,8 +269,7 @@ def read_arrays(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
 def read_matrices(path: Path, names: tuple[str, ...]) -> np.ndarray:
     """The 3 x 3 rotation of each name (n, 3, 3) from a JSON table of 3 x 3 or 4 x 4 matrices.
 
-    Raises:
-        CheckpointError: missing, damaged, or without one of the names.
+    Raises CheckpointError: missing, damaged, or without one of the names.
     """
     with _named(path):
         stored = read_object(read_bytes(path, CONFIG_BYTES, CheckpointError), "it")

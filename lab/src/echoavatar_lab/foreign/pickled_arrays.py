@@ -284,8 +284,7 @@ _OLD = "0.14.1"  # the key of the older form
 def frame_columns(stored: Any) -> dict[str, np.ndarray]:
     """The columns of a data frame by name, each (rows,).
 
-    Raises:
-        RefusedError: it is no data frame of numbers, or its columns do not fit its blocks.
+    Raises RefusedError if it is no data frame of numbers, or its columns do not fit its blocks.
     """
     if not isinstance(stored, PickledObject) or not stored.name.endswith(" DataFrame"):
         raise RefusedError("it holds no data frame")

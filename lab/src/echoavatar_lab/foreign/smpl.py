@@ -29,8 +29,7 @@ _Numbers = Any
 def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
     """Read an npz of SMPL, SMPL-H or SMPL-X as motion with +Y up.
 
-    Raises:
-        MotionError: the file is missing, damaged, of another shape, not finite, or not upright.
+    Raises MotionError if the file is missing, damaged, of another shape, not finite, or not upright.
     """
     try:
         with NpzArrays(path, MotionError) as stored:
@@ -47,8 +46,7 @@ def read_smplx(path: Path, *, body_model: Path | None = None) -> Motion:
 def rest_joints(body_model: Path, betas: Float[np.ndarray, " n"]) -> Float[np.ndarray, "55 3"]:
     """Rest positions of the joints for a body shape, from the user's own SMPLX_*.npz.
 
-    Raises:
-        MotionError: the file is missing or is not an SMPL-X model.
+    Raises MotionError if the file is missing or is not an SMPL-X model.
     """
     template, directions, regressor = _body(body_model)
     shapes = 300 if directions.shape[-1] > 300 else 10  # the others are expressions
@@ -92,9 +90,8 @@ EDGE_HZ, AIST_HZ = 30.0, 60.0
 def read_smpl_pickle(path: Path) -> Motion:
     """Motion on SMPL-X's joints with +Y up.
 
-    Raises:
-        MotionError: the file is missing, damaged, refused because it would run code, lacks an array, or holds values
-            that are not finite; names the file.
+    Raises MotionError if the file is missing, damaged, refused because it would run code, lacks an array, or holds
+    values that are not finite; names the file.
     """
     try:
         stored = read_pickled_table(path)

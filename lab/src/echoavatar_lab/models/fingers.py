@@ -37,9 +37,7 @@ class FingerTraining(TrainingConfig):
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule")
     final_rate: float = Field(default=0.03, ge=0, le=1, description="share of the peak at the end of the cosine")
     betas: tuple[float, float] = Field(default=(0.9, 0.98), description="AdamW's decay rates")
-    recorded: float = Field(
-        default=0.3, ge=0, le=1, description="share of windows from recorded clips, if there are any"
-    )
+    recorded: float = Field(default=0.3, ge=0, le=1, description="share of windows from recorded clips, if any")
     one_known: float = Field(default=0.25, ge=0, le=1, description="share of windows with one hand given")
     pure_noise: float = Field(default=0.3, ge=0, le=1, description="share of windows with pure noise")
     body_noise: float = Field(

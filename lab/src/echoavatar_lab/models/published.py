@@ -66,10 +66,8 @@ def read_hubert(path_or_name: str | Path) -> HubertEncoder:
 def init_from_qwen(generator: Generator, folder: Path) -> None:
     """Copy the body of a local Qwen2 checkpoint; embeddings and head keep their new, detached rows.
 
-    Where the vocabulary begins with Qwen's text rows (the reference layout) these are copied too.
-
-    Raises:
-        CheckpointError: the folder is missing or holds a model of another shape.
+    Where the vocabulary begins with Qwen's text rows (the reference layout) these are copied too. Raises
+    CheckpointError if the folder is missing or holds a model of another shape.
     """
     if not (folder / "config.json").exists():
         raise CheckpointError(
@@ -98,8 +96,7 @@ def _is_body(key: str) -> bool:
 def _read(kind: str, name: str, path_or_name: str | Path, instead: str, **how: Any) -> Any:
     """The network of a class of transformers. A folder may be a stranger's: it is checked before transformers reads it.
 
-    Raises:
-        CheckpointError: there is none, it would run something, or asks for more than such a network has.
+    Raises CheckpointError if there is none, it would run something, or asks for more than such a network has.
     """
     network = getattr(_transformers(), kind)
     try:

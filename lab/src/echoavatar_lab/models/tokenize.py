@@ -56,9 +56,7 @@ class TokenSettings(Config):
 
     patience: float = Field(default=0.4, ge=0, description="cost of changing a code (paper: 0, the nearest codes)")
     is_leveled: bool = Field(default=True, description="whether sound is brought to one loudness (paper: false)")
-    is_mirrored: bool = Field(
-        default=True, description="whether mirrored motion is encoded too (paper: for the alignment reward)"
-    )
+    is_mirrored: bool = Field(default=True, description="encode mirrored motion too (paper: for the alignment reward)")
 
 
 def tokenize_corpus(
@@ -79,10 +77,7 @@ def tokenize_corpus(
 
     With `patience` the motion codes are steady (`quantize.steadiest`), so that the generator has fewer changes to
     predict. `is_leveled`: see `audio_codes`. Clips without sound are skipped, because the generator would learn to
-    dance to silence.
-
-    Raises:
-        MotionError: no clip has sound, or the tokenizer was trained on another rig.
+    dance to silence. Raises MotionError if no clip has sound, or the tokenizer was trained on another rig.
     """
     names = [entry.name for entry in corpus.entries(has_mirrored=False) if entry.has_sound]
     if not names:
@@ -213,10 +208,8 @@ def tokenize_sounds(
 ) -> int:
     """Write a token file for each sound and return the number of sounds; existing files are kept.
 
-    Without `has_past` no motion is made and all its codes are 0: for prompts without a past, which read none.
-
-    Raises:
-        AudioError: a sound's file is missing or damaged.
+    Without `has_past` no motion is made and all its codes are 0: for prompts without a past, which read none. Raises
+    AudioError if a sound's file is missing or damaged.
     """
     with hold_folder(folder):
         for done, sound in enumerate(sounds.sounds, start=1):

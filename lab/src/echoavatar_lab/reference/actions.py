@@ -38,11 +38,7 @@ def _holds_table(path: Path) -> bool:
 
 
 def read_table(path: Path) -> Table:
-    """The table in a Python or JSON file.
-
-    Raises:
-        CheckpointError: the file is missing or contains no table.
-    """
+    """The table in a Python or JSON file. Raises CheckpointError if the file is missing or contains no table."""
     try:
         text = read_bytes(path, CONFIG_BYTES, CheckpointError).decode()
     except (OSError, UnicodeDecodeError) as error:
@@ -56,8 +52,7 @@ def read_table(path: Path) -> Table:
 def library(table: Mapping[str, Sequence[int]], codes: int, *, origin: str, chunk: ChunkSize = CHUNK) -> ActionLibrary:
     """The table as a library of actions. `codes` is the size of one codebook: upper body first, then the lower.
 
-    Raises:
-        CheckpointError: a code lies outside the codebooks.
+    Raises CheckpointError if a code lies outside the codebooks.
     """
     actions = {}
     for name, own in table.items():

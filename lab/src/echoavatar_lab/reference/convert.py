@@ -39,11 +39,7 @@ def convert(
     face_order: ChannelOrder = "apple",
     command: str = "echoavatar import reference",
 ) -> None:
-    """Write the bundle.
-
-    Raises:
-        CheckpointError: the inspection found problems; the message lists them.
-    """
+    """Write the bundle. Raises CheckpointError: the inspection found problems; the message lists them."""
     if found.problems:
         raise CheckpointError("the download does not fit:\n" + "\n".join(found.problems))
     make_output_folder(output)

@@ -80,8 +80,7 @@ def face_shapes(width: int, channels: int, hubert: HubertConfig) -> Shapes:
 def hubert_of(shapes: Mapping[str, Sequence[int]]) -> HubertConfig:
     """Sizes of the HuBERT inside a face model, from the shapes of a few of its tensors.
 
-    Raises:
-        KeyError: one of these tensors is missing; the message is its name.
+    Raises KeyError if one of these tensors is missing; the message is its name.
     """
     width = shapes[HUBERT + "encoder.layer_norm.weight"][0]
     kernel = shapes[HUBERT + "encoder.pos_conv_embed.conv.parametrizations.weight.original1"]

@@ -50,8 +50,7 @@ def skeleton_config(
 ) -> SkeletonConfig:
     """The rig in metres and our axes, with parts, feet and VRM map. `offsets` (j, 3) are in the release's centimetres.
 
-    Raises:
-        CheckpointError: a required bone is missing, or the joints form no tree.
+    Raises CheckpointError if a required bone is missing, or the joints form no tree.
     """
     names, bones = tuple(names), bones_by_name()
     missing = sorted(set(bones.values()) - set(names))

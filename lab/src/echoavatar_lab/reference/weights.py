@@ -92,8 +92,7 @@ class StoredGenerator:
     def open(cls, folder: Path) -> "StoredGenerator":
         """Read config and headers, but no weights.
 
-        Raises:
-            CheckpointError: a file is missing or cut off, or the folder is not a Qwen2.
+        Raises CheckpointError if a file is missing or cut off, or the folder is not a Qwen2.
         """
         try:
             config = read_object_file(folder / "config.json")
@@ -123,8 +122,7 @@ class StoredGenerator:
     def generator_config(self, *, step: int, silence: tuple[int, ...]) -> GeneratorConfig:
         """Our config for these weights, over the rows that can occur.
 
-        Raises:
-            CheckpointError: a size is missing or impossible, or the vocabulary is not the release's.
+        Raises CheckpointError if a size is missing or impossible, or the vocabulary is not the release's.
         """
         theirs = self.config
         try:
@@ -166,8 +164,7 @@ class StoredGenerator:
     def read(self, key: str, rows: Tensor | None = None) -> Tensor:
         """A tensor, or the given rows of it in the given order.
 
-        Raises:
-            CheckpointError: the file is cut off, or holds what is no number.
+        Raises CheckpointError if the file is cut off, or holds what is no number.
         """
         try:
             with safe_open(self.files[key], "pt") as stored:

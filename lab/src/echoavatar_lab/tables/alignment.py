@@ -247,8 +247,7 @@ def quality_settings(experiment: Experiment, features: int) -> tuple[QualityConf
 def alignment_reward(experiment: Experiment, clips: dict[str, TokenClip]) -> AudioMotion:
     """The reward that compares sound and motion, trained or loaded.
 
-    Raises:
-        EchoAvatarError: the paper's scale needs BEATs, and none is given.
+    Raises EchoAvatarError if the paper's scale needs BEATs, and none is given.
     """
     folder = experiment.folder / "rewards" / "alignment"
     if experiment.scale.name == "paper" and experiment.sources.beats is None:

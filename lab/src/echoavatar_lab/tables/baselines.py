@@ -66,8 +66,7 @@ class Baselines:
     def make(self, kind: Kind, audio: Float[np.ndarray, " s"], *, seed: int = 0) -> Motion:
         """Motion as long as the audio (24 kHz), in whole frames.
 
-        Raises:
-            AudioError: there is less than a frame of audio.
+        Raises AudioError if there is less than a frame of audio.
         """
         frames = len(audio) // SAMPLES_PER_FRAME
         if not frames:

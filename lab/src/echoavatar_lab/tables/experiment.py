@@ -45,8 +45,7 @@ STAMP = "asked.json"
 def make_once(folder: Path, settings: Mapping[str, object], make: Callable[[], object]) -> None:
     """Call `make` unless the part is finished. After an interruption `make` is called again and may resume.
 
-    Raises:
-        EchoAvatarError: the folder holds a part that was made with other settings.
+    Raises EchoAvatarError if the folder holds a part that was made with other settings.
     """
     stamp, wanted = folder / STAMP, json.loads(json.dumps(settings))
     if stamp.exists():

@@ -138,9 +138,8 @@ MISSING_FRAMES = 64  # EMAGE and its kin drop what does not fill their last wind
 def foreign_motion(folder: Path, clip: Clip, skeleton: Skeleton, *, is_resampling: bool = False) -> Motion:
     """The motion of one test clip on the rig of the table, as long as the clip or up to 64 frames shorter.
 
-    Raises:
-        MotionError: it is missing, too short, at another rate, not finite, or of a rig that does not fit; names the
-            file.
+    Raises MotionError if it is missing, too short, at another rate, not finite, or of a rig that does not fit;
+    names the file.
     """
     files = motion_files(folder)
     if clip.name not in files:

@@ -85,8 +85,7 @@ def paper_sizes() -> PaperSizes:
 def random_bundle(sizes: PaperSizes) -> Bundle:
     """A bundle of these sizes with random weights: to time it, not to look at.
 
-    Raises:
-        DependencyError: transformers, which has HuBERT, is not installed.
+    Raises DependencyError: transformers, which has HuBERT, is not installed.
     """
     return Bundle(
         "paper's sizes, random weights",

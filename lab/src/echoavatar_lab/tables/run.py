@@ -114,10 +114,8 @@ _device = "cpu"  # of this worker
 def make_in_waves(waves: Sequence[Sequence[Part]], experiments: Sequence[Experiment], processes: int) -> None:
     """Make all parts of all experiments, as many at a time as there are processes.
 
-    With `--device cuda` the processes take the machine's GPUs by turns.
-
-    Raises:
-        EchoAvatarError: a part cannot be made, or a process was killed; finished parts are kept.
+    With `--device cuda` the processes take the machine's GPUs by turns. Raises EchoAvatarError if a part cannot be
+    made, or a process was killed; finished parts are kept.
     """
     context = multiprocessing.get_context("spawn")
     turn = context.Value("i", 0)

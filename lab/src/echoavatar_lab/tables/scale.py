@@ -34,18 +34,14 @@ class Scale(Config):
     """Corpus, sizes, schedules."""
 
     name: ScaleName = Field(description="the name on the command line")
-    hours: float = Field(
-        ge=0, description="length of the rehearsal corpus that is made; 0: the user must give a corpus"
-    )
+    hours: float = Field(ge=0, description="length of the rehearsal corpus that is made; 0: the user gives a corpus")
     clip_seconds: float = Field(default=64.0, gt=0, description="length of the clips of that corpus")
     test_clips: int = Field(gt=0, description="most test clips that are scored")
     seconds: float = Field(gt=0, description="sound over which latencies are measured")
     tokenizer: MotionTokenizerConfig = Field(description="sizes; features are replaced")
     tokenizer_training: TokenizerTraining = Field(description="schedule")
     generator: GeneratorConfig = Field(description="sizes; the vocabulary is replaced")
-    generator_training: GeneratorTraining = Field(
-        description="schedule of stage 2; weights by depth and window are filled in"
-    )
+    generator_training: GeneratorTraining = Field(description="schedule of stage 2; depth weights and window follow")
     stage1: GeneratorTraining = Field(description="schedule of stage 1: embeddings learn, the body is frozen")
     stage3: GeneratorTraining = Field(description="schedule of stage 3: control by example")
     quality: QualityConfig = Field(description="sizes of the quality reward; features are replaced")

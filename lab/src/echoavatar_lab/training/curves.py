@@ -33,8 +33,7 @@ class Curve(NamedTuple):
 def read_curves(folder: Path) -> dict[str, Curve]:
     """All numbers in a run's `metrics.jsonl` by name; nested ones are called `outer.inner`.
 
-    Raises:
-        EchoAvatarError: the file is missing or holds no metrics.
+    Raises EchoAvatarError if the file is missing or holds no metrics.
     """
     path = folder / FILE if folder.is_dir() else folder
     found: dict[str, list[tuple[float, float]]] = {}
@@ -74,8 +73,7 @@ def is_wide(curves: Sequence[Curve]) -> bool:
 def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequence[str] = ()) -> None:
     """Write a picture (.png, .pdf or .svg) of the metrics named, or of all.
 
-    Raises:
-        EchoAvatarError: no run has a metric of that name, or the picture cannot be written.
+    Raises EchoAvatarError if no run has a metric of that name, or the picture cannot be written.
     """
     known = _in_order({name for curves in runs.values() for name in curves})
     if unknown := [name for name in metrics if name not in known]:
@@ -100,11 +98,7 @@ def draw(runs: Mapping[str, Mapping[str, Curve]], path: Path, *, metrics: Sequen
 
 
 def save_figure(figure: Figure, path: Path, *, dpi: int = 110) -> None:
-    """Write a plot: .png, .pdf or .svg.
-
-    Raises:
-        EchoAvatarError: it cannot be written.
-    """
+    """Write a plot: .png, .pdf or .svg. Raises EchoAvatarError if it cannot be written."""
     with whole_file(path, failures=(ValueError,)) as partial:
         figure.savefig(partial, dpi=dpi, format=path.suffix[1:].lower() or "png")
 

@@ -83,8 +83,7 @@ class Recording:
     def __call__(self, batch: Any) -> Values:
         """The values for a batch on the CPU; they and the gradients are valid until the next call.
 
-        Raises:
-            RuntimeError: the batch has other shapes than the first.
+        Raises RuntimeError if the batch has other shapes than the first.
         """
         if self._replay is None:
             self._batch = take_rows(batch, slice(None), self._device)
@@ -141,8 +140,7 @@ class Loop(Generic[BatchT]):
     def advance(self, *, is_logged: bool = True) -> dict[str, float]:
         """One optimiser step. Returns its metrics if `is_logged`, which waits for the device.
 
-        Raises:
-            EchoAvatarError: the loss is not finite (checked only if `is_logged`).
+        Raises EchoAvatarError if the loss is not finite (checked only if `is_logged`).
         """
         stage, step = self.stage, self.step
         whole_batch = stage.draw(step)
@@ -229,8 +227,7 @@ class Loop(Generic[BatchT]):
     def resume(self, folder: Path) -> bool:
         """Continue where `save` stopped; False if the folder holds no run.
 
-        Raises:
-            CheckpointError: the folder holds another model or schedule, is damaged, or is too old.
+        Raises CheckpointError if the folder holds another model or schedule, is damaged, or is too old.
         """
         if not state.has_state(folder):
             return False

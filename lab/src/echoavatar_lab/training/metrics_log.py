@@ -26,8 +26,7 @@ class MetricsLog:
     def __init__(self, folder: Path, step: int, trackers: Sequence[str] = ()) -> None:
         """Drops lines after `step`, because a resumed run repeats those steps.
 
-        Raises:
-            DependencyError: a tracker's package is missing.
+        Raises DependencyError if a tracker's package is missing.
         """
         path = folder / FILE
         if path.exists():
@@ -62,11 +61,7 @@ def _line(values: Mapping[str, object]) -> str:
 
 
 def want_trackers(trackers: Sequence[str]) -> None:
-    """Called before long work that ends in training.
-
-    Raises:
-        DependencyError: a tracker's package is missing.
-    """
+    """Called before long work that ends in training. Raises DependencyError if a tracker's package is missing."""
     for name in trackers:
         if importlib.util.find_spec(name) is None:
             raise DependencyError(f"--track {name} needs the package {name}; run: pip install {name}")
@@ -75,8 +70,7 @@ def want_trackers(trackers: Sequence[str]) -> None:
 def read_metrics(path: Path) -> list[dict[str, Any]]:
     """The lines of a `metrics.jsonl`, without one that was cut off when the run was killed.
 
-    Raises:
-        EchoAvatarError: there is no such file, or it cannot be read.
+    Raises EchoAvatarError if there is no such file, or it cannot be read.
     """
     found = []
     for line in read_text(path, "give the folder of a run", largest=MOST_BYTES).splitlines():

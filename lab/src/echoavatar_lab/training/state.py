@@ -41,11 +41,7 @@ def has_state(folder: Path) -> bool:
 
 
 def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]) -> None:
-    """Write the file; `facts` must be JSON.
-
-    Raises:
-        CheckpointError: it cannot be written.
-    """
+    """Write the file; `facts` must be JSON. Raises CheckpointError if it cannot be written."""
     stored = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
     metadata = {"format": _FORMAT, "facts": json.dumps(dict(facts))}
     with whole_file(path, error=CheckpointError, failures=(SafetensorError,), is_flushed=True) as partial:
@@ -53,11 +49,7 @@ def write(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, object]
 
 
 def read(path: Path) -> tuple[dict[str, Tensor], dict[str, object]]:
-    """Read tensors and facts.
-
-    Raises:
-        CheckpointError: the file is damaged, or of another version.
-    """
+    """Read tensors and facts. Raises CheckpointError if the file is damaged, or of another version."""
     try:
         check_file(path, checkpoint.LARGEST_WEIGHTS_BYTES, CheckpointError)
         with safe_open(path, framework="pt") as file:
@@ -81,11 +73,7 @@ def module_state(modules: Mapping[str, nn.Module]) -> dict[str, Tensor]:
 
 @torch.no_grad()
 def load_modules(modules: Mapping[str, nn.Module], tensors: Mapping[str, Tensor], origin: str) -> None:
-    """Restore weights and buffers.
-
-    Raises:
-        CheckpointError: names or shapes differ.
-    """
+    """Restore weights and buffers. Raises CheckpointError: names or shapes differ."""
     together = nn.ModuleDict(modules)
     own, saved = together.state_dict(), strip_prefix(tensors, "model.")
     placed = {key: placed_like(value, own[key]) if key in own else value for key, value in saved.items()}

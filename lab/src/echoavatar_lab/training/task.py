@@ -37,9 +37,7 @@ class TrainingConfig(Config):
     learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule")
     schedule: Schedule = Field(default="cosine", description="shape of the learning rate after the warm-up")
     warmup: int = Field(default=100, ge=0, description="steps of linear warm-up")
-    final_rate: float = Field(
-        default=0.05, ge=0, le=1, description="cosine: share of the peak at the end of the schedule"
-    )
+    final_rate: float = Field(default=0.05, ge=0, le=1, description="cosine: share of the peak at the end")
     decay_at: tuple[float, ...] = Field(
         default=(0.5, 0.8), description="step: shares of the run after which the rate drops"
     )
@@ -47,10 +45,8 @@ class TrainingConfig(Config):
     weight_decay: float = Field(default=0.01, ge=0, description="AdamW's weight decay")
     betas: tuple[float, float] = Field(default=(0.9, 0.99), description="AdamW's betas")
     clip: float = Field(default=1.0, gt=0, description="largest norm of the gradient")
-    average: float = Field(
-        default=0.0, ge=0, lt=1, description="decay of the averaged weights that are saved; 0: no averaging"
-    )
-    autocast: bool = Field(default=False, description="multiply in bfloat16 on processors that are fast at it")
+    average: float = Field(default=0.0, ge=0, lt=1, description="decay of the averaged weights that are saved; 0: none")
+    autocast: bool = Field(default=False, description="multiply in bfloat16 where the processor is fast at it")
     seed: int = Field(
         default=0,
         description="seed of weights and of everything random in a step; a run with --start sees the same windows again"
@@ -139,8 +135,7 @@ class TrainingTask(ABC, Generic[BatchT]):
     def begin_with(self, start: Any) -> None:
         """Take the weights of a trained model before a new run; by default they are those of the first module.
 
-        Raises:
-            CheckpointError: it is of other sizes.
+        Raises CheckpointError if it is of other sizes.
         """
         name, module = next(iter(self.modules.items()))
         checkpoint.load_into(module, start.state_dict(), origin=f"the {name} to start from")

@@ -94,8 +94,7 @@ def face47(curves: Float[np.ndarray, "t 52"]) -> Float[np.ndarray, "t 47"]:
 def write_face47(path: Path, curves: Float[np.ndarray, "t 52"], fps: float) -> None:
     """Write the 47 channels as CSV, one row per frame, with the time in seconds first.
 
-    Raises:
-        MotionError: the file cannot be written.
+    Raises MotionError if the file cannot be written.
     """
     times = np.arange(len(curves))[:, None] / fps
     table = np.concatenate([times, face47(curves)], 1)

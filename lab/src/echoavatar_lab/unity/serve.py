@@ -166,8 +166,7 @@ async def _pack_motion(
 async def _fill_silence(session: SessionCore, threads: EngineThread) -> None:
     """After the first sound, push a chunk of silence whenever the clock has passed the motion made.
 
-    Raises:
-        EchoAvatarError: the session or the engine failed for good.
+    Raises EchoAvatarError if the session or the engine failed for good.
     """
     clock = asyncio.get_running_loop().time
     begun: float | None = None

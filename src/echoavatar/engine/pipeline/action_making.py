@@ -48,9 +48,7 @@ def action_from_motion(
     """An action of a clip on any rig; `hold_s` is the part that repeats when it is held (default: the middle half).
 
     Without `guides`, the generator is asked for the codes, unless the clip has a single code: that only means "stand".
-
-    Raises:
-        MotionError: the clip is too short or too long, or the name is not a name.
+    Raises MotionError if the clip is too short or too long, or the name is not a name.
     """
     plain = _plain(name, motion)
     codes, overlay = read_clip(tokenizer, motion)
@@ -77,10 +75,8 @@ def set_from_motion(
     """An action as the paper has it, for a bundle on a rig of its own: a set of codes that holds as a whole.
 
     The clip, on any rig, is retargeted to the bundle's; the set are the codes of its stretch `hold_s` (default: the
-    middle half). It lasts as long as the clip, and nothing is put on top of what the codes say.
-
-    Raises:
-        MotionError: the clip is too short or too long, or the name is not a name.
+    middle half). It lasts as long as the clip, and nothing is put on top of what the codes say. Raises MotionError if
+    the clip is too short or too long, or the name is not a name.
     """
     plain, skeleton = _plain(name, motion), tokenizer.skeleton
     motion = resample(retarget(motion, skeleton, has_footing=False), float(FRAME_RATE_HZ))
@@ -102,10 +98,7 @@ def set_from_motion(
 def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...], Overlay | None]:
     """First-layer upper-body codes of a clip, whole chunks, and the motion of torso and head that they do not express.
 
-    The last pose is held to fill the last chunk.
-
-    Raises:
-        MotionError: the tokenizer has one part for the whole body.
+    The last pose is held to fill the last chunk. Raises MotionError if the tokenizer has one part for the whole body.
     """
     skeleton = tokenizer.skeleton
     if len(tokenizer.config.parts) <= UPPER:

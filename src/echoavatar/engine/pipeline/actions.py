@@ -134,8 +134,7 @@ class ActionLibrary(dict[str, Action]):
     def find(self, name: str) -> Action:
         """The action of that name; case, spaces and hyphens do not matter.
 
-        Raises:
-            EchoAvatarError: there is no such action; the message lists the known ones.
+        Raises EchoAvatarError if there is no such action; the message lists the known ones.
         """
         wanted = "_".join(name.lower().replace("-", " ").replace("_", " ").split())
         if wanted not in self:
@@ -157,8 +156,7 @@ class ActionLibrary(dict[str, Action]):
     def load(cls, folder: Path, codes: int, chunk: ChunkSize = CHUNK) -> "ActionLibrary":
         """Read `actions.json` if the folder has one. `codes` is the number of codes, `chunk` the bundle's chunk.
 
-        Raises:
-            CheckpointError: the file is damaged, or made for another tokenizer.
+        Raises CheckpointError if the file is damaged, or made for another tokenizer.
         """
         path = folder / FILE
         if not path.exists():

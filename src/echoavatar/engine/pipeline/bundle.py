@@ -65,16 +65,14 @@ class Bundle:
     def running(self, runtime: str) -> "Bundle":
         """The same bundle run as `paper`, `default` or with some of our additions, see `Runtime.chosen`.
 
-        Raises:
-            EchoAvatarError: there is no such addition.
+        Raises EchoAvatarError if there is no such addition.
         """
         return replace(self, runtime=self.runtime.chosen(runtime))
 
     def without(self, stages: Collection[str]) -> "Bundle":
         """The same bundle with some stages left out: the face, or stages behind the decoder.
 
-        Raises:
-            EchoAvatarError: there is no stage of that name.
+        Raises EchoAvatarError if there is no stage of that name.
         """
         refuse_unknown(stages, OPTIONAL_STAGES)
         kept = tuple(stage for stage in self.runtime.stages if stage not in stages)
@@ -85,8 +83,7 @@ class Bundle:
 def load_bundle(name: str | Path = "default") -> Bundle:
     """Load a bundle by the name of a shipped one, from a folder, or as OWNER/NAME from the hub (kept in its cache).
 
-    Raises:
-        CheckpointError: no such bundle, a part is missing or damaged, or the parts do not fit together.
+    Raises CheckpointError: no such bundle, a part is missing or damaged, or the parts do not fit together.
     """
     with _folder(name) as folder:
         missing = [part for part in PARTS if not (folder / part).is_dir()]

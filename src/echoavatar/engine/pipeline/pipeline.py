@@ -57,8 +57,7 @@ def copy_row(state: StreamState, rows: Bool[Tensor, " b"], source: StreamState) 
 def find_device(name: str) -> torch.device:
     """`cpu`, `cuda`, a certain one such as `cuda:1`, or `auto`: the GPU where there is one.
 
-    Raises:
-        EchoAvatarError: there is no such device here.
+    Raises EchoAvatarError if there is no such device here.
     """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")

@@ -46,9 +46,7 @@ class Runtime(Config):
     fps: float = Field(
         default=FRAME_RATE_HZ, ge=1, le=1000, description="frames per second of files, interpolated (paper: 60)"
     )
-    rig: RigConfig | None = Field(
-        default=None, description="how the features of a foreign rig differ from ours; None: our rig"
-    )
+    rig: RigConfig | None = Field(default=None, description="how a foreign rig's features differ; None: our rig")
 
     @property
     def additions(self) -> tuple[str, ...]:
@@ -70,10 +68,8 @@ class Runtime(Config):
         the paper's cylinder and 60 fps too.
 
         Any other name lists the additions to keep, such as `ground,feet`; the rest is as in the paper. A switched-off
-        setting that is named gets our bundles' value. A foreign rig's adapter and cylinder always stay.
-
-        Raises:
-            EchoAvatarError: there is no addition of that name.
+        setting that is named gets our bundles' value. A foreign rig's adapter and cylinder always stay. Raises
+        EchoAvatarError if there is no addition of that name.
         """
         if name == "default":
             return self
@@ -99,8 +95,7 @@ class Runtime(Config):
     def load(cls, folder: Path, *, is_leveled: bool = True) -> "Runtime":
         """Read `runtime.json` if the folder has one; without, sound is levelled if the generator's was (`is_leveled`).
 
-        Raises:
-            CheckpointError: the file is damaged.
+        Raises CheckpointError if the file is damaged.
         """
         if not (folder / FILE).exists():
             return cls(level_control=is_leveled)

@@ -53,7 +53,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Form(NamedTuple):
-    """What may change within a file."""
+    """The properties of sound that may change within a file."""
 
     rate: int  # samples per second
     channels: tuple[str, ...]  # their roles, such as FL, FR, FC, LFE
@@ -70,8 +70,7 @@ class Piece(NamedTuple):
 def check_sound(path: Path) -> None:
     """Refuse at once what is no file with sound in it: its first piece is decoded.
 
-    Raises:
-        AudioError: there is nothing, a folder, no regular file, or no sound in it.
+    Raises AudioError if there is nothing, a folder, no regular file, or no sound in it.
     """
     if path.is_dir():
         raise AudioError(f"{path} is a folder; name a sound file in it")
@@ -111,8 +110,7 @@ def _sound_decoders() -> str:
 def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> Iterator[Piece]:
     """All pieces of one track, or of every track as they come; damage is passed over, and with `is_told` in the log.
 
-    Raises:
-        AudioError: it is not sound, has no track of sound, or cannot be read.
+    Raises AudioError if it is not sound, has no track of sound, or cannot be read.
     """
     parts, piece, failure = _parts(path), None, "holds no sound that can be decoded"
     for number, part in enumerate(parts):
@@ -286,7 +284,7 @@ def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
 
 
 def _what_it_is(path: Path, failure: str) -> str:
-    """What can be said of a file in which there is no sound, and the remedy."""
+    """The error of a file in which there is no sound: its kind, and the remedy."""
     with path.open("rb") as file:
         begin = file.read(1024)
     text = begin.decode("utf-8", "replace").lstrip("\ufeff \t\r\n")

@@ -81,8 +81,7 @@ class StreamResampler:
     def push(self, samples: Shaped[np.ndarray, "..."]) -> Mono:
         """The output that is ready after these samples: (s,) or (s, channels), see `as_mono`.
 
-        Raises:
-            AudioError: the samples cannot be used, or the stream was flushed.
+        Raises AudioError if the samples cannot be used, or the stream was flushed.
         """
         if self._is_flushed:
             raise AudioError("the audio stream has ended; open a new one")
@@ -118,8 +117,7 @@ _LOG = logging.getLogger(__name__)
 def read_audio(path: Path | str) -> Mono:
     """A whole file as 24 kHz mono, about -1..1.
 
-    Raises:
-        AudioError: missing, empty, not sound, longer than `LONGEST_S`, or nothing in it can be decoded.
+    Raises AudioError: missing, empty, not sound, longer than `LONGEST_S`, or nothing in it can be decoded.
     """
     pieces: list[Mono] = []
     left = LONGEST_S * SAMPLE_RATE_HZ
@@ -136,10 +134,8 @@ def stream_audio(path: Path | str) -> Iterator[Mono]:
 
     The file is decoded twice. The first time it is measured: which track and which channels hold the sound, and whether
     its level must change. The log says what was unusual. A file that breaks off is read as far as it goes. Rate and
-    channels may change within it.
-
-    Raises:
-        AudioError: as `read_audio`; at the first piece where the file cannot be opened.
+    channels may change within it. Raises AudioError: as `read_audio`; at the first piece where the file cannot be
+    opened.
     """
     path = Path(path)
     check_sound(path)
@@ -162,8 +158,7 @@ def stream_audio(path: Path | str) -> Iterator[Mono]:
 def mixed(samples: Shaped[np.ndarray, "..."], *, rate: int) -> Mono:
     """A whole recording as `as_mono`, at its own rate, but measured like a file: see `stream_audio`.
 
-    Raises:
-        AudioError: as `as_mono`.
+    Raises AudioError: as `as_mono`.
     """
     if not len(as_mono(samples, rate=rate)):
         return np.zeros(0, np.float32)
@@ -195,10 +190,6 @@ def _say(plan: Plan, what: object) -> None:
 
 
 def write_wav(path: Path | str, audio: Mono, *, rate: int = SAMPLE_RATE_HZ) -> None:
-    """Write mono 16-bit WAV, whole or not at all.
-
-    Raises:
-        AudioError: the place cannot be written.
-    """
+    """Write mono 16-bit WAV, whole or not at all. Raises AudioError if the place cannot be written."""
     with whole_file(path, error=AudioError, failures=(soundfile.SoundFileError,)) as partial:
         soundfile.write(partial, np.clip(audio, -1, 1), rate, subtype="PCM_16", format="WAV")

@@ -147,7 +147,7 @@ def _initialise(conv: nn.Conv1d) -> None:
 
 
 def lookback(conv: nn.Conv1d | nn.ConvTranspose1d) -> int:
-    """Inputs that must stand before a chunk: what a causal layer remembers."""
+    """Inputs that must stand before a chunk: the memory of a causal layer."""
     if isinstance(conv, nn.ConvTranspose1d):
         return conv.kernel_size[0] // conv.stride[0] - 1
     return (conv.kernel_size[0] - 1) * conv.dilation[0] + 1 - conv.stride[0]

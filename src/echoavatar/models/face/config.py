@@ -86,9 +86,7 @@ class FaceConfig(Config):
     order: ChannelOrder = Field(
         default="live_link", description="of the model's channels; they differ in left and right of jaw and mouth"
     )
-    least_std: float = Field(
-        default=0.02, ge=0, description="deviation below which a channel is not blown up when normalised"
-    )
+    least_std: float = Field(default=0.02, ge=0, description="deviation below which a channel is not blown up")
     idle: bool = Field(default=True, description="whether channels that hardly move get idle motion")
 
     @model_validator(mode="after")

@@ -56,8 +56,7 @@ class FaceStream:
     ) -> Float[Tensor, "b t 52"]:
         """Curves (0 to 1) of the next steps, 6,400 samples or the config's; the curves of inactive rows mean nothing.
 
-        Raises:
-            ValueError: the samples are not whole steps.
+        Raises ValueError if the samples are not whole steps.
         """
         samples = self.model.config.step * SAMPLES_PER_FRAME
         if audio.shape[1] % samples or not audio.shape[1]:

@@ -124,8 +124,7 @@ class FingerClip(NamedTuple):
 def finger_clip(motion: Motion, *, at_least: int = 1) -> FingerClip:
     """Features of a motion of any rig; a shorter motion plays back and forth until it has `at_least` frames.
 
-    Raises:
-        MotionError: the rig's joint names are unknown.
+    Raises MotionError if the rig's joint names are unknown.
     """
     own = on_our_rig(motion)
     back_and_forth = np.arange(max(own.frames, at_least)) % max(1, 2 * own.frames - 2)

@@ -32,8 +32,7 @@ from .model import STEPS, FingerModel, sample_hands
 def finger_joints(motion: Motion, side: str) -> dict[str, int]:
     """Map VRM names to joints, for the finger bones of one hand that the rig has.
 
-    Raises:
-        MotionError: the rig's joint names are unknown.
+    Raises MotionError if the rig's joint names are unknown.
     """
     bones = bone_map(motion.skeleton)
     named = (bone for digit in finger_bones(side).values() for bone in digit)
@@ -128,8 +127,7 @@ def refine_fingers(
 def frozen_hands(motion: Motion) -> tuple[str, ...]:
     """The sides whose finger bones do not move (mean speed under 1 degree per second).
 
-    Raises:
-        MotionError: the rig's joint names are unknown.
+    Raises MotionError if the rig's joint names are unknown.
     """
     rotations, frozen = motion.matrices(), []
     for side in SIDES:

@@ -101,8 +101,7 @@ def _posed(motion: Motion, skeleton: Skeleton, rotations: Tensor) -> Motion:
 def plain_rig(skeleton: Skeleton) -> PlainRig:
     """The rig with its bones as they rest in ours, and its hips where they are.
 
-    Raises:
-        MotionError: the rig's bones are not known.
+    Raises MotionError if the rig's bones are not known.
     """
     bones, config = bone_map(skeleton), skeleton.config
     found, named = rest_turns(skeleton, bones), {joint: bone for bone, joint in bones.items()}
@@ -200,8 +199,7 @@ class LiveRetarget:
     def __init__(self, source: Skeleton, target: Skeleton = HUMANOID) -> None:
         """Both rigs in metres, Y up, facing +Z.
 
-        Raises:
-            MotionError: the source's bones are not known, or its rest pose does not stand upright.
+        Raises MotionError if the source's bones are not known, or its rest pose does not stand upright.
         """
         theirs, ours = bone_map(source), bone_map(target)
         rest = source.rest_positions

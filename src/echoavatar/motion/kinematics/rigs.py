@@ -35,8 +35,7 @@ class UnknownRigError(MotionError):
 def bone_map(skeleton: Skeleton) -> dict[str, int]:
     """VRM bone name to joint index.
 
-    Raises:
-        UnknownRigError: the rig has no VRM map, and bones that motion needs are not found among its joints.
+    Raises UnknownRigError if the rig has no VRM map, and bones that motion needs are not found among its joints.
     """
     found = known_bones(skeleton)
     if not skeleton.config.vrm:
@@ -53,8 +52,7 @@ def known_bones(skeleton: Skeleton) -> dict[str, int]:
 def with_bones(skeleton: Skeleton, given: JointMap) -> Skeleton:
     """The skeleton with a VRM map: the user's, and what is found of the rest.
 
-    Raises:
-        MotionError: the map names a joint that is not there, or bones that motion needs are still missing.
+    Raises MotionError if the map names a joint that is not there, or bones that motion needs are still missing.
     """
     config = skeleton.config
     found = find_bones(_tree(config.names, config.parents, config.offsets), given)
@@ -120,8 +118,7 @@ def _is_crossed(tree: Tree, bones: Mapping[str, int]) -> bool:
 def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the rig") -> None:
     """Raise where bones that motion needs are missing.
 
-    Raises:
-        UnknownRigError: says what was found, what is missing, and the remedy.
+    Raises UnknownRigError: says what was found, what is missing, and the remedy.
     """
     missing = [bone for bone in REQUIRED if bone not in found]
     if not missing:

@@ -107,8 +107,7 @@ def axis_angle_from_quaternion(quaternion: Float[Tensor, "*n 4"]) -> Float[Tenso
 def euler_from_matrix(matrix: Float[Tensor, "*n 3 3"], order: str) -> Float[Tensor, "*n 3"]:
     """Intrinsic Euler angles in the order of the letters: Rz(a0) Ry(a1) Rx(a2) for "zyx"; at gimbal lock a2 is 0.
 
-    Raises:
-        ValueError: the order does not name x, y and z once each.
+    Raises ValueError if the order does not name x, y and z once each.
     """
     if sorted(order) != ["x", "y", "z"]:
         raise ValueError(f"Euler order must name x, y and z once each, got {order!r}")

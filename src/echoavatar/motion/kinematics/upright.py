@@ -55,7 +55,7 @@ class Stand(NamedTuple):
     tall: float = 0.0  # metres; 0 where it is not known
 
     def notes(self, usual: float = 0.01) -> list[str]:
-        """What is assumed, in words."""
+        """The assumptions, in words."""
         rest, world = (np.trace(turn) < _SAME for turn in (self.rest, self.world))
         what = "it" if rest and world else "its rest pose" if rest else "its motion"
         notes = [f"{what} is turned to Y up, facing +Z"] if rest or world else []
@@ -101,7 +101,7 @@ def height(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"]) -> float:
 def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True) -> Stand:
     """As `measure`, for a clip in its file's axes and unit; the motion tells which axis of its world is up.
 
-    Where the floor may be at 0 (`has_floor`), who lies there is not stood up.
+    Where the floor may be at 0 (`has_floor`), a body that lies there is not stood up.
     """
     stand = measure(bones, motion.skeleton.rest_positions.numpy())
     if not stand.tall:
@@ -148,10 +148,8 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
 
     Heads are not exactly above hips. So the body stands and faces along axes of the first of `frames` that has them
     near, or at least stands along one; the columns of a frame are its axes. Without any, it stands as it was measured.
-    A rig is mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes.
-
-    Raises:
-        MotionError: the hips, the head and the two sides are not in the places of a body's.
+    A rig is mirrored if its toes point back where left is left; `mirrored` says it of a rig without toes. Raises
+    MotionError: the hips, the head and the two sides are not in the places of a body's.
     """
     line = [places[bone] for bone in ("leftFoot", "leftLowerLeg", "leftUpperLeg", "head")]
     size = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()

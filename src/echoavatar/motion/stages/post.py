@@ -53,8 +53,7 @@ class Post:
     ) -> None:
         """`stages` names those to run; `body` is the character's thickness (`echoavatar rig`); None scales ours.
 
-        Raises:
-            EchoAvatarError: there is no stage of that name.
+        Raises EchoAvatarError if there is no stage of that name.
         """
         refuse_unknown(stages, SWITCHES)
         self.skeleton, self.stages, self.repaired = skeleton, frozenset(stages), 0

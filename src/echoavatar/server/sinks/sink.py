@@ -27,11 +27,7 @@ class UdpSink:
     """
 
     def __init__(self, encoder: Encoder, host: str, port: int, rate: float) -> None:
-        """`rate` is the wanted number of frames per second.
-
-        Raises:
-            EchoAvatarError: the host cannot be resolved.
-        """
+        """`rate` is the wanted number of frames per second. Raises EchoAvatarError if the host cannot be resolved."""
         self.rate = rate
         self._encoder = encoder
         try:

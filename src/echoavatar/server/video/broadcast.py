@@ -170,8 +170,7 @@ class _Distant:
 def container_of(to: str) -> str:
     """The container of an address.
 
-    Raises:
-        EchoAvatarError: it is neither an RTMP address nor a file of a known kind.
+    Raises EchoAvatarError if it is neither an RTMP address nor a file of a known kind.
     """
     scheme = to.partition("://")[0] if "://" in to else ""
     found = SCHEMES.get(scheme) if scheme else FORMATS.get(Path(to).suffix.lower())

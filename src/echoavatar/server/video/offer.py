@@ -28,8 +28,7 @@ _CANDIDATE, _END = "a=candidate:", "a=end-of-candidates"
 def read_offer(text: str, address: str) -> str:
     """The short offer of one that came from an address. It may take some milliseconds; call it in a thread.
 
-    Raises:
-        EchoAvatarError: it is no offer, or beyond a limit.
+    Raises EchoAvatarError if it is no offer, or beyond a limit.
     """
     lines = list(_without_excess(text.splitlines(), address))
     if len(lines) > MOST_LINES + MOST_CANDIDATES or max(map(len, lines), default=0) > MOST_LETTERS:

@@ -39,8 +39,7 @@ Keys = list[tuple[float, Float[np.ndarray, " 4"], tuple[float, float, float, flo
 def read_animated(path: Path) -> Motion:
     """A body on our rig at 30 fps from a file with one of `SUFFIXES`.
 
-    Raises:
-        MotionError: the file is missing, too large or damaged, or moves no bone that we know.
+    Raises MotionError if the file is missing, too large or damaged, or moves no bone that we know.
     """
     try:
         turns = (_vmd if path.suffix == ".vmd" else _qianim)(read_bytes(path, CONFIG_BYTES, MotionError))

@@ -94,8 +94,7 @@ def captured_dance(
 ) -> tuple[int, Controls]:
     """The number of the first frame, and curves from the start of a piece to a little after its end.
 
-    Raises:
-        ValueError: nothing fits the tempo; ask `can_dance` before.
+    Raises ValueError if nothing fits the tempo; ask `can_dance` before.
     """
     phrases = choose(graph, groups, piece, rng)
     body: Controls | None = None
@@ -113,8 +112,7 @@ def captured_dance(
 def choose(graph: DanceGraph, groups: tuple[str, ...], piece: Piece, rng: np.random.Generator) -> list[Phrase]:
     """The phrases of a dance from before the start of a piece until after its end.
 
-    Raises:
-        ValueError: nothing fits the tempo.
+    Raises ValueError if nothing fits the tempo.
     """
     half, beat_s = _half(piece)
     long, number = 2 * half, 0

@@ -104,8 +104,7 @@ class CapturedLibrary:
 def open_library(path: Path) -> CapturedLibrary:
     """The library in an npz of `CapturedLibrary.save`, or of a folder of BVH, which is kept in the user's cache.
 
-    Raises:
-        MotionError: there is neither, or it is damaged.
+    Raises MotionError if there is neither, or it is damaged.
     """
     if path.is_dir():
         kept = first_writable(*user_caches()) / f"captured-{_digest(path)}.npz"
@@ -131,8 +130,7 @@ def open_library(path: Path) -> CapturedLibrary:
 def read_folder(folder: Path, progress: Callable[[str], None] = lambda _: None) -> CapturedLibrary:
     """Read every file below `folder` that the catalogue knows.
 
-    Raises:
-        MotionError: the folder holds no such file, or one is damaged.
+    Raises MotionError if the folder holds no such file, or one is damaged.
     """
     licences, clips = _licences(folder), []
     for path in sorted(folder.rglob("*.bvh")):

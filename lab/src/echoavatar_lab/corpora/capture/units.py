@@ -55,8 +55,7 @@ class GestureUnit:
 def unit_rows(folder: Path) -> dict[str, list[Row]]:
     """Units that speech can use, by the last two parts of a file's path; {} without a table.
 
-    Raises:
-        MotionError: the table is too large or lacks a number.
+    Raises MotionError if the table is too large or lacks a number.
     """
     found: dict[str, list[Row]] = {}
     table = table_above(folder, TABLE)
@@ -81,11 +80,7 @@ def table_above(folder: Path, name: str) -> Path:
 
 
 def rows_of(table: Path) -> list[dict[str, str]]:
-    """Rows of a table; [] if there is none.
-
-    Raises:
-        MotionError: the table cannot be read.
-    """
+    """Rows of a table; [] if there is none. Raises MotionError if the table cannot be read."""
     return read_rows(table, error=MotionError) if table.exists() else []
 
 

@@ -280,7 +280,7 @@ class _Speaker:
         for side in sides:
             self._reach(side, cue, form, size)
         if name == "greeting":
-            self._wave(cue, phrase_end)
+            self._wave(cue)
         self.free_at = cue.stroke_end + (0.35 if name in ("size", "count", "there", "question") else 0.15)
 
     def _inwards(self, cue: Cue, sides: list[int]) -> None:
@@ -306,7 +306,7 @@ class _Speaker:
         begin = end + float(self.rng.uniform(*AIM_HELD_S))
         path.move(begin, begin + 0.5, self.homes[side])
 
-    def _wave(self, cue: Cue, phrase_end: float) -> None:
+    def _wave(self, cue: Cue) -> None:
         """Swing the forearm from side to side with decreasing size."""
         path, time, reach = self.hands[self.lead], cue.stroke_end, 0.055
         middle = path.aim.copy()

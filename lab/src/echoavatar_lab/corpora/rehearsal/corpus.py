@@ -54,8 +54,7 @@ class Plan:
 def rehearse(plan: Plan, *, workers: int = 1, progress: Callable[[int, int], None] | None = None) -> int:
     """Make or complete the corpus and return its number of clips.
 
-    Raises:
-        EchoAvatarError: the folder cannot be written, or hours is not positive.
+    Raises EchoAvatarError if the folder cannot be written, or hours is not positive.
     """
     if plan.hours <= 0:
         raise EchoAvatarError(f"--hours must be positive, got {plan.hours}")

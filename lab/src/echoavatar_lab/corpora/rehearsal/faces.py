@@ -41,8 +41,7 @@ def _name(seed: int, index: int) -> str:
 def rehearse_faces(folder: Path, *, hours: float, seed: int, progress: Callable[[int, int], None] | None = None) -> int:
     """Make or complete a folder of clips and return their number.
 
-    Raises:
-        EchoAvatarError: hours is not positive, or the folder cannot be written.
+    Raises EchoAvatarError: hours is not positive, or the folder cannot be written.
     """
     if not hours > 0:
         raise EchoAvatarError(f"--hours must be positive, got {hours}")

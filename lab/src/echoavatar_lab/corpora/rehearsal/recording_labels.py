@@ -26,10 +26,8 @@ Array = np.ndarray
 def track_from_recording(audio: FloatArray, kind: str, loop_s: float = 0.0) -> SoundTrack:
     """Label a recording (s,) of 24 kHz mono "speech" or "music", and set its loudness to -23 dB.
 
-    With `loop_s` it is a musical loop of that length, played several times (`track_beats`).
-
-    Raises:
-        AudioError: another kind, or less than a second of finite mono samples.
+    With `loop_s` it is a musical loop of that length, played several times (`track_beats`). Raises AudioError: another
+    kind, or less than a second of finite mono samples.
     """
     if kind not in ("speech", "music"):
         raise AudioError(f"a recording's kind is {kind!r}; pass 'speech' or 'music'")

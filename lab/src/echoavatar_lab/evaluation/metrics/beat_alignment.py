@@ -2,39 +2,23 @@
 
     hit rate = mean over events e of exp(-min_b (e - b)^2 / 2 sigma^2)
 
-Dimensionless, 0 to 1. The published forms differ in what counts as a motion beat, and in whether audio events look for
-motion beats or the reverse. A score means nothing alone, because frequent beats are near everything: report it with its
-chance level, each motion scored with the audio of other clips. Shuffling keeps the statistics of both (how frequent
-their beats are, how lively they are) and removes only their correspondence.
+Dimensionless, 0 to 1. docs/metrics.md lists the forms: motion beats, which events look for which, sigma. A score means
+nothing alone, because frequent beats are near everything: report it with its chance level, each motion
+scored with the audio of other clips, and compare within a form only. Shuffling keeps the statistics of both (how
+frequent their beats are, how lively they are) and removes only their correspondence.
 
 Audio events are speech onsets and music beats, found by librosa as in the paper. The detectors' settings are part of a
 published score: 16 kHz, hop 512, defaults otherwise (EMAGE's onsets, and music beats rounded to 32 ms). The `sharp`
 forms use beats with a hop of 256 at 24 kHz.
 
-BA_G: do a speaker's joints come to rest at acoustic onsets (EMAGE)? For each joint the motion beats are local minima of
-its speed; onsets look for the nearest of them; mean over joints.
+BA_G: do a speaker's joints come to rest at acoustic onsets (EMAGE)? Mean over joints. The EMAGE forms need each joint's
+mean speed in the data (`mean_speeds` of the true motion). `emage`, the code behind the tables of EMAGE, MECo and the
+paper, cuts off the first and last 60 frames and then tests a speed 60 frames too early, because it applies the index
+within the cut stretch to the whole clip; `fixed` tests the right frame.
 
-- `paper`: every local minimum; sigma 0.3 s, which the paper does not give ("following EMAGE").
-- `emage`: the code behind the tables of EMAGE, MECo and the paper. Speed over the joint's mean speed, minima over
-  +-7 frames, kept above 0.3 of the mean. The first and last 60 frames are cut off. The test against 0.3 then reads the
-  speed 60 frames too early, because it applies the index within the cut stretch to the whole clip.
-- `evaltools`: the same with 0.1 for 0.3, as in EMAGE's later evaluation tools.
-- `fixed`: `emage` with the test at the right frame.
-- `sharp`: ours. Positions smoothed by one frame, minima below the joint's own mean speed, sigma 0.06 s.
-
-The three EMAGE forms need each joint's mean speed in the data (`mean_speeds` of the true motion).
-
-BA_D: does a dance brake on the beats of the music?
-
-- `paper`: motion beats are local maxima of deceleration of the mean joint speed, unsmoothed; music beats look for
-  motion beats. The paper does not give sigma and its code lacks the score. Ours: 0.05 s, 3 frames at 60 fps.
-- `bailando`: minima of the mean joint speed smoothed over 5 frames; music beats look for motion beats; sigma 3 frames.
-- `aist`: minima over +-10 frames of the summed joint speed; motion beats look for MUSIC beats, so that few well placed
-  beats score high; sigma 3 frames.
-- `sharp`: ours. Maxima of deceleration of positions smoothed by one frame, at least 3 frames apart, sigma 0.06 s.
-
-A sigma in frames makes the score depend on the frame rate; Bailando and AIST++ assume 60 fps. The chance level depends
-on how frequent motion beats are and differs between the forms: compare scores only within a form.
+BA_D: does a dance brake on the beats of the music? Of `paper` neither sigma nor code is published; ours is 3 frames at
+60 fps. In `aist` motion beats look for MUSIC beats, so that few well placed beats score high. A sigma in frames makes
+the score depend on the frame rate; Bailando and AIST++ assume 60 fps.
 """
 
 import functools

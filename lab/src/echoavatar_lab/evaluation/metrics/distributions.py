@@ -38,11 +38,7 @@ class Moments(NamedTuple):
 
 
 def moments(features: Float[np.ndarray, "n d"]) -> Moments:
-    """Moments of one clip's features.
-
-    Raises:
-        MotionError: a feature is not finite.
-    """
+    """Moments of one clip's features. Raises MotionError if a feature is not finite."""
     values = np.asarray(features, np.float64)
     if not np.isfinite(values).all():
         raise MotionError("features hold values that are not finite; leave out the clip or repair its motion")
@@ -62,8 +58,7 @@ def pooled(parts: Sequence[Moments]) -> Moments:
 def frechet_between(made: Moments, true: Moments, *, ridge: float = 0.0) -> float:
     """Fréchet distance from moments; `ridge` is added to the diagonals inside the root only.
 
-    Raises:
-        MotionError: fewer than two features on a side.
+    Raises MotionError: fewer than two features on a side.
     """
     if min(made.rows, true.rows) < 2:
         raise MotionError(f"FID needs two features a side, got {made.rows} and {true.rows}; take longer clips")

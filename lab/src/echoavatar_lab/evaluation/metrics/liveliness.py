@@ -50,10 +50,7 @@ Points = Float[np.ndarray, "t p 3"]
 def body_points(motion: Motion, names: Sequence[str] = POINTS) -> Points:
     """World positions of `POINTS` and further bones, scaled to a body of common height.
 
-    The wrist may be the tip of the lower arm.
-
-    Raises:
-        MotionError: the rig is not known.
+    The wrist may be the tip of the lower arm. Raises MotionError if the rig is not known.
     """
     skeleton, pose, bones = motion.skeleton, motion.pose(), known_bones(motion.skeleton)
     found = []
@@ -71,8 +68,7 @@ def body_points(motion: Motion, names: Sequence[str] = POINTS) -> Points:
 def of_common_height(points: Points) -> Points:
     """World positions of `POINTS` (and others behind them), scaled so that the head joint is 1.5 m above the ankle.
 
-    Raises:
-        MotionError: the head is not above the ankles.
+    Raises MotionError if the head is not above the ankles.
     """
     ankles = points[:, [POINTS.index("leftFoot"), POINTS.index("rightFoot")], 1].min(1)
     height = float(np.median(points[:, POINTS.index("head"), 1] - ankles))

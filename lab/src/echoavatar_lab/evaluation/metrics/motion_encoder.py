@@ -135,8 +135,7 @@ class MotionEncoder(Checkpointed):
     def features(self, clip: Float[Tensor, "t c"]) -> Float[Tensor, "n d"]:
         """Latents of one clip of `motion_features`; frames after the last whole latent are cut off.
 
-        Raises:
-            MotionError: the clip is shorter than one latent, or of another rig.
+        Raises MotionError if the clip is shorter than one latent, or of another rig.
         """
         whole = len(clip) - len(clip) % self.frames_per_latent
         if not whole or clip.shape[1] != self.config.features:

@@ -35,9 +35,7 @@ class MotionEncoderTraining(TrainingConfig):
     final_rate: float = Field(default=0.02, ge=0, le=1, description="share of the peak at the end of the cosine")
     weight_decay: float = Field(default=1e-3, ge=0, description="AdamW's decay")
     betas: tuple[float, float] = Field(default=(0.9, 0.999), description="AdamW's averages")
-    noise_spread: float = Field(
-        default=0.05, ge=0, description="noise on the input, in standard deviations; the target has none"
-    )
+    noise_spread: float = Field(default=0.05, ge=0, description="noise on the input only, in standard deviations")
     speed_weight: float = Field(default=1.0, ge=0, description="weight of the error in frame differences")
 
 

@@ -56,8 +56,7 @@ class Moves(NamedTuple):
 def judged_points(motion: Motion) -> Points:
     """World positions of `JUDGED` at 30 frames a second, scaled to a body of common height.
 
-    Raises:
-        MotionError: the rig is not known, or the motion is shorter than a second.
+    Raises MotionError if the rig is not known, or the motion is shorter than a second.
     """
     if motion.seconds < 1:
         raise MotionError(f"{motion.seconds:.2f} s of motion cannot be judged; give at least 1 s")

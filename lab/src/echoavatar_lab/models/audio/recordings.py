@@ -83,9 +83,8 @@ class RecordedFile(NamedTuple):
 def recorded_files(folder: Path, split: str | None = None) -> tuple[RecordedFile, ...]:
     """The recordings of a folder by path, of one `split` or of all; "dev" is "test" where a manifest marks no "dev".
 
-    Raises:
-        AudioError: the manifest is damaged, names a file that is missing or has one voice in two splits, or nothing is
-            found.
+    Raises AudioError if the manifest is damaged, names a file that is missing or has one voice in two splits, or
+    nothing is found.
     """
     manifest = folder / MANIFEST
     if manifest.is_file():
@@ -123,8 +122,7 @@ def refuse_shared(manifest: Path, listed: Iterable[tuple[str, str, str]]) -> Non
 def decoded(path: Path) -> Int16[np.ndarray, " s"]:
     """A file's sound at 24 kHz in 16 bit; pages of it are read when they are used.
 
-    Raises:
-        AudioError: the file cannot be read.
+    Raises AudioError if the file cannot be read.
     """
     about = path.stat() if path.is_file() else None
     if about is None:
@@ -215,8 +213,7 @@ class AudioPool:
 def read_groups(folder: Path) -> list[AudioGroup]:
     """The recordings of a folder that may be trained on: speech and music, each of weight 1.
 
-    Raises:
-        AudioError: a file cannot be read, or there is none.
+    Raises AudioError if a file cannot be read, or there is none.
     """
     files = recorded_files(folder, "train")
     return [

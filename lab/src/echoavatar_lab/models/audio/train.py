@@ -3,10 +3,10 @@
 Every batch is a pure function of (seed, step), so a run that is stopped and resumed from its last checkpoint
 gives the same result. Float32 throughout: bfloat16 autocast makes these narrow convolutions slower on CPU.
 
-A small codec must generalise to voices, music and rooms that are not in its data. What changes the source (pitch,
-level) changes the target too; what changes the channel (equaliser, room, band limit, noise) may be kept from the
-target, so that the codes learn to look through it. The loss compares mel spectra at several scales, the waveform, and a
-readout of the codes.
+A small codec must generalise to voices, music and rooms that are not in its data. Changes of the source (pitch,
+level) reach the target too; those of the channel (equaliser, room, band limit, noise) may be kept from it, so that the
+codes learn to look through them. The loss compares mel spectra at several scales, the waveform, and a readout of the
+codes.
 """
 
 from collections.abc import Mapping
@@ -221,11 +221,7 @@ class CodecTask(TrainingTask[Sounds]):
         self.pool = pool
 
     def begin_with(self, start: AudioCodec) -> None:
-        """Take over a trained codec; only the probe begins anew.
-
-        Raises:
-            CheckpointError: it is of other sizes.
-        """
+        """Take over a trained codec; only the probe begins anew. Raises CheckpointError if it is of other sizes."""
         checkpoint.load_into(self.codec, start.state_dict(), origin="the codec to start from")
         books = {f"layers.{q}.codebook": book for q, book in enumerate(start.codebooks)}
         self.quantizer.load_state_dict(books)

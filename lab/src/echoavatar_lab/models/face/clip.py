@@ -76,11 +76,7 @@ class FaceClip:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a clip.
-
-        Raises:
-            MotionError: the file is missing, damaged or not a face clip.
-        """
+        """Read a clip. Raises MotionError if the file is missing, damaged or not a face clip."""
         try:
             with NpzArrays(path, MotionError) as file:
                 audio = file["audio"].astype(np.float32) / _PCM
@@ -91,11 +87,7 @@ class FaceClip:
 
 
 def load_clips(folder: Path) -> list[FaceClip]:
-    """All clips of a folder, by name.
-
-    Raises:
-        MotionError: there are none, or one is damaged.
-    """
+    """All clips of a folder, by name. Raises MotionError if there are none, or one is damaged."""
     paths = sorted(folder.glob("*.npz"))
     if not paths:
         raise MotionError(f"{folder} holds no face clips (*.npz); make some with 'echoavatar data face'")
@@ -111,11 +103,9 @@ _TIMECODE = re.compile(r"(\d+):(\d+):(\d+):(\d+(?:\.\d+)?)")
 def read_live_link(path: Path, *, timecode_hz: int | None = None) -> Float[np.ndarray, "t 52"]:
     """The curves of a take in canonical order, 30 frames per second, clipped to 0..1.
 
-    `timecode_hz` (30 or 60) is the rate that frame numbers count at; by default 60 if any is over 29, else 30.
-
-    Raises:
-        MotionError: the file cannot be read; columns are missing; a value is no number; times run backwards, leave a
-            gap or fit no camera.
+    `timecode_hz` (30 or 60) is the rate that frame numbers count at; by default 60 if any is over 29, else 30. Raises
+    MotionError if the file cannot be read; columns are missing; a value is no number; times run backwards, leave a gap
+    or fit no camera.
     """
     header, rows = _rows(path)
     names = [name[:1].lower() + name[1:] for name in header]
@@ -146,8 +136,7 @@ def pair_with_audio(
 ) -> FaceClip:
     """A clip from a take's curves and its sound (24 kHz mono); `offset_s` is when the take begins in the sound.
 
-    Raises:
-        MotionError: their lengths differ by more than half a second, or nothing is left.
+    Raises MotionError: their lengths differ by more than half a second, or nothing is left.
     """
     start = round(offset_s * SAMPLE_RATE_HZ)
     heard = audio[start:] if start >= 0 else np.concatenate([np.zeros(-start, np.float32), audio])

@@ -79,9 +79,7 @@ class FaceTraining(TrainingConfig):
     readout: float = Field(
         default=0.3, ge=0, description="weight of that readout's error in the steps that follow; 0 as in the paper"
     )
-    tempo: bool = Field(
-        default=True, description="clips also a tenth slower and faster (paper), which triples what is kept of them"
-    )
+    tempo: bool = Field(default=True, description="clips also a tenth slower and faster (paper); triples them")
     draws: int = Field(default=2, gt=0, description="noise levels per frame and step")
 
 

@@ -203,10 +203,7 @@ def nll_by_domain(
 
     Windows of `chunks` chunks (default: the generator's window) are cut without overlap; `most_windows` of them, spread
     evenly, are scored. `shuffled_audio` gives every window the audio of another clip's window (of another window where
-    there is one clip only).
-
-    Raises:
-        MotionError: no clip is as long as a window.
+    there is one clip only). Raises MotionError if no clip is as long as a window.
     """
     order, device = generator.config.order, next(generator.parameters()).device
     clips = [clip.heard_ahead(generator.config.ahead_chunks) for clip in clips]

@@ -49,9 +49,7 @@ class GeneratorTraining(TrainingConfig):
         description="motion codes from sound and motion; or (paper, stage 1) the next code of sound alone and of "
         "motion alone, of which the embeddings learn while the body is frozen",
     )
-    learning_rate: float = Field(
-        default=1e-3, gt=0, description="peak of the schedule (paper: 5e-5 from Qwen's weights)"
-    )
+    learning_rate: float = Field(default=1e-3, gt=0, description="peak of the schedule (paper: 5e-5, from Qwen)")
     weight_decay: float = Field(default=0.05, ge=0, description="AdamW decay of matrices")
     betas: tuple[float, float] = Field(default=(0.9, 0.95), description="AdamW's averages")
     optimiser: Literal["adamw", "muon"] = Field(
@@ -109,9 +107,7 @@ class GeneratorTraining(TrainingConfig):
         ge=0,
         description="weight of telling beats and stresses half-way up, where known (`cues`; not in the paper)",
     )
-    short_windows: float = Field(
-        default=0.2, ge=0, le=1, description="prefix order: share of windows cut short in front"
-    )
+    short_windows: float = Field(default=0.2, ge=0, le=1, description="prefix: share of windows cut short in front")
 
 
 def align_embeddings(

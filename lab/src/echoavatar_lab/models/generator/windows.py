@@ -83,11 +83,7 @@ class TokenClip:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a token file.
-
-        Raises:
-            MotionError: the file is missing, damaged or lacks an array.
-        """
+        """Read a token file. Raises MotionError if the file is missing, damaged or lacks an array."""
         try:
             with NpzArrays(path, MotionError) as file:
                 cues, patience = file.get("cues"), float(file.get("patience", 0.0))
@@ -118,8 +114,7 @@ class TokenClip:
 def shared_encoding(clips: Sequence[TokenClip]) -> dict[str, Any]:
     """The `patience` and `is_leveled` that all clips share; {} without clips.
 
-    Raises:
-        MotionError: the clips differ in one.
+    Raises MotionError if the clips differ in one.
     """
     patience, leveled = sorted({clip.patience for clip in clips}), {clip.is_leveled for clip in clips}
     if len(patience) > 1:

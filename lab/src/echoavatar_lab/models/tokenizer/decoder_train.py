@@ -32,9 +32,7 @@ class DecoderTraining(TrainingConfig):
     steps: int = Field(default=3000, gt=0, description="optimiser steps")
     batch: int = Field(default=12, gt=0, description="windows per step")
     tokens: int = Field(default=24, gt=0, description="tokens per window")
-    unheard: int = Field(
-        default=4, ge=0, description="first tokens of a window that cost nothing, as their past is missing"
-    )
+    unheard: int = Field(default=4, ge=0, description="first tokens of a window without cost: they lack a past")
     patience: float = Field(default=0.4, ge=0, description="how steady the codes are, as in `train tokens`")
     learning_rate: float = Field(default=6e-4, gt=0, description="peak of the schedule")
     warmup: int = Field(default=50, ge=0, description="steps of linear warm-up")

@@ -91,11 +91,7 @@ def _unit(vector: Tensor) -> Tensor:
 
 
 def turning_joints(skeleton: Skeleton) -> list[int]:
-    """Left and right shoulder joint, left and right hip joint.
-
-    Raises:
-        ValueError: the VRM map lacks one.
-    """
+    """Left and right shoulder joint, left and right hip joint. Raises ValueError if the VRM map lacks one."""
     bones = [side + bone for bone in ("UpperArm", "UpperLeg") for side in ("left", "right")]
     if missing := [bone for bone in bones if bone not in skeleton.config.vrm]:
         raise ValueError(f"the skeleton's VRM map lacks {', '.join(missing)}, which the loss `turn` needs")

@@ -263,8 +263,7 @@ SPARE_SCALE = 0.1  # channels that no axis needs start with a small share of the
 def start_from_principal_axes(tokenizer: MotionTokenizer, normal: Float[Tensor, "n c"]) -> None:
     """Initialise `tokenizer` from normalised features of its part.
 
-    Raises:
-        ValueError: it has no short path between its levels, which the axes need.
+    Raises ValueError if it has no short path between its levels, which the axes need.
     """
     if tokenizer.config.blocks != "attention" or tokenizer.config.resampling != "dual":
         raise ValueError("the principal start needs attention blocks and dual-path resampling; turn it off")
