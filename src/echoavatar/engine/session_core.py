@@ -25,6 +25,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 from .action_scheduler import ActionScheduler, ActStatus
 from .audio_queue import QUEUE_SECONDS, AudioQueue
 from .barge_in import BargeIn, Interruption
+from .feeling import Feeling
 from .listener import TURN_S, Listener, Sign
 from .manner import LIVELINESS, SpeakerManner
 from .music import AUDIBLE, Heard, MusicPlayer
@@ -89,6 +90,7 @@ class SessionCore:
         self._gaze = Gaze(seed, options.eye_contact, self.chunk)
         self._idle_motion = IdleMotion(seed, options, self.chunk)
         self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
+        self._feeling = Feeling()
         self._making: tuple[int, Heard, ChunkPlan] | None = None  # the chunk in the making, its sound and its plan
 
     # ---- sound in
@@ -359,7 +361,8 @@ class SessionCore:
                 return
             source = self._source(chunk, heard)
             self._settling.made(chunk, heard.audio, motion, self._host.skeleton)
-            motion = self._with_expression(chunk, self._with_idle_motion(chunk, motion, source, heard.speech))
+            motion = self._with_idle_motion(chunk, motion, source, heard.speech)
+            motion = self._with_expression(chunk, motion, heard.speech)
             self.late += (self._barge_in.played or 0) > chunk * self.chunk.samples
             epoch = self._barge_in.epoch
             self._playout.show(chunk, motion, heard, source, epoch=epoch, memory=self._rewind)
@@ -398,14 +401,16 @@ class SessionCore:
             speech=speech if is_free and "gaze" in self._host.additions else None,
         )
 
-    def _with_expression(self, chunk: int, motion: MotionChunk) -> MotionChunk:
-        """The mood of the action, or of the dance."""
-        if "expression" not in self._host.additions:
+    def _with_expression(self, chunk: int, motion: MotionChunk, speech: Float[np.ndarray, " s"]) -> MotionChunk:
+        """The mood of the action, of the dance or of the voice."""
+        if "expression" not in self._host.additions or motion.face is None:
             return motion
+        felt = self._feeling.hear(chunk, speech)
         act = self._actions.running(chunk)
         if act is not None and act.action.name in MOODS:
             return self._expression.apply(chunk, motion, mood=act.action.name, strength=act.intensity)
-        return self._expression.apply(chunk, motion, mood=DANCING if self._settling.is_dancing(chunk) else RESTING)
+        mood = DANCING if self._settling.is_dancing(chunk) else RESTING
+        return self._expression.apply(chunk, motion, mood=mood, felt=felt)
 
     def _react(self, sign: Sign) -> None:
         """Show that the avatar listens, unless a requested action runs."""

@@ -1,7 +1,8 @@
 """Facial expressions: what a mood adds to the curves that the face model makes from sound. Not in the paper.
 
-An action shows its own mood (`happy` smiles, `sad` frowns), a dancing body smiles, and a resting face is friendly.
-Moods fade into one another. An open mouth weakens what a mood asks of the lips, so that speech stays readable.
+An action shows its own mood (`happy` smiles, `sad` frowns), a dancing body smiles, a voice shows what it feels
+(`engine.feeling`), and a resting face is friendly. Moods fade into one another. An open mouth weakens what a mood asks
+of the lips, so that speech stays readable.
 """
 
 from collections.abc import Mapping
@@ -50,7 +51,13 @@ _PAIRS: Mapping[str, Mapping[str, float]] = {  # by mood: curves of both sides, 
     "listen": {"mouthSmile": 0.2, "browInnerUp": 0.2},
     "nod": {"mouthSmile": 0.25, "browInnerUp": 0.15},
 }
-_OPPOSED = (("mouthSmile", "mouthFrown"), ("browDown", "browOuterUp"), ("eyeLookDown", "eyeLookUp"))
+_OPPOSED = (
+    ("mouthSmile", "mouthFrown"),
+    ("mouthSmile", "browInnerUp"),  # raised inner brows over a smile look worried
+    ("browDown", "browInnerUp"),
+    ("browDown", "browOuterUp"),
+    ("eyeLookDown", "eyeLookUp"),
+)
 _OF_LIPS = np.array([name.startswith("mouth") for name in ARKIT_NAMES])
 _JAW = ARKIT_NAMES.index("jawOpen")
 
@@ -69,6 +76,11 @@ def _row(curves: Mapping[str, float]) -> Float[np.ndarray, " 52"]:
 MOODS: Mapping[str, Float[np.ndarray, " 52"]] = {mood: _row(curves) for mood, curves in _PAIRS.items()}
 
 
+FEELINGS = ("happy", "angry", "sad")  # that a voice may show
+_FELT = np.stack([MOODS[name] for name in FEELINGS])
+_FELT[:, [name.startswith("eyeLook") for name in ARKIT_NAMES]] = 0  # a sad voice keeps its eye contact
+
+
 class Expression:
     """The moods of one session."""
 
@@ -77,8 +89,19 @@ class Expression:
         self._fades = {RESTING: ChunkFade(RISE_S, FALL_S, start=1.0, chunk=chunk)}
         self._strengths = {RESTING: 1.0}
 
-    def apply(self, chunk: int, motion: MotionChunk, *, mood: str = RESTING, strength: float = 1.0) -> MotionChunk:
-        """A chunk with its mood, 1 for the mood as it is; a mood that is not in `MOODS` is a resting one."""
+    def apply(
+        self,
+        chunk: int,
+        motion: MotionChunk,
+        *,
+        mood: str = RESTING,
+        strength: float = 1.0,
+        felt: Float[np.ndarray, "t f"] | None = None,
+    ) -> MotionChunk:
+        """A chunk with its mood, 1 for the mood as it is; a mood that is not in `MOODS` is a resting one.
+
+        A resting face shows what the voice feels instead: `felt` of each of `FEELINGS`, 0 to 1.
+        """
         if motion.face is None:
             return motion
         mood = mood if mood in MOODS else RESTING
@@ -87,6 +110,9 @@ class Expression:
         added = np.zeros((self._chunk.frames, len(ARKIT_NAMES)), np.float32)
         for each, fade in self._fades.items():
             share = smootherstep(fade.shares(chunk, is_wanted=each == mood))
+            if each == RESTING and felt is not None:
+                added = np.maximum(added, share[:, None] * (felt @ _FELT))
+                share = share * (1 - felt.max(1))
             added = np.maximum(added, (share * self._strengths[each])[:, None] * MOODS[each])
         return motion._replace(face=with_mood(motion.face, added[: len(motion.face)]))
 
