@@ -20,7 +20,8 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 MEMORY_S = 2.5  # of speech, in which its statistics fade to a third
 SURE_S = 1.0  # of speech before a feeling is fully shown
-LEAST, FULL = 0.15, 0.6  # how much surer than the next one: shown a little, and fully
+# How much surer than the next one each is from which it is shown, and fully: joy that looks angry is the worst mistake.
+LEAST, FULL = np.array([0.15, 0.35, 0.15]), np.array([0.6, 0.9, 0.6])
 RISE_S, FALL_S = 0.6, 1.2  # until a feeling is fully shown, and gone
 SILENT_S = 1.5  # of silence, in which what was heard fades to a third
 QUIET_DB = 30.0  # under the loudest of the last seconds, sound is a pause
