@@ -83,7 +83,7 @@ def wanted(sums: Float[np.ndarray, " n"]) -> Float[np.ndarray, " f"]:
     shares /= shares.sum()
     surer = [share - np.delete(shares, at).max() for at, share in enumerate(shares)][1:]
     is_sure = min(1.0, float(sums[0]) / (SURE_S * FRAME_RATE_HZ))
-    return np.clip((np.array(surer) - LEAST) / (FULL - LEAST), 0, 1) * is_sure
+    return np.asarray(np.clip((np.array(surer) - LEAST) / (FULL - LEAST), 0, 1) * is_sure)
 
 
 def _heard(memory: _Memory, speech: Float[np.ndarray, " s"]) -> _Memory:

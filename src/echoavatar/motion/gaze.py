@@ -154,7 +154,7 @@ class Gaze:
         )
 
 
-def between(ends: Sequence[float], share: float) -> float:
+def between(ends: Sequence[float] | Float[np.ndarray, " 2"], share: float) -> float:
     """The number so far from one end to the other."""
     return float(ends[0] + share * (ends[1] - ends[0]))
 
