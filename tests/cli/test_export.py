@@ -78,9 +78,7 @@ FIELD: dict[str, tuple[Stand, Callable[[str], str | bytes], float, str]] = {  # 
 
 
 @pytest.mark.parametrize("kind", FIELD)
-def test_a_clip_of_any_program_is_the_same_motion(
-    kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_clip_of_any_program_is_the_same_motion(kind: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """As a table, and on another rig."""
     stand, change, rate, said = FIELD[kind]
     clip(tmp_path / "plain.bvh", OURS, rate)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 import torch
-from tests.motion.viewer import off_viewer
+from tests.motion.viewer import eyes_off_viewer, off_viewer
 
 import echoavatar
 from echoavatar.engine import Engine, Session, SessionCore
@@ -94,11 +94,29 @@ def test_it_looks_at_who_speaks_and_nods_at_their_pauses(pipeline: Pipeline, see
         np.round(depths, 1),
     )
     assert np.median(listening) < 10
+    assert (np.degrees(eyes_off_viewer(motion))[begin + 30 : end] < 5).mean() > 0.6
     assert motion.face[:, eyes].max() <= 1
     assert len(nods) >= 1
     assert min(depths) > 4
     assert not session.is_listening
     assert session._actions.running(session._barge_in.next_chunk) is None
+
+
+def test_a_speakers_eyes_meet_the_viewer_half_of_the_time(pipeline: Pipeline) -> None:
+    """Within 5 degrees, over three seeds of the shipped speech; its phrases begin with a glance away."""
+    speech, near, begun = sound("speech"), [], []
+    for seed in (1, 2, 3):
+        motion = hear(Engine(pipeline, rewind=0).open_core(seed=seed), chunks(speech))
+        off = np.degrees(eyes_off_viewer(motion))
+        power = np.mean(np.square(speech[: len(off) * 800]).reshape(len(off), -1), 1)
+        loud = power > power.max() / 300
+        near.append((off[[loud[max(0, at - 17) : at + 1].any() for at in range(len(off))]] < 5).mean())
+        begun += [
+            (off[at : at + 10] > 5).any() for at in range(8, len(off)) if loud[at] and not loud[at - 8 : at].any()
+        ]
+    _log.info("eyes on the viewer while speaking: %s; starts with a glance %.2f", np.round(near, 2), np.mean(begun))
+    assert 0.38 < np.mean(near) < 0.62
+    assert np.mean(begun) > 0.6
 
 
 def positions_of_nose(motion: MotionChunk) -> np.ndarray:

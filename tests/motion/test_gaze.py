@@ -1,14 +1,15 @@
-"""Eye contact: where the head points and the eyes look, in degrees; and that it comes and goes without a jerk."""
+"""Eye contact: where the head points and the eyes look, in degrees; how long, and when they glance away."""
 
 import numpy as np
 import pytest
-from tests.motion.viewer import off_viewer
+from tests.motion.viewer import eyes_off_viewer, off_viewer
 
 from echoavatar.motion.action_overlay import Overlay
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.gaze import Gaze, turn_eyes, turn_head
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES, SAMPLES_PER_FRAME
 
 ALL = np.ones(8, np.float32)
 
@@ -105,11 +106,86 @@ def test_a_nod_lowers_the_head_and_not_the_eyes() -> None:
     gaze = Gaze()
     nod = Overlay(("head",), np.tile(np.float32([np.radians(15), 0, 0]), (8, 1, 1)))
     for chunk in range(3):
-        seen = gaze.apply(chunk, facing(0), HUMANOID, overlay=nod, is_wanted=True)
+        seen = gaze.apply(chunk, facing(0), HUMANOID, overlay=nod, heeds=True)
     assert degrees_off(seen) == pytest.approx(15, abs=0.1)
     assert look(seen, "UpLeft") == pytest.approx(15, abs=0.5)
 
 
 def test_unwanted_it_changes_nothing() -> None:
     before = facing(20)
-    assert Gaze().apply(0, before, HUMANOID, is_wanted=False) is before
+    assert Gaze().apply(0, before, HUMANOID, heeds=False) is before
+
+
+def phrases(seconds: float, seed: int, level: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """Noise in phrases of 1 to 4 seconds with pauses of 0.3 to 0.55 s, in whole chunks; and which frames hold sound."""
+    draw, loud = np.random.default_rng(seed), []
+    while len(loud) < seconds * 30:
+        loud += [False] * int(draw.integers(9, 17)) + [True] * int(draw.integers(30, 120))
+    said = np.array(loud[: len(loud) // CHUNK_FRAMES * CHUNK_FRAMES])
+    sound = np.repeat(said, SAMPLES_PER_FRAME) * draw.normal(size=len(said) * SAMPLES_PER_FRAME) * level
+    return sound.astype(np.float32), said
+
+
+def looked(sound: np.ndarray, *, seed: int, contact: float = 0.5, heeds: bool = False) -> np.ndarray:
+    """Degrees between the eyes and the viewer in each frame, of a body that is turned by 12 degrees and down by 8."""
+    gaze, pose = Gaze(seed, contact), facing(12, 8)
+    pieces = enumerate(sound.reshape(-1, CHUNK_SAMPLES))
+    made = [gaze.apply(number, pose, HUMANOID, heeds=heeds, speech=piece) for number, piece in pieces]
+    return np.degrees(np.concatenate([eyes_off_viewer(motion) for motion in made]))
+
+
+@pytest.mark.parametrize("contact", [0.2, 0.5, 0.8])
+@pytest.mark.parametrize("level", [0.3, 0.02])
+def test_a_speakers_eyes_meet_the_viewer_for_their_share_and_a_listeners_for_half_as_much_again(
+    contact: float, level: float
+) -> None:
+    """Within 5 degrees, over six minutes, loud or soft; glances are seen, and nobody rolls the eyes."""
+    sound, said = phrases(360, 1, level)
+    off = looked(sound, seed=5, contact=contact)
+    assert (off[said] < 5).mean() == pytest.approx(contact, abs=0.05)
+    assert np.percentile(off, 99) < 25
+    quiet = looked(np.zeros_like(sound), seed=5, contact=contact, heeds=True)
+    assert (quiet[60:] < 5).mean() == pytest.approx(min(1, 1.5 * contact), abs=0.05)
+
+
+def test_eyes_that_shall_always_or_never_meet_the_viewer_do() -> None:
+    sound, _ = phrases(60, 2)
+    assert looked(sound, seed=1, contact=1.0)[30:].max() < 2
+    assert looked(sound, seed=1, contact=0.0)[90:].min() > 5
+
+
+def test_phrases_begin_with_a_glance_away_and_end_with_a_look() -> None:
+    """Of those that begin in contact, two thirds; of other moments a third second holds one less often by far."""
+    begin, chance, end = [], [], []
+    for seed in range(4):
+        sound, said = phrases(240, seed)
+        away = looked(sound, seed=seed) >= 5
+        starts = [at for at in np.flatnonzero(said[1:] & ~said[:-1]) + 1 if 30 < at < len(said) - 12]
+        begin += [away[at : at + 10].any() for at in starts if not away[at - 1]]
+        others = [at + 20 for at in starts if at + 30 < len(said) and said[at : at + 30].all()]
+        chance += [away[at : at + 10].any() for at in others if not away[at - 1]]
+        end += [not away[at + 8] for at in np.flatnonzero(~said[1:] & said[:-1]) + 1 if at + 8 < len(said)]
+    assert 0.6 < np.mean(begin) < 0.9
+    assert np.mean(chance) < 0.6 * np.mean(begin)
+    assert np.mean(end) > 0.7
+
+
+def test_glances_follow_from_seed_and_sound_alone_and_are_the_same_when_a_session_goes_back() -> None:
+    sound, _ = phrases(20, 3)
+    assert np.array_equal(looked(sound, seed=1), looked(sound, seed=1))
+    assert not np.array_equal(looked(sound, seed=1), looked(sound, seed=2))
+    gaze, pieces = Gaze(1), sound.reshape(-1, CHUNK_SAMPLES)
+    first = [gaze.glances(number, piece, CHUNK_FRAMES) for number, piece in enumerate(pieces)]
+    again = [gaze.glances(number, pieces[number], CHUNK_FRAMES) for number in range(30, len(pieces))]
+    assert np.array_equal(np.stack(first[30:]), np.stack(again))
+
+
+@pytest.mark.parametrize("yaw", [-60, -35, 35, 60])
+def test_the_head_helps_a_speaker_whose_eyes_do_not_reach(yaw: int) -> None:
+    """Eyes turn by 30 degrees; a head that is nearly there is left alone."""
+    gaze, still = Gaze(1, 1.0), np.zeros(CHUNK_SAMPLES, np.float32)
+    for number in range(4):
+        made = gaze.apply(number, facing(yaw), HUMANOID, heeds=False, speech=still)
+    assert degrees_off(made) < 30
+    assert np.degrees(eyes_off_viewer(made)).max() < 2
+    assert degrees_off(turn_head(facing(9), 0 * ALL, HUMANOID, helps=ALL)) == pytest.approx(9, abs=0.01)

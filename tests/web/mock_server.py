@@ -192,14 +192,15 @@ class MockSession:
         await self._socket.send_bytes(encode(message))  # type: ignore[arg-type]
 
 
-def ready(tracks: Sequence[str] = ()) -> Ready:
+def ready(tracks: Sequence[str] = (), manner: Sequence[str] = ()) -> Ready:
     """What a session of ours tells first."""
     rest = [[float(x) for x in offset] for offset in HUMANOID.config.offsets]
     return Ready(
         version=1, server="mock", session="mock", resume="key", resumed=False, at=0, epoch=0, seg=0, received=0,
         sample_rate=SAMPLE_RATE_HZ, frame_rate=FRAME_RATE_HZ, chunk_samples=CHUNK_SAMPLES,
         rig=Rig(names=list(HUMANOID.names), parents=list(HUMANOID.parents), rest=rest), face=list(ARKIT_NAMES),
-        actions=ACTIONS, tracks=list(tracks), latency=Latency(algorithm=266.7, compute=1.0), limits=Limits(),
+        actions=ACTIONS, tracks=list(tracks), manner=tuple(manner),
+        latency=Latency(algorithm=266.7, compute=1.0), limits=Limits(),
     )  # fmt: skip
 
 

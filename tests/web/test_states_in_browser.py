@@ -4,9 +4,10 @@ import time
 
 import pytest
 from tests.web.make_vrm import make_vrm
+from tests.web.mock_server import ready
 
-from echoavatar.wire.codec import encode
-from echoavatar.wire.messages import Error
+from echoavatar.wire.codec import decode_client, encode
+from echoavatar.wire.messages import Error, Hello, Manner
 
 pytestmark = pytest.mark.browser
 SUBTITLE = "document.getElementById('subtitle').textContent"
@@ -204,3 +205,47 @@ def test_a_file_that_cannot_be_read_is_named_with_the_cause(page):
         page.drop(name, b"glTF", kind)
         told = "document.getElementById('toasts').textContent"
         page.wait(f"{told}.includes('“{name}” ') && {told}.includes('(gone)')")
+
+
+DRAGGED = """(node, values) => {
+  for (const value of values) {
+    node.value = value;
+    node.dispatchEvent(new Event("input", { bubbles: true }));
+  }
+}"""
+
+
+@pytest.mark.parametrize("fields", [(), ("liveliness",), ("liveliness", "handedness")])
+def test_liveliness_is_chosen_by_a_slider_where_the_model_follows_it(new_page, mock_url, tmp_path, fields):
+    driver, sent = new_page(*((1100, 700) if len(fields) == 2 else (390, 780))), []
+
+    def answer(socket):
+        def take(data):
+            sent.append(decode_client(data))
+            if isinstance(sent[-1], Hello):
+                socket.send(encode(ready(manner=fields)))
+
+        socket.on_message(take)
+
+    driver.page.route_web_socket("**/v1/stream", answer)
+    driver.page.goto(f"{mock_url}?quality=low", wait_until="commit")
+    waited(driver, "!!window.__echo && __echo.session.player !== null && !!__echo.avatar.driver")
+    assert driver.ask("document.getElementById('gestures').hidden") == (not fields)
+    if not fields:
+        return driver.shot(tmp_path / "without.png")
+    driver.page.keyboard.press("g")
+    slider = driver.page.locator("#manner input[name=liveliness]")
+    assert slider.is_visible()
+    assert driver.page.locator("#manner input[name=handedness]").is_visible() == (len(fields) == 2)
+    driver.shot(tmp_path / f"manner_{len(fields)}.png")
+    slider.evaluate(DRAGGED, ["0.6", "0.75", "0.9"])  # the last place counts
+    for _ in range(100):
+        if any(isinstance(message, Manner) for message in sent):
+            break
+        driver.page.wait_for_timeout(50)
+    driver.page.wait_for_timeout(500)
+    told = [message for message in sent if isinstance(message, Manner)]
+    assert [(each.liveliness, each.handedness) for each in told] == [(0.9, None)]
+    driver.page.keyboard.press("l")
+    assert not slider.is_visible()  # one panel at a time
+    assert driver.problems == []

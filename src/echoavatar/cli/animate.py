@@ -99,7 +99,11 @@ def run(args: argparse.Namespace) -> int:
     pipeline.warm_up()
     fps = args.fps or bundle.runtime.fps
     options = MotionOptions(
-        in_place=args.in_place, upper_body=args.upper_body, liveliness=args.liveliness, handedness=args.handedness
+        in_place=args.in_place,
+        upper_body=args.upper_body,
+        liveliness=args.liveliness,
+        handedness=args.handedness,
+        eye_contact=args.eye_contact,
     )
     batch = Batch(len(args.audio))
     for sound, output in zip(args.audio, places, strict=True):

@@ -76,12 +76,19 @@ def add_picture(parser: argparse.ArgumentParser) -> None:
 
 
 def add_manner(parser: argparse.ArgumentParser) -> None:
-    """Declare `--liveliness` and `--handedness`."""
+    """Declare `--liveliness`, `--handedness` and `--eye-contact`."""
     parser.add_argument(
         "--liveliness", type=_share, metavar="0..1", help="0: hardly a gesture, 1: a storyteller (default: as the seed)"
     )
     parser.add_argument(
         "--handedness", type=_share, metavar="0..1", help="hand of one-handed gestures, 0: left, 1: right (as the seed)"
+    )
+    parser.add_argument(
+        "--eye-contact",
+        type=_share,
+        default=0.5,
+        metavar="0..1",
+        help="how long a speaker's eyes meet the viewer (default: 0.5 of the time; more while listening)",
     )
 
 

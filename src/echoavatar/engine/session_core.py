@@ -86,7 +86,8 @@ class SessionCore:
         self._manner = SpeakerManner(seed, options)
         self._user_resampler: StreamResampler | None = None
         self._heard_user = 0  # the next chunk when the user's sound came last
-        self._gaze, self._idle_motion = Gaze(self.chunk), IdleMotion(seed, options, self.chunk)
+        self._gaze = Gaze(seed, options.eye_contact, self.chunk)
+        self._idle_motion = IdleMotion(seed, options, self.chunk)
         self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
         self._making: tuple[int, Heard, ChunkPlan] | None = None  # the chunk in the making, its sound and its plan
 
@@ -357,7 +358,8 @@ class SessionCore:
                 return
             source = self._source(chunk, heard)
             self._settling.made(chunk, heard.audio, motion, self._host.skeleton)
-            motion = self._with_expression(chunk, self._with_idle_motion(chunk, motion, source))
+            motion = self._with_idle_motion(chunk, motion, source, heard.speech)
+            motion = self._with_expression(chunk, motion)
             self.late += (self._barge_in.played or 0) > chunk * self.chunk.samples
             epoch = self._barge_in.epoch
             self._playout.show(chunk, motion, heard, source, epoch=epoch, memory=self._rewind)
@@ -376,7 +378,9 @@ class SessionCore:
             self.fail(error)
             raise
 
-    def _with_idle_motion(self, chunk: int, motion: MotionChunk, source: str) -> MotionChunk:
+    def _with_idle_motion(
+        self, chunk: int, motion: MotionChunk, source: str, speech: Float[np.ndarray, " s"]
+    ) -> MotionChunk:
         """Breath and shifts of weight, eye contact, and the clip of an action on top."""
         if chunk - self._heard_user > self.chunk.within(TURN_S):  # the user's sound stopped without an end
             self.end_listening()
@@ -386,7 +390,12 @@ class SessionCore:
             motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_idle)
         overlay = self._actions.overlay(chunk) if "overlays" in self._host.additions else None
         return self._gaze.apply(
-            chunk, motion, skeleton, overlay=overlay, is_wanted=self.is_listening and is_free and self._reacts
+            chunk,
+            motion,
+            skeleton,
+            overlay=overlay,
+            heeds=self.is_listening and is_free and self._reacts,
+            speech=speech if is_free and "gaze" in self._host.additions else None,
         )
 
     def _with_expression(self, chunk: int, motion: MotionChunk) -> MotionChunk:

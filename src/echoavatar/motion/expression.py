@@ -50,7 +50,13 @@ _PAIRS: Mapping[str, Mapping[str, float]] = {  # by mood: curves of both sides, 
     "listen": {"mouthSmile": 0.2, "browInnerUp": 0.2},
     "nod": {"mouthSmile": 0.25, "browInnerUp": 0.15},
 }
-_OPPOSED = (("mouthSmile", "mouthFrown"), ("browDown", "browOuterUp"), ("eyeLookDown", "eyeLookUp"))
+_OPPOSED = (
+    ("mouthSmile", "mouthFrown"),
+    ("mouthSmile", "browInnerUp"),  # raised inner brows over a smile look worried
+    ("browDown", "browInnerUp"),
+    ("browDown", "browOuterUp"),
+    ("eyeLookDown", "eyeLookUp"),
+)
 _OF_LIPS = np.array([name.startswith("mouth") for name in ARKIT_NAMES])
 _JAW = ARKIT_NAMES.index("jawOpen")
 

@@ -102,6 +102,9 @@ class BodyOptions(Struct, frozen=True, kw_only=True):
     handedness: Annotated[Share | None, Meta(description="hand of one-handed gestures, 0: left; absent: by seed")] = (
         None
     )
+    eye_contact: Annotated[
+        Share, Meta(description="share of the time in which the eyes meet the viewer while the avatar speaks")
+    ] = 0.5
 
 
 class Hello(_Message, frozen=True, kw_only=True, tag="hello"):

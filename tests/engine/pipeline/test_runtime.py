@@ -130,6 +130,7 @@ CHANGES = {
     "expression": FACE,
     "blinks": FACE,
     "listening": BODY | FACE,  # a turned head, and eyes that meet
+    "gaze": BODY | FACE,  # eyes that meet and glance away; the head helps
     "overlays": BODY,
 }
 

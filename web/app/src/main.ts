@@ -9,6 +9,7 @@ import { DetailControl } from "./detail.js";
 import { connectDrop } from "./dropzone.js";
 import { Hud } from "./hud.js";
 import { drawIcons } from "./icons.js";
+import { MannerPanel } from "./manner.js";
 import { SourceBar } from "./sourcebar.js";
 import { Viewport } from "./viewport.js";
 import { StatusLine } from "./statusline.js";
@@ -59,6 +60,7 @@ async function start(): Promise<void> {
   const avatar = new AvatarSlot(viewport);
   const hud = new Hud(element("hud"), session);
   const actions = new ActionPanel(session, element("actions"), element("action-list"));
+  new MannerPanel(session, element("manner"), element("gestures"));
   const sources = new SourceBar(session, token);
   const states = new StatusLine(session, actions, sources);
   const detail = new DetailControl(isSlow || quality === "low");

@@ -1,6 +1,6 @@
 /** The panels beside the avatar: one is open at a time, and the camera keeps face and hands out of them. */
 
-const PANELS = { hud: "meters", talk: "", typed: "" } as const; // and the button that opens each
+const PANELS = { hud: "meters", manner: "gestures", talk: "", typed: "" } as const; // and the button that opens each
 export type Panel = keyof typeof PANELS;
 const element = (id: string) => document.getElementById(id)!;
 
@@ -21,7 +21,7 @@ export interface Covered {
   readonly left: number;
 }
 
-const COVERING = ["#hud", "#talk", "#typed", "#actions", ".dock", ".top", ".welcome:not(.gone)"];
+const COVERING = ["#hud", "#manner", "#talk", "#typed", "#actions", ".dock", ".top", ".welcome:not(.gone)"];
 const MOST = 0.34; // of a side, on the average of both edges, that panels may take
 
 /** How far panels reach in from the edges: wide ones from above or below, the others from the side. */

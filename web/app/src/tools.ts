@@ -20,7 +20,7 @@ const KINDS: readonly { id: Kind; label: string; hint: string }[] = [
   { id: "bvh", label: "Motion capture file", hint: "BVH, body" },
 ];
 const LIGHTS: Readonly<Record<StageName, string>> = { studio: "Studio", dusk: "Dusk", plain: "White" };
-const KEYS: Record<string, string> = { a: "avatar", m: "sound", l: "meters", r: "record", "?": "help", Escape: "stop" };
+const KEYS: Record<string, string> = { a: "avatar", g: "gestures", m: "sound", l: "meters", r: "record", "?": "help", Escape: "stop" };
 
 export class Tools {
   private recording: { stop(): Promise<File> } | null = null;
@@ -38,6 +38,7 @@ export class Tools {
     element("look").onclick = () => openMenu(element("look"), this.looks);
     element("sound").onclick = () => this.toggleSound();
     element("meters").onclick = () => toggle("hud");
+    element("gestures").onclick = () => toggle("manner");
     element("record").onclick = () => void this.record();
     element("help").onclick = () => element<HTMLDialogElement>("about").showModal();
     window.addEventListener("keydown", (event) => this.press(event));

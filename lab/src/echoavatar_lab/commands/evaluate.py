@@ -105,6 +105,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     measure(
         "face", "lip-sync: against phones, and against the loudness of recordings", "clips", "recordings", "seconds"
     )
+    feelings = measure("feelings", "whether the face shows what acted voices feel: what is read in its mean curves")
+    feelings.add_argument(
+        "--recordings",
+        type=Path,
+        required=True,
+        default=argparse.SUPPRESS,
+        help="folder of acted speech: names of files, or titles in its manifest.csv, say neutral, happy, angry or sad",
+    )
     codes = measure(
         "codes",
         "what is lost of the truth's timing, its turn and the sharing of work between its hands: in its codes, decoded"
@@ -167,7 +175,7 @@ def run(args: argparse.Namespace) -> int:
     if args.split == "test":
         _claim_test(args)
     own = {"alive": _alive, "jury": _jury, "dial": _dial, "actions": _actions}
-    own |= {"face": _face, "codes": _codes, "domains": _domains}
+    own |= {"face": _face, "feelings": _feelings, "codes": _codes, "domains": _domains}
     numbers = own.get(args.measure, _whole)(args, bundle)
     if numbers:
         print(json.dumps(numbers))
@@ -230,6 +238,16 @@ def _face(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     for key, value in scores.items():
         print(f"{key:<44}{value:>12.4f}")
     return _rounded(scores)
+
+
+def _feelings(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
+    from echoavatar_lab.evaluation.feelings import acted_speech, as_text, read_feelings
+
+    with progress_bar() as say:
+        speech = acted_speech(args.recordings)
+        found = read_feelings(bundle, speech, seed=args.seed, progress=partial(say, "feelings"))
+    print(as_text(found))
+    return {split: {"right": round(one.right, 4), "confusion": one.confusion.tolist()} for split, one in found.items()}
 
 
 def _actions(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":

@@ -146,7 +146,7 @@ class AvatarBridge:
     async def say(self, pcm: Speech, rate: int, channels: int = 1) -> int:
         """Speak samples at any rate; returns the utterance's number. The utterance continues until `end`."""
         self._is_speaking = self._has_unreleased_speech = True
-        self.said_s += memoryview(pcm).nbytes / (2 * channels * rate)
+        self.said_s += (pcm.nbytes if isinstance(pcm, np.ndarray) else len(bytes(pcm))) / (2 * channels * rate)
         samples = self._agent_resampler.push(pcm, rate, channels)
         self._seg = await self._session.speak(samples, end=False, words=self._text.take())
         return self._seg

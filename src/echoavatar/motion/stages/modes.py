@@ -38,6 +38,13 @@ class MotionOptions(Config):
     handedness: float | None = Field(
         default=None, ge=0, le=1, description="the hand of one-handed gestures: 0 left, 1 right; None: as the seed"
     )
+    eye_contact: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description="share of the time in which the eyes meet the viewer while the avatar speaks; half as much again"
+        " while it listens",
+    )
 
 
 FREE = MotionOptions()

@@ -82,6 +82,8 @@ export interface BodyOptions {
   liveliness?: number | null;
   /** hand of one-handed gestures, 0: left; absent: by seed */
   handedness?: number | null;
+  /** share of the time in which the eyes meet the viewer while the avatar speaks */
+  eye_contact?: number;
 }
 
 /** The utterance is complete; silence follows until the next one. */

@@ -104,6 +104,11 @@ export class EchoSession extends Emitter<SessionEvents> {
     return id;
   }
 
+  /** Changes how the speaker gestures from the next chunk on; what is absent stays as it is. See `ready.manner`. */
+  manner(numbers: { liveliness?: number; handedness?: number }): void {
+    this.connection.send({ type: "manner", ...numbers });
+  }
+
   /** Plays one of the server's tracks, or stops the music. */
   music(op: "play" | "stop", title = ""): string {
     const id = `m${++this.requests}`;

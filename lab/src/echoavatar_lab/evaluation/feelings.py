@@ -1,0 +1,155 @@
+"""`echoavatar evaluate BUNDLE feelings`: whether the face shows what a voice feels.
+
+Acted speech drives the face as in a session. Each recording's curves are averaged over its speech. The face of one
+speaker is then read by the faces of all the others: as the feeling whose mean face is nearest, each curve scaled by its
+deviation. Chance is a quarter. A voice whose own curves did not differ would be read by chance.
+"""
+
+import csv
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from echoavatar.engine.pipeline import Bundle
+from echoavatar.errors import EchoAvatarError
+from echoavatar.models.audio import read_audio
+from echoavatar.models.audio.files import SOUND_SUFFIXES
+from echoavatar.models.face import FaceStream
+from echoavatar.models.face.idle import frame_loudness
+from echoavatar.motion.arkit import ARKIT_NAMES
+from echoavatar.motion.expression import Expression
+from echoavatar.motion.motion_chunk import MotionChunk
+from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from echoavatar_lab.models.audio.recordings import MANIFEST
+
+from .faces import animate_face
+
+NAMES = ("neutral", "happy", "angry", "sad")
+_WORDS = {
+    **dict.fromkeys(("neutral",), 0),
+    **dict.fromkeys(("happy", "happiness", "joy"), 1),
+    **dict.fromkeys(("angry", "anger"), 2),
+    **dict.fromkeys(("sad", "sadness"), 3),
+}
+SHOWN = ("mouthSmile", "mouthFrown", "browDown", "browInnerUp", "browOuterUp", "eyeSquint")  # means of both sides
+QUIET = 0.25  # of loudness under a recording's loudest frame (15 dB): not speech
+LEAST = 0.02  # deviation of a curve: smaller differences are not seen
+
+
+class ActedSpeech(NamedTuple):
+    """A recording of acted speech."""
+
+    path: Path
+    feeling: int  # its place in `NAMES`
+    speaker: str
+    split: str  # of the folder's manifest; "other" without one
+
+
+class Reading(NamedTuple):
+    """What is read in the faces of one split."""
+
+    confusion: Int[np.ndarray, "4 4"]  # recordings by what was acted and what was read
+    faces: Float[np.ndarray, "4 52"]  # mean curves by what was acted; NaN where there is none
+
+    @property
+    def right(self) -> float:
+        """The mean over what was acted of the share that was read as it."""
+        count = self.confusion.sum(1)
+        return float(np.mean(np.diag(self.confusion)[count > 0] / count[count > 0]))
+
+
+def acted_speech(folder: Path) -> list[ActedSpeech]:
+    """Recordings below a folder whose title in a manifest.csv, or else whose file's name, has the word of a feeling.
+
+    The speaker is that of the manifest, else the first word of the name.
+
+    Raises:
+        EchoAvatarError: there are not two speakers.
+    """
+    rows: dict[Path, dict[str, str]] = {}
+    for manifest in folder.rglob(MANIFEST):
+        with manifest.open(encoding="utf-8", newline="") as lines:
+            rows |= {manifest.parent / row["path"]: row for row in csv.DictReader(lines) if row.get("path")}
+    found = []
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES):
+        row = rows.get(path, {})
+        words = re.findall(r"[a-z]+", (row.get("title") or path.stem).lower())
+        feelings = {_WORDS[word] for word in words if word in _WORDS}
+        if len(feelings) == 1:
+            speaker = row.get("speaker_or_artist") or words[0]
+            found.append(ActedSpeech(path, feelings.pop(), speaker, row.get("split") or "other"))
+    if len({each.speaker for each in found}) < 2:
+        raise EchoAvatarError(
+            f"{folder} has no acted speech of two speakers: a file's name, or its title in {MANIFEST}, says neutral, "
+            "happy, angry or sad"
+        )
+    return found
+
+
+def read_feelings(
+    bundle: Bundle, speech: Sequence[ActedSpeech], *, seed: int = 0, progress: Callable[[int, int], None] | None = None
+) -> dict[str, Reading]:
+    """What is read in the bundle's faces, by split.
+
+    Raises:
+        EchoAvatarError: the bundle has no face model.
+    """
+    if bundle.face is None:
+        raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
+    stream, rows = FaceStream(bundle.face), []
+    for number, each in enumerate(speech):
+        rows.append(mean_face(stream, read_audio(each.path), seed=seed))
+        if progress:
+            progress(number + 1, len(speech))
+    faces, felt = np.array(rows), np.array([each.feeling for each in speech])
+    speakers, splits = (np.array([each[at] for each in speech]) for at in (2, 3))
+    guessed = np.zeros(len(felt), int)
+    for speaker in set(speakers):
+        own, others = speakers == speaker, speakers != speaker
+        scale = np.maximum(faces[others].std(0), LEAST)
+        means = [faces[others & (felt == kind)].mean(0) if (felt[others] == kind).any() else None for kind in range(4)]
+        away = [np.inf if m is None else np.square((faces[own] - m) / scale).sum(1) for m in means]
+        guessed[own] = np.argmin(np.stack(np.broadcast_arrays(*away)), 0)
+    found = {}
+    for split in dict.fromkeys(splits):
+        table, inside = np.zeros((4, 4), int), splits == split
+        np.add.at(table, (felt[inside], guessed[inside]), 1)
+        kinds = [faces[inside & (felt == kind)] for kind in range(4)]
+        found[str(split)] = Reading(table, np.array([k.mean(0) if len(k) else np.full(52, np.nan) for k in kinds]))
+    return found
+
+
+def mean_face(stream: FaceStream, audio: Float[np.ndarray, " s"], *, seed: int = 0) -> Float[np.ndarray, " 52"]:
+    """Curves as a session shows them at rest, averaged over the frames of speech."""
+    import torch
+
+    audio = np.pad(audio, (0, -len(audio) % CHUNK_SAMPLES)).astype(np.float32)
+    curves, expression = animate_face(stream, audio, seed=seed), Expression()
+    made = []
+    for number in range(len(audio) // CHUNK_SAMPLES):
+        face = curves[number * CHUNK_FRAMES : (number + 1) * CHUNK_FRAMES]
+        motion = MotionChunk(np.zeros((CHUNK_FRAMES, 1, 4), np.float32), np.zeros((CHUNK_FRAMES, 3), np.float32), face)
+        made.append(np.asarray(expression.apply(number, motion).face))
+    loud = frame_loudness(torch.from_numpy(audio)[None])[0].numpy()
+    return np.asarray(np.concatenate(made)[loud > loud.max() - QUIET].mean(0))
+
+
+def as_text(readings: dict[str, Reading]) -> str:
+    """A table of what was read for each split, and the means of the curves that show feelings."""
+    lines = []
+    for split, (confusion, faces) in readings.items():
+        lines.append(f"{split}: {readings[split].right:.0%} right (chance 25%)")
+        heads = [f"{'read ' + name:>14}" for name in NAMES] + [f"{name:>13}" for name in SHOWN]
+        lines.append(f"{'acted':<10}" + "".join(heads))
+        for name, row, face in zip(NAMES, confusion, faces, strict=True):
+            means = [f"{face[_columns(curve)].mean():>13.2f}" for curve in SHOWN]
+            lines.append(f"{name:<10}" + "".join([f"{count:>14}" for count in row] + means))
+    return "\n".join(lines)
+
+
+def _columns(name: str) -> list[int]:
+    return [at for at, each in enumerate(ARKIT_NAMES) if each in (name, f"{name}Left", f"{name}Right")]
