@@ -234,8 +234,8 @@ def _face(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     with progress_bar() as say:
         scores = evaluate_face(bundle, tracks, speech, seed=args.seed, progress=partial(say, "face"))._asdict()
     for key, value in scores.items():
-        print(f"{key:<44}{value:>12.4f}")
-    return _rounded(scores)
+        print(f"{key:<44}{value:>12.4g}")
+    return {key: float(f"{value:.5g}") if math.isfinite(value) else None for key, value in scores.items()}
 
 
 def _actions(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
