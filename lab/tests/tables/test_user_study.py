@@ -51,6 +51,7 @@ def test_made_up_raters_judge_the_studies_from_end_to_end(tmp_path: Path, monkey
     truth = experiment.true_motions
     experiment.foreign_motions = lambda: {"EDGE": truth}
     monkeypatch.setattr(user_study, "tuned", lambda experiment, method: TunedOutcome(truth, {}))
+    monkeypatch.setattr(user_study, "RATERS", 8)
     path = user_study.write_study(experiment)
     (path.parent / "study.yaml").unlink()  # the paper's groups are many
     assert reproduce._simulate(path.parent) == 0
