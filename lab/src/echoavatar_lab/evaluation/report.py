@@ -181,9 +181,10 @@ def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0
     ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
     ends = Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends  # centring can shift it below zero
     row = Row("fid", "", distance(range(len(ours))), ends)
-    if len(theirs) < 2:
+    halves = pooled(theirs[::2]), pooled(theirs[1::2] or theirs[:1])
+    if len(theirs) < 2 or min(half.rows for half in halves) < 2:
         return row
-    return row._replace(truth=frechet_between(pooled(theirs[::2]), pooled(theirs[1::2])))
+    return row._replace(truth=frechet_between(*halves))
 
 
 def _errors(pair: Pair) -> Reconstruction:

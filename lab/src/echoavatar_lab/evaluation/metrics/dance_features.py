@@ -51,7 +51,7 @@ Track = Float[np.ndarray, "t 3"]
 
 def smpl_positions(positions: Float[np.ndarray, "t 52 3"]) -> Positions:
     """Of positions of our rig those of `SMPL`, from the first root on."""
-    return positions[:, HUMANOID.indices(SMPL)] - positions[:1, :1]
+    return np.asarray(positions[:, HUMANOID.indices(SMPL)] - positions[:1, :1])
 
 
 def kinetic(positions: Positions, fps: float = RATE_HZ, *, is_published: bool = True) -> Float[np.ndarray, " 72"]:
@@ -124,7 +124,7 @@ def geometric(positions: Positions) -> Float[np.ndarray, " 32"]:
         *(along(-up, floor, at(own["wrist"])) > -1.2 * arm for own, _ in sides),
         fast(ROOT) > 2.3 * arm,
     ]
-    return np.stack(relations).mean(1)
+    return np.asarray(np.stack(relations).mean(1))
 
 
 def _around(values: Float[np.ndarray, "s j 3"], frames: int) -> Float[np.ndarray, "f j 3"]:
