@@ -18,7 +18,7 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .alive import Statistics, measure
 from .metrics.tells import HEARD, TELLS, loudness, tells
 from .paid_for import LEGEND, marked
-from .table import Interval, mean_interval
+from .table import NAN, UNKNOWN, Interval, mean_interval
 from .takes import Sound, Take, judged
 
 MINUTE_S = 60.0
@@ -87,7 +87,7 @@ def _rows(take: Take, seconds: float) -> Statistics:
     points, size = judged(take), int(seconds * FRAME_RATE_HZ)
     loud = None if take.audio is None else np.resize(loudness(take.audio), len(points))
     starts = range(0, max(len(points) - size, 0) + 1, size)
-    told = [tells(points[at : at + size], *([] if loud is None else [loud[at : at + size]])) for at in starts]
+    told = [tells(points[at : at + size], None if loud is None else loud[at : at + size]) for at in starts]
     names = {**dict.fromkeys(windows[0], windows), **dict.fromkeys(TELL_NAMES, told)}
     return {name: _mean([row.get(name, float("nan")) for row in rows]) for name, rows in names.items()}
 
@@ -96,9 +96,10 @@ def _drift(name: str, own: Sequence[Sequence[tuple[Statistics, Statistics]]]) ->
     sides = np.array([[_mean([one[side][name] for one in several]) for side in (0, 1)] for several in own])
     sides = sides[np.isfinite(sides).all(1)]
     if not len(sides):
-        return Drift(name, *[float("nan")] * 3, Interval(float("nan"), float("nan")))
+        return Drift(name, NAN, NAN, NAN, UNKNOWN)
     change = sides[:, 1] - sides[:, 0]
-    return Drift(name, *map(float, (*sides.mean(0), change.mean())), mean_interval(change))
+    earlier, later = sides.mean(0).tolist()
+    return Drift(name, earlier, later, float(change.mean()), mean_interval(change))
 
 
 def _sureness(row: Drift) -> float:

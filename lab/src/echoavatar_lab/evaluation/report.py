@@ -126,7 +126,7 @@ def semantic_row(pairs: Sequence[Pair], folder: Path, *, seed: int = 0) -> Row:
         labels = read_labels(folder / f"{pair.name}.txt", pair.made.frames)
         sides = [motion.pose().positions.numpy().astype(np.float64) for motion in (pair.made, pair.true)]
         sides = [side - side[:, :1] for side in sides]
-        values.append(srgr(*sides, labels))
+        values.append(srgr(sides[0], sides[1], labels))
         best.append(srgr(sides[1], sides[1], labels))
         weights.append(float(pair.made.frames))
     columns = {"truths": np.array(best), "weights": np.array(weights)}
