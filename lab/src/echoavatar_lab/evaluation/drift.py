@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
+from scipy import stats
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
@@ -18,7 +20,7 @@ from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 from .alive import Statistics, measure
 from .metrics.tells import HEARD, TELLS, loudness, tells
 from .paid_for import LEGEND, marked
-from .table import NAN, UNKNOWN, Interval, mean_interval
+from .table import LEVEL, NAN, UNKNOWN, Interval
 from .takes import Sound, Take, judged
 
 MINUTE_S = 60.0
@@ -99,7 +101,15 @@ def _drift(name: str, own: Sequence[Sequence[tuple[Statistics, Statistics]]]) ->
         return Drift(name, NAN, NAN, NAN, UNKNOWN)
     change = sides[:, 1] - sides[:, 0]
     earlier, later = sides.mean(0).tolist()
-    return Drift(name, earlier, later, float(change.mean()), mean_interval(change))
+    return Drift(name, earlier, later, float(change.mean()), _student(change))
+
+
+def _student(change: Float[np.ndarray, " n"]) -> Interval:
+    """Student's interval of the mean: sounds are few, and resampling few makes intervals far too narrow."""
+    if len(change) < 2:
+        return UNKNOWN
+    half = float(stats.t.ppf((1 + LEVEL) / 2, len(change) - 1) * change.std(ddof=1) / np.sqrt(len(change)))
+    return Interval(float(change.mean()) - half, float(change.mean()) + half)
 
 
 def _sureness(row: Drift) -> float:
