@@ -8,6 +8,7 @@ import pytest
 from lab.tests.align.moving_bodies import LEAD, reference_statistics, scene
 from lab.tests.align.tuning_fakes import save_clips
 from lab.tests.evaluation.test_alive import swaying
+from lab.tests.evaluation.test_takes import name_people
 
 from echoavatar.cli import main
 from echoavatar.errors import CheckpointError, EchoAvatarError
@@ -76,6 +77,7 @@ def test_the_commands_fit_it_and_tune_with_it(
     for name, size in (("dance_a", 0.2), ("dance_b", 0.4)):
         motion = swaying(400, size=size)
         write_bvh(tmp_path / "people" / f"{name}.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
+    name_people(tmp_path / "people", *(("music", name, "any", name) for name in ("dance_a", "dance_b")))
     tokens = save_clips(tmp_path / "tokens", 3, 18, held_out=True)
     common = [str(tokens), "--model", str(tiny_bundle)]
     sizes = ["--past", "2", "--own-past", "1", "--length", "12"]

@@ -10,6 +10,7 @@ import torch
 from lab.tests.align.moving_bodies import reference_statistics
 from lab.tests.align.tuning_fakes import clips, save_clips
 from lab.tests.evaluation.test_alive import swaying
+from lab.tests.evaluation.test_takes import name_people
 
 from echoavatar.cli import main
 from echoavatar.models.generator import Generator
@@ -96,6 +97,7 @@ def words(tmp_path: Path, tiny_bundle: Path) -> list[str]:
     for name, size in (("dance_a", 0.2), ("dance_b", 0.4)):
         motion = swaying(400, size=size)
         write_bvh(tmp_path / "people" / f"{name}.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
+    name_people(tmp_path / "people", *(("music", name, "any", name) for name in ("dance_a", "dance_b")))
     sizes = ["--past", "6", "--own-past", "1", "--length", "28", "--batch", "8", "--group", "2", "--accumulation", "2"]
     sizes += ["--layers", "1"]
     return [

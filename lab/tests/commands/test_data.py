@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lab.tests.evaluation.test_takes import name_people
 
 from echoavatar.cli import main
 from echoavatar.motion.formats import write_bvh
@@ -42,6 +43,8 @@ def test_a_corpus_is_told_apart_from_captured_people(tmp_path: Path, capsys: pyt
         clip = corpus.load(name)
         still = np.repeat(clip.rotations[:1], 900, axis=0), np.repeat(clip.root[:1], 900, axis=0)
         write_bvh(tmp_path / "people" / "dance" / f"{name}.bvh", corpus.skeleton, *still, 30.0)
+    names = corpus.names(has_mirrored=False)
+    name_people(tmp_path / "people", *(("music", name, "any", f"dance/{name}") for name in names))
     assert main(["data", "describe", str(tmp_path / "corpus"), "--captured", str(tmp_path / "people")]) == 0
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert rows[-4] == ["told", "apart", "corpus", "people"]

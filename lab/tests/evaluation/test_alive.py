@@ -12,7 +12,8 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar_lab.evaluation import alive
 from echoavatar_lab.evaluation.alive import draw, sheet
 from echoavatar_lab.evaluation.metrics.liveliness import KINDS, STATISTICS
-from echoavatar_lab.evaluation.takes import Take, read_captured, read_sounds
+from echoavatar_lab.evaluation.people import BARS, of_card, read_people
+from echoavatar_lab.evaluation.takes import Take, read_sounds
 
 
 def test_a_whole_run(tiny_bundle: Path, tmp_path: Path) -> None:
@@ -20,9 +21,12 @@ def test_a_whole_run(tiny_bundle: Path, tmp_path: Path) -> None:
     sounds = read_sounds(corpus(tmp_path), 12, 2)
     takes = alive.performance(Pipeline(load_bundle(str(tiny_bundle))), sounds, 12)
     assert {take.kind for take in takes} == set(KINDS)
-    found = alive.report([takes], read_captured(captured(tmp_path)), 12)
-    assert {"speech: English, female", "music: jazz", "speech, people", "speech, captured"} <= set(found.rows)
-    assert found.rows["speech, people"]["hand_speed"] == 0.94
+    found = alive.report([takes], read_people(captured(tmp_path)), 12)
+    assert {"speech: English, female", "music: jazz", "speech, people", "silence, people"} <= set(found.rows)
+    assert found.rows[f"speech, {BARS}"]["hand_speed"] == 0.94
+    talkers = [found.rows[f"speech, people: {who}"]["hand_speed"] for who in ("ann", "bob")]
+    assert found.rows["speech, people"]["hand_speed"] == pytest.approx(np.mean(talkers))
+    assert found.rows["silence, people"]["hand_speed"] == of_card()["silence"]["hand_speed"].mean  # nobody waits here
     assert set(found.rows["silence"]) == {*alive.SHOWN, "stillest", *alive.RESTING}
     assert found.frechet["speech"] > 0
     assert 0 <= found.told_apart["speech"] <= 1
@@ -72,16 +76,16 @@ def test_which_statistic_tells_ours_from_captured() -> None:
     assert rows["told apart by one"]["trunk_lean"] == 1
     assert max(value for name, value in rows["told apart by one"].items() if name != "trunk_lean") < 0.75
     assert rows["median"]["trunk_lean"] == pytest.approx(9, abs=0.7)
-    assert rows["captured, median"]["trunk_lean"] == pytest.approx(0, abs=0.7)
+    assert rows["people, median"]["trunk_lean"] == pytest.approx(0, abs=0.7)
     assert alive.by_statistic([side("ours", 9)], []) == {}
 
 
 def test_each_captured_person_has_a_row() -> None:
     people = [Take(f"{name}/1", "music", name, swaying(450, size=size)) for name, size in (("ann", 0.2), ("bob", 0.3))]
     found = alive.report([[Take("ours", "music", "", swaying(450, size=0.1))]], people, 12)
-    assert {label for label in found.rows if ": " in label} == {"music, captured: ann", "music, captured: bob"}
-    assert found.rows["music, captured: bob"]["hand_speed"] > found.rows["music, captured: ann"]["hand_speed"]
-    assert "music, captured: ann" in found.told_apart
+    assert {label for label in found.rows if ": " in label} == {"music, people: ann", "music, people: bob"}
+    assert found.rows["music, people: bob"]["hand_speed"] > found.rows["music, people: ann"]["hand_speed"]
+    assert "music, people: ann" in found.told_apart
 
 
 def test_several_performances_give_means_and_their_scatter() -> None:

@@ -14,7 +14,15 @@ from echoavatar_lab.evaluation.measures import UNITS, clip_statistics
 from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS
 from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
 from echoavatar_lab.evaluation.motion_folder import Pair, ReadOptions, read_pairs
-from echoavatar_lab.evaluation.report import evaluate, liveliness_rows, read_embeddings, retrieval_rows, score
+from echoavatar_lab.evaluation.report import (
+    evaluate,
+    liveliness_rows,
+    read_embeddings,
+    retrieval_rows,
+    score,
+    semantic_row,
+    style_rows,
+)
 from echoavatar_lab.evaluation.takes import Sound
 
 PROMISED = {
@@ -152,3 +160,50 @@ def test_a_row_for_each_statistic_with_the_truth_beside() -> None:
     assert list(rows) == list(STATISTICS)
     assert 0 < rows["hand_speed"].value < rows["hand_speed"].truth
     assert rows["hand_speed"].truth == pytest.approx(clip_statistics(swaying(240))[0])
+
+
+def dance_pairs(size: float) -> list[Pair]:
+    """Three clips of 11 s that sway by so much beside clips that sway by 0.3 and more."""
+    found = []
+    for n in range(3):
+        true = clip(f"c{n}", 330, size=0.3 + 0.05 * n, kind=MUSIC)
+        made = swaying(330, size=size + 0.05 * n)
+        found.append(Pair(true.name, made, true.motion(made.skeleton), true.audio, true.domain))
+    return found
+
+
+def test_dances_like_the_truth_are_no_distance_away_and_others_are() -> None:
+    near, far = ({row.name: row for row in score(dance_pairs(size), None)} for size in (0.3, 0.9))
+    assert near["fid_k"].value == pytest.approx(0, abs=1e-6)
+    assert far["fid_k"].value > 1
+    assert far["fid_g"].value > near["fid_g"].value
+    spoken = dance_pairs(0.3)
+    for pair in spoken:
+        pair.domain[:] = 1
+    assert not {"fid_k", "fid_g"} & {row.name for row in score(spoken, None)}
+
+
+def test_the_recall_of_meant_gestures_needs_labels(tmp_path: Path) -> None:
+    pairs = dance_pairs(0.3)
+    for pair in pairs[:2]:
+        (tmp_path / f"{pair.name}.txt").write_text("iconic_r\t1\t2\t1\t0.5\tbig\n")
+    row = semantic_row(pairs[:2], tmp_path)
+    assert row.value == pytest.approx(row.truth)
+    assert row.truth == pytest.approx(31 / 330 * 0.5 / 0.165)
+    with pytest.raises(EchoAvatarError, match="c2.txt"):
+        semantic_row(pairs, tmp_path)
+
+
+def test_dances_of_their_musics_style_are_nearer_to_it() -> None:
+    random = np.random.default_rng(0)
+    styles = ["salsa", "waltz"] * 12
+    middles = {"salsa": np.zeros(8), "waltz": np.full(8, 3.0)}
+    sounds, motions = (np.stack([middles[s] + random.normal(0, 0.5, 8) for s in styles]) for _ in range(2))
+    rows = {row.name: row for row in style_rows(sounds, motions, styles)}
+    assert rows["style_ratio"].interval.low > 3
+    assert rows["style_ratio"].value == pytest.approx(rows["style_inter"].value / rows["style_intra"].value)
+    half = np.concatenate([motions[:12], np.roll(motions[12:], 1, axis=0)])  # half of the dances are of the other style
+    mixed = {row.name: row for row in style_rows(sounds, half, styles)}
+    assert mixed["style_ratio"].value == pytest.approx(1, abs=0.1)
+    with pytest.raises(EchoAvatarError, match="two styles"):
+        style_rows(sounds, motions, ["salsa"] * 24)

@@ -58,20 +58,18 @@ def test_without_a_manifest_folders_are_classes(tmp_path: Path) -> None:
         takes.read_sounds(tmp_path, 30, 5)
 
 
-def captured(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    for name, frames in (("speech_a", 400), ("speech_b", 400), ("dance_a", 400), ("walk", 400), ("dance_short", 30)):
-        motion = swaying(frames, size=0.2)
-        write_bvh(folder / f"{name}.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
+def name_people(folder: Path, *rows: tuple[str, str, str, str]) -> Path:
+    """Write the folder's list of people: kind, person, use and the clip's name."""
+    lines = [f"{','.join(row)}.bvh" for row in rows]
+    (folder / "people.csv").write_text("\n".join(["kind,person,use,clip", *lines]) + "\n")
     return folder
 
 
-def test_captured_clips_tell_their_kind_by_their_path(tmp_path: Path) -> None:
-    assert [(take.name, take.kind) for take in takes.read_captured(captured(tmp_path / "set"))] == [
-        ("set/dance_a.bvh", "music"),
-        ("set/speech_a.bvh", "speech"),
-        ("set/speech_b.bvh", "speech"),
-    ]
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(EchoAvatarError, match="holds no captured"):
-        takes.read_captured(tmp_path / "empty")
+def captured(folder: Path) -> Path:
+    """Two people who talk and one who dances, named in a list; and a clip that the list leaves out."""
+    folder.mkdir(exist_ok=True)
+    for name in ("speech_a", "speech_b", "dance_a", "walk"):
+        motion = swaying(400, size=0.2)
+        write_bvh(folder / f"{name}.bvh", motion.skeleton, motion.rotations, motion.root, motion.fps)
+    talkers = (("speech", "ann", "any", "speech_a"), ("speech", "bob", "any", "speech_b"))
+    return name_people(folder, *talkers, ("music", "ann", "any", "dance_a"))

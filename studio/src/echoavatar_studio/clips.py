@@ -49,6 +49,12 @@ def load_clip(path: Path) -> Pose:
     return unpack_pose(message, joints=HUMANOID.joints, curves=len(ARKIT_NAMES))
 
 
+def without_face(path: Path) -> None:
+    """Write a clip again with a neutral face."""
+    pose = load_clip(path)
+    write_whole(path, encode(pack_pose(Pose(pose.rotations, pose.root, None), at=0, state="acting")))
+
+
 def save_sound(path: Path, audio: Float[np.ndarray, " s"]) -> None:
     """Write 24 kHz mono as FLAC: every browser plays it, and no encoder shifts it against the motion."""
     path.parent.mkdir(parents=True, exist_ok=True)

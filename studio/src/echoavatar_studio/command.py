@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .store import Store
 
 PASSWORD = "ECHOAVATAR_STUDIO_PASSWORD"
-ACTIONS = ("serve", "demo", "owner", "export", "backup", "restore")
+ACTIONS = ("serve", "demo", "owner", "export", "backup", "restore", "simulate")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  echoavatar studio --store postgresql://me@host/studio --host 0.0.0.0 --certificate c.pem --key k.pem\n"
         "  echoavatar studio owner --name anna            a new owner, or a new password\n"
         "  echoavatar studio export --id STUDY -o results\n"
+        "  echoavatar studio simulate --study study.yaml -o results   made-up raters judge it, from clips to tables\n"
         "  echoavatar studio backup -o studio.zip         while it runs; `restore -o studio.zip` into an empty one\n"
         "\nThe form of study.yaml, the pages and the API: docs/studio.md.\n"
     )
@@ -60,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", default="default", help="demo: bundle (default: %(default)s)")
     parser.add_argument("--name", default="owner", help="owner: whose password (default: %(default)s)")
     parser.add_argument("--id", metavar="STUDY", help="export: which study (default: the newest)")
-    parser.add_argument("-o", "--output", type=Path, help="export: folder; backup, restore: ZIP")
+    parser.add_argument("-o", "--output", type=Path, help="export, simulate: folder; backup, restore: ZIP")
     parser.add_argument("--no-browser", action="store_true", help="demo: only print where the page is")
 
 
@@ -83,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
                 return _owner(store, args.name)
             case "export":
                 return _export(store, folder / "media", args)
+            case "simulate":
+                return _simulate(Maker(store, folder / "media"), args)
             case "backup" | "restore":
                 return _copy(store, folder / "media", args)
         return _serve(store, Maker(store, folder / "media"), folder, args)
@@ -168,13 +171,29 @@ def _export(store: "Store", media: Path, args: argparse.Namespace) -> int:
         raise EchoAvatarError(f"there is no study {args.id or ''}; known: {', '.join(s.id for s in studies) or 'none'}")
     output, public = args.output or Path(f"study-{chosen[0].id}"), chosen[0].id
     make_output_folder(output)
-    found = results(store, public)
-    for name in (*found.exports, *found.plots):
+    for name in (*(found := results(store, public)).exports, *found.plots):
         data = export(store, media, public, name)
         write_whole(output / name, data)
         print(f"{output / name}  {len(data)} bytes")
     with store.write() as session:
         note(session, "studio", "exported", study=public, detail=str(output))
+    return 0
+
+
+def _simulate(maker: "Maker", args: argparse.Namespace) -> int:
+    from .rehearsal import as_text, rehearse_study
+    from .settings import read_study
+
+    if not args.study:
+        raise EchoAvatarError("`studio simulate` needs a study; give one or more with --study")
+    for path in args.study:
+        settings = read_study(path)
+        if settings.kind != "pairwise":
+            raise EchoAvatarError(f"{path} is a study of candidates; `studio simulate` judges pairwise ones")
+        public, found = rehearse_study(maker, settings, path.parent)
+        print(f"{settings.title}: study {public}\n{as_text(found)}", flush=True)
+        output = (args.output or Path("simulated")) / path.stem
+        _export(maker.store, maker.media, argparse.Namespace(id=public, output=output))
     return 0
 
 

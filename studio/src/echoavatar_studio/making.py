@@ -13,12 +13,12 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from echoavatar.engine.pipeline import Pipeline, load_bundle
-from echoavatar.errors import EchoAvatarError
+from echoavatar.errors import AudioError, EchoAvatarError
 from echoavatar.timing import CHUNK_SAMPLES, CHUNK_SECONDS, SAMPLE_RATE_HZ
 
 from .audit import note
 from .candidates import candidates, starts, token_file, token_name
-from .clips import Performance, Progress, corrupt, fit, save_clip, save_sound
+from .clips import Performance, Progress, corrupt, fit, save_clip, save_sound, without_face
 from .errors import RETRY_S, StoreAwayError
 from .planning import Item, plan
 from .secrecy import new_name
@@ -153,7 +153,7 @@ class Maker:
         study = _study(session, public)
         systems: dict[str, int] = {}
         for place, choice in enumerate(_systems(settings)):
-            system = System(study_id=study.id, name=choice.name, source=choice.model or choice.clips or "", place=place)
+            system = System(study_id=study.id, name=choice.name, source=_source(choice), place=place)
             session.add(system)
             session.flush()
             systems[choice.name] = system.id
@@ -191,27 +191,65 @@ class Maker:
 
 
 def make_pairwise(settings: PairwiseStudy, base: Path, folder: Path, progress: Progress) -> list[Material]:
-    """Make the clips of every system for every sound, system by system, so that only one model is in memory."""
+    """Make the clips of every system for every sound, system by system, so that only one model is in memory.
+
+    Every clip shows the same kind of face: where a system brings none, or its motion is to another sound, all faces of
+    the study are neutral, so that no face tells a system. A muted study has silence for sound.
+    """
     cuts = read_sounds(settings.sounds, base, seconds=settings.seconds)
     total, done = len(cuts) * len(settings.systems), 0
     clips: dict[int, list[tuple[str, str, int | None, None]]] = {number: [] for number in range(len(cuts))}
     corrupted: dict[int, Performance] = {}
+    places = {system.name: place for place, system in enumerate(settings.systems)}
+    is_neutral = any(system.mismatched for system in settings.systems)
     for place, system in enumerate(settings.systems):
+        if system.mismatched is not None:
+            continue
         performer = perform(system, cuts, base)
         for number, cut in enumerate(cuts):
             progress(done, total, f"{system.name}: {cut.name}")
             shown, seed = performer.motion(cut, number)
-            file = f"{number:03d}-{place:02d}.motion"
+            is_neutral = is_neutral or shown.face is None
+            file = _file(number, place)
             save_clip(folder / file, shown)
             clips[number].append((system.name, file, seed, None))
             if number not in corrupted:
                 corrupted[number] = corrupt(shown, number)
             done += 1
+    for place, system in enumerate(settings.systems):
+        if system.mismatched is not None:
+            for number, other in enumerate(others_of_category(cuts)):
+                shutil.copyfile(folder / _file(other, places[system.mismatched]), folder / _file(number, place))
+                clips[number].append((system.name, _file(number, place), None, None))
+    if is_neutral:
+        for _, file, _, _ in (one for own in clips.values() for one in own):
+            without_face(folder / file)
+        corrupted = {number: shown._replace(face=None) for number, shown in corrupted.items()}
     progress(total, total, "planning")
+    silence = 0.0 if settings.muted else 1.0
     return [
-        _stored(folder, number, cut, cut.audio, tuple(clips[number]), corrupted[number])
+        _stored(folder, number, cut, cut.audio * silence, tuple(clips[number]), corrupted[number])
         for number, cut in enumerate(cuts)
     ]
+
+
+def others_of_category(cuts: Sequence[SoundCut]) -> list[int]:
+    """For each sound the number of the next one of its category, the last one's being the first.
+
+    Raises:
+        AudioError: a category has one sound, to which nothing can be mismatched.
+    """
+    found = []
+    for number, cut in enumerate(cuts):
+        own = [at for at, other in enumerate(cuts) if other.category == cut.category]
+        if len(own) < 2:
+            raise AudioError(f"{cut.name} is the only sound of {cut.category}; mismatched motion needs another one")
+        found.append(own[(own.index(number) + 1) % len(own)])
+    return found
+
+
+def _file(number: int, place: int) -> str:
+    return f"{number:03d}-{place:02d}.motion"
 
 
 def make_preference(settings: PreferenceStudy, base: Path, folder: Path, progress: Progress) -> list[Material]:
@@ -270,6 +308,10 @@ def _systems(settings: PairwiseStudy | PreferenceStudy) -> Sequence[SystemChoice
     if settings.kind == "pairwise":
         return settings.systems
     return [SystemChoice(name=Path(settings.model).name[:80], model=settings.model)]
+
+
+def _source(choice: SystemChoice) -> str:
+    return choice.model or choice.clips or f"{choice.mismatched}, to another sound"
 
 
 def _study(session: Session, public: str) -> Study:

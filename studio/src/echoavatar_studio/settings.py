@@ -37,11 +37,14 @@ class SoundChoice(Config):
 
 
 class SystemChoice(Config):
-    """A system that is compared: a model that makes its clips, or a folder that holds them."""
+    """A system that is compared: a model that makes its clips, a folder that holds them, or a mismatch of another."""
 
     name: str = Field(min_length=1, max_length=80, description="its name in the table")
     model: str | None = Field(default=None, description="name or folder of a bundle")
     clips: str | None = Field(default=None, description="folder of .npz or .bvh motion named after the sound files")
+    mismatched: str | None = Field(
+        default=None, description="name of the system whose motion to another sound of the category is shown (GENEA)"
+    )
     seed: int = Field(default=0, ge=0, le=LARGEST_SEED, description="seed of the model")
     group: str = Field(
         default="", max_length=80, description="heading of the table's rows; only systems of one group are compared"
@@ -49,8 +52,8 @@ class SystemChoice(Config):
 
     @model_validator(mode="after")
     def _has_one_source(self) -> Self:
-        if (self.model is None) == (self.clips is None):
-            raise ValueError(f"system {self.name!r} needs either a model or a folder of clips")
+        if sum(source is not None for source in (self.model, self.clips, self.mismatched)) != 1:
+            raise ValueError(f"system {self.name!r} needs one of model, clips (a folder) and mismatched (a system)")
         return self
 
 
@@ -83,6 +86,7 @@ class PairwiseStudy(_Study):
     seconds: float = Field(default=10.0, ge=1, le=60, description="length of a clip")
     presentation: Presentation = "sequential"
     questions: tuple[Question, ...] = Field(default=QUESTIONS, min_length=1)
+    muted: bool = Field(default=False, description="raters hear nothing, as when realism alone is asked (GENEA)")
 
     @model_validator(mode="after")
     def _names_are_one_each(self) -> Self:
@@ -92,6 +96,15 @@ class PairwiseStudy(_Study):
         if len(set(self.questions)) < len(self.questions):
             raise ValueError("a question is asked twice")
         groups = [system.group for system in self.systems]
+        if self.muted and "beat_matching" in self.questions:
+            raise ValueError("a muted study cannot ask beat_matching; name the questions without it")
+        made = {system.name: system.group for system in self.systems if system.mismatched is None}
+        for system in self.systems:
+            if system.mismatched is not None and made.get(system.mismatched) != system.group:
+                raise ValueError(
+                    f"system {system.name!r} is mismatched of {system.mismatched!r}, which must be a system of its own"
+                    " group with a model or a folder"
+                )
         if lone := [group for group in groups if groups.count(group) == 1]:
             raise ValueError(f"group {lone[0]!r} has one system; at least two must meet")
         return self

@@ -311,7 +311,7 @@ def _targets(args: argparse.Namespace, progress: Callable[[int, int], None]) -> 
     from echoavatar_lab.align.start import tune
     from echoavatar_lab.align.target_task import target_task
     from echoavatar_lab.align.trainer import recipe
-    from echoavatar_lab.evaluation.takes import read_captured
+    from echoavatar_lab.evaluation.people import read_people
 
     training = _training(args, recipe("targets", "grpo"), TARGET_SETTINGS)
     for name, least, why in (("past", 5, "the decoder's memory"), ("length", 28, "as `novelty` compares seconds")):
@@ -321,7 +321,7 @@ def _targets(args: argparse.Namespace, progress: Callable[[int, int], None]) -> 
         training,
         args.source,
         args.output,
-        read_captured(args.captured),
+        read_people(args.captured, for_training=True),
         bundle=args.model,
         generator=args.generator,
         like=args.like,

@@ -217,7 +217,7 @@ def _realism(
     from echoavatar_lab.align.policy import GeneratorPolicy
     from echoavatar_lab.align.prompts import PromptSampler
     from echoavatar_lab.align.realism import fit_realism
-    from echoavatar_lab.evaluation.takes import read_captured
+    from echoavatar_lab.evaluation.people import read_people
 
     if args.own_past > args.past:
         raise EchoAvatarError(f"--own-past ({args.own_past}) chunks are the last of --past ({args.past}): lower it")
@@ -234,7 +234,7 @@ def _realism(
         GeneratorPolicy(generator),
         bundle.tokenizer,
         book,
-        read_captured(args.captured),
+        read_people(args.captured, for_training=True),
         length=args.length,
         prompts=args.prompts,
         group=args.group,

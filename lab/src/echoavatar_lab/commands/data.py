@@ -192,6 +192,7 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
 
     from echoavatar_lab.data import DOMAINS
     from echoavatar_lab.evaluation.metrics.liveliness import PEOPLE, STATISTICS, body_points, liveliness, windows
+    from echoavatar_lab.evaluation.people import of_card
 
     found = {
         DOMAINS[domain]: [
@@ -202,13 +203,15 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
         ]
         for domain, long in motions.items()
     }
-    print(f"{'how alive':<26}" + "".join(f"{name:>16}{'people':>24}" for name in found))
+    people = of_card()
+    print(f"{'how alive':<26}" + "".join(f"{name:>16}{'people':>24}{'first bars':>24}" for name in found))
     for name in STATISTICS:
         cells = ""
         for kind, rows in found.items():
             mean, low, high = PEOPLE[kind][name]
-            own = float(np.mean([row[name] for row in rows])) if rows else float("nan")
-            cells += f"{own:>16.3f}{f'{mean:g} ({low:g} to {high:g})':>24}"
+            own, named = float(np.mean([row[name] for row in rows])) if rows else float("nan"), people[kind][name]
+            cells += f"{own:>16.3f}{f'{named.mean:.3g} ({named.low:.3g} to {named.high:.3g})':>24}"
+            cells += f"{f'{mean:g} ({low:g} to {high:g})':>24}"
         print(f"{name:<26}{cells}")
 
 
@@ -216,9 +219,10 @@ def _print_told_apart(clips: "list[Clip]", skeleton: "Skeleton", folder: Path) -
     """A third table: accuracy of the classifier of `evaluate BUNDLE alive` on windows of 10 s (docs/metrics.md)."""
     from echoavatar_lab.data import DOMAINS, MUSIC, SILENCE, SPEECH
     from echoavatar_lab.evaluation.alive import COMPARED_S, captured_kind, compare, measure, people_apart
-    from echoavatar_lab.evaluation.takes import Take, read_captured
+    from echoavatar_lab.evaluation.people import read_people
+    from echoavatar_lab.evaluation.takes import Take
 
-    people = [measure(take, LONGEST_WINDOW_S) for take in read_captured(folder)]
+    people = [measure(take, LONGEST_WINDOW_S) for take in read_people(folder)]
     print(f"{'told apart':<26}{'corpus':>16}{'people':>24}")
     for domain in (SPEECH, MUSIC, SILENCE):
         kind = DOMAINS[domain]

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from echoavatar.cli.options import RUNTIME_HELP
 from echoavatar.errors import EchoAvatarError
-from echoavatar.json_reader import read_object_file
-from echoavatar.whole_file import write_whole
 
+from . import evaluate_beside as beside
 from .progress import progress_bar
 
 if TYPE_CHECKING:
@@ -31,9 +30,12 @@ EXAMPLES = """examples:
   echoavatar evaluate default jury --motion corpus --captured people
   echoavatar evaluate default codes --corpus corpus --tokenizer runs/tokenizer
   echoavatar evaluate default domains --captured people
+  echoavatar evaluate default people --captured data --card my-bundle/card.json
+  echoavatar evaluate default drift --recordings sounds --minutes 10 --clips 4
 `echoavatar evaluate BUNDLE MEASURE --help` explains one measure; what each row means: docs/metrics.md.
 """
 TURNS = ("yaw", "pitch")
+CAPTURED_HELP = "folder of the named clips of captured people: our list, or its own people.csv (docs/metrics.md)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " silence and listening",
         *("clips", "recordings", "seconds", "repeats"),
     )
-    alive.add_argument("--captured", type=Path, help="folder of captured motion to compare with")
+    alive.add_argument("--captured", type=Path, metavar="FOLDER", help=CAPTURED_HELP)
     alive.add_argument("--pictures", type=Path, metavar="PNG", help="write stills of each take, and a plot")
     alive.add_argument("--card", type=Path, metavar="JSON", help="also write the rows into this card.json of a bundle")
     jury = measure(
@@ -78,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " --recordings",
         *("clips", "recordings", "seconds", "repeats"),
     )
-    jury.add_argument("--captured", type=Path, required=True, help="folder of captured motion that makes the range")
+    jury.add_argument("--captured", type=Path, required=True, metavar="FOLDER", help=CAPTURED_HELP)
     jury.add_argument(
         "--motion", type=Path, metavar="FOLDER", help="judge the first --clips takes or clips of this folder or corpus"
     )
@@ -128,6 +130,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         *("clips", "recordings", "seconds", "repeats"),
     )
     domains.add_argument("--captured", type=Path, help="folder of captured motion to compare with")
+    people = measure("people", "the named captured people: means and intervals over people, nothing of the bundle")
+    people.add_argument("--captured", type=Path, required=True, metavar="FOLDER", help=CAPTURED_HELP)
+    people.add_argument("--seconds", type=float, default=30.0, help="length of a window (default: 30)")
+    people.add_argument("--card", type=Path, metavar="JSON", help="also write the numbers into this card.json")
+    drift = measure(
+        "drift",
+        "drift over minutes: a minute of each sound is repeated, and the rows of alive and of the jury in the first and"
+        " the last minute are compared, with intervals over sounds (windows of --seconds)",
+        *("clips", "recordings", "seconds", "repeats"),
+    )
+    drift.add_argument("--minutes", type=int, default=10, help="how long the sound is repeated (default: 10)")
+    drift.add_argument("--minute", type=float, default=60.0, metavar="S", help="length of a minute (default: 60 s)")
 
 
 def _shared(parser: argparse.ArgumentParser, *names: str, is_measure: bool = False) -> None:
@@ -174,8 +188,8 @@ def run(args: argparse.Namespace) -> int:
     print(f"runtime: {bundle.runtime.label}")
     if args.split == "test":
         _claim_test(args)
-    own = {"alive": _alive, "jury": _jury, "dial": _dial, "actions": _actions}
-    own |= {"face": _face, "feelings": _feelings, "codes": _codes, "domains": _domains}
+    own = {"alive": _alive, "jury": _jury, "actions": _actions, "face": _face, "feelings": _feelings, "codes": _codes}
+    own |= {"domains": _domains, "people": beside.people, "drift": beside.drift, "dial": beside.dial}
     numbers = own.get(args.measure, _whole)(args, bundle)
     if numbers:
         print(json.dumps(numbers))
@@ -236,8 +250,8 @@ def _face(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     with progress_bar() as say:
         scores = evaluate_face(bundle, tracks, speech, seed=args.seed, progress=partial(say, "face"))._asdict()
     for key, value in scores.items():
-        print(f"{key:<44}{value:>12.4f}")
-    return _rounded(scores)
+        print(f"{key:<44}{value:>12.4g}")
+    return {key: float(f"{value:.5g}") if math.isfinite(value) else None for key, value in scores.items()}
 
 
 def _feelings(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
@@ -289,13 +303,14 @@ def _head_turns(acted: "Sequence[ActionScore]") -> dict[str, dict[str, list[floa
 def _alive(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar_lab.evaluation import alive
+    from echoavatar_lab.evaluation.people import read_people
     from echoavatar_lab.evaluation.pictures import save_picture
     from echoavatar_lab.evaluation.report import SEED_STRIDE
-    from echoavatar_lab.evaluation.takes import read_captured, read_sounds
+    from echoavatar_lab.evaluation.takes import read_sounds
 
     if not args.recordings:
         raise EchoAvatarError("`alive` performs recorded sound; give a folder with --recordings")
-    captured = read_captured(args.captured) if args.captured else []
+    captured = read_people(args.captured) if args.captured else []
     sounds = read_sounds(args.recordings, args.seconds, args.clips, split=args.split)
     seeds = [args.seed + SEED_STRIDE * again for again in range(args.repeats or 1)]
     pipeline = Pipeline(bundle.without(["face"]))  # no row is of the face, which takes half the time
@@ -314,7 +329,8 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
     if args.card:
         asked = f"alive --clips {args.clips} --seconds {args.seconds:g} --seed {args.seed}"
         asked += f" --repeats {args.repeats}" if args.repeats else ""
-        _write_scores(args.card, f"echoavatar evaluate BUNDLE {asked}", numbers)
+        ours = {label: row for label, row in numbers.items() if "people" not in label}
+        beside.write_card(args.card, "alive", f"echoavatar evaluate BUNDLE {asked}", ours)
     print(alive.as_text(found))
     return numbers
 
@@ -323,12 +339,13 @@ def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     from echoavatar.engine.pipeline import Pipeline
     from echoavatar_lab.evaluation import jury
     from echoavatar_lab.evaluation.onlooker import read_judges, told_apart
+    from echoavatar_lab.evaluation.people import read_people
     from echoavatar_lab.evaluation.report import SEED_STRIDE
-    from echoavatar_lab.evaluation.takes import perform, read_captured, read_sounds
+    from echoavatar_lab.evaluation.takes import perform, read_sounds
 
     if not args.motion and not args.recordings:
         raise EchoAvatarError("`jury` performs recorded sound (--recordings) or judges --motion; give one")
-    captured = read_captured(args.captured)
+    captured = read_people(args.captured)
     judges = read_judges(args.judges) if args.judges else []
     ours = jury.read_moving(args.motion, args.clips) if args.motion else []
     with progress_bar() as say:
@@ -342,40 +359,6 @@ def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     told = {kind: told_apart(*both) for kind, both in sides.items()}
     print(jury.as_text(found, told))
     return jury.as_json(found, told)
-
-
-def _dial(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
-    from echoavatar.engine.pipeline import Pipeline
-    from echoavatar_lab.evaluation import dial
-    from echoavatar_lab.evaluation.takes import read_captured, read_sounds
-
-    if not args.recordings:
-        raise EchoAvatarError("`dial` performs recorded speech; give a folder with --recordings")
-    captured = read_captured(args.captured) if args.captured else []
-    sounds = read_sounds(args.recordings, args.seconds, args.clips, split=args.split)
-    with progress_bar() as say:
-        settings = dial.turn_dials(
-            Pipeline(bundle.without(["face"])),
-            sounds,
-            captured,
-            args.seconds,
-            seed=args.seed,
-            progress=partial(say, "settings"),
-        )
-    if args.pictures:
-        dial.draw(settings, args.pictures)
-    print(dial.as_text(settings))
-    return dial.as_json(settings)
-
-
-def _write_scores(path: Path, command: str, numbers: dict[str, dict[str, float | None]]) -> None:
-    """Put the rows of the avatar, without those of people, into a card that is there already."""
-    try:
-        card = read_object_file(path)
-        scores = {label: row for label, row in numbers.items() if "people" not in label and "captured" not in label}
-    except (OSError, EchoAvatarError) as error:
-        raise EchoAvatarError(f"--card {path} is not the card of a bundle ({error}); give its card.json") from error
-    write_whole(path, json.dumps(card | {"alive": {"command": command} | scores}, indent=2) + "\n")
 
 
 def _domains(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":

@@ -34,7 +34,8 @@ safetensors), dataset-composition (gesture, dance, both), layouts (order of the 
 (stages of --model on --device), alignment (no RL, DPO, GRPO, PPO), retrieval (does sound find its motion), codec and
 sound-labels (--corpus is a folder of recordings with a manifest.csv): what a reader finds in audio codes, those of
 --codec beside the default bundle's; how well such recordings are labelled. user-study is no table: it writes a folder
-with a study.yaml and the clips of the paper's three comparisons, for `echoavatar studio --study`. all makes every table
+with a study.yaml and the clips of the paper's three comparisons, and two studies after GENEA (realism.yaml, muted;
+appropriateness.yaml, beside mismatched motion), for `echoavatar studio --study`. all makes every table
 but codec and sound-labels, and beat2 only where no --corpus is given.
 """
 TABLES = (
@@ -83,6 +84,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " .bvh or .pkl (SMPL as EDGE writes it), named after the clips; may be repeated",
     )
     parser.add_argument("--resample", action="store_true", help="take motion of --with that is not at 30 fps")
+    parser.add_argument(
+        "--simulate", action="store_true", help="user-study: made-up raters judge the studies, which tests their design"
+    )
     parser.add_argument("--model", help="bundle for latency (default: the default bundle)")
     parser.add_argument("--device", default="cpu", help="where to train and generate (default: %(default)s)")
     parser.add_argument("--seeds", type=_count, default=1, metavar="N", help="train and sample N times (default: 1)")
@@ -139,9 +143,19 @@ def run(args: argparse.Namespace) -> int:
         if args.table == STUDY:
             from echoavatar_lab.tables.user_study import write_study
 
-            print(f"written: {write_study(experiment)}; open it with `echoavatar studio --study`")
-            return 0
+            path = write_study(experiment)
+            print(f"written: {path}; open it with `echoavatar studio --study`", flush=True)
+            return _simulate(path.parent) if args.simulate else 0
         return _tables(args, experiment)
+
+
+def _simulate(folder: Path) -> int:
+    """Have the studio's made-up raters judge the studies of a folder, one after another."""
+    from echoavatar.cli import main
+
+    words = [word for path in sorted(folder.glob("*.yaml")) for word in ("--study", str(path))]
+    place = folder / "simulated"
+    return main(["studio", "simulate", *words, "--folder", str(place / "studio"), "-o", str(place)])
 
 
 def _tables(args: argparse.Namespace, experiment: "Experiment") -> int:

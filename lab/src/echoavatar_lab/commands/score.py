@@ -61,7 +61,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="shipped",
         help="folder of a trained extractor, or 'none' for no FID (default: %(default)s)",
     )
-    parser.add_argument("--embeddings", type=Path, metavar="NPZ", help="also score retrieval of these pairs")
+    parser.add_argument(
+        "--embeddings",
+        type=Path,
+        metavar="NPZ",
+        help="also score retrieval of these pairs and, with an array `style`, whether dances have their music's style",
+    )
+    parser.add_argument(
+        "--semantic", type=Path, metavar="FOLDER", help="also SRGR, with BEAT's labels NAME.txt of this folder"
+    )
     parser.add_argument(
         "--seed",
         type=seed,
@@ -75,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Score, print a table, then one line of JSON."""
     from echoavatar_lab.evaluation.motion_folder import made_how
-    from echoavatar_lab.evaluation.report import read_embeddings, retrieval_rows
+    from echoavatar_lab.evaluation.report import read_embeddings, retrieval_rows, style_rows
     from echoavatar_lab.evaluation.table import as_json, as_text, draw
 
     if (args.made is None) != (args.true is None) or (args.made is None and not args.embeddings):
@@ -84,7 +92,9 @@ def run(args: argparse.Namespace) -> int:
         raise EchoAvatarError("--runtime needs --model: motion that is there already is scored as it is")
     rows = _motion_rows(args) if args.made else []
     if args.embeddings:
-        rows += retrieval_rows(*read_embeddings(args.embeddings), seed=args.seed)
+        audio, motion, styles = read_embeddings(args.embeddings)
+        rows += retrieval_rows(audio, motion, seed=args.seed)
+        rows += style_rows(audio, motion, styles, seed=args.seed) if styles else []
     if args.picture:
         draw(rows, args.picture, title=f"{args.made or args.embeddings} against {args.true or 'chance'}")
     if not args.json:
@@ -99,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
 def _motion_rows(args: argparse.Namespace) -> "list[Row]":
     from echoavatar_lab.data import DOMAINS
     from echoavatar_lab.evaluation.motion_folder import ReadOptions, read_pairs
-    from echoavatar_lab.evaluation.report import score
+    from echoavatar_lab.evaluation.report import score, semantic_row
 
     extractor = _extractor(args.extractor)
     how = ReadOptions(
@@ -114,7 +124,8 @@ def _motion_rows(args: argparse.Namespace) -> "list[Row]":
         if args.model:
             _make(args, how, partial(say, "making"))
         pairs = read_pairs(args.made, args.true, how, progress=partial(say, "reading"))
-        return score(pairs, extractor, seed=args.seed, progress=partial(say, "scoring"))
+        rows = score(pairs, extractor, seed=args.seed, progress=partial(say, "scoring"))
+        return rows + ([semantic_row(pairs, args.semantic, seed=args.seed)] if args.semantic else [])
 
 
 def _make(args: argparse.Namespace, how: "ReadOptions", progress: "Callable[[int, int], None]") -> None:

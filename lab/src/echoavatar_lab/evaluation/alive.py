@@ -39,7 +39,9 @@ from .metrics.liveliness import (
     windows,
 )
 from .paid_for import LEGEND, marked
+from .people import BARS, of_card
 from .pictures import contact_sheet
+from .table import mean_interval
 from .takes import Sound, Take, joined, perform
 
 QUIET_TAKES = 3  # of silence, and of listening
@@ -153,12 +155,11 @@ def report(
         found.rows |= {f"{kind}: {g}": mean_statistics([o for o in ours if o.take.group == g]) for g in groups}
         if len(each) > 1:
             found.rows[f"{kind}, scatter"] = scatter(each)
-        found.rows[f"{kind}, people"] = {name: mean for name, (mean, *_) in PEOPLE[kind].items()}
+        found.rows |= people_rows(kind, theirs)
         if theirs:
-            found.rows[f"{kind}, captured"] = mean_statistics(theirs)
             compared = np.array([compare(takes, theirs) for takes in each])
             found.frechet[kind], found.told_apart[kind] = map(float, compared.mean(0))
-            found.told_apart[f"{kind}, captured"] = people_apart(theirs)
+            found.told_apart[f"{kind}, people"] = people_apart(theirs)
             found.rows |= {f"{kind}, {label}": row for label, row in by_statistic(each, theirs).items()}
             if len(each) > 1:
                 found.frechet[f"{kind}, scatter"], found.told_apart[f"{kind}, scatter"] = map(
@@ -167,9 +168,38 @@ def report(
             if kind == captured_kind(kind):  # once: listening has the same people as silence
                 for person, accuracy in each_apart(theirs).items():
                     own = [one for one in theirs if one.take.group == person]
-                    found.rows[f"{kind}, captured: {person}"] = mean_statistics(own)
-                    found.told_apart[f"{kind}, captured: {person}"] = accuracy
+                    found.rows[f"{kind}, people: {person}"] = mean_statistics(own)
+                    found.told_apart[f"{kind}, people: {person}"] = accuracy
     return found
+
+
+def people_rows(kind: str, theirs: Sequence[Measured]) -> dict[str, Statistics]:
+    """Means and intervals over the named people (without clips: of the default bundle's card), and the first bars.
+
+    Of named people each weighs the same; `stillest` and `RESTING` are of all their windows.
+    """
+    if not theirs:
+        found = of_card()[kind]
+        means: Statistics = {name: one.mean for name, one in found.items()}
+        ends = {name: one.interval for name, one in found.items()}
+    else:
+        each = [mean_statistics([one for one in theirs if one.take.group == who]) for who in _persons(theirs)]
+        columns = {name: np.array([row[name] for row in each]) for name in SHOWN}
+        known = {name: column[np.isfinite(column)] for name, column in columns.items()}
+        means = mean_statistics(theirs) | {
+            name: float(column.mean()) if len(column) else float("nan") for name, column in known.items()
+        }
+        ends = {name: mean_interval(column) for name, column in known.items()}
+    return {
+        f"{kind}, people": means,
+        f"{kind}, people, 95 % from": {name: end.low for name, end in ends.items()},
+        f"{kind}, people, 95 % to": {name: end.high for name, end in ends.items()},
+        f"{kind}, {BARS}": {name: mean for name, (mean, *_) in PEOPLE[kind].items()},
+    }
+
+
+def _persons(theirs: Sequence[Measured]) -> list[str]:
+    return list(dict.fromkeys(one.take.group for one in theirs))
 
 
 def captured_kind(kind: str) -> str:
@@ -200,7 +230,7 @@ def by_statistic(performances: Sequence[Sequence[Measured]], theirs: Sequence[Me
     together = np.concatenate([made for made, _ in tables])
     return {
         "median": dict(zip(STATISTICS, map(float, np.median(together, 0)), strict=True)),
-        "captured, median": dict(zip(STATISTICS, map(float, np.median(true, 0)), strict=True)),
+        "people, median": dict(zip(STATISTICS, map(float, np.median(true, 0)), strict=True)),
         "told apart by one": {
             name: float(
                 np.mean([held_out_accuracy(made[:, [at]], true[:, [at]], clips, true_clips) for made, clips in tables])
@@ -304,10 +334,14 @@ def draw(found: AliveReport, path: Path) -> None:
     Raises EchoAvatarError if the picture cannot be written.
     """
     figure = Figure(figsize=(10.0, 7.5), layout="constrained")
+    people = of_card()
     for axis, (name, unit) in zip(figure.subplots(3, 3).flat, STATISTICS.items(), strict=True):
         for place, kind in enumerate(KINDS):
-            mean, low, high = PEOPLE[kind][name]
-            axis.vlines(place, low, high, color="#d9d9d9", lw=16)
+            one = people[kind][name]
+            mean = found.rows.get(f"{kind}, people", {}).get(name, one.mean)
+            theirs = [m for m in found.captured if m.take.kind == captured_kind(kind)]
+            values = [v for m in theirs for row in m.windows if np.isfinite(v := row[name])]
+            axis.vlines(place, min(values, default=one.low), max(values, default=one.high), color="#d9d9d9", lw=16)
             axis.hlines(mean, place - 0.22, place + 0.22, color="#5c5c5c", lw=1.5)
             _dots(axis, place + 0.13, found.captured, captured_kind(kind), name, _CAPTURED)
             _dots(axis, place - 0.13, found.made, kind, name, _MADE)
@@ -315,7 +349,7 @@ def draw(found: AliveReport, path: Path) -> None:
         axis.set_title(f"{name}{f' ({unit})' if unit else ''}", fontsize=9)
         axis.tick_params(axis="y", labelsize=8)
     figure.suptitle(
-        "blue: windows of the bundle; grey dots: captured; bar and line: range and mean of people", fontsize=9
+        "blue: windows of the bundle; grey dots: captured; bar and line: range and mean of the named people", fontsize=9
     )
     save_figure(figure, path)
 

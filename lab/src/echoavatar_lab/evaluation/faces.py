@@ -7,6 +7,7 @@ Not in the paper, which shows faces but does not measure them.
 - `closed_on_pbm`: share of p, b and m during which the mouth closes (opening at most `CLOSED`), a frame before and
   after included. For comparison: how often the mouth is closed at other times by chance, and the truth's share.
 - `silent_motion`: mean change of the opening per frame in silences over half a second, over that in speech.
+- `face_mse`, m2, and `face_lvd`, m a frame: errors of the character's vertices over all frames (`metrics.face_errors`).
 - `envelope_pearson`: correlation of the opening with the loudness of recorded speech, which has no truth.
 """
 
@@ -29,6 +30,8 @@ from echoavatar_lab.corpora.rehearsal.track import compose_track
 from echoavatar_lab.corpora.sound import SoundTrack
 from echoavatar_lab.corpora.speech.lips import lip_curves
 
+from .metrics.face_errors import errors_on_mesh
+
 CLOSED = 0.05  # share of the jaw's full opening at which lips touch
 CLOSING_PHONES = ("p", "b", "m", "em")
 MOST_LAG_FRAMES = 8
@@ -46,6 +49,8 @@ class FaceScores(NamedTuple):
     closed_on_pbm_truth: float
     closed_elsewhere: float
     silent_motion: float
+    face_mse: float
+    face_lvd: float
     envelope_pearson: float
 
 
@@ -64,10 +69,13 @@ def evaluate_face(
     if bundle.face is None:
         raise EchoAvatarError(f"bundle {bundle.name} has no face model; train one (`echoavatar train face`)")
     stream, total = FaceStream(bundle.face), len(tracks) + len(recordings)
-    made, truths, envelopes = [], [], []
+    made, truths, envelopes, errors = [], [], [], []
     for number, track in enumerate(tracks):
-        truths.append(opening(lip_curves(track, ARKIT_NAMES)))
-        made.append(opening(animate_face(stream, track.audio, seed=seed))[: len(truths[-1])])
+        true = lip_curves(track, ARKIT_NAMES)
+        own = animate_face(stream, track.audio, seed=seed)[: len(true)]
+        truths.append(opening(true))
+        made.append(opening(own))
+        errors.append(errors_on_mesh(own, true))
         if progress:
             progress(number + 1, total)
     for number, audio in enumerate(recordings, len(tracks)):
@@ -85,6 +93,8 @@ def evaluate_face(
         closed_on_pbm_truth=_share_closed(truths, closing),
         closed_elsewhere=_share_closed(made, [_moved(spans, len(m)) for spans, m in zip(closing, made, strict=True)]),
         silent_motion=_motion(made, still) / _motion(made, spoken),
+        face_mse=float(np.mean([mse for mse, _ in errors])) if errors else float("nan"),
+        face_lvd=float(np.mean([lvd for _, lvd in errors])) if errors else float("nan"),
         envelope_pearson=float(np.mean(envelopes)) if envelopes else float("nan"),
     )
 

@@ -21,13 +21,15 @@ from sklearn.linear_model import RidgeClassifierCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from echoavatar.errors import EchoAvatarError
+from echoavatar.motion.formats import read_bvh
 from echoavatar.timing import FRAME_RATE_HZ
 
 from .metrics.distributions import LogOdds, held_out_right, parts
 from .metrics.liveliness import MUSIC, SILENCE, SPEECH, Points, in_shoulder_frame
 from .metrics.tells import JUDGED
 from .table import LEVEL, NAN, SAMPLES, UNKNOWN, Interval
-from .takes import Take, judged, read_captured
+from .takes import Take, judged, told_by_path
 
 WINDOW_S, HOP_S = 3.0, 1.5
 KERNELS, TAPS, DILATIONS, SEEN = 1024, 9, (1, 2, 4, 8), 4  # channels that one kernel sees: about 4
@@ -57,7 +59,13 @@ def read_judges(folder: Path) -> list[Take]:
 
     Each folder should hold one person. Raises EchoAvatarError if there is none, or one cannot be read.
     """
-    return [take for take in read_captured(folder, _WORDS, WINDOW_S) if take.kind != SILENCE]
+    takes = []
+    for path, said, kind in told_by_path(folder, _WORDS):
+        if kind not in (None, SILENCE) and (motion := read_bvh(path)).seconds >= WINDOW_S:
+            takes.append(Take(said, kind, path.parent.name, motion))
+    if not takes:
+        raise EchoAvatarError(f"{folder} holds nobody who talks or dances (.bvh of 3 s and more); see docs/metrics.md")
+    return takes
 
 
 def told_apart(ours: Sequence[Take], people: Sequence[Take]) -> dict[str, Told]:

@@ -18,11 +18,11 @@ from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.motion.formats.tables import NpzArrays
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.timing import SAMPLE_RATE_HZ, ChunkSize
+from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, ChunkSize
 from echoavatar_lab.data import DOMAINS, MUSIC, SILENCE, SPEECH, Clip
 from echoavatar_lab.evaluation.batch import animate_many
 
-from .beat_rows import ClipAudio, alignment_row, dance_rows, event_rows, gesture_rows
+from .beat_rows import ClipAudio, alignment_row, at_rate, dance_rows, event_rows, gesture_rows
 from .codes import error_rows, reconstruction_rows, reliance, reliance_rows, token_clips
 from .measures import (
     UNITS,
@@ -36,13 +36,16 @@ from .measures import (
     hand_speed_m_s,
     leg_energy,
     measure_clip,
+    stretches,
     track,
 )
 from .metrics.beat_alignment import ARM_JOINTS, dance_beats, gesture_beats, music_beats, speech_onsets
-from .metrics.distributions import Moments, frechet_between, pooled
-from .metrics.liveliness import STATISTICS
+from .metrics.dance_features import LONGEST_S, RATE_HZ, geometric, kinetic, smpl_positions
+from .metrics.distributions import Moments, frechet_between, moments, pooled, scaled_by_truth
+from .metrics.liveliness import STATISTICS, windows
 from .metrics.positions import Reconstruction, reconstruction
-from .metrics.retrieval import PAPER_GALLERY, chance, ranks, similarity
+from .metrics.retrieval import PAPER_GALLERY, Consistency, chance, ranks, similarity, style_consistency
+from .metrics.semantic import read_labels, srgr
 from .motion_folder import Pair
 from .table import Interval, Row, interval, mean_rows, row_of_means
 from .takes import Sound, perform
@@ -52,6 +55,7 @@ MIN_FRAMES = 8
 SEED_STRIDE = 100  # difference between the seeds of two performances
 SHOWN_KS = (1, 5, 10)
 Progress = Callable[[int, int], None]
+Features = Float[np.ndarray, "n d"]
 
 
 # ---- motion beside true motion
@@ -80,8 +84,67 @@ def score(
         heard = [ClipAudio(pair.audio, pair.domain) for pair in pairs if pair.audio is not None]
         places, truths = [clip.positions for clip in made], [clip.positions for clip in true]
         rows += gesture_rows(heard, places, truths, seed=seed) + dance_rows(heard, places, truths, seed=seed)
+    rows += feature_rows(pairs, made, true, seed=seed)
     rows += clip_rows(made, true, seed=seed) + liveliness_rows(pairs, seed=seed)
     return rows + error_rows([_errors(pair) for pair in pairs], [pair.made.frames for pair in pairs], seed=seed)
+
+
+def feature_rows(
+    pairs: Sequence[Pair], made: Sequence[ClipMeasurements], true: Sequence[ClipMeasurements], *, seed: int = 0
+) -> list[Row]:
+    """FID_k and FID_g of the music, in stretches of up to 20 s; none with under two clips that have 10 s of it."""
+    dances = [stretches(pair.domain, MUSIC) for pair in pairs]
+    if sum(map(bool, dances)) < 2:
+        return []
+
+    def features(clips: Sequence[ClipMeasurements], name: Callable[..., Features]) -> list[Features]:
+        found = []
+        for clip, parts in zip(clips, dances, strict=True):
+            cuts = [cut for part in parts for cut in windows(clip.positions[part], FRAME_RATE_HZ, LONGEST_S)]
+            if cuts:
+                found.append(np.stack([name(smpl_positions(at_rate(cut, RATE_HZ))) for cut in cuts]))
+        return found
+
+    rows = []
+    for row, name in (("fid_k", kinetic), ("fid_g", geometric)):
+        ours, theirs = features(made, name), features(true, name)
+        every = np.concatenate(theirs)
+        scaled = [[moments(scaled_by_truth(clip, every)[0]) for clip in side] for side in (ours, theirs)]
+        rows.append(fid_row(*scaled, seed=seed)._replace(name=row))
+    return rows
+
+
+def semantic_row(pairs: Sequence[Pair], folder: Path, *, seed: int = 0) -> Row:
+    """SRGR with the labels of a folder, NAME.txt for each clip; `truth` is what a perfect clip scores.
+
+    Raises:
+        EchoAvatarError: labels are missing or damaged.
+    """
+    values, best, weights = [], [], []
+    for pair in pairs:
+        labels = read_labels(folder / f"{pair.name}.txt", pair.made.frames)
+        sides = [motion.pose().positions.numpy().astype(np.float64) for motion in (pair.made, pair.true)]
+        sides = [side - side[:, :1] for side in sides]
+        values.append(srgr(sides[0], sides[1], labels))
+        best.append(srgr(sides[1], sides[1], labels))
+        weights.append(float(pair.made.frames))
+    columns = {"truths": np.array(best), "weights": np.array(weights)}
+    return row_of_means("srgr", "", np.array(values), **columns, seed=seed)
+
+
+def style_rows(audio: Features, motion: Features, styles: Sequence[str], *, seed: int = 0) -> list[Row]:
+    """MDSC's distances and ratio, with intervals over pairs; chance of the ratio is 1."""
+
+    def at(which: int) -> Callable[[Int[np.ndarray, " n"]], float]:
+        return lambda chosen: style_consistency(audio, motion[chosen], styles, [styles[k] for k in chosen])[which]
+
+    every = np.arange(len(motion))
+    return [
+        Row(f"style_{name}", "", at(k)(every), interval(at(k), len(motion), samples=FID_SAMPLES, seed=seed))._replace(
+            chance=1.0 if name == "ratio" else float("nan")
+        )
+        for k, name in enumerate(Consistency._fields)
+    ]
 
 
 def clip_rows(
@@ -117,9 +180,10 @@ def fid_row(ours: Sequence[Moments], theirs: Sequence[Moments], *, seed: int = 0
     ends = interval(distance, len(ours), is_centred=True, samples=FID_SAMPLES, seed=seed)
     ends = Interval(max(ends.low, 0.0), ends.high) if ends.low < 0 else ends  # centring can shift it below zero
     row = Row("fid", "", distance(range(len(ours))), ends)
-    if len(theirs) < 2:
+    halves = pooled(theirs[::2]), pooled(theirs[1::2] or theirs[:1])
+    if len(theirs) < 2 or min(half.rows for half in halves) < 2:
         return row
-    return row._replace(truth=frechet_between(pooled(theirs[::2]), pooled(theirs[1::2])))
+    return row._replace(truth=frechet_between(*halves))
 
 
 def _errors(pair: Pair) -> Reconstruction:
@@ -226,14 +290,15 @@ def recording_rows(
 # ---- retrieval
 
 
-def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndarray, "n d"]]:
-    """Arrays `audio` and `motion` of an `.npz`, one pair a row.
+def read_embeddings(path: Path) -> tuple[Features, Features, list[str] | None]:
+    """Arrays `audio` and `motion` of an `.npz`, one pair a row, and the pairs' `style`, if there is one.
 
     Raises EchoAvatarError: missing, damaged, of different shapes, or not finite.
     """
     try:
         with NpzArrays(path) as stored:
             audio, motion = stored["audio"], stored["motion"]
+            styles = [str(style) for style in stored["style"]] if "style" in stored else None
     except FileNotFoundError as error:
         raise EchoAvatarError(f"{path} does not exist; check the name") from error
     except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
@@ -244,7 +309,9 @@ def read_embeddings(path: Path) -> tuple[Float[np.ndarray, "n d"], Float[np.ndar
         )
     if not (np.isfinite(audio).all() and np.isfinite(motion).all()):
         raise EchoAvatarError(f"{path} holds values that are not finite; make the embeddings again")
-    return audio, motion
+    if styles is not None and len(styles) != len(audio):
+        raise EchoAvatarError(f"{path}: style has {len(styles)} names for {len(audio)} pairs; give one a pair")
+    return audio, motion, styles
 
 
 def retrieval_rows(audio: Float[np.ndarray, "n d"], motion: Float[np.ndarray, "n d"], *, seed: int = 0) -> list[Row]:

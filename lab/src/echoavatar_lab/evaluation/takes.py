@@ -1,4 +1,4 @@
-"""Recorded sounds that the avatar performs, and captured motion to compare with; each has a kind and a class."""
+"""Recorded sounds that the avatar performs, and takes of motion; each has a kind and a class."""
 
 import itertools
 import re
@@ -13,8 +13,7 @@ from jaxtyping import Float
 from echoavatar.engine.pipeline import Pipeline
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.models.audio import read_audio
-from echoavatar.models.audio.files import SOUND_SUFFIXES, sound_named
-from echoavatar.motion.formats import read_bvh
+from echoavatar.models.audio.files import SOUND_SUFFIXES
 from echoavatar.motion.kinematics import Motion, Skeleton
 from echoavatar.motion.motion_chunk import MotionChunk, join
 from echoavatar.motion.stages.modes import FREE, MotionOptions
@@ -23,11 +22,8 @@ from echoavatar_lab.evaluation.batch import animate_many
 from echoavatar_lab.foreign.csv_rows import read_rows
 from echoavatar_lab.models.audio.recordings import refuse_shared, split_of
 
-from .metrics.liveliness import MUSIC, ROOM_S, SILENCE, SPEECH, Points
+from .metrics.liveliness import MUSIC, ROOM_S, SPEECH, Points
 from .metrics.tells import judged_points
-
-SHORTEST_S = 10.0  # of a captured clip
-_CAPTURED_WORDS = {SPEECH: ("speech", "conversation"), MUSIC: ("dance",), SILENCE: ("idle",)}
 
 
 class Sound(NamedTuple):
@@ -78,24 +74,6 @@ def read_sounds(
     if not found:
         raise EchoAvatarError(f"{folder} holds no speech or music of {shortest:g} s; give another --recordings")
     return found
-
-
-def read_captured(
-    folder: Path, words: Mapping[str, Sequence[str]] = _CAPTURED_WORDS, shortest_s: float = SHORTEST_S
-) -> list[Take]:
-    """Captured clips whose path says "speech" or "conversation", "dance" or "idle"; by folder.
-
-    Each has the sound of the same name beside it, if there is one. Raises EchoAvatarError if there is none, or one
-    cannot be read.
-    """
-    takes = []
-    for path, said, kind in told_by_path(folder, words):
-        if kind and (motion := read_bvh(path)).seconds >= shortest_s:
-            sound = sound_named(path.with_suffix(""))
-            takes.append(Take(said, kind, path.parent.name, motion, read_audio(sound) if sound else None))
-    if not takes:
-        raise EchoAvatarError(f"{folder} holds no captured speech, dance or idle motion (.bvh); see docs/metrics.md")
-    return takes
 
 
 def told_by_path(folder: Path, words: Mapping[str, Sequence[str]]) -> list[tuple[Path, str, str | None]]:

@@ -7,11 +7,18 @@ speech alone and about music-only training on music alone; take those rows of th
 The table `dataset-composition` has the last group's rows: the paper asked people for their overall preference (mean
 over pairs, -2 to 2); here the same models are scored, on test clips of mostly speech for gesture, of mostly music for
 dance. Only the order of the lines can be compared.
+
+Beside it stand two studies after GENEA (Kucherenko et al., ICMI 2023, arXiv 2308.12646), which asks for realism and for
+appropriateness apart. `realism.yaml` is muted: which moves more like a human being? The true motion is among the
+systems. `appropriateness.yaml` has sound: does a system's motion fit its sound better than the system's own motion to
+another sound? Such a mismatch is as lifelike, so liveliness alone wins nothing. All clips show one character; in the
+second all faces are neutral.
 """
 
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -87,6 +94,7 @@ def of_kind(clips: list[Clip], domain: int) -> list[int]:
 
 SECONDS = 10.0
 RATERS = 20
+SOTA = "Comparison with SOTA"
 Systems = Mapping[str, Sequence[Motion]]
 
 
@@ -113,7 +121,7 @@ def write_study(experiment: Experiment) -> Path:
                 with_motion(clip, motion).save(folder / place / f"{clip.name}.npz")
             systems.append({"name": name, "clips": str(place), "group": group})
     shortest = min(clip.seconds for clip in experiment.test_clips)
-    study = {
+    study: dict[str, Any] = {
         "kind": "pairwise",
         "title": "Which moves better?",
         "systems": systems,
@@ -122,15 +130,40 @@ def write_study(experiment: Experiment) -> Path:
         "raters": RATERS,
         "seed": experiment.seed,
     }
-    path = folder / "study.yaml"
-    write_whole(path, yaml.safe_dump(study, sort_keys=False, allow_unicode=True))
+    _genea(folder, study, systems, experiment)
+    return _written(folder / "study.yaml", study)
+
+
+def _genea(folder: Path, study: Mapping[str, Any], systems: Sequence[dict[str, str]], experiment: Experiment) -> None:
+    """Write both studies: of ours, the truth and the systems of others."""
+    for clip, motion in zip(experiment.test_clips, experiment.true_motions, strict=True):
+        with_motion(clip, motion).save(folder / "clips" / "truth" / f"{clip.name}.npz")
+    known = {system["name"]: system["clips"] for system in systems if system["group"] == SOTA}
+    ours = next(system["clips"] for system in systems if system["name"] in ("Ours", "Ours, before DPO"))
+    known = {"Truth": str(Path("clips", "truth")), "Ours": ours} | {k: v for k, v in known.items() if k != "Ours"}
+    realism = [{"name": name, "clips": place, "group": "Realism"} for name, place in known.items()]
+    asked = {"title": "Which moves more like a human being?", "muted": True, "questions": ["human_likeness"]}
+    _written(folder / "realism.yaml", {**study, **asked} | {"systems": realism})
+    fits = []
+    for name, place in known.items():
+        fits.append({"name": name, "clips": place, "group": name})
+        fits.append({"name": f"{name}, mismatched", "mismatched": name, "group": name})
+    kinds = [sound["category"] for sound in study["sounds"]]
+    sounds = [sound for sound in study["sounds"] if kinds.count(sound["category"]) > 1]
+    if sounds:  # a category with one sound has no mismatch
+        asked = {"title": "Which fits the sound better?", "questions": ["beat_matching"], "sounds": sounds}
+        _written(folder / "appropriateness.yaml", {**study, **asked} | {"systems": fits})
+
+
+def _written(path: Path, study: Mapping[str, object]) -> Path:
+    write_whole(path, yaml.safe_dump(dict(study), sort_keys=False, allow_unicode=True))
     return path
 
 
 def _groups(experiment: Experiment, others: Systems) -> dict[str, Systems]:
     """Systems by group; only systems of one group are compared, and each name stands once in a study."""
     ours = experiment.generated_motions(GeneratorChoice(OURS.name))
-    groups: dict[str, Systems] = {"Comparison with SOTA": {**others, "Ours": ours}} if others else {}
+    groups: dict[str, Systems] = {SOTA: {**others, "Ours": ours}} if others else {}
     for method in ("dpo", "grpo"):
         name = LINES[method][0]
         after = tuned(experiment, method).motions

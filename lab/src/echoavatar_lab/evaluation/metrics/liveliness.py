@@ -4,9 +4,9 @@ Hands are measured in the frame of the shoulders and in arm lengths (shoulder to
 size compare. Lengths of the whole body are scaled so that the head joint is 1.5 m above the ankle. Lean and sway are
 taken along the world's axes: a clip should face +Z. docs/metrics.md has the formulas.
 
-`PEOPLE` holds the mean, lowest and highest window of 30 s of captured people. Speech and music are the speakers and
-dancers that the project's bars were set with. Silence and listening are 84 windows of the 22 takes of ReActIdle
-((c) 2025 RSAIT, MIT).
+`PEOPLE` holds the mean, lowest and highest window of 30 s of the people that the project's first bars were set with: a
+speaker of BEAT2 and one of ZeroEGGS, five ballroom dances, and ReActIdle ((c) 2025 RSAIT, MIT). The clips of speech and
+dance are not at hand any more; the people that tables stand beside are the named ones of `evaluation.people`.
 """
 
 from collections.abc import Iterator, Sequence

@@ -8,12 +8,19 @@ The input is a similarity matrix of n audio clips and their n motions in the sam
 Chance is K/n, (n + 1)/2 and H(n)/n. Galleries: all pairs; one random gallery of 300 (the paper's "small batches": all
 its entries are multiples of 1/300); or batches of 32 averaged, the last incomplete one dropped (TMR's own protocol).
 Overlapping windows of one recording are near copies and blur the ranks: use windows that do not overlap.
+
+`style_consistency` is MDSC's ratio (Zhou et al., 2023, arXiv 2309.01340: does a dance have the style of its music?) on
+any joint embedding: the distance of dances from music of other styles over that from music of their own. MDSC's own
+encoders were announced and not published, so only values of one embedding compare.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from echoavatar.errors import EchoAvatarError
 
 PAPER_GALLERY = 300
 TMR_BATCH = 32
@@ -72,3 +79,29 @@ def chance(pairs: int, ks: tuple[int, ...] = KS) -> Retrieval:
     """Scores of random guessing."""
     harmonic = float((1 / np.arange(1, pairs + 1)).sum())
     return Retrieval({k: min(100.0, 100 * k / pairs) for k in ks}, (pairs + 1) / 2, 100 * harmonic / pairs, pairs)
+
+
+class Consistency(NamedTuple):
+    """Distances of dances from their own style's music and from that of others; a `ratio` of 1 is chance."""
+
+    intra: float
+    inter: float
+    ratio: float
+
+
+def style_consistency(
+    sounds: Float[np.ndarray, "n d"], motions: Float[np.ndarray, "m d"], styles: Sequence[str], of: Sequence[str]
+) -> Consistency:
+    """Mean Euclidean distances of motions (of these styles: `of`) from the mean of each style's sounds (`styles`).
+
+    Raises:
+        EchoAvatarError: fewer than two styles, or a motion of a style without music.
+    """
+    names = sorted(set(styles))
+    if len(names) < 2 or not set(of) <= set(names):
+        raise EchoAvatarError(f"style consistency needs music of two styles and of every dance's style, got {names}")
+    middles = np.stack([np.mean([x for x, s in zip(sounds, styles, strict=True) if s == name], 0) for name in names])
+    apart = np.linalg.norm(motions[:, None].astype(np.float64) - middles, axis=-1)
+    own = np.array(of)[:, None] == np.array(names)
+    intra, inter = float(apart[own].mean()), float(apart[~own].mean())
+    return Consistency(intra, inter, inter / max(intra, 1e-12))
