@@ -9,24 +9,49 @@ from echoavatar.motion.stages.modes import FREE, MotionOptions
 
 def test_it_wanders_slowly_around_what_the_seed_drew():
     manner = SpeakerManner(7, FREE)
-    minutes = np.stack([manner.at(chunk) for chunk in range(900)])
+    all_told = np.stack([manner.at(chunk) for chunk in range(900)])
+    minutes = all_told[:, : len(MANNER)]
     assert np.abs(minutes - draw_manner(7).values).max() <= DRIFT + 1e-6
     assert np.abs(np.diff(minutes, axis=0)).max() < 0.01
     assert np.ptp(minutes[:, MANNER.index("liveliness")]) > 0.05
-    assert np.array_equal(minutes, np.stack([SpeakerManner(7, FREE).at(chunk) for chunk in range(900)]))
-    assert not np.array_equal(SpeakerManner(8, FREE).at(0), minutes[0])
+    assert np.array_equal(all_told, np.stack([SpeakerManner(7, FREE).at(chunk) for chunk in range(900)]))
+    assert not np.array_equal(SpeakerManner(8, FREE).at(0), all_told[0])
 
 
-def test_what_is_set_holds_and_the_rest_stays():
-    manner = SpeakerManner(7, MotionOptions(liveliness=0.2))
-    before = manner.at(50)
-    assert before[MANNER.index("liveliness")] == np.float32(0.2)
-    manner.choose(handedness=0.0)
-    after = manner.at(50)
-    assert after[MANNER.index("right")] == 0
-    others = [name not in ("liveliness", "right") for name in MANNER]
-    assert np.array_equal(before[others], SpeakerManner(7, FREE).at(50)[others])
-    assert after[MANNER.index("liveliness")] == np.float32(0.2)
+def hands_of(seed: int, liveliness: float | None = None, handedness: float | None = None):
+    """How busy both hands are in four minutes of talk."""
+    manner = SpeakerManner(seed, MotionOptions(liveliness=liveliness, handedness=handedness))
+    return np.stack([manner.at(chunk)[len(MANNER) :] for chunk in range(900)])
+
+
+def test_hands_take_turns_of_some_seconds():
+    hands = np.concatenate([hands_of(seed) for seed in range(12)])
+    lazy, busy = hands.min(1), hands.max(1)
+    assert 0.15 < np.mean((lazy < 0.25) & (busy > 0.4)) < 0.5, "one hand works and the other rests"
+    assert 0.2 < np.mean(lazy > 0.4) < 0.7, "both work"
+    assert 0.02 < np.mean(busy < 0.25) < 0.3, "neither works"
+    assert np.abs(np.diff(hands_of(3), axis=0)).max() < 0.2, "no hand starts at once"
+    assert hands.min() >= 0
+    assert hands.max() <= 1
+
+
+def test_a_livelier_speaker_has_busier_hands_and_the_leading_hand_is_the_one_that_was_set():
+    means = [np.mean([hands_of(seed, liveliness=value).mean() for seed in range(6)]) for value in (0, 0.2, 0.5, 0.8, 1)]
+    assert all(np.diff(means) > 0.02)
+    assert means[-1] > 1.8 * means[0]
+    left, right = (np.mean([hands_of(seed, handedness=value).mean(0) for seed in range(6)], axis=0) for value in (0, 1))
+    assert left[0] > left[1] + 0.1
+    assert right[1] > right[0] + 0.1
+
+
+def test_in_silence_both_hands_are_idle():
+    manner = SpeakerManner(7, MotionOptions(liveliness=1.0))
+    assert manner.at(40, is_silent=True)[len(MANNER) :].max() < 0.2
+    for level in (0.0, 0.3):
+        with engine().open(seed=3, options=MotionOptions(liveliness=1.0)) as session:
+            session.push(np.full(6_400, level, np.float32))
+            busiest = session.core.begin_chunk(0).manner[len(MANNER) :].max()
+            assert (busiest < 0.2) == (level == 0)
 
 
 def test_a_session_is_told_its_manner_and_numbers_out_of_range_are_refused():

@@ -11,14 +11,22 @@ import torch
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio.io import write_wav
 from echoavatar.models.generator import open_stream
-from echoavatar.models.generator.manner import Manner
+from echoavatar.models.generator.manner import TOLD, Manner
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import CHUNK_SAMPLES
 from echoavatar_lab.data import Clip, Corpus, Sound, SoundSet, write_manifest
 from echoavatar_lab.data.corpus import checksum
 from echoavatar_lab.data.sounds import save_sounds
 from echoavatar_lab.models.generator.windows import TokenClip
-from echoavatar_lab.models.tokenize import audio_codes, cues_at, own_motion, tokenize_corpus, tokenize_sounds
+from echoavatar_lab.models.tokenize import (
+    audio_codes,
+    cues_at,
+    hand_speeds,
+    own_motion,
+    tokenize_corpus,
+    tokenize_sounds,
+)
 
 
 def corpus(folder: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarray) -> Corpus:
@@ -54,8 +62,27 @@ def test_a_manner_comes_with_its_clip_and_its_mirror_image_leads_with_the_other_
     labelled.save(tmp_path / "clips" / "one.npz")
     tokenize_corpus(write_manifest(tmp_path), bundle.codec, bundle.tokenizer, tmp_path / "tokens")
     own, mirror = (TokenClip.load(tmp_path / f"tokens/one{name}.npz") for name in ("", ".mirror"))
-    assert own.manner == pytest.approx(told.values)
-    assert mirror.manner == pytest.approx(replace(told, right=0.1).values)
+    assert own.manner.shape == (24, len(TOLD))
+    assert own.manner[:, :-2] == pytest.approx(np.tile(told.values, (24, 1)))
+    assert mirror.manner[:, :-2] == pytest.approx(np.tile(replace(told, right=0.1).values, (24, 1)))
+    hands, mirrored = own.manner[:, -2:], mirror.manner[:, -2:]
+    assert np.array_equal(hands, mirrored[:, ::-1], equal_nan=True)
+    assert np.isnan(hands[16:]).all(), "those of a dance are not told"
+    assert ((hands[:16] >= 0) & (hands[:16] < 1)).all()
+
+
+def test_a_hand_is_busy_while_it_moves() -> None:
+    """The right forearm swings by 60 degrees each second; the left arm hangs, and the whole body turns."""
+    t = np.arange(240) / 30
+    rotations = np.zeros((240, HUMANOID.joints, 4), np.float32)
+    rotations[..., 0] = 1
+    swing = np.radians(30) * np.sin(2 * np.pi * t) * (t < 4)
+    rotations[:, HUMANOID.index("rightLowerArm")] = np.stack([np.cos(swing / 2), 0 * t, np.sin(swing / 2), 0 * t], 1)
+    rotations[:, HUMANOID.index("hips")] = np.stack([np.cos(t / 4), 0 * t, np.sin(t / 4), 0 * t], 1)
+    left, right = hand_speeds(Motion(HUMANOID, rotations, np.zeros((240, 3), np.float32), 30.0)).T
+    assert left.max() < 0.01
+    assert right[10:110].mean() > 0.5
+    assert right[130:].max() < 0.01
 
 
 def test_a_dancer_dances_to_the_music_and_all_else_stays_true(

@@ -21,7 +21,7 @@ import torch
 
 from echoavatar.errors import AdmissionError, EchoAvatarError
 from echoavatar.models.generator.linear import Precision
-from echoavatar.models.generator.manner import MANNER
+from echoavatar.models.generator.manner import TOLD
 from echoavatar.motion.idle_motion import warm_up
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
@@ -260,7 +260,7 @@ class Engine:
         rows = seats.stop - seats.start
         audio, active = np.zeros((rows, self.chunk.samples), np.float32), torch.zeros(rows, dtype=torch.bool)
         members, is_asked, forgets = torch.zeros(rows, self._codes), False, torch.zeros_like(active)
-        manner = torch.full((rows, len(MANNER)), torch.nan)
+        manner = torch.full((rows, len(TOLD)), torch.nan)
         for session in ready:
             row = session.seat - seats.start
             if session.is_new:

@@ -1,19 +1,28 @@
 """The manner of a session's speaker: drawn from the seed, drifting slowly, with parts that a user sets.
 
 A number that is set holds from the next chunk on. The others wander around what was drawn, so that a long talk does not
-look the same from minute to minute. All follows from the seed, the requests and the chunk.
+look the same from minute to minute. Which hand works is decided for some seconds at a time, as the manner says: the
+sound does not tell it, and a model that decides anew in each chunk moves both hands alike. All follows from the seed,
+the requests and the chunk.
 """
 
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.models.generator.manner import MANNER, draw_manner
+from echoavatar.models.generator.manner import BUSY_S, HANDS, MANNER, draw_manner
 from echoavatar.motion.stages.modes import MotionOptions
+from echoavatar.timing import CHUNK
 
-TOLD = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
-LIVELINESS = MANNER.index("liveliness")
+SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
+LIVELINESS, RIGHT, BOTH = (MANNER.index(name) for name in ("liveliness", "right", "both"))
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
+TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
+QUIET, LIVELY = 0.4, 0.72  # how busy a working hand is (`models.generator.manner.busy`) at liveliness 0 and 1
+IDLE = (0.05, 0.2)  # how busy the other hand is
+UNEQUAL = 0.08  # how far two working hands differ
+RESTS = 0.4  # chance at liveliness 0 that neither works
+AROUND = CHUNK.within(BUSY_S) // 2  # chunks to either side that a hand's busyness is a mean of
 
 
 class SpeakerManner:
@@ -27,16 +36,42 @@ class SpeakerManner:
     def choose(self, liveliness: float | None = None, handedness: float | None = None) -> None:
         """Set numbers between 0 and 1; what is None stays as it is. See `MotionOptions`."""
         told = {"liveliness": liveliness, "handedness": handedness}
-        self._set |= {TOLD[name]: value for name, value in told.items() if value is not None}
+        self._set |= {SET[name]: value for name, value in told.items() if value is not None}
 
-    def at(self, chunk: int) -> Float[np.ndarray, " m"]:
-        """The numbers of a chunk, in the order of `MANNER`."""
+    def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
+        """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""
+        near = [self._hands(at) for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]
+        hands = np.full(len(HANDS), np.mean(IDLE)) if is_silent else np.mean(near, axis=0)
+        return np.concatenate([self._numbers(chunk), hands]).astype(np.float32)
+
+    def _numbers(self, chunk: int) -> Float[np.ndarray, " m"]:
+        """The manner in the order of `MANNER`."""
         block, into = divmod(chunk, DRIFT_CHUNKS)
         before, after = self._wander(block), self._wander(block + 1)
         values: Float[np.ndarray, " m"] = np.clip(self._drawn + before + (after - before) * into / DRIFT_CHUNKS, 0, 1)
         for name, value in self._set.items():
             values[MANNER.index(name)] = value
-        return values.astype(np.float32)
+        return values
+
+    def _hands(self, chunk: int) -> Float[np.ndarray, "2"]:
+        """How busy the left and the right hand are in the turn that the chunk belongs to."""
+        turn = chunk // TURN_CHUNKS
+        turn += self._border(turn + 1) <= chunk
+        turn -= self._border(turn) > chunk
+        values, rng = self._numbers(self._border(turn)), np.random.default_rng([self._seed, 3, turn])
+        rests, both, right, second, lively = rng.random(5)
+        idle = rng.uniform(*IDLE, len(HANDS))
+        if rests < RESTS * (1 - values[LIVELINESS]) ** 2:
+            return idle
+        works = QUIET + (LIVELY - QUIET) * values[LIVELINESS] + 0.2 * (lively - 0.5)
+        hands = np.where(both < values[BOTH], works - UNEQUAL * 2 * second, idle)
+        hands[int(right < values[RIGHT])] = works
+        return np.clip(hands, 0, 1)
+
+    def _border(self, turn: int) -> int:
+        """The first chunk of a turn."""
+        rng = np.random.default_rng([self._seed, 4, turn])
+        return turn * TURN_CHUNKS + int(rng.integers(-TURN_JITTER, TURN_JITTER + 1)) if turn > 0 else 0
 
     def _wander(self, block: int) -> Float[np.ndarray, " m"]:
         wander = np.random.default_rng([self._seed, 2, block]).uniform(-DRIFT, DRIFT, len(MANNER))

@@ -30,7 +30,7 @@ from .manner import LIVELINESS, SpeakerManner
 from .music import AUDIBLE, Heard, MusicPlayer
 from .pipeline.undo import Patch
 from .playout import Delivery, PlayoutBuffer
-from .settling import Settling
+from .settling import Settling, is_silent
 from .words import WordGestures
 
 if TYPE_CHECKING:
@@ -335,10 +335,10 @@ class SessionCore:
             if self._making is not None:  # its step failed
                 return self._making[2]
             chunk, undone = self._barge_in.begin()
-            manner = self._manner.at(chunk)
-            self._words.gesture(chunk, float(manner[LIVELINESS]), is_free=not self.is_listening)
             speech = self._queue.take()
             heard = Heard(speech, self._music.next_chunk(speech))
+            manner = self._manner.at(chunk, is_silent=is_silent(heard.audio))
+            self._words.gesture(chunk, float(manner[LIVELINESS]), is_free=not self.is_listening)
             members = self._actions.members(chunk, codes) if codes else None
             forgets = "settling" in self._host.additions and self._settling.must_forget(
                 chunk, heard.audio, acts=members is not None

@@ -81,10 +81,15 @@ class Settling:
         return sum(self._chunks[at].legs for at in range(chunk - count + 1, chunk + 1) if at in self._chunks) / count
 
     def _silent(self, chunk: int, audio: Float[np.ndarray, " s"]) -> int:
-        if float(np.sqrt(np.mean(np.square(audio)))) > SILENCE:
+        if not is_silent(audio):
             return 0
         before = self._chunks.get(chunk - 1)
         return 1 if before is None else before.silent + 1
+
+
+def is_silent(audio: Float[np.ndarray, " s"]) -> bool:
+    """Whether a chunk of sound counts as silence."""
+    return float(np.sqrt(np.mean(np.square(audio)))) <= SILENCE
 
 
 def joint_speed(motion: MotionChunk, skeleton: Skeleton, names: Sequence[str]) -> float:

@@ -8,7 +8,7 @@ from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.generator.manner import MANNER, Manner, MannerControl, draw_manner
+from echoavatar.models.generator.manner import MANNER, TOLD, Manner, MannerControl, busy, draw_manner
 from echoavatar_lab.models.generator.sequences import build_sequences, code_logits, read
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
@@ -16,7 +16,7 @@ from echoavatar_lab.training import train
 
 EVERYONE = torch.ones(2, dtype=torch.bool)
 COLD = torch.zeros(2)
-CALM, STORYTELLER = Manner(liveliness=0.0).values, Manner(liveliness=1.0).values
+CALM, STORYTELLER = ((*Manner(liveliness=value).values, 0.5, 0.5) for value in (0.0, 1.0))
 
 
 def test_manners_fill_their_range_and_follow_from_the_seed():
@@ -31,16 +31,20 @@ def test_manners_fill_their_range_and_follow_from_the_seed():
 def test_what_is_not_told_adds_nothing_and_each_number_has_its_own_effect():
     control = MannerControl(16)
     torch.nn.init.normal_(control.proj.weight)
-    told = torch.tensor([Manner().values])
+    told = torch.tensor([(*Manner().values, 0.6, 0.1)])
     assert not control.hint(torch.full_like(told, torch.nan)).any()
-    one_by_one = [torch.where(torch.arange(len(MANNER)) == k, told, torch.nan) for k in range(len(MANNER))]
+    one_by_one = [torch.where(torch.arange(len(TOLD)) == k, told, torch.nan) for k in range(len(TOLD))]
     assert torch.allclose(sum(control.hint(each) for each in one_by_one), control.hint(told), atol=1e-5)
+
+
+def test_a_talking_hand_is_half_busy():
+    assert busy(np.array([0, 0.6, 100])) == pytest.approx([0, 0.5, 1], abs=0.01)
 
 
 def test_the_effect_changes_steadily_with_a_number():
     control = MannerControl(16)
     torch.nn.init.normal_(control.proj.weight)
-    told = torch.tensor([Manner().values]).repeat(101, 1)
+    told = torch.tensor([(*Manner().values, 0.6, 0.1)]).repeat(101, 1)
     told[:, MANNER.index("liveliness")] = torch.linspace(0, 1, 101)
     steps = control.hint(told).diff(dim=0).norm(dim=1)
     assert steps.min() > 0
@@ -54,7 +58,11 @@ def test_the_stream_takes_the_codes_that_the_told_model_finds_likeliest():
     stream = open_stream(model)
     codes = stream.step(x, stream.init_state(2), EVERYONE, temperature=COLD, manner=manner)
     batch = build_sequences(model.config.order, x, codes, codes, torch.zeros(2, dtype=torch.int64))
-    told = code_logits(model, batch, read(model, batch, manner=manner)).argmax(-1).transpose(0, 1)
+    told = (
+        code_logits(model, batch, read(model, batch, manner=manner[:, None].expand(-1, codes.shape[1], -1)))
+        .argmax(-1)
+        .transpose(0, 1)
+    )
     assert torch.equal(told, batch.targets)
     untold = code_logits(model, batch, read(model, batch)).argmax(-1).transpose(0, 1)
     assert not torch.equal(untold, batch.targets)
@@ -87,7 +95,7 @@ def clips(count=12, chunks=8):
     for number in range(count):
         sound = rng.integers(16, size=(20 * chunks, 2))
         motion = rng.integers(4, size=(2 * chunks, 3, 2)) + 4 * (number % 2)
-        manner = np.float32(STORYTELLER if number % 2 else CALM)
+        manner = np.tile(np.float32(STORYTELLER if number % 2 else CALM), (2 * chunks, 1))
         made.append(TokenClip(sound, motion, np.ones(2 * chunks, np.uint8), manner=manner))
     return made
 
@@ -119,6 +127,8 @@ def test_where_no_manner_is_known_any_is_told_and_it_may_be_absent():
     training = GeneratorTraining(batch=64, chunks=4, manner=0.75, depth_weights=(1, 1))
     for clip in (known, unknown):
         told = GeneratorTask(config(sequence="depth", manner=True), training, [clip]).draw(0).manner
+        assert told.shape[1:] == (8, len(TOLD))
+        told = told[:, 0]
         given = ~told.isnan().any(1)
         assert 0.5 < given.float().mean() < 0.95
         assert told[~given].isnan().all()

@@ -21,6 +21,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 from pydantic import Field
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from torch import Tensor
 
 from echoavatar.config import Config
@@ -28,7 +29,7 @@ from echoavatar.errors import MotionError
 from echoavatar.json_reader import read_object
 from echoavatar.models.audio import AudioCodec, LevelControl
 from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.generator.manner import Manner
+from echoavatar.models.generator.manner import BUSY_S, TOLD, Manner, busy
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
@@ -97,7 +98,7 @@ def tokenize_corpus(
                     codes = motion_codes(tokenizer, clip, is_mirrored=is_mirrored, patience=patience)
                     domain = clip.domain[: len(codes) * FRAMES_PER_MOTION_TOKEN : FRAMES_PER_MOTION_TOKEN]
                     cues = cues_at(clip.events, len(sound))
-                    manner = _manner(clip, is_mirrored=is_mirrored)
+                    manner = told_manner(clip, len(codes), is_mirrored=is_mirrored)
                     whole = TokenClip(
                         sound, codes, domain, clip.split, cues, patience, is_leveled=is_leveled, manner=manner
                     )
@@ -139,13 +140,39 @@ def _danced(clip: TokenClip, dancer: Generator, *, seed: int) -> list[TokenClip]
     return [part for part in (*parts, clip.cut(free, clip.chunks)) if part.chunks]
 
 
-def _manner(clip: Clip, *, is_mirrored: bool) -> Float[np.ndarray, " m"] | None:
-    """The manner of the clip's label; in the mirror the other hand leads."""
+def told_manner(clip: Clip, tokens: int, *, is_mirrored: bool) -> Float[np.ndarray, "n m"] | None:
+    """The manner of the clip's label at each motion token, and how busy its hands are; in the mirror hands swap.
+
+    Hands are busy where somebody talks or listens: those of a dance are NaN.
+    """
     if "manner" not in clip.labels:
         return None
     told = Manner(**read_object(clip.labels["manner"].encode(), f"the manner of {clip.name}"))
-    seen = replace(told, right=1 - told.right) if is_mirrored else told
-    return np.array(seen.values, np.float32)
+    smooth = uniform_filter1d(hand_speeds(clip.motion()), round(BUSY_S * FRAME_RATE_HZ), axis=0, mode="nearest")
+    at = np.minimum(np.arange(tokens) * FRAMES_PER_MOTION_TOKEN + FRAMES_PER_MOTION_TOKEN // 2, len(smooth) - 1)
+    hands = busy(smooth[at])
+    hands[clip.domain[np.minimum(at, len(clip.domain) - 1)] == DOMAINS.index("music")] = np.nan
+    if is_mirrored:
+        told, hands = replace(told, right=1 - told.right), hands[:, ::-1]
+    found = np.concatenate([np.tile(np.array(told.values), (tokens, 1)), hands], 1).astype(np.float32)
+    assert found.shape[1] == len(TOLD)
+    return found
+
+
+def hand_speeds(motion: Motion) -> Float[np.ndarray, "t 2"]:
+    """Speeds of the left and the right wrist in the shoulders' frame, arm lengths per second."""
+    at = dict(zip(motion.skeleton.names, motion.pose().positions.numpy().swapaxes(0, 1), strict=True))
+    shoulder, elbow, wrist = (at[f"left{bone}"] for bone in ("UpperArm", "LowerArm", "Hand"))
+    reach = np.median(np.linalg.norm(shoulder - elbow, axis=1) + np.linalg.norm(elbow - wrist, axis=1))
+    across = shoulder - at["rightUpperArm"]
+    away = np.stack([wrist, at["rightHand"]], 1) - ((shoulder + at["rightUpperArm"]) / 2)[:, None]
+    x, z = across[:, None, 0], across[:, None, 2]
+    wide = np.hypot(x, z) + 1e-9
+    local = np.stack(
+        [(x * away[..., 0] + z * away[..., 2]) / wide, away[..., 1], (x * away[..., 2] - z * away[..., 0]) / wide], -1
+    )
+    smooth = gaussian_filter1d(local / reach, 1, axis=0)
+    return np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) * motion.fps
 
 
 @torch.inference_mode()

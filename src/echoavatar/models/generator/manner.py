@@ -3,6 +3,9 @@
 The sound does not say which hand a speaker uses, nor how lively he is. Without a manner each chunk draws what most
 people do, and both hands do the same. A session draws a manner from its seed; a user may set parts of it.
 
+A speaker's manner alone is an average over minutes, which a chunk cannot follow: it says that a hand often rests, not
+that it rests now. So the generator is also told how busy each hand is in these seconds (`HANDS`).
+
 The numbers enter as one vector, added to the backbone's input at each frame (`MannerControl`). A generator that is
 told nothing gets a zero vector.
 """
@@ -50,6 +53,15 @@ class Manner:
 
 
 MANNER = tuple(field.name for field in fields(Manner))
+HANDS = ("left_hand", "right_hand")  # how busy each is now: `busy` of its mean speed over `BUSY_S` around a frame
+TOLD = MANNER + HANDS  # the numbers that a generator is told, in order
+BUSY_S = 2.0
+_HALF_BUSY = 0.6  # arm lengths per second
+
+
+def busy(speed: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """How busy a hand of this mean speed (arm lengths per second) is: 0 at rest, 0.5 at a talker's mean, below 1."""
+    return speed / (speed + _HALF_BUSY)
 
 
 def draw_manner(seed: int) -> Manner:
@@ -72,7 +84,7 @@ def draw_manner(seed: int) -> Manner:
 class MannerControl(nn.Module):
     """Learned effect of a manner: a piecewise linear function of each number, summed over the numbers."""
 
-    def __init__(self, width: int, count: int = len(MANNER)) -> None:
+    def __init__(self, width: int, count: int = len(TOLD)) -> None:
         super().__init__()
         self.proj = nn.Linear(count * KNOTS, width, bias=False)
         self.clear()
@@ -81,9 +93,9 @@ class MannerControl(nn.Module):
         """Reset to no effect."""
         nn.init.zeros_(self.proj.weight)
 
-    def hint(self, manner: Float[Tensor, "b m"]) -> Float[Tensor, "b c"]:
-        """The vector to add to the input; a number that is NaN is not told and adds nothing."""
+    def hint(self, manner: Float[Tensor, "*b m"]) -> Float[Tensor, "*b c"]:
+        """The vector to add to the input for the numbers `TOLD`; one that is NaN is not told and adds nothing."""
         knots = torch.linspace(0, 1, KNOTS, device=manner.device)
         near = (1 - (manner[..., None] - knots).abs() * (KNOTS - 1)).clamp(min=0).nan_to_num(0)
-        told: Tensor = self.proj(near.flatten(1))
+        told: Tensor = self.proj(near.flatten(-2))
         return told

@@ -113,7 +113,10 @@ def heard_at(order: SequenceOrder, chunks: int) -> Int[Tensor, " f"]:
 
 
 def read(
-    generator: Generator, batch: Sequences, exemplar: Exemplar | None = None, manner: Float[Tensor, "b m"] | None = None
+    generator: Generator,
+    batch: Sequences,
+    exemplar: Exemplar | None = None,
+    manner: Float[Tensor, "b t m"] | None = None,
 ) -> Float[Tensor, "b t c"]:
     """Hidden states of the sequences, under a directive and for a manner where these are given."""
     hints = None
@@ -127,7 +130,7 @@ def read(
                 there[:, predictors] = exemplar.holds.to(hint)
         hints = there[..., None] * hint[:, None]
     if manner is not None and generator.manner is not None:
-        told = generator.manner.hint(manner)[:, None]
+        told = generator.manner.hint(manner)
         hints = told if hints is None else hints + told
     hidden: Tensor = generator(batch.ids, batch.valid, hints, batch.asked)
     return hidden

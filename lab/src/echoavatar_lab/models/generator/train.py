@@ -164,7 +164,7 @@ class Lesson(NamedTuple):
     missing: Int[Tensor, " b"]  # leading chunks that count as not there
     exemplar: Exemplar | None
     asked: Int[Tensor, "b n"] | None  # the frames whose codes are asked for, the same in all rows; None is all
-    manner: Float[Tensor, "b m"]  # NaN where it is not told
+    manner: Float[Tensor, "b n m"]  # NaN where it is not told
 
 
 @torch.no_grad()
@@ -347,11 +347,11 @@ class GeneratorTask(TrainingTask[Lesson]):
             generator=self.config.noise(step, _EXEMPLARS),
         )
 
-    def _manner(self, window: Window, step: int) -> Float[Tensor, "b m"]:
+    def _manner(self, window: Window, step: int) -> Float[Tensor, "b n m"]:
         """The step's manners. Where none is known, a random one is told, so that it means nothing there."""
         random = self.config.noise(step, _MANNERS)
-        any_manner = torch.rand(window.manner.shape, generator=random)
-        told = torch.rand(len(any_manner), 1, generator=random) < self.config.manner
+        any_manner = torch.rand(len(window.manner), 1, window.manner.shape[-1], generator=random)
+        told = torch.rand(len(any_manner), 1, 1, generator=random) < self.config.manner
         known = torch.where(window.manner.isnan(), any_manner, window.manner)
         return torch.where(told, known, torch.nan)
 

@@ -3,7 +3,7 @@
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
 `domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
 where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, `is_leveled`, whether the
-sound was brought to one loudness, `manner` (9,) float32, how its speaker gestures (`Manner`), and `has_truth`, false
+sound was brought to one loudness, `manner` (n, 11) float32, how its speaker gestures (`TOLD`), and `has_truth`, false
 where the sound has no recorded motion and the codes are a generator's own (prompts for reinforcement learning).
 
 Token corruption, uniform and hierarchical, is as in the paper's appendix (Corruption-based Quality Ordering). It is
@@ -24,7 +24,7 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.models.generator.exemplar import UPPER
-from echoavatar.models.generator.manner import MANNER
+from echoavatar.models.generator.manner import TOLD
 from echoavatar.motion.formats.tables import NPZ_ERRORS, NpzArrays
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, MOTION_TOKENS_PER_CHUNK
 from echoavatar.whole_file import whole_file
@@ -48,17 +48,18 @@ class TokenClip:
     patience: float = 0.0  # how steady the codes of motion are (`quantize.steadiest`)
     has_truth: bool = True  # whether the motion is true, or a generator's own
     is_leveled: bool = True  # whether the sound was brought to one loudness first
-    manner: Float[np.ndarray, " m"] | None = None  # how its speaker gestures; not known where None
+    manner: Float[np.ndarray, "n m"] | None = None  # how its speaker gestures (`TOLD`); NaN where not known
 
     def __post_init__(self) -> None:
         chunks = min(len(self.audio) // AUDIO_FRAMES_PER_CHUNK, len(self.motion) // MOTION_TOKENS_PER_CHUNK)
         cues = np.zeros((len(self.audio), len(CUES)), np.uint8) if self.cues is None else self.cues
         object.__setattr__(self, "cues", cues[: chunks * AUDIO_FRAMES_PER_CHUNK])
         if self.manner is None:
-            object.__setattr__(self, "manner", np.full(len(MANNER), np.nan, np.float32))
+            object.__setattr__(self, "manner", np.full((len(self.motion), len(TOLD)), np.nan, np.float32))
         object.__setattr__(self, "audio", self.audio[: chunks * AUDIO_FRAMES_PER_CHUNK])
         object.__setattr__(self, "motion", self.motion[: chunks * MOTION_TOKENS_PER_CHUNK])
         object.__setattr__(self, "domain", self.domain[: chunks * MOTION_TOKENS_PER_CHUNK])
+        object.__setattr__(self, "manner", np.asarray(self.manner)[: chunks * MOTION_TOKENS_PER_CHUNK])
 
     @property
     def chunks(self) -> int:
@@ -69,8 +70,9 @@ class TokenClip:
         """The chunks from `start` to `stop`."""
         sound = slice(start * AUDIO_FRAMES_PER_CHUNK, stop * AUDIO_FRAMES_PER_CHUNK)
         moves = slice(start * MOTION_TOKENS_PER_CHUNK, stop * MOTION_TOKENS_PER_CHUNK)
-        cues = np.asarray(self.cues)[sound]
-        return replace(self, audio=self.audio[sound], motion=self.motion[moves], domain=self.domain[moves], cues=cues)
+        cues, manner = np.asarray(self.cues)[sound], np.asarray(self.manner)[moves]
+        own = {"audio": self.audio[sound], "motion": self.motion[moves], "domain": self.domain[moves]}
+        return replace(self, **own, cues=cues, manner=manner)
 
     def heard_ahead(self, chunks: int) -> Self:
         """The clip with its sound this many chunks early: a motion token lies beside later sound and cues.
@@ -131,7 +133,7 @@ class Window(NamedTuple):
     motion: Int[Tensor, "b n p q"]
     domain: Int[Tensor, "b n"]
     cues: Int[Tensor, "b f 2"]
-    manner: Float[Tensor, "b m"]  # of `Manner`; NaN where not known
+    manner: Float[Tensor, "b n m"]  # `TOLD`; NaN where not known
 
 
 class WindowSampler:
@@ -175,18 +177,18 @@ class WindowSampler:
         return clip, at - (int(self._ends[clip - 1]) if clip else 0)
 
     def _gather(self, spots: Sequence[tuple[int, int]]) -> Window:
-        def cut(name: str, each: int) -> Tensor:
+        def cut(name: str, each: int, kind: type = np.int64) -> Tensor:
             parts = [
                 getattr(self._clips[clip], name)[start * each : (start + self._chunks) * each] for clip, start in spots
             ]
-            return torch.from_numpy(np.stack(parts).astype(np.int64))
+            return torch.from_numpy(np.stack(parts).astype(kind))
 
         return Window(
             cut("audio", AUDIO_FRAMES_PER_CHUNK),
             cut("motion", MOTION_TOKENS_PER_CHUNK),
             cut("domain", MOTION_TOKENS_PER_CHUNK),
             cut("cues", AUDIO_FRAMES_PER_CHUNK),
-            torch.from_numpy(np.stack([np.asarray(self._clips[clip].manner, np.float32) for clip, _ in spots])),
+            cut("manner", MOTION_TOKENS_PER_CHUNK, np.float32),
         )
 
 
