@@ -76,7 +76,8 @@ def test_a_recipe_opens_with_its_commands_and_has_valid_settings(path: Path, mon
         assert words[:1] == ["train"]
         assert words[words.index("--recipe") + 1] == str(path.relative_to(ROOT))
         kind, settings = settings_of(words)
-        assert kind.replace("-", "_") == re.sub("_(stage.*|offline|depth|speakers|manner|mirrored)$", "", path.stem)
+        runs = "_(stage.*|offline|depth|speakers|manner|hands|mirrored)$"
+        assert kind.replace("-", "_") == re.sub(runs, "", path.stem)
         model, training = CONFIGS[kind]
         settings.checked(training, "training")
         if model is None:
@@ -92,7 +93,10 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
     cards = {
         "tokenizer": bundles / "default" / "tokenizer",
         "decoder": bundles / "default" / "tokenizer",  # a run of its own, told under its name
-        "generator_depth": bundles / "default" / "generator",
+        "generator_depth": bundles / "default" / "generator",  # this and the next two: told under their names
+        "generator_speakers": bundles / "default" / "generator",
+        "generator_manner": bundles / "default" / "generator",
+        "generator_hands": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
         "fingers": bundles / "fingers",

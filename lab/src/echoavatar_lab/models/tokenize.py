@@ -172,7 +172,7 @@ def hand_speeds(motion: Motion) -> Float[np.ndarray, "t 2"]:
         [(x * away[..., 0] + z * away[..., 2]) / wide, away[..., 1], (x * away[..., 2] - z * away[..., 0]) / wide], -1
     )
     smooth = gaussian_filter1d(local / reach, 1, axis=0)
-    return np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) * motion.fps
+    return np.asarray(np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) * motion.fps)
 
 
 @torch.inference_mode()

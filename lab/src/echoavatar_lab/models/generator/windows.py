@@ -71,8 +71,8 @@ class TokenClip:
         sound = slice(start * AUDIO_FRAMES_PER_CHUNK, stop * AUDIO_FRAMES_PER_CHUNK)
         moves = slice(start * MOTION_TOKENS_PER_CHUNK, stop * MOTION_TOKENS_PER_CHUNK)
         cues, manner = np.asarray(self.cues)[sound], np.asarray(self.manner)[moves]
-        own = {"audio": self.audio[sound], "motion": self.motion[moves], "domain": self.domain[moves]}
-        return replace(self, **own, cues=cues, manner=manner)
+        motion, domain = self.motion[moves], self.domain[moves]
+        return replace(self, audio=self.audio[sound], motion=motion, domain=domain, cues=cues, manner=manner)
 
     def heard_ahead(self, chunks: int) -> Self:
         """The clip with its sound this many chunks early: a motion token lies beside later sound and cues.
