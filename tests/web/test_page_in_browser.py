@@ -185,7 +185,8 @@ def test_listening_ends_with_the_microphone(page):
 
 def test_without_a_voice_nothing_is_offered_and_it_says_what_to_install(new_page, mock_url):
     driver = new_page()
-    driver.page.route("**/v1/voice", lambda route: route.fulfill(json={"voice": "", "voices": [], "install": "pip install it"}))
+    none = {"voice": "", "voices": [], "install": "pip install it"}
+    driver.page.route("**/v1/voice", lambda route: route.fulfill(json=none))
     driver.open(f"{mock_url}?quality=low")
     driver.wait("!document.querySelector('[data-source=chat]').hidden")
     assert driver.ask("document.querySelector('[data-source=text]').hidden")
