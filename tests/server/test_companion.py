@@ -3,7 +3,7 @@
 import asyncio
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +12,10 @@ from tests.http_server import Handler, HttpServer, running
 from tests.server.fakes import RunningServer, serving
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.server.companion import (
-    ACTION_LINES,
-    CUES,
-    FALLBACKS,
-    MOST_SOUND,
-    PERSONA,
-    ChatModel,
-    ChatTurn,
-    Companion,
-    Scripted,
-    ToolAccess,
-    from_environment,
-)
+from echoavatar.server import companion
+from echoavatar.server.companion import MOST_SOUND, PERSONA, ChatModel, Companion, from_environment
+from echoavatar.server.ears import Ears
+from echoavatar.server.script import ACTION_LINES, CUES, FALLBACKS, ChatTurn, Scripted, ToolAccess
 from echoavatar.wire.messages import ActionStatus, Hello
 
 Answer = Callable[[str, Any], tuple[int, Any]]
@@ -235,12 +226,62 @@ def test_without_actions_it_only_talks() -> None:
         return {"status": "rejected"}
 
     assert asyncio.run(Scripted().reply("wave", [], ToolAccess([], do)))
-    with pytest.raises(EchoAvatarError, match="ECHOAVATAR_CHAT_EARS"):
-        asyncio.run(Scripted().transcribe(b""))
 
 
+@pytest.fixture
+def nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without a model server."""
+    monkeypatch.setattr(companion, "LOCAL_SERVERS", {})
+
+
+@pytest.mark.usefixtures("nobody")
 def test_nothing_configured_is_the_script() -> None:
     assert isinstance(from_environment({}), Scripted)
+
+
+def listing(*models: str) -> Any:
+    return lambda path, _: (200, {"data": [{"id": model} for model in models]})
+
+
+@contextmanager
+def local(monkeypatch: pytest.MonkeyPatch, **answers: Answer) -> Iterator[None]:
+    """Model servers on this machine; GET has no content."""
+    with ExitStack() as stack:
+        ports = {}
+        for name, answer in answers.items():
+            server = stack.enter_context(
+                running(HttpServer(lambda handler, answer=answer: handler.answer(*answer(handler.path, None))))
+            )
+            ports[name] = int(server.url.rpartition(":")[2])
+        monkeypatch.setattr(companion, "LOCAL_SERVERS", {"Closed": 9, **ports})
+        yield
+
+
+def test_a_model_server_of_this_machine_is_found_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = listing("nomic-embed-text", "qwen3:8b", "gemma3")
+    with local(monkeypatch, web=lambda path, _: (404, b"<html>"), odd=lambda path, _: (200, [1]), ollama=both):
+        model = from_environment({"ECHOAVATAR_CHAT_KEY": "sk-1"})
+        assert isinstance(model, ChatModel)
+        assert (model.name, model.where, model._key) == ("qwen3:8b", "ollama", "")
+        assert from_environment({"ECHOAVATAR_CHAT_MODEL": "gemma3"}).name == "gemma3"
+        assert isinstance(from_environment({"ECHOAVATAR_CHAT_URL": "script"}), Scripted)
+        given = from_environment({"ECHOAVATAR_CHAT_URL": URL, "ECHOAVATAR_CHAT_MODEL": "m"})
+        assert (given.name, given.where) == ("m", "127.0.0.1")
+
+
+def test_a_server_that_has_no_model_that_talks_is_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    with local(monkeypatch, ollama=listing("nomic-embed-text", "whisper-tiny"), empty=listing()):
+        assert isinstance(from_environment({}), Scripted)
+
+
+def test_a_model_without_tools_talks_at_least() -> None:
+    def refuse(path: str, content: Any) -> tuple[int, Any]:
+        return (400, {"error": "m does not support tools"}) if "tools" in content else (200, message("Hello."))
+
+    with endpoint(refuse) as (url, got):
+        model = ChatModel(url, model="m")
+        assert [talk(model)[0], talk(model)[0]] == ["Hello.", "Hello."]
+    assert ["tools" in content for _, _, content in got] == [True, False, False]
 
 
 def test_an_endpoint_is_a_model_with_the_persona_of_a_file(tmp_path: Path) -> None:
@@ -253,7 +294,7 @@ def test_an_endpoint_is_a_model_with_the_persona_of_a_file(tmp_path: Path) -> No
     }
     model = from_environment(given)
     assert isinstance(model, ChatModel)
-    assert (model.name, model.hears, model._persona) == ("m", True, "You are a lamp.")
+    assert (model.name, model.hears, model._persona) == ("m", "whisper", "You are a lamp.")
 
 
 @pytest.mark.parametrize(
@@ -276,12 +317,16 @@ def test_mistakes_are_said(given: dict[str, str], remedy: str) -> None:
 def server() -> Iterator[RunningServer]:
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("ECHOAVATAR_CHAT_URL", raising=False)
+        patch.setattr(companion, "LOCAL_SERVERS", {})
+        patch.setattr(companion, "local_ears", lambda manager: None)
         with serving() as server:
             yield server
 
 
 def test_the_companion_is_named(server: RunningServer) -> None:
-    assert server.http("/v1/chat") == (200, {"name": "script", "hears": False})
+    status, told = server.http("/v1/chat")
+    assert (status, told.pop("install")) == (200, "pip install 'echoavatar[ears]'")
+    assert told == {"name": "script", "where": "", "hears": ""}
 
 
 def test_what_is_asked_for_happens_in_the_session_that_asks(server: RunningServer) -> None:
@@ -315,7 +360,13 @@ def test_invalid_requests_are_refused(server: RunningServer, body: bytes, header
     assert server.http("/v1/chat", body, **headers)[0] == status
 
 
-def test_the_script_cannot_transcribe(server: RunningServer) -> None:
+def test_ears_of_this_machine_hear_for_the_script(server: RunningServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(companion, "find_ears", lambda: Ears("whisper", lambda wav: wav.decode().lower()))
+    assert server.http("/v1/chat")[1]["hears"] == "whisper"
+    assert server.http("/v1/chat/ears", b"WAVE", content_type="audio/wav") == (200, {"text": "wave"})
+
+
+def test_without_ears_nothing_is_transcribed(server: RunningServer) -> None:
     status, answer = server.http("/v1/chat/ears", b"RIFF", content_type="audio/wav")
     assert (status, "ECHOAVATAR_CHAT_EARS" in answer["error"]) == (400, True)
     assert server.http("/v1/chat/ears", b"RIFF", content_type="text/plain")[0] == 400

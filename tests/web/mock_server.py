@@ -225,7 +225,7 @@ def _sway(seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 async def _chat(request: Request) -> Response:
     """A companion that repeats the message, long enough to be interrupted."""
     if request.method == "GET":
-        return JSONResponse({"name": "parrot", "hears": True})
+        return JSONResponse({"name": "parrot", "where": "a cage", "hears": "whisper", "install": ""})
     message = await request.json()
     told = f"You said {message['text']}, and I have heard {len(message['history'])} sayings before it."
     return JSONResponse({"say": told, "did": []})

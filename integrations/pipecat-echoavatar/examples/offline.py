@@ -3,14 +3,13 @@
     python integrations/pipecat-echoavatar/examples/offline.py
 
 Open the address it prints; the page shows the avatar and is its loudspeaker. The avatar obeys words such as wave, bow,
-dance and stop, and a line typed while it speaks interrupts it. It needs flite or espeak-ng (Linux) or say (macOS).
+dance and stop, and a line typed while it speaks interrupts it. It speaks with
+a voice of this machine (`pip install 'echoavatar[voice]'`, flite, espeak-ng or say).
 """
 
 import argparse
 import asyncio
-import io
 import sys
-import wave
 from collections.abc import AsyncGenerator
 
 from pipecat.frames.frames import EndFrame, Frame, InterruptionFrame, TTSAudioRawFrame, TTSSpeakFrame
@@ -23,6 +22,7 @@ from pipecat_echoavatar import EchoAvatarProcessor, NullTransport
 
 from echoavatar.agents.integrations import AvatarTools
 from echoavatar.server.voice import find_voice, speak
+from echoavatar.timing import SAMPLE_RATE_HZ
 
 
 class LocalVoice(TTSService):
@@ -32,16 +32,15 @@ class LocalVoice(TTSService):
         super().__init__(
             settings=TTSSettings(model=None, voice=None, language=None), push_start_frame=True, push_stop_frames=True
         )
-        self._program = find_voice()
-        if not self._program:
-            raise SystemExit("no voice here; install flite or espeak-ng")
+        if not find_voice():
+            raise SystemExit("no voice here; pip install 'echoavatar[voice]'")
 
     async def run_tts(self, text: str, context_id: str) -> AsyncGenerator[Frame | None, None]:
         """Speak a sentence."""
-        content = await asyncio.to_thread(speak, self._program, text)
-        with wave.open(io.BytesIO(content)) as file:
-            rate, pcm = file.getframerate(), file.readframes(file.getnframes())
-        yield TTSAudioRawFrame(audio=pcm, sample_rate=rate, num_channels=1, context_id=context_id)
+        sentences = speak(text)
+        while said := await asyncio.to_thread(next, sentences, None):
+            pcm = (said.samples * 32767).astype("<i2").tobytes()
+            yield TTSAudioRawFrame(audio=pcm, sample_rate=SAMPLE_RATE_HZ, num_channels=1, context_id=context_id)
 
 
 async def obey(line: str, tools: AvatarTools) -> str:

@@ -6,6 +6,7 @@ import re
 import sys
 import webbrowser
 from pathlib import Path
+from threading import Thread
 
 from echoavatar.errors import EchoAvatarError
 
@@ -98,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
 
     from echoavatar.engine import load
     from echoavatar.server import ServerSettings, create_app, serve
+    from echoavatar.server.companion import who_talks
     from echoavatar.server.run import log_json
     from echoavatar.wire.guard import is_loopback
 
@@ -139,8 +141,16 @@ def run(args: argparse.Namespace) -> int:
         )
         if settings.video:
             print(f"video for {settings.video} at a time: {address}/video, WHEP at {address}/v1/whep", flush=True)
+        Thread(target=tell_who_talks, daemon=True).start()
         if args.open:
             webbrowser.open(page)
+
+    def tell_who_talks() -> None:
+        """Voices load while the page does."""
+        try:
+            print(who_talks(), flush=True)
+        except EchoAvatarError as error:
+            print(f"the chat does not work: {error}", file=sys.stderr, flush=True)
 
     serve(app, host=args.host, port=args.port, on_ready=ready, ssl_certfile=args.certificate, ssl_keyfile=args.key)
     print("echoavatar: stopped", file=sys.stderr)

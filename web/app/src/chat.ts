@@ -3,7 +3,7 @@
 import type { EchoSession } from "@echoavatar/client";
 import { toast } from "./notices.js";
 import { toggle } from "./panels.js";
-import { showLevel } from "./sources.js";
+import { type Part, showLevel } from "./sources.js";
 import { Turns } from "./turns.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;
@@ -17,9 +17,9 @@ interface Message {
 export interface ChatParts {
   readonly token: string;
   /** Synthesises speech; null if the server has no voice. */
-  readonly voice: (text: string) => Promise<Float32Array | null>;
+  readonly voice: (text: string) => Promise<AsyncIterable<Part> | null>;
   /** Makes the avatar speak; resolves when all sound was pushed. */
-  readonly say: (samples: Float32Array) => Promise<void>;
+  readonly say: (parts: AsyncIterable<Part>) => Promise<void>;
   /** Interrupts the avatar's speech. */
   readonly stopSpeech: () => void;
 }
@@ -48,9 +48,13 @@ export class Chat {
   async isPossible(): Promise<boolean> {
     const answer = await fetch("./v1/chat", { headers: this.headers }).catch(() => null);
     if (!answer?.ok) return false;
-    const { hears } = (await answer.json()) as { hears: boolean };
-    this.hears = hears;
-    element("microphone").title = hears ? "Talk" : "Let it listen (its script does not know words)";
+    const { name, where, hears, install } = (await answer.json()) as { name: string; where: string; hears: string; install: string };
+    this.hears = !!hears;
+    element("microphone").title = hears ? "Talk" : "Let it listen (it does not know words)";
+    element("companion").textContent = name === "script"
+      ? "A script answers. For a language model start Ollama, LM Studio, vLLM or llama.cpp on the server's machine."
+      : `${name} answers${where ? ` (${where})` : ""}.`;
+    if (!hears) element("companion").textContent += ` To be understood by voice: ${install}`;
     return true;
   }
 
@@ -76,8 +80,8 @@ export class Chat {
       }));
       if (turn !== this.turn || !say) return;
       this.note({ role: "assistant", text: say });
-      const samples = await this.parts.voice(say);
-      if (turn === this.turn && samples) await this.parts.say(samples);
+      const spoken = await this.parts.voice(say);
+      if (turn === this.turn && spoken) await this.parts.say(spoken);
     } catch (error) {
       toast((error as Error).message);
     }

@@ -6,7 +6,7 @@ import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
 import { Output } from "./output.js";
 import { TextToSpeech } from "./texttospeech.js";
-import { Capture, bytesOf, canShareTabs, showLevel, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
+import { Capture, type Part, bytesOf, canShareTabs, showLevel, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
 
 const SPEECH = "./sounds/speech.ogg";
 type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text" | "chat";
@@ -17,7 +17,7 @@ const element = (id: string) => document.getElementById(id)!;
 
 export class SourceBar {
   output: Output | null = null;
-  /** Title of the playing source, for the subtitle. */
+  /** Title of the track that plays, for the subtitle. */
   title = "";
   private readonly buttons = new Map<Name, HTMLButtonElement>();
   private capture: Capture | null = null;
@@ -26,21 +26,26 @@ export class SourceBar {
   private readonly textToSpeech: TextToSpeech;
   private readonly chat: Chat;
   private readonly voiced: Promise<boolean>; // whether the server's machine has a voice
+  private turn = 0; // counts sounds and interruptions
   private spoken: { readonly utterance: Utterance; until: number } | null = null; // the avatar's newest, until it was heard
 
   constructor(private readonly session: EchoSession, token: string) {
-    this.textToSpeech = new TextToSpeech(token, () => this.rate, (samples) => this.speak("text", samples), (error) => toast(explain(error)));
-    this.voiced = this.textToSpeech.isPossible();
+    this.textToSpeech = new TextToSpeech(token, () => this.rate, (parts) => this.speak("text", parts), (error) => toast(explain(error)));
+    const told = this.textToSpeech.voices();
+    this.voiced = told.then((voices) => !!voices?.voice);
     this.chat = new Chat(session, {
       token,
       voice: async (text) => ((await this.voiced) ? this.textToSpeech.speak(text) : null),
-      say: (samples) => this.answer(samples),
+      say: (parts) => this.answer(parts),
       stopSpeech: () => this.stopSpeech(),
     });
     void this.chat.isPossible().then((possible) => this.show("chat", possible));
-    void this.voiced.then((voiced) => {
-      this.show("text", voiced);
-      for (const note of document.querySelectorAll<HTMLElement>(".unvoiced")) note.hidden = voiced;
+    void told.then((voices) => {
+      this.show("text", !!voices?.voice);
+      for (const note of document.querySelectorAll<HTMLElement>(".unvoiced")) {
+        note.hidden = !!voices?.voice;
+        note.querySelector("code")!.textContent = voices?.install ?? "";
+      }
     });
     for (const name of Object.keys(LABELS) as Name[]) this.addButton(name);
     this.show("tab", canShareTabs());
@@ -48,6 +53,11 @@ export class SourceBar {
     this.show("chat", false);
     this.show("text", false);
     session.on("ready", (ready) => this.offer(ready));
+    session.on("action", ({ name, status }) => {
+      if (!this.session.ready?.tracks.includes(name)) return;
+      if (status === "started") this.title = name;
+      else if (status === "done" && this.title === name) this.title = "";
+    });
     session.on("state", ({ finished, at }) => {
       if (this.spoken && finished >= this.spoken.utterance.seg) this.spoken.until = Math.min(this.spoken.until, at);
     });
@@ -98,32 +108,41 @@ export class SourceBar {
     const samples = await decodeSound(await bytesOf(file), this.rate).catch(() => {
       throw new Error(`“${file.name}” holds no sound that this browser can read.`);
     });
-    await this.speak("file", samples, file.name);
+    await this.speak("file", [{ samples }]);
   }
 
-  private async speak(name: Name, samples: Float32Array, title = ""): Promise<void> {
+  private async speak(name: Name, parts: AsyncIterable<Part> | Iterable<Part>): Promise<void> {
     await this.wake();
-    this.replace(name, title);
-    this.hold(samples);
+    this.replace(name);
+    await this.hold(name, parts);
   }
 
   /** Plays the companion's speech; music continues under it. */
-  private async answer(samples: Float32Array): Promise<void> {
+  private async answer(parts: AsyncIterable<Part>): Promise<void> {
     await this.wake();
     this.stopSpeech();
-    this.mark("chat");
-    this.hold(samples);
+    await this.hold("chat", parts);
   }
 
-  /** Says a sound, and remembers it until it was heard. */
-  private hold(samples: Float32Array): void {
-    this.spoken = { utterance: say(this.session, samples), until: Infinity };
+  /** Says sound, and remembers it until it was heard; what comes after an interruption or the next sound is dropped. */
+  private async hold(name: Name, parts: AsyncIterable<Part> | Iterable<Part>): Promise<void> {
+    const turn = ++this.turn;
+    await say(this.session, parts, () => turn === this.turn, (utterance) => {
+      this.mark(name);
+      this.spoken = { utterance, until: Infinity };
+    });
   }
 
   /** Stops speech but not music. */
   private stopSpeech(): void {
     this.stopCapture();
     if (this.active) this.session.interrupt();
+    this.drop();
+  }
+
+  /** Forgets the newest sound, also what of it is still to come. */
+  private drop(): void {
+    this.turn++;
     this.spoken = null;
   }
 
@@ -132,7 +151,7 @@ export class SourceBar {
     this.stopCapture();
     this.session.music("stop");
     this.session.interrupt();
-    this.spoken = null;
+    this.drop();
     this.mark(null);
   }
 
@@ -175,7 +194,7 @@ export class SourceBar {
   private async run(name: Name, button: HTMLButtonElement): Promise<void> {
     if (this.capture && this.active === name) return this.interrupt();
     if (name === "speech") {
-      await this.speak(name, await fetchSound(SPEECH, this.rate));
+      await this.speak(name, [{ samples: await fetchSound(SPEECH, this.rate) }]);
     } else if (name === "music") this.chooseTrack(button);
     else if (name === "microphone") this.chooseSpeaker(button);
     else if (name === "tab") await this.listen("tab", await openTab(), "avatar");
@@ -185,22 +204,21 @@ export class SourceBar {
   }
 
   /** Ends the previous source and starts the next. */
-  private replace(name: Name, title: string): void {
+  private replace(name: Name): void {
     const interrupted = this.active !== null || this.spoken !== null;
     this.stopCapture();
-    this.spoken = null;
+    this.drop();
     if (interrupted) {
       this.session.music("stop");
       this.session.interrupt();
     }
-    this.title = title;
     this.mark(name);
   }
 
   private chooseTrack(button: HTMLButtonElement): void {
     const tracks = this.session.ready?.tracks ?? [];
     const play = (title: string) => {
-      this.replace("music", title);
+      this.replace("music");
       this.session.music("play", title);
     };
     if (tracks.length === 1) return play(tracks[0]!);
@@ -219,7 +237,7 @@ export class SourceBar {
   }
 
   private async listen(name: Name, stream: MediaStream, speaker: "avatar" | "user"): Promise<void> {
-    this.replace(name, "");
+    this.replace(name);
     if (this.output) this.output.silent = name === "microphone"; // avoids feedback
     this.capture = await Capture.start(this.session, stream, speaker, () => this.interrupt(), showLevel(this.buttons.get(name)!));
   }

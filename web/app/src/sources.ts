@@ -1,6 +1,6 @@
 /** Sound sources: bundled sound, files, the microphone, another tab. Each becomes utterances of a session. */
 
-import type { EchoSession, Speaker, Utterance } from "@echoavatar/client";
+import type { EchoSession, Speaker, Utterance, protocol } from "@echoavatar/client";
 import captureWorklet from "@echoavatar/client/worklets/capture?worker&url";
 
 const BLOCK = 2400; // captured samples per message: 0.1 s
@@ -28,13 +28,29 @@ export async function fetchSound(url: string, rate: number): Promise<Float32Arra
   return decodeSound(await response.arrayBuffer(), rate);
 }
 
-/** Sends a whole sound as one utterance. */
-export function say(session: EchoSession, samples: Float32Array): Utterance {
-  const utterance = session.speak();
-  utterance.push(samples);
-  utterance.end();
-  session.pump();
-  return utterance;
+/** A piece of speech, and its words where the voice tells them. */
+export interface Part {
+  readonly samples: Float32Array;
+  readonly words?: readonly protocol.Word[];
+}
+
+/** Sends sound as one utterance, each part as it comes, as long as `isWanted`; `begun` gets the utterance first. */
+export async function say(
+  session: EchoSession, parts: AsyncIterable<Part> | Iterable<Part>, isWanted: () => boolean, begun: (utterance: Utterance) => void,
+): Promise<void> {
+  let utterance: Utterance | null = null;
+  try {
+    for await (const { samples, words } of parts) {
+      if (!isWanted()) return;
+      if (!utterance) begun((utterance = session.speak()));
+      utterance.tell(words ?? []);
+      utterance.push(samples);
+      session.pump();
+    }
+  } finally {
+    utterance?.end();
+    session.pump();
+  }
 }
 
 /** Live sound, until `stop`. */

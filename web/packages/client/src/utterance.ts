@@ -1,7 +1,7 @@
 /** Outgoing sound: cut into messages, paced, and kept until heard so that a broken connection loses nothing. */
 
 import { floatToPcm } from "./codec.js";
-import type { AudioMessage, ClientMessage } from "./protocol.generated.js";
+import type { AudioMessage, ClientMessage, Word } from "./protocol.generated.js";
 
 export type Speaker = NonNullable<AudioMessage["speaker"]>;
 
@@ -17,6 +17,8 @@ export class Utterance {
   private sent = 0;
   private ended = false;
   private endSent = false;
+  private words: Word[] = []; // of the whole utterance
+  private told = 0; // of them
   /** `performance.now()` of the first pushed sample; 0 before. */
   begun = 0;
 
@@ -28,6 +30,12 @@ export class Utterance {
     this.begun ||= performance.now();
     this.parts.push(samples);
     this.length += samples.length;
+  }
+
+  /** Tells the words of the sound that is pushed next, which may get gestures; times are seconds from its first sample. */
+  tell(words: readonly Word[]): void {
+    const since = this.seconds;
+    for (const { text, start, end } of words) this.words.push({ text, start: since + start, end: end == null ? null : since + end });
   }
 
   /** Marks the utterance as complete. */
@@ -48,6 +56,13 @@ export class Utterance {
   /** Sends what the pacing allows now. */
   pump(send: (message: ClientMessage) => boolean): void {
     const { seg, speaker } = this;
+    if (this.told < this.words.length) {
+      const heard = this.base / this.rate;
+      const words = this.words.slice(this.told).filter(({ start }) => start >= heard);
+      const later = words.map(({ text, start, end }) => ({ text, start: start - heard, end: end == null ? null : end - heard }));
+      if (!send({ type: "words", seg, words: later })) return;
+      this.told = this.words.length;
+    }
     const limit = ((performance.now() - this.begun) / 1000 + AHEAD_SECONDS) * this.rate;
     while (this.sent < Math.min(this.length, limit)) {
       const samples = this.slice(this.sent, Math.min(this.length, this.sent + MESSAGE_SAMPLES));
@@ -69,6 +84,7 @@ export class Utterance {
     this.sent = this.base = Math.max(this.from, Math.min(this.base + heard, this.length));
     this.begun = performance.now() - (this.sent / this.rate) * 1000;
     this.endSent = false;
+    this.told = 0;
   }
 
   private slice(from: number, to: number): Float32Array {
