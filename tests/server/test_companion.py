@@ -318,7 +318,7 @@ def server() -> Iterator[RunningServer]:
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("ECHOAVATAR_CHAT_URL", raising=False)
         patch.setattr(companion, "LOCAL_SERVERS", {})
-        patch.setattr(companion, "local_ears", lambda manager: None)
+        patch.setattr(companion, "find_ears", lambda: None)
         with serving() as server:
             yield server
 

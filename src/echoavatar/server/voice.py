@@ -109,7 +109,8 @@ class _Durations:
         self.last: Any = ()
 
     def run(self, names: None, given: Mapping[str, Any]) -> list[Any]:
-        *made, self.last = self._session.run(names, given)
+        made: list[Any] = self._session.run(names, given)
+        self.last = made.pop()
         return made
 
 
