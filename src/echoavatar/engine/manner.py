@@ -14,6 +14,7 @@ from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import CHUNK
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
+FOLLOWED = ("liveliness",)  # of those, what is offered: the default bundle hardly follows which hand it is told
 LIVELINESS, RIGHT, BOTH = (MANNER.index(name) for name in ("liveliness", "right", "both"))
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere

@@ -82,9 +82,8 @@ class Toolbox:
         ]
         if self._has_manner:
             liveliness = _number("0: calm, hardly a gesture; 0.5: in conversation; 1: a storyteller.", 1)
-            handedness = _number("The hand of one-handed gestures; 0: left, 1: right.", 1)
-            about = "Change how lively the avatar gestures from now on, or with which hand."
-            plain.insert(1, _tool("set_manner", about, {"liveliness": liveliness, "handedness": handedness}))
+            about = "Change how lively the avatar gestures from now on."
+            plain.insert(1, _tool("set_manner", about, {"liveliness": liveliness}))
         return render(style, plain)
 
     async def call(self, session: Actor, name: str, arguments: Mapping[str, Any], load: TrackLoader) -> Schema:

@@ -367,7 +367,7 @@ async def test_set_manner_is_a_direct_function_where_the_avatar_has_it() -> None
     functions = direct_functions(AvatarTools(Bridge(), toolbox.schemas()))  # type: ignore[arg-type]
     (function,) = [function for function in functions if function.__name__ == "set_manner"]
     schema = DirectFunctionWrapper(function).to_function_schema()
-    assert set(schema.properties) == {"liveliness", "handedness"}
+    assert set(schema.properties) == {"liveliness"}
     assert schema.required == []
     assert "storyteller" in schema.properties["liveliness"]["description"]
     await function(params=Params(), liveliness=0.9)

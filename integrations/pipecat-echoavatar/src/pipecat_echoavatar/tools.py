@@ -33,10 +33,8 @@ def direct_functions(tools: AvatarTools) -> list[DirectFunction]:
         given = {"action": action, "intensity": intensity, "hold": hold or None}
         await _answer(params, await tools.call("send_action", given))
 
-    async def set_manner(
-        params: FunctionCallParams, liveliness: float | None = None, handedness: float | None = None
-    ) -> None:
-        await _answer(params, await tools.call("set_manner", {"liveliness": liveliness, "handedness": handedness}))
+    async def set_manner(params: FunctionCallParams, liveliness: float) -> None:
+        await _answer(params, await tools.call("set_manner", {"liveliness": liveliness}))
 
     async def play_music(params: FunctionCallParams, title: str = "") -> None:
         await _answer(params, await tools.call("play_music", {"title": title or None}))
