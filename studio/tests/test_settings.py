@@ -21,7 +21,7 @@ def test_templates_are_studies():
         ({"unknown": 1}, "unknown: Extra inputs are not permitted"),
         ({"systems": [{"name": "A", "clips": "a"}]}, "systems: Tuple should have at least 2 items"),
         ({"systems": [{"name": "A", "clips": "a"}, {"name": "A", "clips": "b"}]}, "the same name"),
-        ({"systems": [{"name": "A"}, {"name": "B", "clips": "b"}]}, "either a model or a folder"),
+        ({"systems": [{"name": "A"}, {"name": "B", "clips": "b"}]}, "needs one of model, clips"),
         ({"systems": [{"name": n, "clips": n, "group": n[:1]} for n in ("a1", "a2", "b1")]}, "group 'b' has one"),
         ({"questions": ["overall_preference"] * 2}, "asked twice"),
     ],

@@ -11,7 +11,7 @@ def test_a_dry_run_prints_what_would_be_sent(capsys: pytest.CaptureFixture[str])
     assert main(["elevenlabs", "setup", "--dry-run", "--persona", "Mika"]) == 0
     told = json.loads(capsys.readouterr().out)
     names = [tool["tool_config"]["name"] for tool in told["tools"]]
-    assert names == ["send_action", "play_music", "stop_music", "list_actions"]
+    assert names == ["send_action", "set_manner", "play_music", "stop_music", "list_actions"]
     prompt = told["agent"]["conversation_config"]["agent"]["prompt"]["prompt"]
     assert "Mika" in prompt
     assert "raise_both_hands" in prompt
