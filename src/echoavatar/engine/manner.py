@@ -23,6 +23,7 @@ QUIET, LIVELY = 0.4, 0.72  # how busy a working hand is (`models.generator.manne
 IDLE = (0.05, 0.2)  # how busy the other hand is
 UNEQUAL = 0.08  # how far two working hands differ
 RESTS = 0.4  # chance at liveliness 0 that neither works
+KEPT = 8  # turns that are remembered
 AROUND = CHUNK.within(BUSY_S) // 2  # chunks to either side that a hand's busyness is a mean of
 
 
@@ -32,12 +33,14 @@ class SpeakerManner:
     def __init__(self, seed: int, options: MotionOptions) -> None:
         self._seed, self._drawn = seed, np.array(draw_manner(seed).values)
         self._set: dict[str, float] = {}
+        self._turns: dict[int, Float[np.ndarray, " hands"]] = {}  # what hands do in turns that were drawn
         self.choose(options.liveliness, options.handedness)
 
     def choose(self, liveliness: float | None = None, handedness: float | None = None) -> None:
         """Set numbers between 0 and 1; what is None stays as it is. See `MotionOptions`."""
         told = {"liveliness": liveliness, "handedness": handedness}
         self._set |= {SET[name]: value for name, value in told.items() if value is not None}
+        self._turns.clear()
 
     def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""
@@ -54,11 +57,17 @@ class SpeakerManner:
             values[MANNER.index(name)] = value
         return values
 
-    def _hands(self, chunk: int) -> Float[np.ndarray, "2"]:
+    def _hands(self, chunk: int) -> Float[np.ndarray, " hands"]:
         """How busy the left and the right hand are in the turn that the chunk belongs to."""
         turn = chunk // TURN_CHUNKS
-        turn += self._border(turn + 1) <= chunk
-        turn -= self._border(turn) > chunk
+        if abs(chunk - (turn + 0.5) * TURN_CHUNKS) > TURN_CHUNKS / 2 - TURN_JITTER - 1:  # near a border
+            turn += self._border(turn + 1) <= chunk
+            turn -= self._border(turn) > chunk
+        if turn not in self._turns:
+            self._turns = dict(list(self._turns.items())[-KEPT:]) | {turn: self._draw(turn)}
+        return self._turns[turn]
+
+    def _draw(self, turn: int) -> Float[np.ndarray, " hands"]:
         values, rng = self._numbers(self._border(turn)), np.random.default_rng([self._seed, 3, turn])
         rests, both, right, second, lively = rng.random(5)
         idle = rng.uniform(*IDLE, len(HANDS))
