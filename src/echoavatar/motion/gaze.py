@@ -4,9 +4,9 @@ The viewer stands on the avatar's +Z side and moves along with it, as the page's
 neck and head make most of the rotation, within the range of a neck, and keep a little of their own movement; else they
 help where the eyes alone do not reach. The eyes make the rest, through the look curves of the face.
 
-People look at the other for 41 % of the time in which they speak and for 75 % of that in which they listen (reported after
-Argyle). Of long utterances, over 70 % begin with a look away, and as many end with a look at the listener (Kendon
-1967).
+People look at the other for 41 % of the time in which they speak and for 75 % of that in which they listen (reported
+after Argyle). Of long utterances, over 70 % begin with a look away, and as many end with a look at the listener
+(Kendon 1967).
 """
 
 import math
