@@ -145,7 +145,7 @@ def test_in_place_and_upper_body_do_what_they_say(wav: Path, tmp_path: Path, tin
 def test_a_stage_left_out_is_left_out(
     wav: Path, tmp_path: Path, tiny_bundle: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    every = ("smoother", "ground", "leash", "feet", "hands")
+    every = ("smoother", "stillness", "ground", "leash", "feet", "hands")
     assert run(wav, tmp_path / "a.npz", tiny_bundle) == 0
     assert run(wav, tmp_path / "b.npz", tiny_bundle, *(f"--without={stage}" for stage in every)) == 0
     refined, raw = (read_npz(tmp_path / f"{name}.npz").rotations for name in "ab")

@@ -14,14 +14,20 @@ def test_it_wanders_slowly_around_what_the_seed_drew():
     assert np.abs(minutes - draw_manner(7).values).max() <= DRIFT + 1e-6
     assert np.abs(np.diff(minutes, axis=0)).max() < 0.01
     assert np.ptp(minutes[:, MANNER.index("liveliness")]) > 0.05
-    assert np.array_equal(all_told, np.stack([SpeakerManner(7, FREE).at(chunk) for chunk in range(900)]))
-    assert not np.array_equal(SpeakerManner(8, FREE).at(0), all_told[0])
+    again = np.stack([SpeakerManner(7, FREE).at(chunk) for chunk in range(900)])
+    assert np.array_equal(all_told, again, equal_nan=True)
+    assert not np.array_equal(SpeakerManner(8, FREE).at(0), all_told[0], equal_nan=True)
 
 
 def hands_of(seed: int, liveliness: float | None = None, handedness: float | None = None):
     """How busy both hands are in four minutes of talk."""
+    return told(seed, liveliness, handedness)[:, len(MANNER) : -2]
+
+
+def told(seed: int, liveliness: float | None = None, handedness: float | None = None):
+    """What a session is told in four minutes of talk."""
     manner = SpeakerManner(seed, MotionOptions(liveliness=liveliness, handedness=handedness))
-    return np.stack([manner.at(chunk)[len(MANNER) :] for chunk in range(900)])
+    return np.stack([manner.at(chunk) for chunk in range(900)])
 
 
 def test_hands_take_turns_of_some_seconds():
@@ -44,13 +50,20 @@ def test_a_livelier_speaker_has_busier_hands_and_the_leading_hand_is_the_one_tha
     assert right[1] > right[0] + 0.1
 
 
+def test_where_the_hand_is_set_the_other_is_down_while_it_rests():
+    assert np.isnan(told(4)[:, -2:]).all(), "else it rests where it likes"
+    heights = np.concatenate([told(seed, handedness=1.0)[:, -2:] for seed in range(6)])
+    assert np.isnan(heights[:, 1]).all()
+    assert 0.2 < np.mean(heights[:, 0] < 0.3) < 0.8
+
+
 def test_in_silence_both_hands_are_idle():
     manner = SpeakerManner(7, MotionOptions(liveliness=1.0))
-    assert manner.at(40, is_silent=True)[len(MANNER) :].max() < 0.2
+    assert manner.at(40, is_silent=True)[len(MANNER) : -2].max() < 0.2
     for level in (0.0, 0.3):
         with engine().open(seed=3, options=MotionOptions(liveliness=1.0)) as session:
             session.push(np.full(6_400, level, np.float32))
-            busiest = session.core.begin_chunk(0).manner[len(MANNER) :].max()
+            busiest = session.core.begin_chunk(0).manner[len(MANNER) : -2].max()
             assert (busiest < 0.2) == (level == 0)
 
 

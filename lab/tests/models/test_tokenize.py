@@ -22,7 +22,7 @@ from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import (
     audio_codes,
     cues_at,
-    hand_speeds,
+    hands_of,
     own_motion,
     tokenize_corpus,
     tokenize_sounds,
@@ -63,15 +63,15 @@ def test_a_manner_comes_with_its_clip_and_its_mirror_image_leads_with_the_other_
     tokenize_corpus(write_manifest(tmp_path), bundle.codec, bundle.tokenizer, tmp_path / "tokens")
     own, mirror = (TokenClip.load(tmp_path / f"tokens/one{name}.npz") for name in ("", ".mirror"))
     assert own.manner.shape == (24, len(TOLD))
-    assert own.manner[:, :-2] == pytest.approx(np.tile(told.values, (24, 1)))
-    assert mirror.manner[:, :-2] == pytest.approx(np.tile(replace(told, right=0.1).values, (24, 1)))
-    hands, mirrored = own.manner[:, -2:], mirror.manner[:, -2:]
-    assert np.array_equal(hands, mirrored[:, ::-1], equal_nan=True)
+    assert own.manner[:, :-4] == pytest.approx(np.tile(told.values, (24, 1)))
+    assert mirror.manner[:, :-4] == pytest.approx(np.tile(replace(told, right=0.1).values, (24, 1)))
+    hands, mirrored = own.manner[:, -4:], mirror.manner[:, -4:]
+    assert np.array_equal(hands, mirrored[:, [1, 0, 3, 2]], equal_nan=True)
     assert np.isnan(hands[16:]).all(), "those of a dance are not told"
-    assert ((hands[:16] >= 0) & (hands[:16] < 1)).all()
+    assert ((hands[:16] >= 0) & (hands[:16] <= 1)).all()
 
 
-def test_a_hand_is_busy_while_it_moves() -> None:
+def test_a_hand_is_busy_while_it_moves_and_hangs_an_arm_below_its_shoulder() -> None:
     """The right forearm swings by 60 degrees each second; the left arm hangs, and the whole body turns."""
     t = np.arange(240) / 30
     rotations = np.zeros((240, HUMANOID.joints, 4), np.float32)
@@ -79,10 +79,13 @@ def test_a_hand_is_busy_while_it_moves() -> None:
     swing = np.radians(30) * np.sin(2 * np.pi * t) * (t < 4)
     rotations[:, HUMANOID.index("rightLowerArm")] = np.stack([np.cos(swing / 2), 0 * t, np.sin(swing / 2), 0 * t], 1)
     rotations[:, HUMANOID.index("hips")] = np.stack([np.cos(t / 4), 0 * t, np.sin(t / 4), 0 * t], 1)
-    left, right = hand_speeds(Motion(HUMANOID, rotations, np.zeros((240, 3), np.float32), 30.0)).T
+    speeds, heights = hands_of(Motion(HUMANOID, rotations, np.zeros((240, 3), np.float32), 30.0))
+    left, right = speeds.T
     assert left.max() < 0.01
     assert right[10:110].mean() > 0.5
     assert right[130:].max() < 0.01
+    assert heights[:, 0] == pytest.approx(-0.95, abs=0.1)
+    assert heights[:, 1].max() > heights[0, 0] + 0.02
 
 
 def test_a_dancer_dances_to_the_music_and_all_else_stays_true(

@@ -9,13 +9,12 @@ the requests and the chunk.
 import numpy as np
 from jaxtyping import Float
 
-from echoavatar.models.generator.manner import BUSY_S, HANDS, MANNER, draw_manner
+from echoavatar.models.generator.manner import BUSY_S, MANNER, draw_manner
 from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import CHUNK
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
-FOLLOWED = ("liveliness",)  # of those, what is offered: the default bundle hardly follows which hand it is told
-LIVELINESS, RIGHT, BOTH = (MANNER.index(name) for name in ("liveliness", "right", "both"))
+LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(name) for name in ("liveliness", "right", "both", "rest"))
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
@@ -23,6 +22,8 @@ QUIET, LIVELY = 0.4, 0.72  # how busy a working hand is (`models.generator.manne
 IDLE = (0.05, 0.2)  # how busy the other hand is
 UNEQUAL = 0.08  # how far two working hands differ
 RESTS = 0.4  # chance at liveliness 0 that neither works
+HANGING, CLASPED = 0.08, 0.22  # how high an idle hand is: at the side, or before the body
+FROM_SIDE, TO_BACK = 0.55, 0.9  # manner's `rest`, between which idle hands are before the body
 KEPT = 8  # turns that are remembered
 AROUND = CHUNK.within(BUSY_S) // 2  # chunks to either side that a hand's busyness is a mean of
 
@@ -44,9 +45,11 @@ class SpeakerManner:
 
     def at(self, chunk: int, *, is_silent: bool = False) -> Float[np.ndarray, " m"]:
         """The numbers of a chunk, in the order of `TOLD`; in silence both hands are idle."""
+        numbers = self._numbers(chunk)
         near = [self._hands(at) for at in range(max(0, chunk - AROUND), chunk + AROUND + 1)]
-        hands = np.full(len(HANDS), np.mean(IDLE)) if is_silent else np.mean(near, axis=0)
-        return np.concatenate([self._numbers(chunk), hands]).astype(np.float32)
+        busy = np.full(2, np.mean(IDLE)) if is_silent else np.mean(near, axis=0)[:2]
+        high = np.full(2, np.nan) if is_silent else self._hands(chunk)[2:]
+        return np.concatenate([numbers, busy, high]).astype(np.float32)
 
     def _numbers(self, chunk: int) -> Float[np.ndarray, " m"]:
         """The manner in the order of `MANNER`."""
@@ -58,7 +61,7 @@ class SpeakerManner:
         return values
 
     def _hands(self, chunk: int) -> Float[np.ndarray, " hands"]:
-        """How busy the left and the right hand are in the turn that the chunk belongs to."""
+        """How busy the left and the right hand are, then how high, in the turn that the chunk belongs to."""
         turn = chunk // TURN_CHUNKS
         if abs(chunk - (turn + 0.5) * TURN_CHUNKS) > TURN_CHUNKS / 2 - TURN_JITTER - 1:  # near a border
             turn += self._border(turn + 1) <= chunk
@@ -70,13 +73,15 @@ class SpeakerManner:
     def _draw(self, turn: int) -> Float[np.ndarray, " hands"]:
         values, rng = self._numbers(self._border(turn)), np.random.default_rng([self._seed, 3, turn])
         rests, both, right, second, lively = rng.random(5)
-        idle = rng.uniform(*IDLE, len(HANDS))
-        if rests < RESTS * (1 - values[LIVELINESS]) ** 2:
-            return idle
-        works = QUIET + (LIVELY - QUIET) * values[LIVELINESS] + 0.2 * (lively - 0.5)
-        hands = np.where(both < values[BOTH], works - UNEQUAL * 2 * second, idle)
-        hands[int(right < values[RIGHT])] = works
-        return np.clip(hands, 0, 1)
+        working = np.full(2, both < values[BOTH])
+        working[int(right < values[RIGHT])] = True
+        working &= rests >= RESTS * (1 - values[LIVELINESS]) ** 2
+        busy = np.full(2, QUIET + (LIVELY - QUIET) * values[LIVELINESS] + 0.2 * (lively - 0.5))
+        busy[int(right >= values[RIGHT])] -= UNEQUAL * 2 * second
+        busy = np.where(working, busy, rng.uniform(*IDLE, 2))
+        is_told = working.any() and SET["handedness"] in self._set  # else the hand that rests may do so anywhere
+        high = np.where(~working & is_told, _low(values), np.nan)
+        return np.clip(np.concatenate([busy, high]), 0, 1)
 
     def _border(self, turn: int) -> int:
         """The first chunk of a turn."""
@@ -85,5 +90,10 @@ class SpeakerManner:
 
     def _wander(self, block: int) -> Float[np.ndarray, " m"]:
         wander = np.random.default_rng([self._seed, 2, block]).uniform(-DRIFT, DRIFT, len(MANNER))
-        wander[MANNER.index("rest")] = 0  # where idle hands are is a habit
+        wander[REST] = 0  # where idle hands are is a habit
         return wander
+
+
+def _low(values: Float[np.ndarray, " m"]) -> float:
+    """How high the idle hands of a manner are."""
+    return CLASPED if FROM_SIDE < values[REST] < TO_BACK else HANGING

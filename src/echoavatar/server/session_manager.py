@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from echoavatar import __version__
 from echoavatar.engine import Engine, EngineThread
-from echoavatar.engine.manner import FOLLOWED
+from echoavatar.engine.manner import SET
 from echoavatar.engine.music import Tracks
 from echoavatar.engine.tools import HIDDEN, Toolbox
 from echoavatar.errors import AdmissionError
@@ -259,7 +259,7 @@ class SessionManager:
             face=tuple(ARKIT_NAMES) if self.engine.pipeline.face is not None else (),
             actions=self._actions,
             tracks=self.tracks.titles,
-            manner=FOLLOWED if self.engine.pipeline.has_manner else (),
+            manner=tuple(SET) if self.engine.pipeline.has_manner else (),
             latency=Latency(algorithm=1e3 * self.engine.chunk.seconds, compute=1e3 * self.engine.step_seconds),
             limits=self.settings.limits,
             sound=sound,

@@ -19,7 +19,7 @@ def test_reading_in_any_parts_gives_the_logits_of_the_model(cuts):
     at = torch.arange(9)
     seen = torch.cat([at[:, None] >= at, torch.zeros(9, 1, dtype=torch.bool)], 1).expand(2, -1, -1)
     with torch.no_grad():
-        decoder = Decoder(model.model, model.segment_head(), model.exemplar, "float32")
+        decoder = Decoder(model.model, model.segment_head(), "float32", control=model.exemplar)
         rings = decoder.rings(2, 9)
         places = decoder.places(at.expand(2, -1), at.expand(2, -1), seen, torch.ones(2, dtype=torch.bool))
         start = 0

@@ -8,7 +8,7 @@ from tests.models.generator.tiny import audio, config, generator
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.generator.manner import MANNER, TOLD, Manner, MannerControl, busy, draw_manner
+from echoavatar.models.generator.manner import MANNER, TOLD, Manner, MannerControl, busy, draw_manner, raised
 from echoavatar_lab.models.generator.sequences import build_sequences, code_logits, read
 from echoavatar_lab.models.generator.train import GeneratorTask, GeneratorTraining
 from echoavatar_lab.models.generator.windows import TokenClip
@@ -16,7 +16,7 @@ from echoavatar_lab.training import train
 
 EVERYONE = torch.ones(2, dtype=torch.bool)
 COLD = torch.zeros(2)
-CALM, STORYTELLER = ((*Manner(liveliness=value).values, 0.5, 0.5) for value in (0.0, 1.0))
+CALM, STORYTELLER = ((*Manner(liveliness=value).values, 0.5, 0.5, 0.2, 0.2 + value / 2) for value in (0.0, 1.0))
 
 
 def test_manners_fill_their_range_and_follow_from_the_seed():
@@ -29,22 +29,28 @@ def test_manners_fill_their_range_and_follow_from_the_seed():
 
 
 def test_what_is_not_told_adds_nothing_and_each_number_has_its_own_effect():
-    control = MannerControl(16)
+    control = MannerControl(16, 8, 32)
     torch.nn.init.normal_(control.proj.weight)
-    told = torch.tensor([(*Manner().values, 0.6, 0.1)])
-    assert not control.hint(torch.full_like(told, torch.nan)).any()
+    torch.nn.init.normal_(control.codes_proj.weight)
+    told = torch.tensor([(*Manner().values, 0.6, 0.1, 0.3, 0.8)])
     one_by_one = [torch.where(torch.arange(len(TOLD)) == k, told, torch.nan) for k in range(len(TOLD))]
-    assert torch.allclose(sum(control.hint(each) for each in one_by_one), control.hint(told), atol=1e-5)
+    for effect in (control.hint, control.likely):
+        assert not effect(torch.full_like(told, torch.nan)).any()
+        assert torch.allclose(sum(effect(each) for each in one_by_one), effect(told), atol=1e-5)
 
 
 def test_a_talking_hand_is_half_busy():
     assert busy(np.array([0, 0.6, 100])) == pytest.approx([0, 0.5, 1], abs=0.01)
 
 
+def test_a_hanging_hand_is_at_0_and_one_at_the_chin_at_1():
+    assert raised(np.array([-1.1, -1, -0.4, 0.2, 0.5])) == pytest.approx([0, 0, 0.5, 1, 1])
+
+
 def test_the_effect_changes_steadily_with_a_number():
-    control = MannerControl(16)
+    control = MannerControl(16, 8, 32)
     torch.nn.init.normal_(control.proj.weight)
-    told = torch.tensor([(*Manner().values, 0.6, 0.1)]).repeat(101, 1)
+    told = torch.tensor([(*Manner().values, 0.6, 0.1, 0.3, 0.8)]).repeat(101, 1)
     told[:, MANNER.index("liveliness")] = torch.linspace(0, 1, 101)
     steps = control.hint(told).diff(dim=0).norm(dim=1)
     assert steps.min() > 0
@@ -58,11 +64,8 @@ def test_the_stream_takes_the_codes_that_the_told_model_finds_likeliest():
     stream = open_stream(model)
     codes = stream.step(x, stream.init_state(2), EVERYONE, temperature=COLD, manner=manner)
     batch = build_sequences(model.config.order, x, codes, codes, torch.zeros(2, dtype=torch.int64))
-    told = (
-        code_logits(model, batch, read(model, batch, manner=manner[:, None].expand(-1, codes.shape[1], -1)))
-        .argmax(-1)
-        .transpose(0, 1)
-    )
+    each = manner[:, None].expand(-1, codes.shape[1], -1)
+    told = code_logits(model, batch, read(model, batch, manner=each), manner=each).argmax(-1).transpose(0, 1)
     assert torch.equal(told, batch.targets)
     untold = code_logits(model, batch, read(model, batch)).argmax(-1).transpose(0, 1)
     assert not torch.equal(untold, batch.targets)
@@ -113,7 +116,7 @@ def test_a_trained_generator_moves_as_it_is_told(tmp_path):
 
 
 def test_what_a_manner_does_may_be_learned_alone(tmp_path):
-    training = GeneratorTraining(steps=3, batch=4, chunks=4, manner=1, only_manner=True, depth_weights=(1, 1))
+    training = GeneratorTraining(steps=3, batch=4, chunks=4, manner=1, only="manner", depth_weights=(1, 1))
     start = generator(sequence="depth", layers=1)
     task = GeneratorTask(config(sequence="depth", layers=1, manner=True), training, clips())
     task.begin_with(start)

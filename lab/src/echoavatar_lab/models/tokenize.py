@@ -29,7 +29,7 @@ from echoavatar.errors import MotionError
 from echoavatar.json_reader import read_object
 from echoavatar.models.audio import AudioCodec, LevelControl
 from echoavatar.models.generator import Generator, open_stream
-from echoavatar.models.generator.manner import BUSY_S, TOLD, Manner, busy
+from echoavatar.models.generator.manner import BUSY_S, HIGH_S, TOLD, Manner, busy, raised
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, from_features
 from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
@@ -141,26 +141,30 @@ def _danced(clip: TokenClip, dancer: Generator, *, seed: int) -> list[TokenClip]
 
 
 def told_manner(clip: Clip, tokens: int, *, is_mirrored: bool) -> Float[np.ndarray, "n m"] | None:
-    """The manner of the clip's label at each motion token, and how busy its hands are; in the mirror hands swap.
+    """The manner of the clip's label at each motion token, how busy and how high hands are; in the mirror hands swap.
 
-    Hands are busy where somebody talks or listens: those of a dance are NaN.
+    Hands are told where somebody talks or listens: those of a dance are NaN.
     """
     if "manner" not in clip.labels:
         return None
     told = Manner(**read_object(clip.labels["manner"].encode(), f"the manner of {clip.name}"))
-    smooth = uniform_filter1d(hand_speeds(clip.motion()), round(BUSY_S * FRAME_RATE_HZ), axis=0, mode="nearest")
-    at = np.minimum(np.arange(tokens) * FRAMES_PER_MOTION_TOKEN + FRAMES_PER_MOTION_TOKEN // 2, len(smooth) - 1)
-    hands = busy(smooth[at])
+    speeds, heights = hands_of(clip.motion())
+    at = np.minimum(np.arange(tokens) * FRAMES_PER_MOTION_TOKEN + FRAMES_PER_MOTION_TOKEN // 2, len(speeds) - 1)
+    mean = [
+        uniform_filter1d(part, round(span * FRAME_RATE_HZ), axis=0, mode="nearest")[at]
+        for part, span in ((speeds, BUSY_S), (heights, HIGH_S))
+    ]
+    hands = np.concatenate([busy(mean[0]), raised(mean[1])], 1)
     hands[clip.domain[np.minimum(at, len(clip.domain) - 1)] == DOMAINS.index("music")] = np.nan
     if is_mirrored:
-        told, hands = replace(told, right=1 - told.right), hands[:, ::-1]
+        told, hands = replace(told, right=1 - told.right), hands[:, [1, 0, 3, 2]]
     found = np.concatenate([np.tile(np.array(told.values), (tokens, 1)), hands], 1).astype(np.float32)
     assert found.shape[1] == len(TOLD)
     return found
 
 
-def hand_speeds(motion: Motion) -> Float[np.ndarray, "t 2"]:
-    """Speeds of the left and the right wrist in the shoulders' frame, arm lengths per second."""
+def hands_of(motion: Motion) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t 2"]]:
+    """Speeds and heights of the left and the right wrist in the shoulders' frame, in arm lengths (per second)."""
     at = dict(zip(motion.skeleton.names, motion.pose().positions.numpy().swapaxes(0, 1), strict=True))
     shoulder, elbow, wrist = (at[f"left{bone}"] for bone in ("UpperArm", "LowerArm", "Hand"))
     reach = np.median(np.linalg.norm(shoulder - elbow, axis=1) + np.linalg.norm(elbow - wrist, axis=1))
@@ -172,7 +176,7 @@ def hand_speeds(motion: Motion) -> Float[np.ndarray, "t 2"]:
         [(x * away[..., 0] + z * away[..., 2]) / wide, away[..., 1], (x * away[..., 2] - z * away[..., 0]) / wide], -1
     )
     smooth = gaussian_filter1d(local / reach, 1, axis=0)
-    return np.asarray(np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) * motion.fps)
+    return np.linalg.norm(np.gradient(smooth, axis=0), axis=-1) * motion.fps, local[..., 1] / reach
 
 
 @torch.inference_mode()

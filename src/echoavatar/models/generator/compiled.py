@@ -61,10 +61,10 @@ class Steering(NamedTuple):
 
     segments: np.ndarray  # (s,) the segments it raises; negative without a directive
     hint: np.ndarray  # (b, c)
-    members: np.ndarray  # (b, s K)
+    raised: np.ndarray  # (b, g, s K)
     bias: np.ndarray  # (b, s K)
-    gate: np.ndarray  # (c,)
-    gate_bias: np.float32
+    gates: np.ndarray  # (g, c)
+    gate_biases: np.ndarray  # (g,)
 
 
 @kernel(reorders=True)
@@ -140,11 +140,14 @@ def _attend(qkv, keys, values, slot, bias, scores, y):  # type: ignore[no-untype
 @kernel(reorders=True)
 def _steer(logits, hidden, steering, at):  # type: ignore[no-untyped-def]
     for row in range(logits.shape[0]):
-        gate = steering.gate_bias
-        for i in range(hidden.shape[1]):
-            gate += hidden[row, i] * steering.gate[i]
         for code in range(logits.shape[1]):
-            logits[row, code] += gate * steering.members[row, at + code] + steering.bias[row, at + code]
+            logits[row, code] += steering.bias[row, at + code]
+        for number in range(steering.gates.shape[0]):
+            gate = steering.gate_biases[number]
+            for i in range(hidden.shape[1]):
+                gate += hidden[row, i] * steering.gates[number, i]
+            for code in range(logits.shape[1]):
+                logits[row, code] += gate * steering.raised[row, number, at + code]
 
 
 @kernel(reorders=True)

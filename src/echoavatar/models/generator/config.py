@@ -111,8 +111,8 @@ class GeneratorConfig(Config):
             raise ValueError("control tokens stand in front of a prompt, so they belong to the prefix order")
         if self.manner and self.sequence != "depth":
             raise ValueError("a manner is told to generators of the depth order only")
-        if self.steered and self.exemplar:
-            raise ValueError("a generator trained with exemplars is steered in the upper body's first layer only")
+        if self.steered and (self.exemplar or self.manner):
+            raise ValueError("exemplars and manners steer a generator in the upper body's first layer only")
         return self
 
     @property

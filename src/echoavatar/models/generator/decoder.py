@@ -61,7 +61,13 @@ class Decoder:
     """Frozen weights of a transformer of a generator and of its heads, on their device."""
 
     def __init__(
-        self, body: Body, heads: Float[Tensor, "k K c"], control: ExemplarControl | None, precision: Precision
+        self,
+        body: Body,
+        heads: Float[Tensor, "k K c"],
+        precision: Precision,
+        *,
+        control: ExemplarControl | None = None,
+        manner: MannerControl | None = None,
     ) -> None:
         config = self.config = body.config
         width = config.width
@@ -72,9 +78,12 @@ class Decoder:
         scale = body.norm.weight.detach().float() * width**0.5
         self._heads = [frozen_linear(precision, segment * scale) for segment in heads.detach()]
         self._control = control
-        self._manner: MannerControl | None = None
-        if self._control is not None:
-            self._gate = ((self._control.gate_proj.weight * scale).detach().float(), self._control.gate_proj.bias)
+        self._manner = manner
+        self._gates = torch.zeros(2, width, device=self.device), torch.zeros(2, device=self.device)
+        for row, each in enumerate((control, manner)):
+            if each is not None:
+                self._gates[0][row] = each.gate_proj.weight.detach()[0].float() * scale
+                self._gates[1][row] = each.gate_proj.bias.detach()[0].float()
         self._directed = config.directed
         self._hinted = self._embedding  # whose rows make the hint of a set
         self._root_eps = torch.full((1, 1), (width * config.norm_eps) ** 0.5, device=self.device)
@@ -129,12 +138,14 @@ class Decoder:
         if given is None:
             return None
         codes = len(self._directed) * self.config.layout.motion_codes
-        hint, nothing = given.new_zeros(len(given), self._hinted.shape[1]), given.new_zeros(len(given), codes)
+        hint, raised = given.new_zeros(len(given), self._hinted.shape[1]), given.new_zeros(len(given), 2, codes)
+        if exemplar is not None:
+            raised[:, 0] = exemplar
         if exemplar is not None and self._control is not None:
             hint = self._control.hint(exemplar, member_rows(self._hinted, self.config.layout))
         if manner is not None and self._manner is not None:
-            hint = hint + self._manner.hint(manner)
-        return Steer(hint, nothing if exemplar is None else exemplar, nothing if bias is None else bias)
+            hint, raised[:, 1] = hint + self._manner.hint(manner), self._manner.likely(manner)
+        return Steer(hint, raised, torch.zeros_like(raised[:, 0]) if bias is None else bias)
 
     def generate(
         self,
@@ -206,9 +217,8 @@ class Decoder:
             return logits
         at = self._directed.index(segment) * logits.shape[1]
         part = slice(at, at + logits.shape[1])
-        if self._control is not None:
-            logits = logits + F.linear(hidden.float(), *self._gate) * steer.members[:, part]
-        return logits + steer.bias[:, part]
+        gates = F.linear(hidden.float(), *self._gates)
+        return logits + (gates[..., None] * steer.raised[..., part]).sum(1) + steer.bias[:, part]
 
     def draw(
         self,
@@ -260,15 +270,13 @@ class Decoder:
     def _steering(self, steer: Steer | None, rows: int) -> compiled.Steering:
         width, codes = self.config.width, self.config.layout.motion_codes
         directed = np.array(self._directed)
-        gate, gate_bias = np.zeros(width, np.float32), np.float32(0)
+        gates, gate_biases = (part.numpy() for part in self._gates)
         if steer is None:
             hint = np.zeros((rows, width), np.float32)
-            members, bias = np.zeros((2, rows, codes * len(directed)), np.float32)
-            return compiled.Steering(directed - len(self._heads), hint, members, bias, gate, gate_bias)
-        if self._control is not None:
-            gate, gate_bias = self._gate[0][0].numpy(), np.float32(self._gate[1].item())
-        hint, members, bias = (np.ascontiguousarray(part.numpy()) for part in steer)
-        return compiled.Steering(directed, hint, members, bias, gate, gate_bias)
+            raised = np.zeros((rows, 2, codes * len(directed)), np.float32)
+            return compiled.Steering(directed - len(self._heads), hint, raised, raised[:, 0].copy(), gates, gate_biases)
+        hint, raised, bias = (np.ascontiguousarray(part.numpy()) for part in steer)
+        return compiled.Steering(directed, hint, raised, bias, gates, gate_biases)
 
     def _norm(self, x: Float[Tensor, "n c"], dtype: torch.dtype) -> Float[Tensor, "n c"]:
         """Bring to unit length, x / sqrt(|x|^2 + c eps); the missing sqrt(c) is folded into the weights."""
@@ -303,10 +311,10 @@ class DepthDecoder(Decoder):
     def __init__(self, generator: Generator, precision: Precision) -> None:
         assert generator.depth is not None
         config, depth = generator.config, generator.depth
-        super().__init__(depth.body, generator.segment_head(), generator.exemplar, precision)
-        self.backbone = Decoder(generator.model, depth.condition.weight[None], None, precision)
+        heads, controls = generator.segment_head(), {"control": generator.exemplar, "manner": generator.manner}
+        super().__init__(depth.body, heads, precision, **controls)
+        self.backbone = Decoder(generator.model, depth.condition.weight[None], precision)
         self._table = self._hinted = generator.model.embed_tokens.weight.detach().float()
-        self._manner = generator.manner
         layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)
         sounds = self._table[layout.audio_base :][: layout.audio_layers * layout.audio_codes]
         self._sounds = torch.einsum("opi,ai->pao", by_place, sounds)
@@ -349,9 +357,9 @@ class DepthDecoder(Decoder):
         rows, count = last.shape
         own, slots = self._own_places(rows, count), self.rings(rows, count)
         first = self.read(condition, own.part(0, 1), slots)
-        nothing = condition.new_zeros(rows, len(self._directed) * self.config.layout.motion_codes)
-        members, bias = (nothing, nothing) if steer is None else steer[1:]
-        return self.draw(first, own.part(1), slots, sampler, Steer(condition, members, bias))
+        nothing = condition.new_zeros(rows, 2, len(self._directed) * self.config.layout.motion_codes)
+        raised, bias = (nothing, nothing[:, 0]) if steer is None else steer[1:]
+        return self.draw(first, own.part(1), slots, sampler, Steer(condition, raised, bias))
 
     def _own_places(self, rows: int, count: int) -> Places:
         """Positions of the depth transformer: each sees those before it in the frame, and never the spare slot."""

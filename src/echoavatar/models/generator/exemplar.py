@@ -27,8 +27,10 @@ class Steer(NamedTuple):
     """The effect of a directive during one step of a stream."""
 
     hint: Float[Tensor, "b c"]  # added to the input of the positions that predict motion codes
-    members: Float[Tensor, "b K"]  # times the gate, added to the logits of the segments directed; K for each
-    bias: Float[Tensor, "b K"]  # added there as it is
+    # Added to the logits of the segments directed, K for each: the set's codes and what hands' heights say, both times
+    # their gates; and a bias as it is.
+    raised: Float[Tensor, "b 2 K"]
+    bias: Float[Tensor, "b K"]
 
 
 class ExemplarControl(nn.Module):

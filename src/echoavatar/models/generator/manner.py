@@ -4,10 +4,12 @@ The sound does not say which hand a speaker uses, nor how lively he is. Without 
 people do, and both hands do the same. A session draws a manner from its seed; a user may set parts of it.
 
 A speaker's manner alone is an average over minutes, which a chunk cannot follow: it says that a hand often rests, not
-that it rests now. So the generator is also told how busy each hand is in these seconds (`HANDS`).
+that it rests now. So the generator is also told how busy each hand is in these seconds (`HANDS`), and how high (`HEIGHTS`).
 
-The numbers enter as one vector, added to the backbone's input at each frame (`MannerControl`). A generator that is
-told nothing gets a zero vector.
+The numbers but the heights enter as one vector, added to the backbone's input at each frame (`MannerControl`). From
+there a generator does not learn to tell left from right: the past says where the hands are, and in windows without a
+past the vector is small beside the noise. So the heights enter where a code is drawn: they raise the logits of the
+first-layer codes of the upper body that have the hands there, times a learned gate. What is not told adds nothing.
 """
 
 from dataclasses import astuple, dataclass, fields
@@ -54,14 +56,20 @@ class Manner:
 
 MANNER = tuple(field.name for field in fields(Manner))
 HANDS = ("left_hand", "right_hand")  # how busy each is now: `busy` of its mean speed over `BUSY_S` around a frame
-TOLD = MANNER + HANDS  # the numbers that a generator is told, in order
-BUSY_S = 2.0
+HEIGHTS = ("left_height", "right_height")  # how high each is: `raised` of its mean height over `HIGH_S`
+TOLD = MANNER + HANDS + HEIGHTS  # the numbers that a generator is told, in order
+BUSY_S, HIGH_S = 2.0, 1.2
 _HALF_BUSY = 0.6  # arm lengths per second
 
 
 def busy(speed: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """How busy a hand of this mean speed (arm lengths per second) is: 0 at rest, 0.5 at a talker's mean, below 1."""
     return speed / (speed + _HALF_BUSY)
+
+
+def raised(height: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """How raised a wrist at this height over the shoulders (arm lengths) is: 0 where it hangs, 1 at the chin."""
+    return np.clip((height + 1.0) / 1.2, 0, 1)
 
 
 def draw_manner(seed: int) -> Manner:
@@ -82,20 +90,38 @@ def draw_manner(seed: int) -> Manner:
 
 
 class MannerControl(nn.Module):
-    """Learned effect of a manner: a piecewise linear function of each number, summed over the numbers."""
+    """Learned effect of the numbers `TOLD`: piecewise linear functions of each, summed over the numbers."""
 
-    def __init__(self, width: int, count: int = len(TOLD)) -> None:
+    def __init__(self, width: int, read_width: int, codes: int) -> None:
         super().__init__()
-        self.proj = nn.Linear(count * KNOTS, width, bias=False)
+        self.proj = nn.Linear(len(MANNER + HANDS) * KNOTS, width, bias=False)
+        self.codes_proj = nn.Linear(len(HEIGHTS) * KNOTS, codes, bias=False)
+        self.gate_proj = nn.Linear(read_width, 1)
         self.clear()
 
     def clear(self) -> None:
         """Reset to no effect."""
-        nn.init.zeros_(self.proj.weight)
+        for parameter in self.parameters():
+            nn.init.zeros_(parameter)
+        nn.init.ones_(self.gate_proj.bias)
 
-    def hint(self, manner: Float[Tensor, "*b m"]) -> Float[Tensor, "*b c"]:
-        """The vector to add to the input for the numbers `TOLD`; one that is NaN is not told and adds nothing."""
-        knots = torch.linspace(0, 1, KNOTS, device=manner.device)
-        near = (1 - (manner[..., None] - knots).abs() * (KNOTS - 1)).clamp(min=0).nan_to_num(0)
-        told: Tensor = self.proj(near.flatten(-2))
-        return told
+    def hint(self, told: Float[Tensor, "*b m"]) -> Float[Tensor, "*b c"]:
+        """The vector to add to the input; a number that is NaN is not told and adds nothing."""
+        hint: Tensor = self.proj(_near(told[..., : -len(HEIGHTS)]))
+        return hint
+
+    def likely(self, told: Float[Tensor, "*b m"]) -> Float[Tensor, "*b K"]:
+        """What to add to the logits of the upper body's first-layer codes, times the `gate`; for NaN as `hint`."""
+        logits: Tensor = self.codes_proj(_near(told[..., -len(HEIGHTS) :]))
+        return logits
+
+    def gate(self, hidden: Float[Tensor, "*b c"]) -> Float[Tensor, "*b 1"]:
+        """By how much: little in a dance, whose arms follow the music."""
+        gate: Tensor = self.gate_proj(hidden)
+        return gate
+
+
+def _near(told: Float[Tensor, "*b m"]) -> Float[Tensor, "*b n"]:
+    """How near each number is to each knot, between 0 and 1; 0 for NaN."""
+    knots = torch.linspace(0, 1, KNOTS, device=told.device)
+    return (1 - (told[..., None] - knots).abs() * (KNOTS - 1)).clamp(min=0).nan_to_num(0).flatten(-2)

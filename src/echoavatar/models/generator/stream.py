@@ -38,7 +38,7 @@ class GeneratorStream(StreamingModule[StateT]):
             self._decoder = self._frozen(generator, precision)
 
     def _frozen(self, generator: Generator, precision: Precision) -> Decoder:
-        return Decoder(generator.model, generator.segment_head(), generator.exemplar, precision)
+        return Decoder(generator.model, generator.segment_head(), precision, control=generator.exemplar)
 
     @torch.no_grad()
     def step(
@@ -269,12 +269,13 @@ class PrefixStream(GeneratorStream[HistoryState]):
 
     def _example(self, steer: Steer | None) -> Int[Tensor, "b m"] | None:
         """Ids of each row's set in the order of its codes, -1 behind the last; None where no prompt shows any."""
-        if steer is None or not self.layout.before_example or not bool((steer.members > 0).any()):
+        members = None if steer is None else steer.raised[:, 0]
+        if members is None or not self.layout.before_example or not bool((members > 0).any()):
             return None
         starts = torch.tensor([self.layout.segment_start(segment) for segment in self.config.directed])
         codes = torch.arange(self.layout.motion_codes)
-        ids = (starts[:, None] + codes).flatten().to(steer.members.device)
-        return control_ids(steer.members, ids)
+        ids = (starts[:, None] + codes).flatten().to(members.device)
+        return control_ids(members, ids)
 
     def _places(self, valid: Bool[Tensor, "b t"]) -> Places:
         rows, device = valid.shape[0], valid.device

@@ -26,9 +26,10 @@ from .leash import Leash, LeashState
 from .modes import IdleLegs, ModesState
 from .pose import Pose, Unpacking, repair
 from .smoother import Smoother, SmootherState, SpeedLimit, SpeedLimitState
+from .stillness import Stillness, StillnessState
 
 OnStage = Callable[[str], None]
-POST_STAGES = ("pose", "smoother", "ground", "leash", "feet", "hands")
+POST_STAGES = ("pose", "smoother", "stillness", "ground", "leash", "feet", "hands")
 SWITCHES = POST_STAGES[1:]
 _log = logging.getLogger(__name__)
 
@@ -39,6 +40,7 @@ class PostState(StreamState):
 
     modes: ModesState
     smoother: SmootherState
+    stillness: StillnessState
     ground: GroundState
     leash: LeashState
     feet: FeetState
@@ -46,7 +48,7 @@ class PostState(StreamState):
 
 
 class Post:
-    """The stages in order: pose, smoother, ground, leash, feet, hands; a speed limit belongs to the last."""
+    """The stages in order: pose, smoother, stillness, ground, leash, feet, hands; a speed limit belongs to the last."""
 
     def __init__(
         self, skeleton: Skeleton, *, stages: Collection[str] = SWITCHES, body: BodyProfile | None = None
@@ -61,6 +63,7 @@ class Post:
         self._chains = self._hands.chains
         self._unpacking = Unpacking(skeleton)
         self._smoother = Smoother(skeleton.joints)
+        self._stillness = Stillness(skeleton)
         self._idle_legs = IdleLegs(skeleton)
         self._ground = Ground(skeleton, self._chains, is_holding="ground" in stages)
         self._leash = Leash()
@@ -72,6 +75,7 @@ class Post:
         return PostState(
             self._idle_legs.init_state(rows),
             self._smoother.init_state(rows),
+            self._stillness.init_state(rows),
             self._ground.init_state(rows),
             self._leash.init_state(rows),
             self._feet.init_state(rows),
@@ -95,6 +99,9 @@ class Post:
         if "smoother" in self.stages:
             self._smoother.step(pose, state.smoother, on)
         report("smoother")
+        if "stillness" in self.stages:
+            self._stillness.step(pose, state.stillness, on)
+        report("stillness")
         self._idle_legs.stand(pose, is_idle)
         chains = self._chains.pose(pose.rotations)
         self._ground.step(pose, chains, state.ground, on)

@@ -44,14 +44,17 @@ def code_nll(
     batch: Sequences,
     hidden: Float[Tensor, "b t c"] | None = None,
     exemplar: Exemplar | None = None,
+    manner: Float[Tensor, "b t m"] | None = None,
 ) -> Float[Tensor, "b k n"]:
     """Negative log-likelihood in nats of every motion code under its segment's K logits.
 
-    `hidden` are the generator's hidden states, where they are known already; `exemplar` is the directive.
+    `hidden` are the generator's hidden states, where they are known already; `exemplar` is the directive, `manner` what
+    is told of the speaker.
     """
     if hidden is None:
-        hidden = read(generator, batch, exemplar)
-    return _nll(code_logits(generator, batch, hidden, exemplar), batch.targets.transpose(0, 1)).transpose(0, 1)
+        hidden = read(generator, batch, exemplar, manner)
+    logits = code_logits(generator, batch, hidden, exemplar, manner)
+    return _nll(logits, batch.targets.transpose(0, 1)).transpose(0, 1)
 
 
 def hierarchical_loss(

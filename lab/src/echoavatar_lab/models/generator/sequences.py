@@ -146,16 +146,25 @@ def segment_logits(
 
 
 def code_logits(
-    generator: Generator, batch: Sequences, hidden: Float[Tensor, "b t c"], exemplar: Exemplar | None = None
+    generator: Generator,
+    batch: Sequences,
+    hidden: Float[Tensor, "b t c"],
+    exemplar: Exemplar | None = None,
+    manner: Float[Tensor, "b t m"] | None = None,
 ) -> Float[Tensor, "k b n K"]:
-    """Logits of every motion code asked for; those of a directive's set are raised where it holds."""
+    """Logits of every motion code asked for, raised by a directive's set where it holds and by the heights of hands."""
     logits = segment_logits(generator, hidden, batch.predictors)
-    if exemplar is None or generator.exemplar is None:
+    segment, raised = len(logits) // PARTS * UPPER, []
+    upper = hidden[:, batch.predictors[segment]]
+    if exemplar is not None and generator.exemplar is not None:
+        gate = generator.exemplar.gate(upper) * exemplar.at(batch.asked).holds[..., None]
+        raised.append(gate * exemplar.members[:, None])
+    if manner is not None and generator.manner is not None:
+        told = manner if batch.asked is None else manner[:, batch.asked]
+        raised.append(generator.manner.gate(upper) * generator.manner.likely(told))
+    if not raised:
         return logits
-    segment, holds = len(logits) // PARTS * UPPER, exemplar.at(batch.asked).holds
-    gate = generator.exemplar.gate(hidden[:, batch.predictors[segment]]) * holds[..., None]
-    raised = logits[segment] + (gate * exemplar.members[:, None]).to(logits)
-    return torch.cat([logits[:segment], raised[None], logits[segment + 1 :]])
+    return torch.cat([logits[:segment], (logits[segment] + sum(raised).to(logits))[None], logits[segment + 1 :]])
 
 
 def streams_apart(

@@ -99,8 +99,10 @@ class GeneratorTraining(TrainingConfig):
         le=1,
         description="depth order: share of windows that are told how their speaker gestures (not in the paper)",
     )
-    only_manner: bool = Field(
-        default=False, description="learn only what a manner does: a small weight learns slowly beside the rest"
+    only: Literal["all", "manner", "heights"] = Field(
+        default="all",
+        description="learn only what a manner, or the heights of hands, do: a small weight learns slowly beside the "
+        "rest",
     )
     cue_weight: float = Field(
         default=0.0,
@@ -212,7 +214,7 @@ class GeneratorTask(TrainingTask[Lesson]):
             raise CheckpointError("training asked < 1 needs a generator of the depth order; leave it at 1")
         if training.exemplar and not config.exemplar:
             raise CheckpointError("training exemplar > 0 needs a generator config with exemplar true")
-        if (training.manner or training.only_manner) and not config.manner:
+        if (training.manner or training.only != "all") and not config.manner:
             raise CheckpointError("training manner > 0 needs a generator config with manner true")
         if training.exemplar and config.control == "prompt" and not config.layout.before_example:
             raise CheckpointError(
@@ -227,10 +229,11 @@ class GeneratorTask(TrainingTask[Lesson]):
         super().__init__(training, {"generator": self.generator} | ({"cues": self.cues} if is_reading else {}))
         if training.objective == "streams":
             freeze_body(self.generator)
-        if training.only_manner:
+        if training.only != "all":
             self.generator.requires_grad_(False)
             assert self.generator.manner is not None
-            self.generator.manner.requires_grad_(True)
+            for name, weight in self.generator.manner.named_parameters():
+                weight.requires_grad_(training.only == "manner" or not name.startswith("proj"))
         self.has_idle = self.generator.exemplar is not None and not training.exemplar and training.objective == "motion"
         self.is_recordable = config.sequence == "depth" and training.objective == "motion"
         self.chunks = config.window_chunks if config.sequence == "prefix" else training.chunks
@@ -307,7 +310,7 @@ class GeneratorTask(TrainingTask[Lesson]):
         if batch.asked is not None:
             sequences = sequences.asking(batch.asked[0])
         hidden = read(self.generator, sequences, batch.exemplar, batch.manner)
-        nll = code_nll(self.generator, sequences, hidden, batch.exemplar)
+        nll = code_nll(self.generator, sequences, hidden, batch.exemplar, batch.manner)
         codes = hierarchical_loss(nll, sequences, training.depth_weights)
         told = {"codes": codes} | summary(nll.detach(), sequences, window, batch.exemplar)
         if not training.cue_weight:

@@ -3,7 +3,7 @@
 A token file is one clip: an npz with `audio_codes` (f, 2) int16 at 75 Hz, `motion_codes` (n, 3, Q) int16 at 7.5 Hz,
 `domain` (n,) uint8 (0 silence, 1 speech, 2 music) and `split` ("train" or "test"); optionally `cues` (f, 2) uint8, 1
 where a beat or a stressed syllable is heard, `patience`, how steady the codes of motion are, `is_leveled`, whether the
-sound was brought to one loudness, `manner` (n, 11) float32, how its speaker gestures (`TOLD`), and `has_truth`, false
+sound was brought to one loudness, `manner` (n, 13) float32, how its speaker gestures (`TOLD`), and `has_truth`, false
 where the sound has no recorded motion and the codes are a generator's own (prompts for reinforcement learning).
 
 Token corruption, uniform and hierarchical, is as in the paper's appendix (Corruption-based Quality Ordering). It is

@@ -1,0 +1,91 @@
+"""A hand that hardly moves rests, also beside one that works; one that gestures is hardly late."""
+
+import numpy as np
+import pytest
+import torch
+from tests.motion.stages.poses import everyone
+
+from echoavatar.motion.kinematics import HUMANOID, Skeleton
+from echoavatar.motion.kinematics.rotations import quaternion_from_axis_angle
+from echoavatar.motion.stages.pose import Pose
+from echoavatar.motion.stages.stillness import Stillness
+
+ARMS = HUMANOID.indices(("leftLowerArm", "rightLowerArm"))
+TIME = np.arange(240) / 30
+
+
+def forearms(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(1, t, j, 4): each forearm turned by so many radians about an axis across it; everything else at rest."""
+    turns = torch.zeros(1, len(left), HUMANOID.joints, 3)
+    turns[0, :, ARMS, 1] = torch.from_numpy(np.stack([left, right], 1)).float()
+    return quaternion_from_axis_angle(turns).numpy()
+
+
+def shown(rotations: np.ndarray, chunk: int = 8, skeleton: Skeleton = HUMANOID) -> np.ndarray:
+    stage, rotations = Stillness(skeleton), rotations.copy()
+    state = stage.init_state(len(rotations))
+    for at in range(0, rotations.shape[1], chunk):
+        part = np.ascontiguousarray(rotations[:, at : at + chunk])
+        stage.step(Pose(part, np.zeros((*part.shape[:2], 3), np.float32), 30.0), state, everyone(len(part)))
+        rotations[:, at : at + chunk] = part
+    return rotations
+
+
+def angles(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radians of both forearms in every frame."""
+    turned = 2 * np.arctan2(rotations[0][:, ARMS, 2], rotations[0][:, ARMS, 0])
+    return turned[:, 0], turned[:, 1]
+
+
+def test_a_hand_that_trembles_comes_to_rest_and_one_that_sinks_arrives():
+    """4 degrees to and fro; a hand that sinks by 30 degrees in two seconds is nearly there two seconds later."""
+    trembling, sinking = 0.07 * np.sin(9 * TIME), 0.52 * np.clip(TIME / 2, 0, 1)
+    left, right = angles(shown(forearms(trembling, sinking)))
+    assert np.ptp(left[60:]) < 0.35 * np.ptp(trembling)
+    assert right[120] == pytest.approx(0.52, abs=0.1)
+    assert right[-1] == pytest.approx(0.52, abs=0.08)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_stroke_is_on_time(side: int):
+    """A forearm that turns by 60 degrees in a third of a second: half-way within a frame and a half of when it was."""
+    stroke = 1.05 * np.clip((TIME - 2) * 3, 0, 1) * (TIME < 4)
+    moves = (stroke, 0 * stroke) if side == 0 else (0 * stroke, stroke)
+    made = angles(shown(forearms(*moves)))
+    assert (made[side] > 0.52).argmax() - (stroke > 0.52).argmax() <= 1.5
+    assert made[side].max() > 0.95
+    assert np.abs(made[1 - side]).max() < 1e-6, "the other hand does not move"
+
+
+def test_beside_a_hand_that_works_the_other_rests_more():
+    """The same slow sway of the left hand, alone and beside strokes of the right one."""
+    sway, strokes = 0.2 * np.sin(4 * TIME), 0.6 * np.sin(8 * TIME)
+    alone, _ = angles(shown(forearms(sway, 0 * sway)))
+    beside, works = angles(shown(forearms(sway, strokes)))
+    assert np.ptp(beside[60:]) < 0.65 * np.ptp(alone[60:])
+    assert np.ptp(works[60:]) > 0.9 * np.ptp(strokes)
+
+
+def test_chunks_of_any_length_and_rows_alone_show_the_same():
+    moves = forearms(0.2 * np.sin(4 * TIME), 0.6 * np.sin(8 * TIME))
+    other = forearms(0.5 * np.sin(3 * TIME), 0 * TIME)
+    whole = shown(moves, chunk=240)
+    assert np.array_equal(shown(moves, chunk=3), whole)
+    assert np.array_equal(shown(np.concatenate([other, moves]))[1:], whole)
+
+
+def test_a_row_that_is_not_active_keeps_its_state_and_its_pose():
+    stage = Stillness(HUMANOID)
+    state, moves = stage.init_state(1), forearms(0.2 * np.sin(4 * TIME), 0 * TIME)
+    stage.step(Pose(moves[:, :8].copy(), np.zeros((1, 8, 3), np.float32), 30.0), state, everyone(1))
+    before, part = [each.clone() for each in state.tensors()], moves[:, 60:68].copy()
+    stage.step(Pose(part, np.zeros((1, 8, 3), np.float32), 30.0), state, ~everyone(1))
+    assert np.array_equal(part, moves[:, 60:68])
+    assert all(torch.equal(now, then) for now, then in zip(state.tensors(), before, strict=True))
+
+
+def test_a_rig_without_arms_is_left_as_it_is():
+    names = [name.replace("LowerArm", "Elbow") for name in HUMANOID.names]
+    config = HUMANOID.config.model_copy(update={"names": tuple(names), "tips": {}})
+    moves = forearms(0.2 * np.sin(4 * TIME), 0 * TIME)
+    assert np.array_equal(shown(moves, skeleton=Skeleton(config)), moves)
