@@ -143,7 +143,7 @@ def freed(sounds: list[np.ndarray], speed: float, arms: float, *, acts: bool = F
     return answers
 
 
-RESTING = 10.0  # degrees per second
+RESTING = 4.0  # degrees per second
 
 
 def test_a_dance_in_which_the_arms_rest_for_a_second_is_freed_and_again_while_they_rest() -> None:

@@ -9,8 +9,8 @@ stays behind catches up:
     cutoff = STILL_HZ + GAIN_HZ max(v - LEAK w, CATCH_UP d)^2
 
 v and w are the speeds of its own and the other wrist as decoded, in arm lengths per second, averaged over `AVERAGE_S`;
-d is how many arm lengths it is behind. At v = 0.2 beside a resting hand it follows with a time constant of 0.6 s, at 1
-of 30 ms. `docs/results/post.md` has what each number changes. Not in the paper.
+d is how many arm lengths it is behind. At v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1
+of 50 ms. `docs/results/post.md` has what each number changes. Not in the paper.
 """
 
 import math
@@ -41,7 +41,7 @@ from ..kinematics.quaternions import (
 )
 from .pose import Array, Pose
 
-STILL_HZ, GAIN_HZ, LEAK = 0.05, 5.0, 0.35
+STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.2
 AVERAGE_S, CATCH_UP = 0.12, 2.0
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 
