@@ -93,10 +93,11 @@ def test_the_rehearsal_recipes_are_those_of_the_shipped_models(monkeypatch) -> N
     cards = {
         "tokenizer": bundles / "default" / "tokenizer",
         "decoder": bundles / "default" / "tokenizer",  # a run of its own, told under its name
-        "generator_depth": bundles / "default" / "generator",  # this and the next two: told under their names
+        "generator_depth": bundles / "default" / "generator",  # this and the next three: told under their names
         "generator_speakers": bundles / "default" / "generator",
         "generator_manner": bundles / "default" / "generator",
         "generator_hands": bundles / "default" / "generator",
+        "generator_heights": bundles / "default" / "generator",
         "face": bundles / "default" / "face",
         "codec": bundles / "default" / "codec",
         "fingers": bundles / "fingers",
