@@ -7,7 +7,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -105,7 +105,7 @@ def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
 NPZ_ERRORS = (OSError, ValueError, KeyError, EOFError, IndexError, TypeError, zipfile.BadZipFile, ValidationError)
 
 
-class NpzArrays(Mapping[str, np.ndarray]):
+class NpzArrays(zipfile.ZipFile, Mapping[str, np.ndarray]):
     """The arrays of an npz file, each read when it is asked for. Sizes are checked before anything is unpacked.
 
     Opening and reading raise FileNotFoundError, OSError, ValueError or zipfile.BadZipFile for files that are missing,
@@ -120,21 +120,21 @@ class NpzArrays(Mapping[str, np.ndarray]):
         most = ARRAYS_BYTES if most is None else most
         check_file(path, most, error)
         try:
-            self._archive = zipfile.ZipFile(path)
+            super().__init__(path)
         except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:
             raise ValueError(str(reason)) from reason
-        entries = self._archive.infolist()
+        entries = self.infolist()
         unpacked = sum(entry.file_size for entry in entries)
         most = min(most, max(ARRAYS_ALWAYS, ARRAYS_PACKED * path.stat().st_size))
         if unpacked > most:
-            self._archive.close()
+            self.close()
             raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {most:,} are read; cut it")
         self._names = {entry.filename.removesuffix(".npy"): entry.filename for entry in entries}
 
     def __getitem__(self, key: str) -> np.ndarray:
         name = self._names[key]
         try:
-            return array_of(self._archive.read(name))
+            return array_of(self.read(name))
         except (NotImplementedError, RuntimeError) as reason:  # an unknown method, or encrypted
             raise ValueError(str(reason)) from reason
         except zlib.error as reason:
@@ -145,16 +145,6 @@ class NpzArrays(Mapping[str, np.ndarray]):
 
     def __len__(self) -> int:
         return len(self._names)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._archive.close()
 
 
 def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:
