@@ -157,9 +157,3 @@ def _tree(names: Sequence[str], parents: Sequence[int], offsets: Sequence[tuple[
 def feet_of(bones: Mapping[str, int]) -> list[int]:
     """Joints of left foot and toes, then of the right; the foot again where there are no toes."""
     return [bones.get(f"{s}{part}", bones[f"{s}Foot"]) for s in SIDES for part in ("Foot", "Toes")]
-
-
-def is_upright(skeleton: Skeleton, bones: Mapping[str, int]) -> bool:
-    """Whether the rest pose has the head above the hips and these above the feet (Y up)."""
-    height = skeleton.rest_positions[:, 1]
-    return bool(height[bones["head"]] > height[bones["hips"]] > height[bones["leftFoot"]])
