@@ -43,8 +43,7 @@ def film_character(rig: Rig, face: Float[Array, "t 52"] | None, frames: int) -> 
 
     What a film cannot show of it is said in one warning.
 
-    Raises:
-        MotionError: the rig is a skeleton without a mesh, or its file is damaged or too large.
+    Raises MotionError: the rig is a skeleton without a mesh, or its file is damaged or too large.
     """
     if rig.gltf is None or not rig.has_mesh:
         raise MotionError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")

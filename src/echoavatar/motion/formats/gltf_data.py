@@ -59,8 +59,7 @@ def refusing_damage(path: Path) -> Iterator[None]:
 def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
     """The document of a file and its bytes.
 
-    Raises:
-        MotionError: the file or a part of it is missing, damaged, too large, no glTF, or outside its folder.
+    Raises MotionError: the file or a part of it is missing, damaged, too large, no glTF, or outside its folder.
     """
     try:
         check_file(path, GLB_BYTES, MotionError)

@@ -262,8 +262,7 @@ def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
 def skinned(rig: GltfRig) -> Skinned:
     """The character in a file whose rig has been read, in our rest pose, as `plain_rig` gives it.
 
-    Raises:
-        MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
+    Raises MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
         owners = _owners(rig)

@@ -40,8 +40,7 @@ def write_csv(path: Path | str, motion: Motion) -> None:
 def write_live_link(path: Path, curves: Float[np.ndarray, "t 52"], fps: float = 30.0) -> None:
     """Write curves as a Live Link Face CSV (61 columns, timecode from 00:00:00 at 30 or 60 frames per second).
 
-    Raises:
-        MotionError: the file cannot be written.
+    Raises MotionError: the file cannot be written.
     """
     base = 60 if fps > 30 else 30
     head = ["Timecode", "BlendshapeCount", *(name[:1].upper() + name[1:] for name in LIVE_LINK_NAMES)]
