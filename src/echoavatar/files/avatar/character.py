@@ -316,7 +316,7 @@ class Character:
         return positions, normals
 
 
-_ARRAYS = ("positions", "normals", "colours", "uvs", "materials", "joints", "weights", "triangles")
+ARRAYS = ("positions", "normals", "colours", "uvs", "materials", "joints", "weights", "triangles")
 
 
 def load_character(path: Path | str | None = None) -> Character:
@@ -328,7 +328,7 @@ def load_character(path: Path | str | None = None) -> Character:
         path = _shipped_file(path or CHARACTERS[0], "npz")
     try:
         stored = arrays_of(path, CheckpointError)
-        raw: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+        raw: dict[str, Any] = {name: stored[name] for name in ARRAYS}
         raw["textures"] = {name: stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS}
         raw["face"] = Morphs.of_arrays(stored)
     except NPZ_ERRORS as error:
