@@ -25,8 +25,11 @@ PARTS = {
 
 
 def git(*words: str) -> list[str]:
-    """The lines that git says."""
-    return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    """The lines that git says; none where it finds nothing."""
+    done = subprocess.run(["git", *words], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    if done.returncode > 1:
+        raise SystemExit(done.returncode)
+    return done.stdout.splitlines()
 
 
 def tracked(*patterns: str) -> list[Path]:
