@@ -1,6 +1,6 @@
 """Write what the pages know of other characters' faces, and names with what they say, which the client's tests read.
 
-python -m scripts.make_face_names           # after a change of src/echoavatar/motion/face_names.py; then `make web`
+python -m scripts.make_face_names  # after a change of motion/words.toml or motion/face_names.py; then `make web`
 """
 
 import json

@@ -1,7 +1,7 @@
 """Faces of other characters: what the names of their morph targets say, and how our 52 curves drive these.
 
 A name is read as words in any order, case and script: `blendShape1.eyeBlink_L`, `A14_Eye_Blink_Left` and
-`CTRL_expressions_eyeBlinkL` are one shape. The web pages read names by the same tables, which
+`CTRL_expressions_eyeBlinkL` are one shape (`words.toml`). The web pages read names by the same tables, which
 `scripts/make_face_names.py` writes for them.
 
 A shape that is no curve of ours is a preset: a vowel, another mouth shape of speech, or a mood. A face with its own jaw
@@ -18,65 +18,17 @@ import numpy as np
 from jaxtyping import Float
 
 from .arkit import ARKIT_NAMES, VRM_NAMES, Curves, to_vrm
+from .kinematics.joint_words import TABLES
 
-# Our word, and what others write for it.
-WORDS = {
-    "left": "l lft 左", "right": "r rgt 右", "upper left": "ul lt", "upper right": "ur rt", "lower left": "dl lb",
-    "lower right": "dr rb", "upper": "top", "lower": "bottom", "in": "inner inside", "out": "outer outside",
-    "up": "raise raiser raised lift", "down": "depress depressor lowerer lowered drop", "eye": "eyelid lid",
-    "brow": "eyebrow brw", "mouth": "mth lip", "close": "closed closing shut", "open": "opened opening",
-    "blink": "blinking wink まばたき 瞬き", "tight": "tighten tightener tightened", "wide": "widen widened",
-    "pull": "puller", "press": "pressor pressed", "stretch": "stretcher", "funnel": "funneler", "dimple": "dimpler",
-    "pucker": "puckerer kiss pout purse", "wrinkle": "wrinkler", "puff": "blow inflate", "forward": "fwd thrust",
-    "together": "toward towards", "sideways": "slide", "smile": "smiling 口角上げ", "frown": "口角下げ",
-    "viseme": "v vis vowel phoneme", "happy": "joy happiness", "angry": "anger", "sad": "sorrow sadness",
-    "surprised": "surprise", "aa": "あ ア", "ih": "い イ", "ou": "う ウ", "ee": "え エ", "oh": "お オ",
-    "brow down": "怒り 下", "brow in up": "困る", "brow up": "上", "eye wide": "びっくり",
-}  # fmt: skip
-# Our shape without its side, and what others call it, in our words; its own words go without saying. The numbers are
-# those of the Facial Action Coding System.
-CALLED = {
-    "eyeBlink": "blink, eye close, au43, au45", "eyeSquint": "squint, eye tight, au7", "eyeWide": "eye upper up, au5",
-    "eyeLookUp": "look up", "eyeLookDown": "look down", "jaw": "jaw sideways", "mouth": "mouth sideways",
-    "jawOpen": "mouth open, jaw down, au26, au27", "mouthClose": "mouth together", "mouthFunnel": "funnel, au22",
-    "mouthPucker": "pucker, au18", "mouthSmile": "smile, mouth corner pull, mouth corner up, au12",
-    "mouthFrown": "frown, mouth corner down, mouth sad, au15", "mouthDimple": "dimple, au14",
-    "mouthStretch": "mouth wide, au20", "mouthRollLower": "mouth roll in lower, mouth suck lower",
-    "mouthRollUpper": "mouth roll in upper, mouth suck upper", "mouthShrugLower": "chin up, au17",
-    "mouthPress": "mouth tight, au23, au24", "mouthLowerDown": "au16", "mouthUpperUp": "au10",
-    "browDown": "brow lower, au4", "browInnerUp": "au1", "browOuterUp": "au2", "browUp": "brow up",
-    "cheekPuff": "mouth cheek puff", "cheekSquint": "cheek up, eye cheek up, au6", "noseSneer": "nose wrinkle, au9",
-    "aa": "aa, a, mouth a, ah, ai, viseme open", "ih": "ih, i, mouth i, viseme mouth open",
-    "ou": "ou, u, mouth u, oo, wq, viseme tight o", "ee": "ee, e, mouth e, eh, viseme wide", "oh": "oh, o, mouth o",
-    "PP": "pp, mbp, viseme explosive", "FF": "ff, fv, viseme dental mouth", "TH": "th", "CH": "ch, viseme affricate",
-    "happy": "happy", "angry": "angry", "sad": "sad", "surprised": "surprised",
-}  # fmt: skip
 VOWELS = VRM_NAMES[:5]
-# Presets that are not vowels, as sums of shapes.
-SUMS: dict[str, dict[str, float]] = {
-    "PP": {"mouthPress": 1.0, "mouthRollLower": 0.3, "mouthRollUpper": 0.3},
-    "FF": {"mouthRollLower": 0.8, "mouthRollUpper": -0.8},
-    "TH": {"tongueOut": 1.0},
-    "CH": {"mouthFunnel": 0.6, "jawOpen": -0.6},
-    "happy": {"mouthSmile": 1.0},
-    "angry": {"browDown": 1.0},
-    "sad": {"mouthFrown": 1.0},
-    "surprised": {"eyeWide": 1.0},
-}
+SUMS, MIXED, NEAREST, VRM0 = (TABLES[name] for name in ("sums", "mixed", "nearest", "vrm0"))
 PRESETS = (*VOWELS, *SUMS)
-# What stands for several curves, as sums of shapes.
-MIXED: dict[str, dict[str, float]] = {
-    "browUp": {"browInnerUp": 0.5, "browOuterUp": 0.5},
-    "lookLeft": {"eyeLookOutLeft": 0.5, "eyeLookInRight": 0.5},
-    "lookRight": {"eyeLookInLeft": 0.5, "eyeLookOutRight": 0.5},
-}
-# The curves that the vowels show, and the vowels that take the place of a missing one, the nearest first.
-SPOKEN = ("jawOpen", "mouthClose", "mouthFunnel", "mouthPucker")
-NEAREST = {"aa": "oh ee", "ih": "ee aa", "ou": "oh", "ee": "ih aa", "oh": "ou aa"}
+SPOKEN = ("jawOpen", "mouthClose", "mouthFunnel", "mouthPucker")  # the curves that the vowels show
 ENDINGS = ("shape", "blendshape", "bs", "morph", "target", "key", "mesh", "geo", "both")  # which say nothing
 PARTS = ("upper", "lower", "up", "down", "in", "out")  # of a shape that others divide, such as `mouthFunnelUL`
 _ROWS = {name: row for row, name in enumerate((*ARKIT_NAMES, *PRESETS))}
 _SIDES = {"left": "Left", "right": "Right"}
+_WORDS = TABLES["sides"] | TABLES["faces"]
 _LETTERS = 100  # of a name that are read
 _TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+|[^\x00-\x7f]+")
 
@@ -234,11 +186,13 @@ def _phrases() -> dict[frozenset[str], tuple[str, bool]]:
     bases = {re.sub("(Left|Right)$", "", name) for name in ARKIT_NAMES}
     ours = {base: " ".join(_TOKEN.findall(base)).lower() for base in bases}
     ours = {base: text.replace("inner", "in").replace("outer", "out") for base, text in ours.items()}
-    theirs = {frozenset(said.split()): (base, False) for base, text in CALLED.items() for said in text.split(", ")}
+    theirs = {
+        frozenset(said.split()): (base, False) for base, text in TABLES["shapes"].items() for said in text.split(", ")
+    }
     return theirs | {frozenset(text.split()): (base, True) for base, text in ours.items()}
 
 
 _PHRASES = _phrases()
-_KNOWN = {word for bag in _PHRASES for word in bag} | {word for ours in WORDS for word in ours.split()}
-_SPELT = {word: word for word in _KNOWN} | {word: ours for ours, theirs in WORDS.items() for word in theirs.split()}
+_KNOWN = {word for bag in _PHRASES for word in bag} | {word for ours in _WORDS for word in ours.split()}
+_SPELT = {word: word for word in _KNOWN} | {word: ours for ours, theirs in _WORDS.items() for word in theirs.split()}
 _SPELT |= {f"{word}s": ours for word, ours in _SPELT.items() if word.isascii() and len(word) > 2}

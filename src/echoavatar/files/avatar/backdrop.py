@@ -33,8 +33,7 @@ class Backdrop:
     def of(cls, background: str) -> "Backdrop":
         """The backdrop of this name, or one colour: `#rrggbb`.
 
-        Raises:
-            MotionError: there is no such backdrop.
+        Raises MotionError: there is no such backdrop.
         """
         if background in BACKDROPS:
             return BACKDROPS[background]

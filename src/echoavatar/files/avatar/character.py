@@ -48,8 +48,7 @@ TEXELS = 1 << 25  # of a character's pictures; 2048 x 2048 for each of eight
 def _pixels(encoded: bytes, mode: str) -> UInt8[np.ndarray, "h w *c"]:
     """The pixels of a JPEG or PNG in a mode of Pillow.
 
-    Raises:
-        CheckpointError: the picture is damaged, or its header asks for more than `PIXELS`.
+    Raises CheckpointError: the picture is damaged, or its header asks for more than `PIXELS`.
     """
     from PIL import Image
 
@@ -317,20 +316,19 @@ class Character:
         return positions, normals
 
 
-_ARRAYS = ("positions", "normals", "colours", "uvs", "materials", "joints", "weights", "triangles")
+ARRAYS = ("positions", "normals", "colours", "uvs", "materials", "joints", "weights", "triangles")
 
 
 def load_character(path: Path | str | None = None) -> Character:
     """Read a character file, or a shipped one by its name (None: the first of `CHARACTERS`).
 
-    Raises:
-        CheckpointError: the file is damaged, or no character has this name.
+    Raises CheckpointError: the file is damaged, or no character has this name.
     """
     if path is None or isinstance(path, str):
         path = _shipped_file(path or CHARACTERS[0], "npz")
     try:
         stored = arrays_of(path, CheckpointError)
-        raw: dict[str, Any] = {name: stored[name] for name in _ARRAYS}
+        raw: dict[str, Any] = {name: stored[name] for name in ARRAYS}
         raw["textures"] = {name: stored[f"texture_{name}"].tobytes() for name in NAMES + DETAILS}
         raw["face"] = Morphs.of_arrays(stored)
     except NPZ_ERRORS as error:
@@ -347,8 +345,7 @@ def load_character(path: Path | str | None = None) -> Character:
 def level_file(name: str, level: int) -> Path:
     """The GLB of a shipped character at a level of detail: meshopt compression, WebP pictures.
 
-    Raises:
-        CheckpointError: no character has this name, or there is no such level.
+    Raises CheckpointError: no character has this name, or there is no such level.
     """
     if not 0 <= level < LEVELS:
         raise CheckpointError(f"there is no level of detail {level}; choose from 0 (finest) to {LEVELS - 1}")

@@ -31,8 +31,7 @@ Array = np.ndarray
 def picture_size(wanted: tuple[int, int] | str | None, view: View = "front") -> tuple[int, int]:
     """Width and height in pixels of a film: those given, those of a shape in `SIZES`, or what suits the view.
 
-    Raises:
-        MotionError: there is no such shape.
+    Raises MotionError: there is no such shape.
     """
     if isinstance(wanted, tuple):
         return wanted

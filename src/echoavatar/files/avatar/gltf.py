@@ -15,15 +15,15 @@ from jaxtyping import Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from echoavatar.errors import MotionError
+from echoavatar.motion.formats.gltf_data import TYPES
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.motion import align_signs
 
 from .character import MATERIALS, Character, Textures, checked_face
 from .halfway import BONES, PARENTS, REST, SOURCES, half
 
-FLOAT, UBYTE, USHORT, SHORT, UINT = 5126, 5121, 5123, 5122, 5125
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-COMPONENT = {"float32": FLOAT, "uint8": UBYTE, "uint16": USHORT, "int16": SHORT, "uint32": UINT}
+COMPONENT = {np.dtype(kind).name: code for code, kind in TYPES.items()}
 SHAPE = {(): "SCALAR", (2,): "VEC2", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 
 
@@ -65,9 +65,9 @@ class Buffer:
 
     def sparse(self, count: int, indices: int, values: Float[np.ndarray, "m 3"], *, bounds: bool = False) -> int:
         """Add an accessor of `count` vectors: `values` at the places in the view `indices` (16 bit), 0 elsewhere."""
-        accessor: dict[str, Any] = {"componentType": FLOAT, "count": count, "type": "VEC3"}
+        accessor: dict[str, Any] = {"componentType": COMPONENT["float32"], "count": count, "type": "VEC3"}
         if len(values):
-            places = {"bufferView": indices, "componentType": USHORT}
+            places = {"bufferView": indices, "componentType": COMPONENT["uint16"]}
             filled = {"bufferView": self.view(values.astype(np.float32))}
             accessor["sparse"] = {"count": len(values), "indices": places, "values": filled}
         if bounds:

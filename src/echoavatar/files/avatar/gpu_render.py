@@ -185,8 +185,7 @@ class GpuRenderer(Renderer):
     def _allocate(self) -> None:
         """Open a context; where there are several cards, the variable GLCONTEXT_DEVICE_INDEX chooses.
 
-        Raises:
-            DependencyError: moderngl is not installed, or there is no OpenGL 3.3 through EGL here.
+        Raises DependencyError: moderngl is not installed, or there is no OpenGL 3.3 through EGL here.
         """
         self._gl, self._context = _context()
         weakref.finalize(self, self._context.release)

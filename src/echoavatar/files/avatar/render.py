@@ -115,8 +115,7 @@ class Renderer:
     ) -> None:
         """`samples` is the supersampling per axis; 1 is fast but jagged. `alpha` leaves the backdrop clear.
 
-        Raises:
-            MotionError: there is no such background.
+        Raises MotionError: there is no such background.
         """
         self.width, self.height, self.samples = width, height, samples
         self._grid = height * samples, width * samples

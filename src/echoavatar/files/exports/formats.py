@@ -49,8 +49,7 @@ def write_take(
 
     A film shows `rig` or `character` (default: Maya) as `shot` says; `progress` receives the frames filmed, and all.
 
-    Raises:
-        EchoAvatarError: as `check_output`, or the take does not fit the format.
+    Raises EchoAvatarError: as `check_output`, or the take does not fit the format.
     """
     check_output(path, has_rig=rig is not None)
     if path.suffix.lower() in FILMS:

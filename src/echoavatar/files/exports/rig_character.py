@@ -24,7 +24,7 @@ from echoavatar.motion.formats.gltf_rig import GltfRig, Part, parts_of
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.retarget import PlainRig
 
-from ..avatar.character import Character, Material, Morphs, Textures
+from ..avatar.character import ARRAYS, Character, Material, Morphs, Textures
 from .rig_face import face_on
 from .target_rig import Rig
 
@@ -43,8 +43,7 @@ def film_character(rig: Rig, face: Float[Array, "t 52"] | None, frames: int) -> 
 
     What a film cannot show of it is said in one warning.
 
-    Raises:
-        MotionError: the rig is a skeleton without a mesh, or its file is damaged or too large.
+    Raises MotionError: the rig is a skeleton without a mesh, or its file is damaged or too large.
     """
     if rig.gltf is None or not rig.has_mesh:
         raise MotionError(f"{rig.path} is a skeleton without a mesh to film: give a .vrm or .glb as --rig")
@@ -94,12 +93,9 @@ def _character(
         raise ValueError("vertices, normals or colours that are not finite")
     paints.tell()
     kinds = np.float32, np.float32, np.uint8, np.float32, np.uint16, np.uint16, np.float32, np.int32
-    typed = (array.astype(kind) for array, kind in zip(arrays, kinds, strict=True))
-    positions, normals, colours, uvs, materials, joints, weights, triangles = typed
-    mesh = Character(
-        positions, normals, colours, uvs, materials, joints, weights, triangles, _morphs(shapes), paints.textures,
-        tuple(paints.palette), skeleton,
-    )  # fmt: skip
+    typed: dict[str, Any] = {name: array.astype(kind) for name, array, kind in zip(ARRAYS, arrays, kinds, strict=True)}
+    face, palette = _morphs(shapes), tuple(paints.palette)
+    mesh = Character(**typed, face=face, textures=paints.textures, palette=palette, skeleton=skeleton)
     return mesh, list(shapes)
 
 

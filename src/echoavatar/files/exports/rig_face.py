@@ -15,18 +15,10 @@ from jaxtyping import Float
 
 from echoavatar.limits import BINDS, MORPHS, ROTATIONS
 from echoavatar.motion.arkit import APPLE_NAMES
-from echoavatar.motion.face_names import driven, face_weights, silent_curves
+from echoavatar.motion.face_names import VRM0, driven, face_weights, silent_curves
 
 Array = np.ndarray
 _Bind = tuple[str, int, int, float]  # expression, node, morph target, weight
-_VRM0 = {"a": "aa", "i": "ih", "u": "ou", "e": "ee", "o": "oh", "joy": "happy", "sorrow": "sad", "fun": "relaxed"} | {
-    "blink_l": "blinkLeft",
-    "blink_r": "blinkRight",
-    "lookup": "lookUp",
-    "lookdown": "lookDown",
-    "lookleft": "lookLeft",
-    "lookright": "lookRight",
-}
 _LOG = logging.getLogger(__name__)
 _TOLD = 6  # curves that a warning names
 _JAW = APPLE_NAMES.index("jawOpen"), sorted(APPLE_NAMES).index("jawOpen")
@@ -110,7 +102,7 @@ def _each_bind(document: dict[str, Any]) -> Iterator[_Bind]:
             users[entry["mesh"]].append(node)
     for group in extensions.get("VRM", {}).get("blendShapeMaster", {}).get("blendShapeGroups", []):
         preset = str(group.get("presetName") or "unknown").lower()
-        name = str(group.get("name", "")) if preset == "unknown" else _VRM0.get(preset, preset)
+        name = str(group.get("name", "")) if preset == "unknown" else VRM0.get(preset, preset)
         for bind in group.get("binds", []):
             for node in users[bind["mesh"]]:
                 yield name, node, bind["index"], bind["weight"] / 100

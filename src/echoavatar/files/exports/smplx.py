@@ -26,8 +26,7 @@ _EXPRESSIONS = 100
 def write_smplx(path: Path, take: Take) -> None:
     """Write a take on our rig.
 
-    Raises:
-        MotionError: the file cannot be written.
+    Raises MotionError: the file cannot be written.
     """
     motion = take.on_humanoid().motion
     rig = skeleton()

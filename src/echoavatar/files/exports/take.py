@@ -50,8 +50,7 @@ def read_take(path: Path, given: JointMap | None = None, animation: str | None =
 
     `animation` names one of those in a glTF (GLB, VRM, VRMA); otherwise the first is read.
 
-    Raises:
-        MotionError: the file is missing, damaged, or of another kind.
+    Raises MotionError: the file is missing, damaged, or of another kind.
     """
     if path.suffix.lower() == ".bvh":
         return Take(read_bvh(path, given))

@@ -43,8 +43,7 @@ Array = np.ndarray
 def pack_on_rig(rig: GltfRig, take: Take) -> bytes:
     """The bytes of the character's file with a take that was retargeted to it.
 
-    Raises:
-        MotionError: the character's file is damaged.
+    Raises MotionError: the character's file is damaged.
     """
     with refusing_damage(rig.path):
         return _packed(rig, take)
@@ -127,8 +126,7 @@ class Rig:
     def retarget(self, take: Take) -> Take:
         """The take on this rig. Planted feet stay on the floor; hands that touch each other or the body still do.
 
-        Raises:
-            MotionError: the names of the take's joints are not known.
+        Raises MotionError: the names of the take's joints are not known.
         """
         motion, plain = with_wrists(take.motion), self._plain
         if has_rest_pose(motion.skeleton, bone_map(motion.skeleton)):

@@ -34,8 +34,7 @@ def pack_vrma(take: Take, avatar: dict[str, Any] | None = None) -> bytes:
 
     For the VRM of the document `avatar`, the face is written for the expressions that it has.
 
-    Raises:
-        MotionError: a bone that the format requires is missing.
+    Raises MotionError: a bone that the format requires is missing.
     """
     motion = take.motion if take.motion.skeleton is HUMANOID else in_t_pose(take.motion)
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)

@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 import av
 import numpy as np
@@ -33,7 +33,7 @@ _CONTAINERS = (
     "aac,ac3,aiff,amr,ape,asf,au,avi,avr,caf,dsf,dts,eac3,flac,flv,g722,gsm,iff,ircam,loas,matroska,webm,mov,mp4,3gp"
     ",3g2,mp3,mpeg,mpegts,mpc,mpc8,mxf,nistsphere,nut,oga,ogg,opus,paf,pvf,rm,sox,tak,tta,voc,w64,wav,wv"
 )
-_OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file"}
+_OPTIONS = {"format_whitelist": _CONTAINERS, "protocol_whitelist": "file,subfile"}
 _LARGEST_BYTES = 1 << 40
 _MOST_PARTS = 1_000  # of one file
 _MOST_FAULTS = 100  # of a track, one after another
@@ -89,11 +89,12 @@ def sound_named(path: Path, suffixes: Sequence[str] = SOUND_SUFFIXES) -> Path | 
     return next((found for form in written if (found := path.with_name(path.name + form)).is_file()), None)
 
 
-def open_sound(path: Path, part: "_Part | None" = None) -> InputContainer:
-    """Open a sound or video file that holds its own sound; raises av.FFmpegError for anything else."""
+def open_sound(path: Path, part: range | None = None) -> InputContainer:
+    """Open a sound or video file, or these bytes of it, that holds its own sound; raises av.FFmpegError for others."""
     # Without `file:`, FFmpeg takes 10:30.wav for an address, and reads x.wav for file:x.wav.
+    address = f"subfile,,start,{part.start},end,{part.stop},,:file:{path}" if part else f"file:{path}"
     options = _OPTIONS | {"codec_whitelist": _sound_decoders()}
-    opened: InputContainer = av.open(part or f"file:{path}", "r", metadata_errors="ignore", options=options)
+    opened: InputContainer = av.open(address, "r", metadata_errors="ignore", options=options)
     return opened
 
 
@@ -115,10 +116,7 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
     parts, piece, failure = _parts(path), None, "holds no sound that can be decoded"
     for number, part in enumerate(parts):
         try:
-            with (
-                path.open("rb") as file,
-                open_sound(path, _Part(file, part) if part.start or len(parts) > 1 else None) as container,
-            ):
+            with open_sound(path, part if part.start or len(parts) > 1 else None) as container:
                 if not container.streams.audio:
                     raise AudioError(f"{path} has no sound track; choose a file with sound")
                 for piece in _pieces(container, path, part, track, is_told):
@@ -202,27 +200,6 @@ def _roles(layout: av.AudioLayout, stated: tuple[str, ...]) -> tuple[str, ...]:
 def usual_roles(channels: int) -> tuple[str, ...]:
     """The roles of so many channels where nothing else is said."""
     return _USUAL_ROLES.get(channels, ("NONE",) * channels)
-
-
-class _Part:
-    """A file within a file, with the three methods that PyAV asks for."""
-
-    def __init__(self, file: BinaryIO, part: range) -> None:
-        self.name = file.name  # tells PyAV the suffix
-        self._file, self._part, self._at = file, part, 0
-
-    def read(self, size: int) -> bytes:
-        self._file.seek(self._part.start + self._at)
-        data = self._file.read(max(0, min(size, len(self._part) - self._at)))
-        self._at += len(data)
-        return data
-
-    def seek(self, to: int, whence: int = 0) -> int:
-        self._at = max(0, to + (0, self._at, len(self._part))[whence])
-        return self._at
-
-    def tell(self) -> int:
-        return self._at
 
 
 def _parts(path: Path) -> list[range]:

@@ -87,25 +87,22 @@ class StreamResampler:
             raise AudioError("the audio stream has ended; open a new one")
         mono = as_mono(samples, position=self._given, rate=self.rate)
         self._given += len(mono)
-        return self._count(mono if self._soxr is None else self._run(mono, last=False))
+        return self._resampled(mono, last=False)
 
     def flush(self) -> Mono:
         """The rest of the output; nothing can be pushed afterwards."""
         if self._is_flushed:
             return np.zeros(0, np.float32)
         self._is_flushed = True
-        rest = np.zeros(0, np.float32) if self._soxr is None else self._run(np.zeros(0, np.float32), last=True)
         due = (2 * self._given * SAMPLE_RATE_HZ + self.rate) // (2 * self.rate) - self._returned
-        rest = np.pad(rest, (0, max(0, due - len(rest))))[: max(0, due)]
-        return self._count(rest)
+        rest = self._resampled(np.zeros(0, np.float32), last=True)
+        return np.pad(rest, (0, max(0, due - len(rest))))[: max(0, due)]
 
-    def _run(self, mono: Mono, *, last: bool) -> Float[np.ndarray, " k"]:
-        assert self._soxr is not None
-        return np.asarray(self._soxr.resample_chunk(mono, last=last), np.float32)
-
-    def _count(self, out: Mono) -> Mono:
-        self._returned += len(out)
-        return out
+    def _resampled(self, mono: Mono, *, last: bool) -> Mono:
+        if self._soxr is not None:
+            mono = np.asarray(self._soxr.resample_chunk(mono, last=last), np.float32)
+        self._returned += len(mono)
+        return mono
 
 
 _BLOCK = 1024  # samples that are measured together

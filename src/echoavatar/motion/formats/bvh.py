@@ -9,8 +9,8 @@ root is merged into it. Elsewhere bones count as rigid, and their mean length is
 
 import logging
 import re
+from array import array
 from collections import Counter
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
@@ -89,7 +89,7 @@ def read_standing(
             )
         motion = _assemble(_body(joints, notes), frames, fps, notes)
     except _TextError as error:
-        place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10))}"
+        place = "" if error.at is None else f", line {1 + text[: error.at].count(chr(10)) + error.below}"
         raise MotionError(f"{path}{place}: {error}") from None
     except ValidationError as error:
         raise MotionError(f"{path}: {error.errors()[0]['msg']}; repair the file") from error
@@ -102,11 +102,11 @@ def read_standing(
 
 
 class _TextError(Exception):
-    """What is wrong with a text, and where."""
+    """What is wrong with a text, and where: so many lines below the letter `at`."""
 
-    def __init__(self, complaint: str, at: int | None = None) -> None:
+    def __init__(self, complaint: str, at: int | None = None, below: int = 0) -> None:
         super().__init__(complaint)
-        self.at = at
+        self.at, self.below = at, below
 
 
 def _text(path: Path, notes: list[str]) -> str:
@@ -217,20 +217,26 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
     table = text[at : len(text) - len(cut[0] if cut else "")]
     if "," in table:
         table = table.replace(",", " ") if "." in table else re.sub(r",(?=\s|\Z)", " ", table).replace(",", ".")
-    lines, sizes = table.split("\n"), list[int]()
-    try:
-        flat = np.fromiter(_each_number(lines, sizes), np.float64)
-    except ValueError:
-        flat = np.array([np.nan])
-    if not (np.abs(flat) < _MOST).all():
-        raise _first_bad(lines, at, width)
-    ends = np.cumsum(sizes, dtype=np.int64)
-    starts = ends - sizes
+    lines, read, sizes = table.split("\n"), array("d"), [0]
+    with suppress(ValueError):
+        for words in map(str.split, lines):
+            read.extend(map(float, words))
+            sizes.append(len(words))
+    flat, ends = np.asarray(read), np.cumsum(sizes)
+    is_number = np.append(np.abs(flat) < _MOST, len(ends) > len(lines))
+    if not is_number.all():
+        line = int(np.searchsorted(ends, bad := int(np.argmin(is_number)), "right")) - 1
+        word = lines[line].split()[bad - ends[line]]
+        raise _TextError(f"{word!r} is not a finite number below {_MOST:g}; repair the file", at, line)
+    is_line = np.diff(ends) > 0
+    starts, ends = ends[:-1][is_line], ends[1:][is_line]
     # a line that begins within a frame and ends in another
     is_apart = (starts % width > 0) & (starts // width != (ends - 1) // width)
     if flat.size != stated * width and is_apart.any():
-        if min(sizes) < width:
-            raise _first_bad(lines, at, width)
+        if min(ends - starts) < width:
+            line = next(k for k, size in enumerate(sizes[1:]) if size not in (0, width))
+            complaint = f"{sizes[line + 1]} values, but the hierarchy has {width} channels; the file is damaged"
+            raise _TextError(f"{complaint}, fetch it again", at, line)
         flat = flat[starts[:, None] + np.arange(width)].ravel()
         notes.append(f"its lines have up to {max(sizes)} values, and the first {width} are read")
     count, rest = divmod(flat.size, width)
@@ -241,30 +247,6 @@ def _frames(text: str, at: int, width: int, notes: list[str]) -> tuple[_Frames, 
     elif count != stated:
         notes.append(f"it says {stated:.12g} frames, and the {count} that it has are read")
     return flat[: count * width].reshape(count, width), fps
-
-
-def _each_number(lines: list[str], sizes: list[int]) -> Iterator[float]:
-    """Every number of the lines; `sizes` receives how many each line has."""
-    for line in lines:
-        if words := line.split():
-            sizes.append(len(words))
-            yield from map(float, words)
-
-
-def _first_bad(lines: list[str], at: int, width: int) -> _TextError:
-    """What is wrong with the first wrong line. This is slow, and runs only where there is one."""
-    for line in lines:
-        words = line.split()
-        for word in words:
-            try:
-                _number(word)
-            except ValueError:
-                return _TextError(f"{word!r} is not a finite number below {_MOST:g}; repair the file", at)
-        if words and len(words) != width:
-            break
-        at += len(line) + 1
-    complaint = f"{len(words)} values, but the hierarchy has {width} channels; the file is damaged, fetch it again"
-    return _TextError(complaint, at)
 
 
 def _rate(word: str, at: int, notes: list[str]) -> float:

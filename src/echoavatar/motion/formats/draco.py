@@ -5,11 +5,13 @@ and seconds are bounded, and which imports nothing else of the package.
 """
 
 import json
+import re
 import struct
 import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -56,8 +58,9 @@ def _serve() -> None:
     with suppress(ImportError, OSError, ValueError):  # there are systems without such a limit
         import resource
 
-        held = next((line for line in _status() if line.startswith("VmData")), "")
-        most = MEMORY + (int(held.split()[1]) << 10 if held else MEMORY)
+        status = Path("/proc/self/status")
+        held = re.search(r"VmData:\s*(\d+)", status.read_text()) if status.exists() else None
+        most = MEMORY + (int(held[1]) << 10 if held else MEMORY)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     source, target = sys.stdin.buffer, sys.stdout.buffer
     length, left = struct.unpack("<II", source.read(8))
@@ -70,12 +73,6 @@ def _serve() -> None:
                 raise MemoryError
             target.write(struct.pack("<2sII", values.dtype.str[1:].encode(), *values.shape))
             target.write(np.ascontiguousarray(values).tobytes())
-
-
-def _status() -> list[str]:
-    with suppress(OSError), open("/proc/self/status") as file:
-        return file.readlines()
-    return []
 
 
 if __name__ == "__main__":

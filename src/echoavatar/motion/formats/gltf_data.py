@@ -26,7 +26,7 @@ Array = np.ndarray
 DRACO = "KHR_draco_mesh_compression"
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 _DAMAGE = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError, struct.error)
-_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _TOGETHER = {"POSITION", "JOINTS_0", "WEIGHTS_0"}, {"NORMAL", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0", "indices"}
 _PICTURES = {b"\x89PNG": "image/png", b"\xff\xd8\xff": "image/jpeg", b"RIFF": "image/webp", b"\xabKTX": "image/ktx2"}
@@ -59,8 +59,7 @@ def refusing_damage(path: Path) -> Iterator[None]:
 def read_chunks(path: Path) -> tuple[dict[str, Any], Binary]:
     """The document of a file and its bytes.
 
-    Raises:
-        MotionError: the file or a part of it is missing, damaged, too large, no glTF, or outside its folder.
+    Raises MotionError: the file or a part of it is missing, damaged, too large, no glTF, or outside its folder.
     """
     try:
         check_file(path, GLB_BYTES, MotionError)
@@ -198,7 +197,7 @@ def read_accessor(
     if "bufferView" in accessor:
         values = _elements(document, binary, accessor, accessor["type"], count)
     elif "sparse" in accessor and count <= VERTICES:
-        values = np.zeros((count, _WIDTHS[accessor["type"]]), np.dtype(_TYPES[accessor["componentType"]]))
+        values = np.zeros((count, _WIDTHS[accessor["type"]]), np.dtype(TYPES[accessor["componentType"]]))
     else:
         raise ValueError(f"accessor {index} has no data")
     if sparse := accessor.get("sparse"):
@@ -214,7 +213,7 @@ def read_accessor(
 def _elements(document: dict[str, Any], binary: Binary, place: dict[str, Any], kind: str, count: int) -> Array:
     """`count` elements in a view, as they are stored."""
     data, begin, view = _view(document, binary, place["bufferView"])
-    dtype, width = np.dtype(_TYPES[place["componentType"]]), _WIDTHS[kind]
+    dtype, width = np.dtype(TYPES[place["componentType"]]), _WIDTHS[kind]
     start = begin + place.get("byteOffset", 0)
     stride = view.get("byteStride", dtype.itemsize * width)
     if start < 0 or stride < dtype.itemsize * width:
@@ -228,7 +227,7 @@ def _scaled(values: Array, accessor: dict[str, Any]) -> Float[Array, "n c"]:
         found = values.astype(np.float64)
     if not accessor.get("normalized"):
         return found
-    return np.maximum(found / np.iinfo(_TYPES[accessor["componentType"]]).max, -1)
+    return np.maximum(found / np.iinfo(TYPES[accessor["componentType"]]).max, -1)
 
 
 def _view(document: dict[str, Any], binary: Binary, index: int) -> tuple[Any, int, dict[str, Any]]:

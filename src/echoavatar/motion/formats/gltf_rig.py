@@ -10,6 +10,7 @@ so, because the nodes may stand in the middle of an animation; or else the nodes
 import logging
 from collections import Counter
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -87,15 +88,16 @@ def _read(path: Path, given: JointMap | None) -> GltfRig:
             f"{path}: {names[uneven]} is scaled by more in one direction than in another, so what hangs from it would"
             " be sheared when it moves; apply its scale and export it again"
         )
-    bound = _bound(document, binary, order, layout)
+    bound = list(islice(_bound(document, binary, order, layout), 1))
     axes = [unscaled(np.linalg.inv(spaces[0]) @ space) for space in spaces]
     scale = float(np.cbrt(abs(np.linalg.det(spaces[0][:3, :3]))))
     try:
-        turn = layout.axes(layout.stands, axes if bound is None else [*axes, bound.axes])
-        poses = []
-        if bound is not None and np.abs(bound.frames - layout.stands).max() > _SAME:
-            spaces = layout.nearest([bound.axes, *axes], bound.frames)
-            poses.append(layout.axes(bound.frames, spaces) @ bound.frames)
+        turn = layout.axes(layout.stands, [*axes, *(made for _, made in bound)])
+        poses = [
+            layout.axes(frames, layout.nearest([made, *axes], frames)) @ frames
+            for frames, made in bound
+            if np.abs(frames - layout.stands).max() > _SAME
+        ]
     except MotionError as error:
         raise MotionError(f"{path}: {error}") from error
     unit = metres_of(height(bones, matrices[order, :3, 3]), scale)
@@ -155,15 +157,11 @@ class _Layout:
         return next((at for at, size in zip(above, sizes, strict=True) if size[0] > _EVEN * size[2]), 0)
 
 
-class _Bound(NamedTuple):
-    """The pose in which a mesh was bound to its bones, the hips as they stand."""
-
-    frames: Float[Array, "j 3 3"]  # the axes of the joints
-    axes: Float[Array, "3 3"]  # those in which the mesh was made
-
-
-def _bound(document: dict[str, Any], binary: Binary, order: list[int], layout: _Layout) -> _Bound | None:
-    """The bind pose of the first skin that has a body's bones; None if the file does not say which it was.
+def _bound(
+    document: dict[str, Any], binary: Binary, order: list[int], layout: _Layout
+) -> Iterator[tuple[Array, Array]]:
+    """The bind pose of each skin that has a body's bones: the axes of the joints, the hips as they stand (j, 3, 3), and
+    those in which the mesh was made (3, 3).
 
     Joints that no known bone hangs from keep to the one above as their nodes do.
     """
@@ -190,8 +188,7 @@ def _bound(document: dict[str, Any], binary: Binary, order: list[int], layout: _
             if np.linalg.det(frames[joint] @ stands[joint]) < 0:
                 break
         else:
-            return _Bound(frames, unscaled(to_hips))
-    return None
+            yield frames, unscaled(to_hips)
 
 
 def _rig(
@@ -229,9 +226,7 @@ def _rig(
     known = found[0]
     if len({bones["hips"] for bones in found}) > 1:
         _log.warning("%s holds several characters; the one with the hips %r is read", path, names[known["hips"]])
-    order = [known["hips"]]
-    for node in order:
-        order += [child for child in document["nodes"][node].get("children", []) if child in kept]
+    order = [node for node in nodes if known["hips"] in (node, *above(parents, node))]
     slot = {node: index for index, node in enumerate(order)}
     if apart := [bone for bone in REQUIRED if known[bone] not in slot]:
         raise MotionError(f"{path}: its {apart[0]} does not hang from its hips; check the nodes' children")
@@ -267,8 +262,7 @@ def read_skinned(path: Path, given: JointMap | None = None) -> Skinned:
 def skinned(rig: GltfRig) -> Skinned:
     """The character in a file whose rig has been read, in our rest pose, as `plain_rig` gives it.
 
-    Raises:
-        MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
+    Raises MotionError: the file has no skinned mesh, or its meshes are damaged or too large.
     """
     with refusing_damage(rig.path), np.errstate(invalid="ignore", over="ignore"):  # looked for below
         owners = _owners(rig)

@@ -18,8 +18,7 @@ from .gltf_rig import read_gltf_rig
 def read_map(path: Path | None) -> dict[str, str | None] | None:
     """The map in a file; None for no file.
 
-    Raises:
-        MotionError: the file is missing, no JSON object, names a bone that there is not, or a joint twice.
+    Raises MotionError: the file is missing, no JSON object, names a bone that there is not, or a joint twice.
     """
     if path is None:
         return None
@@ -46,8 +45,7 @@ def read_map(path: Path | None) -> dict[str, str | None] | None:
 def map_of(path: Path) -> dict[str, str | None]:
     """The map of a character or clip (.glb, .vrm, .bvh), with None for the bones that were not found.
 
-    Raises:
-        MotionError: the file cannot be read.
+    Raises MotionError: the file cannot be read.
     """
     found: Mapping[str, str]
     try:

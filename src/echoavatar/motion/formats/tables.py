@@ -7,7 +7,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -40,8 +40,7 @@ def write_csv(path: Path | str, motion: Motion) -> None:
 def write_live_link(path: Path, curves: Float[np.ndarray, "t 52"], fps: float = 30.0) -> None:
     """Write curves as a Live Link Face CSV (61 columns, timecode from 00:00:00 at 30 or 60 frames per second).
 
-    Raises:
-        MotionError: the file cannot be written.
+    Raises MotionError: the file cannot be written.
     """
     base = 60 if fps > 30 else 30
     head = ["Timecode", "BlendshapeCount", *(name[:1].upper() + name[1:] for name in LIVE_LINK_NAMES)]
@@ -105,7 +104,7 @@ def motion_of(stored: Mapping[str, np.ndarray]) -> Motion:
 NPZ_ERRORS = (OSError, ValueError, KeyError, EOFError, IndexError, TypeError, zipfile.BadZipFile, ValidationError)
 
 
-class NpzArrays(Mapping[str, np.ndarray]):
+class NpzArrays(zipfile.ZipFile, Mapping[str, np.ndarray]):
     """The arrays of an npz file, each read when it is asked for. Sizes are checked before anything is unpacked.
 
     Opening and reading raise FileNotFoundError, OSError, ValueError or zipfile.BadZipFile for files that are missing,
@@ -120,21 +119,21 @@ class NpzArrays(Mapping[str, np.ndarray]):
         most = ARRAYS_BYTES if most is None else most
         check_file(path, most, error)
         try:
-            self._archive = zipfile.ZipFile(path)
+            super().__init__(path)
         except (zipfile.LargeZipFile, NotImplementedError, RuntimeError) as reason:
             raise ValueError(str(reason)) from reason
-        entries = self._archive.infolist()
+        entries = self.infolist()
         unpacked = sum(entry.file_size for entry in entries)
         most = min(most, max(ARRAYS_ALWAYS, ARRAYS_PACKED * path.stat().st_size))
         if unpacked > most:
-            self._archive.close()
+            self.close()
             raise error(f"{path} unpacks to {unpacked:,} bytes, and at most {most:,} are read; cut it")
         self._names = {entry.filename.removesuffix(".npy"): entry.filename for entry in entries}
 
     def __getitem__(self, key: str) -> np.ndarray:
         name = self._names[key]
         try:
-            return array_of(self._archive.read(name))
+            return array_of(self.read(name))
         except (NotImplementedError, RuntimeError) as reason:  # an unknown method, or encrypted
             raise ValueError(str(reason)) from reason
         except zlib.error as reason:
@@ -145,16 +144,6 @@ class NpzArrays(Mapping[str, np.ndarray]):
 
     def __len__(self) -> int:
         return len(self._names)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._archive.close()
 
 
 def arrays_of(path: Path, error: type[EchoAvatarError] = EchoAvatarError) -> dict[str, np.ndarray]:

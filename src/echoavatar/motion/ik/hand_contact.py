@@ -16,8 +16,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from ..kinematics import Motion, Pose, Skeleton
+from ..kinematics.alignment import has_rest_pose
 from ..kinematics.easing import falloff
-from ..kinematics.rigs import bone_map, is_upright
+from ..kinematics.rigs import bone_map
 from ..kinematics.rotations import quaternion_from_matrix
 from ..kinematics.two_bone import Limb, bend_limb
 from .hand_collisions import hand_points
@@ -96,7 +97,7 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
     The body of a source whose rest pose does not stand is not known; then nothing changes.
     """
     maps = [bone_map(motion.skeleton) for motion in (source, moved)]
-    if not is_upright(source.skeleton, maps[0]):
+    if not has_rest_pose(source.skeleton, maps[0]):
         return moved
     shared = maps[0].keys() & maps[1].keys()
     poses = [motion.pose(torch.float64) for motion in (source, moved)]

@@ -48,13 +48,12 @@ class BodyProfile(Config):
 
     def scaled(self, factor: float) -> "BodyProfile":
         """The profile of a body so many times as large."""
-
-        def larger(vector: Vector) -> Vector:
-            x, y, z = vector
-            return factor * x, factor * y, factor * z
-
-        parts = [RoundedPart(bone=p.bone, centre=larger(p.centre), radii=larger(p.radii)) for p in self.parts]
-        return BodyProfile(parts=tuple(parts), palm=factor * self.palm, finger=factor * self.finger)
+        parts = [
+            {"bone": part.bone} | {key: (factor * np.array(getattr(part, key))).tolist() for key in ("centre", "radii")}
+            for part in self.parts
+        ]
+        sizes = {"palm": factor * self.palm, "finger": factor * self.finger}
+        return BodyProfile.model_validate({"parts": parts, **sizes})
 
     @classmethod
     def load(cls, path: Path) -> "BodyProfile":
@@ -91,21 +90,14 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
     tall, hand = ratio("head", "hips"), ratio("leftHand", "leftLowerArm")
     thick = min(ratio("leftUpperArm", "rightUpperArm"), 1.25 * tall)
     parts = []
+    (heights, own), hips = (rig.rest_positions[:, 1].tolist() for rig in (skeleton, HUMANOID)), ours["hips"]
     for part in _OURS.parts:
-        if part.bone not in bones:
-            continue
-        middle = HUMANOID.rest_positions[ours[part.bone], 1].item() + part.centre[1]
-        hips = HUMANOID.rest_positions[ours["hips"], 1].item()
-        height = skeleton.rest_positions[bones["hips"], 1].item() + tall * (middle - hips)
-        up = height - skeleton.rest_positions[bones[part.bone], 1].item()
-        x, y, z = part.radii
-        parts.append(
-            RoundedPart(
-                bone=part.bone,
-                centre=(part.centre[0], up, part.centre[2] * thick),
-                radii=(x * thick, y * tall, z * thick),
-            )
-        )
+        if part.bone in bones:
+            (left, up, ahead), (x, y, z) = part.centre, part.radii
+            above = heights[bones["hips"]] - heights[bones[part.bone]]
+            up = above + tall * (own[ours[part.bone]] + up - own[hips])
+            centre, radii = (left, up, ahead * thick), (x * thick, y * tall, z * thick)
+            parts.append(RoundedPart(bone=part.bone, centre=centre, radii=radii))
     return BodyProfile(parts=tuple(parts), palm=_OURS.palm * hand, finger=_OURS.finger * hand)
 
 

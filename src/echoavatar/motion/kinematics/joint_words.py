@@ -1,61 +1,28 @@
 """What the name of a joint says: a side and a part of the body, in the words of many programs.
 
 Names are read, not listed: namespaces, prefixes, case, separators and digits differ from program to program, the words
-for a thigh are few. `LeftUpLeg`, `mixamorig1:LeftUpLeg`, `J_Bip_L_UpperLeg`, `thigh.L`, `lfemur` and `左足` all are.
+for a thigh (`words.toml`) are few. `LeftUpLeg`, `mixamorig1:LeftUpLeg`, `J_Bip_L_UpperLeg`, `thigh.L`, `lfemur` and
+`左足` all are.
 """
 
 import re
+import tomllib
 import unicodedata
 from collections.abc import Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
-_SIDES = {"left": "left l lf lt lft hidari 左", "right": "right r rt rgt rht migi 右"}
-_PARTS = {
-    "hips": "hips hip pelvis hipjoint center centre cog waist centerofgravity lowertorso sentaa センター 腰 骨盤",
-    "trunk": "spine chest torso back abdomen ab belly thorax ribcage ribs body uppertorso upperbody lowerbody"
-    " upperchest jouhanshin kahanshin 上半身 下半身 脊椎 胴",
-    "neck": "neck kubi 首 颈 頸 脖子",
-    "head": "head skull atama 頭 头",
-    "face": "face",
-    "eye": "eye eyeball 目",
-    "jaw": "jaw mandible 顎",
-    "clavicle": "clavicle collar collarbone scapula 鎖骨 锁骨",
-    "shoulder": "shoulder shldr kata 肩",
-    "upperarm": "upperarm uparm uarm humerus bicep ude 腕 上臂 上腕",
-    "arm": "arm",
-    "elbow": "elbow forearm farm lowerarm lowarm loarm radius ulna hiji ひじ 肘 前臂 小臂 前腕",
-    "hand": "hand 手",
-    "wrist": "wrist tekubi 手首 手腕",
-    "thigh": "thigh upleg upperleg uleg femur 大腿",
-    "leg": "leg ashi 足",
-    "knee": "knee shin calf shank crus lowerleg lowleg loleg tibia hiza ひざ 膝 小腿 下腿",
-    "foot": "foot talus calcn calcaneus 脚 腳",
-    "ankle": "ankle ashikubi 足首 脚踝",
-    "toe": "toe toes toebase ball tsumasaki つま先 足先 脚趾 腳趾",
-    "thumb": "thumb oyayubi 親指",
-    "index": "index indexfinger pointer fore hitosashi hitosashiyubi hitoyubi 人指 人差指",
-    "middle": "middle mid middlefinger nakayubi 中指",
-    "ring": "ring third ringfinger kusuriyubi 薬指",
-    "little": "little pinky pinkie pinkyfinger koyubi 小指",
-    "finger": "finger",
-    "metacarpal": "metacarpal meta metacarpals carpal palm inhand start",
-}
-_HELPERS = (
-    "twist roll ik fk ctrl ctl control org mch end tip nub top site effector dummy null target pole goal share part"
-    " hair ponytail skirt cloth dress breast boob bust pectoral weapon sword prop socket attach camera tail wing ear"
-    " helper corrective tweak jiggle muscle aim big brow lid lash buttock"
-    " 捩 髪 胸 スカート 乳 先 親 両"
-)
-_FILLERS = "upper up lower low in base joint bone bend proximal intermediate distal medial root stretch"
+TABLES = tomllib.loads(Path(__file__).parents[1].joinpath("words.toml").read_text("utf-8"))
 DIGITS = ("thumb", "index", "middle", "ring", "little")
 CACHED = 4096  # names and words that are remembered
 LONGEST_NAME = 256  # letters of a name that are read
 LABEL_PARTS = 5  # an unknown word that stands beside so many parts of the body labels the rig, as `Bip01` does
 LABEL_SHARE = 0.8  # any word does that stands beside more of its parts
-_WORDS = {word: f"side {side}" for side, words in _SIDES.items() for word in words.split()}
-_WORDS |= {word: part for part, words in _PARTS.items() for word in words.split()}
-_WORDS |= dict.fromkeys(_HELPERS.split(), "helper") | dict.fromkeys(_FILLERS.split(), "")
+_PARTS = TABLES["joints"]
+_KINDS = [(f"side {side}", words) for kind in ("sides", "joint_sides") for side, words in TABLES[kind].items()]
+_KINDS += [*_PARTS.items(), *TABLES["no_joints"].items()]
+_WORDS = {word: kind for kind, words in _KINDS for word in words.split()}
 _LONGEST = max(map(len, _WORDS))
 
 

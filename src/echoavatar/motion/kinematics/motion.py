@@ -120,8 +120,7 @@ def resample(motion: Motion, fps: float) -> Motion:
 
     Frames at an instant that both rates share are copied exactly.
 
-    Raises:
-        MotionError: it has more frames than a motion may have.
+    Raises MotionError: it has more frames than a motion may have.
     """
     ratio = frame_ratio(motion.fps, fps)
     count = int((motion.frames - 1) / ratio) + 1

@@ -19,10 +19,10 @@ from torch import Tensor
 
 from echoavatar.errors import MotionError
 
-from .alignment import align, leg_length, rest_turns
+from .alignment import align, has_rest_pose, leg_length, rest_turns
 from .foot_planting import foot_contacts, settle_feet, sliding
 from .motion import Motion, Pose, forward_kinematics
-from .rigs import bone_map, feet_of, is_upright, known_bones
+from .rigs import bone_map, feet_of, known_bones
 from .rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from .skeleton import HUMANOID, Skeleton
 
@@ -203,7 +203,7 @@ class LiveRetarget:
         """
         theirs, ours = bone_map(source), bone_map(target)
         rest = source.rest_positions
-        if not is_upright(source, theirs):
+        if not has_rest_pose(source, theirs):
             raise MotionError("the rest pose of the rig does not stand upright (Y up, metres); rotate it first")
         self.source, self.target = source, target
         self.scale = leg_length(target, ours) / leg_length(source, theirs)

@@ -6,6 +6,7 @@ of the body tells (`shaped_bones`), where it does not contradict them. A map by 
 
 import logging
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 
 import numpy as np
@@ -16,10 +17,10 @@ from .joint_tree import REQUIRED, SIDES, Tree
 from .named_bones import named_bones
 from .shaped_bones import shaped_bones
 from .skeleton import HUMANOID, Skeleton, other_side
+from .upright import axes_of
 
 _log = logging.getLogger(__name__)
 BONES = (*HUMANOID.names, "leftEye", "rightEye", "jaw")
-LONG_FEET = 0.1  # of the height, both together: shorter ones say nothing about the front
 CHANCE = 4  # fewer names than these may be words of another language that look like ours
 JointMap = Mapping[str, str | None]  # bone to joint by the user; None for a bone that the rig does not have
 
@@ -104,15 +105,10 @@ def _with_shape(tree: Tree, named: dict[str, int]) -> dict[str, int]:
 
 
 def _is_crossed(tree: Tree, bones: Mapping[str, int]) -> bool:
-    """Whether both feet clearly point to what is the back where left is left."""
-    needed = ["head", *(f"{side}{bone}" for side in SIDES for bone in ("UpperLeg", "Foot", "Toes"))]
-    if not all(bone in bones for bone in needed):
-        return False
-    head, hip, foot, toes, other_hip, other_foot, other_toes = tree.places[[bones[bone] for bone in needed]]
-    up, left, ahead = head - (foot + other_foot) / 2, hip - other_hip, toes - foot + other_toes - other_foot
-    sizes = [float(np.linalg.norm(way)) for way in (up, left, ahead)]
-    is_back = float(left @ np.cross(up, ahead)) < -0.5 * float(np.prod(sizes))
-    return is_back and sizes[2] > LONG_FEET * sizes[0]
+    """Whether the feet point to what is the back where left is left."""
+    with suppress(KeyError, MotionError):  # too few bones, or no body's
+        return bool(np.linalg.det(axes_of({bone: tree.places[joint] for bone, joint in bones.items()})) < 0)
+    return False
 
 
 def check_bones(names: Sequence[str], found: Mapping[str, int], rig: str = "the rig") -> None:
@@ -157,9 +153,3 @@ def _tree(names: Sequence[str], parents: Sequence[int], offsets: Sequence[tuple[
 def feet_of(bones: Mapping[str, int]) -> list[int]:
     """Joints of left foot and toes, then of the right; the foot again where there are no toes."""
     return [bones.get(f"{s}{part}", bones[f"{s}Foot"]) for s in SIDES for part in ("Foot", "Toes")]
-
-
-def is_upright(skeleton: Skeleton, bones: Mapping[str, int]) -> bool:
-    """Whether the rest pose has the head above the hips and these above the feet (Y up)."""
-    height = skeleton.rest_positions[:, 1]
-    return bool(height[bones["head"]] > height[bones["hips"]] > height[bones["leftFoot"]])
