@@ -76,7 +76,7 @@ def test_a_recipe_opens_with_its_commands_and_has_valid_settings(path: Path, mon
         assert words[:1] == ["train"]
         assert words[words.index("--recipe") + 1] == str(path.relative_to(ROOT))
         kind, settings = settings_of(words)
-        runs = "_(stage.*|offline|depth|speakers|manner|hands|mirrored)$"
+        runs = "_(stage.*|offline|depth|speakers|manner|hands|heights|mirrored)$"
         assert kind.replace("-", "_") == re.sub(runs, "", path.stem)
         model, training = CONFIGS[kind]
         settings.checked(training, "training")

@@ -14,7 +14,8 @@ from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import CHUNK
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
-LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(name) for name in ("liveliness", "right", "both", "rest"))
+LIVELINESS, RIGHT, BOTH, MIRROR, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "mirror", "rest"))
+MORE_MIRRORED = 0.3  # than was drawn: hands of a free run share less than those that it learned from
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
@@ -33,6 +34,7 @@ class SpeakerManner:
 
     def __init__(self, seed: int, options: MotionOptions) -> None:
         self._seed, self._drawn = seed, np.array(draw_manner(seed).values)
+        self._drawn[MIRROR] += MORE_MIRRORED
         self._set: dict[str, float] = {}
         self._turns: dict[int, Float[np.ndarray, " hands"]] = {}  # what hands do in turns that were drawn
         self.choose(options.liveliness, options.handedness)

@@ -265,7 +265,9 @@ class Generator(Checkpointed):
         self.depth = DepthReader(config, Body(config.depth)) if config.sequence == "depth" else None
         self.lm_head = nn.Linear(config.read_width, config.layout.vocabulary, bias=False)
         self.exemplar = _control(config)
-        self.manner = MannerControl(config.width, config.read_width, config.layout.motion_codes) if config.manner else None
+        self.manner = (
+            MannerControl(config.width, config.read_width, config.layout.motion_codes) if config.manner else None
+        )
 
     def forward(
         self,

@@ -41,8 +41,8 @@ from ..kinematics.quaternions import (
 )
 from .pose import Array, Pose
 
-STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.2
-AVERAGE_S, CATCH_UP = 0.12, 2.0
+STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
+AVERAGE_S, CATCH_UP = 0.2, 2.0
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 
 
