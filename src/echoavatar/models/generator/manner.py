@@ -4,7 +4,8 @@ The sound does not say which hand a speaker uses, nor how lively he is. Without 
 people do, and both hands do the same. A session draws a manner from its seed; a user may set parts of it.
 
 A speaker's manner alone is an average over minutes, which a chunk cannot follow: it says that a hand often rests, not
-that it rests now. So the generator is also told how busy each hand is in these seconds (`HANDS`), and how high (`HEIGHTS`).
+that it rests now. So the generator is also told how busy each hand is in these seconds (`HANDS`), and how
+high (`HEIGHTS`).
 
 The numbers but the heights enter as one vector, added to the backbone's input at each frame (`MannerControl`). From
 there a generator does not learn to tell left from right: the past says where the hands are, and in windows without a
