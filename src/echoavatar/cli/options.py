@@ -18,7 +18,7 @@ RUNTIME_HELP = (
     "how the models run: paper (bare decoding, the paper's cylinder for hands, files at 60 fps), default (the bundle's"
     " own), bare (no cylinder, 30 fps), or what to keep of ours on top of paper, such as ground,feet"
 )
-WITHOUT_HELP = "leave out a stage: face, smoother, ground, leash, feet or hands; may be repeated"
+WITHOUT_HELP = "leave out a stage: face, smoother, stillness, ground, leash, feet or hands; may be repeated"
 FORMATS = ".bvh, .glb, .vrma, .usda, .usdc, .usdz, .fbx, .npz, .csv, .mp4, .webm; .vrm with --rig"
 RIG_HELP = "retarget the motion to this character or skeleton: .vrm, .glb, .gltf or .bvh"
 MAP_HELP = (

@@ -35,7 +35,7 @@ def test_stages_are_left_out_and_one_that_is_none_is_named() -> None:
     whole = load_bundle()
     part = whole.without(["face", "smoother"])
     assert part.face is None
-    assert Pipeline(part).post.stages == {"ground", "leash", "feet", "hands"}
+    assert Pipeline(part).post.stages == {"stillness", "ground", "leash", "feet", "hands"}
     assert whole.face is not None  # the one it was taken from is as it was
     assert Pipeline(whole.without([])).post.stages == set(SWITCHES)
     with pytest.raises(EchoAvatarError, match="no stage 'toes' to switch on or off; there are face, smoother"):
