@@ -31,6 +31,7 @@ export function covered(): Covered {
     const box = node.getBoundingClientRect();
     const isWide = box.left < innerWidth / 2 && box.right > innerWidth / 2;
     if (!box.width || !node.checkVisibility({ visibilityProperty: true })) continue;
+    if (node.id === "subtitle" && !isWide) continue; // a word in the corner
     if (isWide && box.top < innerHeight / 4) out.top = Math.max(out.top, box.bottom);
     else if (isWide) out.bottom = Math.max(out.bottom, innerHeight - box.top);
     else if (box.right < innerWidth / 2) out.left = Math.max(out.left, box.right);
