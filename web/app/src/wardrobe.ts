@@ -14,6 +14,7 @@ interface Own {
 }
 
 const MOST = 6; // dropped avatars that are kept, the newest first
+const PATIENCE_MS = 300; // of a visitor who opens the menu
 const TOLD = 6; // curves that a notice names
 
 export class Wardrobe {
@@ -27,9 +28,10 @@ export class Wardrobe {
     this.names = told.split(" ").filter(Boolean);
   }
 
-  /** Asks which other programs' sessions can be watched. */
-  async look(): Promise<void> {
-    this.others = await this.sessions();
+  /** Asks which other programs' sessions can be watched; a slow answer counts the next time. */
+  look(): Promise<void> {
+    const told = this.sessions().then((sessions) => void (this.others = sessions));
+    return Promise.race([told, new Promise<void>((resolve) => setTimeout(resolve, PATIENCE_MS))]);
   }
 
   /** What the menu offers. */
