@@ -39,8 +39,8 @@ class _Way(NamedTuple):
 
     goal: tuple[float, float] | None = None  # of the way in progress
     feet: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))  # left, right; as planted
-    hips: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    speed: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of the hips, metres per second
+    hips: tuple[float, ...] = (0.0, 0.0, 0.0)
+    speed: tuple[float, ...] = (0.0, 0.0, 0.0)  # of the hips, metres per second
     side: int = -1  # of the stepping foot: 0 left, 1 right, -1 none
     last: int = 1  # the foot that stepped last
     land: tuple[float, float] = (0.0, 0.0)  # where it lands
