@@ -104,7 +104,8 @@ def test_output_to_a_full_disk_is_one_line(monkeypatch: pytest.MonkeyPatch, caps
 
 def test_no_two_services_share_a_port() -> None:
     """Two doors to the same page, `serve` and `demo`, have one."""
-    parser, ports = build_parser(["serve", "demo", "proxy", "mcp", "studio"]), {}
+    parser = build_parser(["serve", "demo", "proxy", "mcp", "studio"])
+    ports: dict[str, int] = {}
     for words in (["serve"], ["demo"], ["proxy", "--upstream", "ws://x"], ["mcp"], ["studio"]):
         ports[words[0]] = parser.parse_args(words).port
     assert ports.pop("demo") == ports["serve"]

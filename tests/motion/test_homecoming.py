@@ -1,6 +1,7 @@
 """Who has danced away steps back to her place: feet stand or are lifted, and sound finds her with both on the floor."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ BENT = {"UpperLeg": -11, "LowerLeg": 22, "Foot": -11}
 
 
 def live(
-    chunk: MotionChunk, chunks: int, is_idle: Callable[[int], bool] = lambda _: True, **options: float
+    chunk: MotionChunk, chunks: int, is_idle: Callable[[int], bool] = lambda _: True, **options: Any
 ) -> MotionChunk:
     home = Homecoming(HUMANOID, MotionOptions(**options))
     return join([home.apply(number, chunk, is_idle=is_idle(number)) for number in range(chunks)])
@@ -96,7 +97,7 @@ def test_a_chunk_that_is_made_again_is_the_same() -> None:
     ],
     ids=["near", "in sound", "on a leash", "in place", "legs that move"],
 )
-def test_else_she_stays(motion: MotionChunk, is_idle: bool, options: dict[str, float]) -> None:
+def test_else_she_stays(motion: MotionChunk, is_idle: bool, options: dict[str, Any]) -> None:
     made = live(motion, 20, lambda _: is_idle, **options)
     np.testing.assert_array_equal(made.root[-8:], motion.root)
     np.testing.assert_array_equal(made.rotations[-8:], motion.rotations)

@@ -108,17 +108,19 @@ def test_a_token_is_asked_for_on_the_page(new_page: Callable[..., PageDriver], m
     driver = new_page(390, 780)
 
     def answer(socket: Any) -> None:
-        server = None
+        server: Any = None
 
         def take(data: bytes) -> None:
             nonlocal server
             if server is not None:
-                return server.send(data)
+                server.send(data)
+                return
             hello = decode_client(data)
             assert isinstance(hello, Hello)
             if hello.token != "secret":
                 socket.send(encode(Error(code="unauthorized", message="wrong token", fatal=True, retry_after=0)))
-                return socket.close(code=4401)
+                socket.close(code=4401)
+                return
             server = socket.connect_to_server()
             server.send(data)
 
