@@ -45,3 +45,9 @@ def test_the_extras_that_doctor_names_exist() -> None:
 
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
     assert set(EXTRA_OF.values()) <= extras.keys()
+
+
+def test_the_docs_name_every_extra_that_a_user_may_want() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    table = (ROOT / "docs/install.md").read_text("utf-8").partition("## Extras")[2].partition("\n## ")[0]
+    assert set(re.findall(r"`(\w+)`", table)) >= extras.keys() - {"dev", "docs", "browser"}

@@ -145,7 +145,7 @@ def test_the_studio_speaks_tls(maker, monkeypatch, certified):
 
 @pytest.mark.parametrize(
     ("host", "status"),
-    [("studio.example.org", 200), ("127.0.0.1:8767", 200), ("evil.example", 421), ("evil.example:8767", 421)],
+    [("studio.example.org", 200), ("127.0.0.1:8768", 200), ("evil.example", 421), ("evil.example:8768", 421)],
 )
 def test_a_page_that_points_its_own_name_at_the_studio_reads_nothing(maker, monkeypatch, host, status):
     app = create_app(maker, rates=canned.EASY)

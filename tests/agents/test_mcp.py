@@ -57,6 +57,21 @@ def test_an_agent_makes_the_avatar_bow(server: RunningServer) -> None:
         assert caller.until(ActionStatus).name == "bow"
 
 
+def test_without_a_session_it_lists_the_actions_and_says_what_to_open(server: RunningServer) -> None:
+    from echoavatar.agents.mcp import create_server
+
+    async def run() -> None:
+        async with mcp.Client(create_server(RemoteTools(server.address))) as client:
+            tools = {tool.name: tool for tool in (await client.list_tools()).tools}
+            assert "wave" in json.dumps(tools["send_action"].input_schema)
+            done = await client.call_tool("send_action", {"action": "wave"})
+            assert done.is_error
+            assert f"open {RemoteTools(server.address).base} in a browser" in done.content[0].text
+
+    assert server.empties()
+    asyncio.run(asyncio.wait_for(run(), 20))
+
+
 def test_over_standard_input_as_agents_start_it(server: RunningServer) -> None:
     parameters = mcp.StdioServerParameters(
         command=sys.executable, args=["-m", "echoavatar", "mcp", "--server", server.address], env=dict(os.environ)

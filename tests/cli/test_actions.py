@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from echoavatar.cli import main
-from echoavatar.engine.pipeline import Action, ActionLibrary
+from echoavatar.engine.pipeline import Action, ActionLibrary, load_bundle
 from echoavatar.motion.formats import write_bvh
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS, clip
@@ -34,8 +34,22 @@ def test_a_clip_is_added_listed_and_removed(bundle: Path, tmp_path: Path, capsys
 def test_errors_name_their_cause(bundle: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["actions", "remove", "jump", "--model", str(bundle)]) == 1
     assert "there are: bow" in capsys.readouterr().err
-    assert main(["actions", "add", "x", "x.bvh", "--model", "default"]) == 1
+    assert main(["actions", "add", "x", "x.bvh", "--model", str(bundle.parent)]) == 1
     assert "not a bundle's folder" in capsys.readouterr().err
+
+
+def test_a_shipped_model_is_copied_before_its_actions_change(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nod = clip(SCRIPTS["agree"])
+    write_bvh(tmp_path / "nod.bvh", nod.skeleton, nod.rotations, nod.root, fps=nod.fps)
+    monkeypatch.chdir(tmp_path)
+    for name in ("big nod", "deep nod"):
+        assert main(["actions", "add", name, "nod.bvh"]) == 0
+        assert "--model my-default" in capsys.readouterr().out
+    shipped, own = load_bundle("default").actions, load_bundle(tmp_path / "my-default").actions
+    assert set(own) - set(shipped) == {"big_nod", "deep_nod"}
+    assert [path.name for path in tmp_path.iterdir() if path.is_dir()] == ["my-default"]
 
 
 def test_a_clip_with_names_of_its_own_is_added_by_a_map(

@@ -103,9 +103,13 @@ def test_output_to_a_full_disk_is_one_line(monkeypatch: pytest.MonkeyPatch, caps
 
 
 def test_no_two_services_share_a_port() -> None:
-    parser = build_parser(["serve", "proxy", "studio"])
-    ports = [parser.parse_args(words).port for words in (["serve"], ["proxy", "--upstream", "ws://x"], ["studio"])]
-    assert len(set(ports)) == 3
+    """Two doors to the same page, `serve` and `demo`, have one."""
+    parser = build_parser(["serve", "demo", "proxy", "mcp", "studio"])
+    ports: dict[str, int] = {}
+    for words in (["serve"], ["demo"], ["proxy", "--upstream", "ws://x"], ["mcp"], ["studio"]):
+        ports[words[0]] = parser.parse_args(words).port
+    assert ports.pop("demo") == ports["serve"]
+    assert len(set(ports.values())) == len(ports)
 
 
 def test_what_the_system_refuses_is_one_line(

@@ -4,6 +4,8 @@ import contextlib
 import errno
 import itertools
 import json
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -43,6 +45,15 @@ def test_a_file_becomes_motion(talk: Path, tmp_path: Path, capsys: pytest.Captur
             assert np.count_nonzero(saved["audio"]) >= 23_900
         assert main(["say", str(talk), "--server", place.address, "--act", "fly"]) == 1
         assert "wave" in capsys.readouterr().err
+
+
+def test_it_needs_no_torch(talk: Path) -> None:
+    code = "import sys; sys.modules['torch'] = None; from echoavatar.cli import main; sys.exit(main(sys.argv[1:]))"
+    with serving() as place:
+        words = [sys.executable, "-c", code, "say", str(talk), "--server", place.address]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1])["motion_bytes"] > 0
 
 
 def test_errors_are_one_line(talk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -133,7 +133,7 @@ def test_it_settles_within_a_second_when_music_breaks_off(pipeline: Pipeline, se
     session = Engine(pipeline, rewind=0).open_core(seed=seed)
     music = sound("music")[4 * SAMPLE_RATE_HZ :]
     dance = hear(session, list(chunks(music))[:34])
-    after = hear(session, [SILENCE] * 14)
+    after = hear(session, [SILENCE] * 9)  # then it goes home
     moving = speed(dance)[-150:].mean()
     rest = speed(after)
     quarter = np.array([rest[at : at + 8].mean() for at in range(len(rest) - 8)])
@@ -150,6 +150,31 @@ def test_it_settles_within_a_second_when_music_breaks_off(pipeline: Pipeline, se
     assert rest[30:].mean() < 0.25 * moving
     assert seconds < 1.2
     assert rest[60:].max() > 0.002, "alive, not frozen"
+
+
+@pytest.mark.parametrize("has_home", [True, False])
+def test_after_a_dance_it_steps_back_to_its_place(has_home: bool) -> None:
+    """Fourteen seconds of music, sixteen of silence, two seeds; planted feet slide no more than in the dance."""
+    bundle = load_bundle("default")
+    runtime = bundle.runtime
+    if not has_home:
+        kept = tuple(part for part in runtime.session if part != "home")
+        runtime = runtime.model_copy(update={"session": kept})
+    engine = Engine(Pipeline(replace(bundle, face=None, runtime=runtime)), seats=2, rewind=0, workers=0)
+    music = sound("music")[: 14 * SAMPLE_RATE_HZ]
+    for seed in (1, 4):
+        session = engine.open_core(seed=seed)
+        hear(session, list(chunks(music)))
+        after = hear(session, [SILENCE] * 60)
+        far = np.hypot(*after.root[[0, -1]][:, [0, 2]].T)
+        place = positions(after)
+        balls = np.stack([place[toes] for toes in ("leftToes", "rightToes")], 1)
+        standing = HUMANOID.rest_positions[[HUMANOID.index(toes) for toes in ("leftToes", "rightToes")], 1].numpy()
+        slides = skate(balls[60:], FRAME_RATE_HZ, standing_height=standing)
+        _log.info("seed %d: %.2f m away, then %.2f; feet slide %.2f cm/s", seed, *far, slides)
+        assert far[0] > 1
+        assert (far[1] < 0.08) == has_home
+        assert slides < 0.2
 
 
 def test_speech_that_comes_at_once_finds_it_standing() -> None:

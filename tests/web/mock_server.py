@@ -231,6 +231,10 @@ async def _chat(request: Request) -> Response:
     return JSONResponse({"say": told, "did": []})
 
 
+async def _sessions(request: Request) -> Response:
+    return JSONResponse({"sessions": ["mock", "a robot"]})
+
+
 async def _ears(request: Request) -> Response:
     wav = await request.body()
     return JSONResponse({"text": "something aloud" if wav[:4] == b"RIFF" else ""})
@@ -247,6 +251,7 @@ def make_app(recorded: Mapping[str, np.ndarray], *, tell_clock: bool) -> Starlet
             WebSocketRoute("/v1/stream", stream),
             voice_route(SimpleNamespace(settings=ServerSettings(), clients=ClientLimits(ClientRates(), ""))),  # type: ignore[arg-type]
             Route("/v1/chat", _chat, methods=["GET", "POST"]),
+            Route("/v1/sessions", _sessions),
             Route("/v1/chat/ears", _ears, methods=["POST"]),
             *page_routes(),
         ],

@@ -44,6 +44,16 @@ def test_a_recipe_makes_it_small_and_the_card_says_what_was_given(tmp_path: Path
     assert card["command"] == f"echoavatar train codec {source} -o {tmp_path}/run --recipe {tmp_path}/r.yaml"
 
 
+def test_a_set_without_sound_is_told_at_once_by_its_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = corpus(tmp_path / "quiet")
+    told = (source / "manifest.json").read_text().replace('"frames": 70', '"has_sound": false, "frames": 70')
+    assert "has_sound" in told
+    (source / "manifest.json").write_text(told)
+    assert main(["train", "codec", str(source), "-o", str(tmp_path / "run")]) == 1
+    assert f"no training clip of {source} has sound" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_published_encodec_is_taken_by_one_command(tmp_path: Path) -> None:
     torch.manual_seed(0)
     sizes = {"num_filters": 2, "hidden_size": 16, "codebook_size": 64, "target_bandwidths": [0.9]}

@@ -1,10 +1,13 @@
 """`echoavatar actions`: lists, adds and removes a bundle's actions; needs no training."""
 
 import argparse
+import shutil
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from echoavatar.errors import EchoAvatarError
+from echoavatar.whole_file import write_error
 
 from . import command_module
 from .options import MAP_HELP, add_model
@@ -15,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar actions list
-  echoavatar actions add salute salute.bvh --model my-bundle --about "salute like a soldier"
+  echoavatar actions add salute salute.bvh --about "salute like a soldier"   to a copy of the model, my-default
   echoavatar actions remove salute --model my-bundle
   echoavatar actions build --model my-bundle     (the built-in actions, for another tokenizer)
 """
@@ -44,14 +47,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     remove.add_argument("name", help="name of the action")
     build = kinds.add_parser("build", help="make the built-in actions for this bundle's tokenizer")
     for child in (listing, add, remove, build):
-        add_model(child, "name of a shipped bundle, or a folder, which changes need")
+        add_model(
+            child,
+            "folder of a bundle, or the name of a shipped one, which is copied here as my-NAME before it is changed",
+        )
 
 
 def run(args: argparse.Namespace) -> int:
     """List or change a library."""
     if args.kind == "list":
         return _list(args.model)
-    folder = Path(args.model)
+    folder = _own(args.model)
     if not (folder / "tokenizer").is_dir():
         raise EchoAvatarError(
             f"{args.model} is not a bundle's folder; `echoavatar bundle` makes one, or copy the shipped one"
@@ -60,6 +66,25 @@ def run(args: argparse.Namespace) -> int:
         return int(command_module("actions build").run(args))
     {"add": _add, "remove": _remove}[args.kind](args, folder)
     return 0
+
+
+def _own(model: str) -> Path:
+    """The folder that may be changed: of a shipped bundle a copy, made once in the current folder."""
+    from echoavatar.engine.pipeline import shipped
+
+    if model not in shipped():
+        return Path(model)
+    own, partial = Path(f"my-{model}"), Path(f".my-{model}.partial")
+    if not own.exists():
+        try:
+            with as_file(files("echoavatar") / "bundles" / model) as folder:
+                shutil.copytree(folder, partial, copy_function=shutil.copyfile, dirs_exist_ok=True)
+            partial.chmod(0o755)  # the package may be read-only
+            partial.replace(own)
+        except OSError as error:
+            raise write_error(own, error) from error
+    print(f"{model} stays as it is; {own}, a copy in this folder, is changed: use it as --model {own}")
+    return own
 
 
 def _list(bundle: str) -> int:

@@ -22,7 +22,7 @@ import torch
 from echoavatar.errors import AdmissionError, EchoAvatarError
 from echoavatar.models.generator.linear import Precision
 from echoavatar.models.generator.manner import TOLD
-from echoavatar.motion.idle_motion import warm_up
+from echoavatar.motion import homecoming, idle_motion
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 
@@ -328,5 +328,6 @@ def load(
         return pipeline
 
     pipeline = build()
-    warm_up(pipeline.skeleton)
+    homecoming.warm_up(pipeline.skeleton)
+    idle_motion.warm_up(pipeline.skeleton)
     return Engine(pipeline, seats=seats, look_ahead=look_ahead, reload=build)

@@ -17,6 +17,7 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import StreamResampler
 from echoavatar.motion.expression import DANCING, MOODS, RESTING, Expression
 from echoavatar.motion.gaze import Gaze
+from echoavatar.motion.homecoming import Homecoming
 from echoavatar.motion.idle_motion import IdleMotion
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.motion.stages.modes import FREE, MotionOptions
@@ -88,6 +89,7 @@ class SessionCore:
         self._heard_user = 0  # the next chunk when the user's sound came last
         self._gaze = Gaze(seed, options.eye_contact, self.chunk)
         self._idle_motion = IdleMotion(seed, options, self.chunk)
+        self._homecoming = Homecoming(host.skeleton, options, self.chunk)
         self._settling, self._expression = Settling(self.chunk), Expression(self.chunk)
         self._making: tuple[int, Heard, ChunkPlan] | None = None  # the chunk in the making, its sound and its plan
 
@@ -381,13 +383,15 @@ class SessionCore:
     def _with_idle_motion(
         self, chunk: int, motion: MotionChunk, source: str, speech: Float[np.ndarray, " s"]
     ) -> MotionChunk:
-        """Breath and shifts of weight, eye contact, and the clip of an action on top."""
+        """The way home, breath and shifts of weight, eye contact, and the clip of an action on top."""
         if chunk - self._heard_user > self.chunk.within(TURN_S):  # the user's sound stopped without an end
             self.end_listening()
         skeleton, is_free = self._host.skeleton, self._is_free(chunk)
-        is_idle = source in ("idle", "action") and is_free
+        if "home" in self._host.additions:
+            rests = source == "idle" and is_free and not self.is_listening
+            motion = self._homecoming.apply(chunk, motion, is_idle=rests)
         if "idle" in self._host.additions:
-            motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_idle)
+            motion = self._idle_motion.apply(chunk, motion, skeleton, is_idle=is_free and source in ("idle", "action"))
         overlay = self._actions.overlay(chunk) if "overlays" in self._host.additions else None
         return self._gaze.apply(
             chunk,

@@ -1,8 +1,8 @@
 /** The avatar in the viewport: the built-in character, or a dropped one. */
 
 import { type AvatarDriver, type Picture, type Pose, RESTING, Rest, copyPose, makePose, type protocol } from "@echoavatar/client";
-import { filmHair, loadAvatar } from "@echoavatar/client/three";
-import { Box3, type Material, type Mesh, type Object3D, Vector3 } from "three";
+import { type Outfits, filmHair, loadAvatar } from "@echoavatar/client/three";
+import { Box3, type BufferGeometry, type Material, type Mesh, type Object3D, Vector3 } from "three";
 import { PlainBody, plain } from "./plain.js";
 import type { Viewport } from "./viewport.js";
 
@@ -10,12 +10,15 @@ const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i,
 
 const REST_S = 0.8; // from rest into motion
 
-type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null; readonly silent: readonly string[] };
+type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null; readonly silent: readonly string[]; readonly outfits: Outfits };
 
 export class AvatarSlot {
   driver: Driver | null = null;
   /** Where the built-in character is shown: its address, without the level of detail. */
   ours: string | null = null;
+  /** The outfit that is worn, of `driver.outfits`; -1: none of them. */
+  outfit = -1;
+  private wardrobe: { readonly mesh: Mesh; readonly materials: readonly (Material | Material[])[] }[] = []; // by outfit, the file's own last
   private shown = ""; // what was asked for last
   private ready: Pick<protocol.ReadyMessage, "rig" | "face"> = RESTING; // what the driver is bound to
   private rest = new Rest(RESTING);
@@ -66,6 +69,8 @@ export class AvatarSlot {
       Object.assign(mesh, { castShadow: true, receiveShadow: !low, frustumCulled: false });
       mesh.material = Array.isArray(mesh.material) ? mesh.material.map(surface) : surface(mesh.material);
     });
+    this.hang(next, surface);
+    this.wear(isSame ? this.outfit : next.outfits.first);
     this.body?.update();
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();
@@ -79,6 +84,23 @@ export class AvatarSlot {
     this.viewport.scene.add(next.object);
     this.viewport.light.stand(next.object);
     if (!isSame) this.viewport.setHeight(size.max.y);
+  }
+
+  /** Finds what each mesh wears in each outfit; `PlainBody` has replaced meshes, but not their geometry. */
+  private hang({ object, outfits }: Driver, surface: (material: Material) => Material): void {
+    for (const { materials } of this.wardrobe) for (const material of materials.flat()) material.dispose();
+    const meshes = new Map<BufferGeometry, Mesh>();
+    object.traverse((node) => (node as Mesh).isMesh && meshes.set((node as Mesh).geometry, node as Mesh));
+    this.wardrobe = [...outfits.worn].flatMap(([node, materials]) => {
+      const mesh = meshes.get((node as Mesh).geometry);
+      return mesh ? { mesh, materials: [...materials.map(surface), mesh.material] } : [];
+    });
+  }
+
+  /** Puts an outfit on. */
+  wear(outfit: number): void {
+    this.outfit = outfit;
+    for (const { mesh, materials } of this.wardrobe) mesh.material = materials.at(outfit) ?? mesh.material;
   }
 
   /** The middle of the head, if the avatar has one. */
@@ -110,7 +132,7 @@ export class AvatarSlot {
   follow(seconds: number): void {
     if (!this.driver?.hips) return;
     this.driver.hips.getWorldPosition(this.here);
-    this.viewport.follow(this.here.x, this.here.z, this.placed ? 1 - Math.exp(-1.5 * seconds) : 1);
+    this.viewport.follow(this.here.x, this.here.z, this.placed ? 1 - Math.exp(-1.5 * seconds) : 1, seconds);
     this.placed = true;
     this.viewport.attend(this.ends.map((node, k) => node.getWorldPosition(this.places[k]!)), seconds);
   }

@@ -32,10 +32,15 @@ function takeToken(): string {
 /** `?watch=NAME` shows another program's session without sound; `?watch` alone shows the newest session. */
 async function watched(token: string): Promise<string> {
   const name = settings.get("watch");
-  if (name !== "") return name ?? "";
-  const answer = await fetch("./v1/sessions", { headers: token ? { authorization: `Bearer ${token}` } : {} });
+  return name === "" ? ((await listed(token)).at(-1) ?? "") : (name ?? "");
+}
+
+/** The sessions of this server, the newest last; none if it does not say. */
+async function listed(token: string): Promise<readonly string[]> {
+  const answer = await fetch("./v1/sessions", { headers: token ? { authorization: `Bearer ${token}` } : {} }).catch(() => null);
+  if (!answer?.ok) return [];
   const { sessions = [] } = (await answer.json()) as { sessions?: string[] };
-  return sessions.at(-1) ?? "";
+  return sessions;
 }
 
 async function start(): Promise<void> {
@@ -64,11 +69,11 @@ async function start(): Promise<void> {
   const sources = new SourceBar(session, token);
   const states = new StatusLine(session, actions, sources);
   const detail = new DetailControl(isSlow || quality === "low");
-  const wardrobe = new Wardrobe(viewport, avatar, detail);
+  const wardrobe = new Wardrobe(viewport, avatar, detail, async () => (await listed(token)).filter((name) => leader || name !== session.ready?.session));
   const tools = new Tools(viewport, session, avatar, wardrobe, () => sources.output, settings);
   connectDrop(wardrobe, sources);
   session.on("ready", (ready) => avatar.bind(ready));
-  void wardrobe.show(settings.get("character") ?? "");
+  void wardrobe.show(settings.get("character") ?? "", settings.get("outfit") ?? "");
   session.connect();
   run(viewport, session, avatar, { hud, states, sources, detail });
   Object.assign(window, { __echo: inspect(session, viewport, avatar, hud, sources, tools, detail) });
@@ -90,6 +95,7 @@ function run(viewport: Viewport, session: EchoSession, avatar: AvatarSlot, { hud
   const draw = (now: number) => {
     requestAnimationFrame(draw);
     const seconds = Math.max(0, (now - last) / 1000);
+    if (!viewport.isDue(seconds)) return;
     last = now;
     const picture = session.picture(performance.now());
     inspected.shown = picture && { at: picture.at, held: picture.held, state: picture.state };

@@ -83,9 +83,9 @@ function entry({ id, label, hint, picture, on, run }: Choice, close: () => void)
 function place(menu: HTMLElement, anchor: HTMLElement): void {
   const at = anchor.getBoundingClientRect();
   const [width, height] = [menu.offsetWidth, menu.offsetHeight];
-  const left = Math.min(Math.max(12, at.left + at.width / 2 - width / 2), innerWidth - width - 12);
   const above = at.top - height - 14;
-  menu.style.left = `${left}px`;
+  const middle = above > 12 ? at.left + at.width / 2 : Infinity; // from the top, menus hang at the edge, beside the body
+  menu.style.left = `${Math.min(Math.max(12, middle - width / 2), innerWidth - width - 12)}px`;
   menu.style.top = `${above > 12 ? above : at.bottom + 8}px`;
 }
 

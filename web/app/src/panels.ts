@@ -21,7 +21,7 @@ export interface Covered {
   readonly left: number;
 }
 
-const COVERING = ["#hud", "#manner", "#talk", "#typed", "#actions", ".dock", ".top", ".welcome:not(.gone)"];
+const COVERING = ["#hud", "#manner", "#talk", "#typed", "#actions", "#menu", "#subtitle:not(.off, :empty)", ".dock", ".top", ".welcome:not(.gone)"];
 const MOST = 0.34; // of a side, on the average of both edges, that panels may take
 
 /** How far panels reach in from the edges: wide ones from above or below, the others from the side. */
@@ -30,7 +30,8 @@ export function covered(): Covered {
   for (const node of document.querySelectorAll(COVERING.join())) {
     const box = node.getBoundingClientRect();
     const isWide = box.left < innerWidth / 2 && box.right > innerWidth / 2;
-    if (!box.width) continue;
+    if (!box.width || !node.checkVisibility({ visibilityProperty: true })) continue;
+    if (node.id === "subtitle" && !isWide) continue; // a word in the corner
     if (isWide && box.top < innerHeight / 4) out.top = Math.max(out.top, box.bottom);
     else if (isWide) out.bottom = Math.max(out.bottom, innerHeight - box.top);
     else if (box.right < innerWidth / 2) out.left = Math.max(out.left, box.right);

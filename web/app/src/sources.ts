@@ -58,6 +58,7 @@ export class Capture {
   private constructor(
     private readonly stream: MediaStream,
     private readonly context: AudioContext,
+    private readonly node: AudioWorkletNode,
     private readonly utterance: Utterance,
   ) {}
 
@@ -78,10 +79,11 @@ export class Capture {
     };
     context.createMediaStreamSource(new MediaStream(stream.getAudioTracks())).connect(node);
     stream.getAudioTracks()[0]!.addEventListener("ended", onEnd);
-    return new Capture(stream, context, utterance);
+    return new Capture(stream, context, node, utterance);
   }
 
   stop(): void {
+    this.node.port.onmessage = null; // blocks may be on their way
     this.utterance.end();
     for (const track of this.stream.getTracks()) track.stop();
     void this.context.close();

@@ -20,6 +20,7 @@ export class StatusLine {
     const line = document.getElementById("line")!;
     session.on("line", (state) => (line.textContent = this.waiting ? "" : LINES[state]));
     session.on("error", (error) => {
+      if (error.code === "unauthorized") return askToken();
       this.waiting = error.place ? `All places are taken. ${error.place === 1 ? "You are next" : `You are number ${error.place} in the queue`}.` : "";
       if (!this.waiting) toast(sentence(error));
     });
@@ -54,9 +55,19 @@ export class StatusLine {
   }
 }
 
+/** Asks for the server's token, and begins again with it. */
+function askToken(): void {
+  const gate = document.getElementById("gate") as HTMLDialogElement;
+  if (gate.open) return;
+  gate.showModal();
+  gate.querySelector("form")!.onsubmit = () => {
+    sessionStorage.setItem("token", gate.querySelector("input")!.value.trim());
+    location.reload();
+  };
+}
+
 function sentence({ code, message, retry_after: seconds }: protocol.ErrorMessage): string {
   if (code === "overloaded") return `All places are taken. Trying again in ${Math.ceil(seconds)} s.`;
-  if (code === "unauthorized") return "This server asks for a token: open the address that it printed.";
   if (code === "unknown_session") return "The session had ended; a new one begins.";
   return message.charAt(0).toUpperCase() + message.slice(1);
 }

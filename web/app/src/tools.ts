@@ -34,7 +34,7 @@ export class Tools {
     private readonly output: () => Output | null,
     private readonly settings: URLSearchParams,
   ) {
-    element("avatar").onclick = () => openMenu(element("avatar"), wardrobe.choices);
+    element("avatar").onclick = () => void wardrobe.look().then(() => openMenu(element("avatar"), wardrobe.choices));
     element("look").onclick = () => openMenu(element("look"), this.looks);
     element("sound").onclick = () => this.toggleSound();
     element("meters").onclick = () => toggle("hud");

@@ -24,6 +24,7 @@ const CLOSE = 2;
 const CHECK_S = 0.25; // between looks at what panels cover
 const MOVED = 3; // per second, how fast the picture moves out from behind a panel
 const HOME_S = 1.1; // per second, how fast the rings come to who stands
+const STANDS = { speed: 0.05, seconds: 3.5 }; // metres per second, below which one stands, and for how long: a dancer who goes home comes back to them
 const PORTRAIT = 96; // pixels of a thumbnail
 
 export class Viewport {
@@ -48,13 +49,15 @@ export class Viewport {
   private panels: Covered = { top: 0, right: 0, bottom: 0, left: 0 };
   private free: Covered = this.panels; // follows `panels`
   private looked = Infinity;
+  private stood = 0; // seconds
+  private isPoster = false; // whether the backdrop is a still picture behind the canvas
   /** Whether no cheaper avatar can be shown. */
   isCheapest = true;
   private tall = 1.65;
 
   /** `isClear`: no backdrop, but an alpha channel, for a program that shows this page over something else. */
-  constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean, isClear = false) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: isClear, powerPreference: "high-performance" });
+  constructor(readonly canvas: HTMLCanvasElement, readonly low: boolean, private readonly isClear = false) {
+    this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: low || isClear, powerPreference: "high-performance" });
     this.resolution = new ResolutionControl(low);
     this.light = new StageLight(this.scene, this.renderer, low);
     this.controls = new OrbitControls(this.camera, canvas);
@@ -75,6 +78,27 @@ export class Viewport {
     this.light.set(stage);
     this.backdrop.set(stage);
     this.echoes.setTheme(stage === "dusk");
+    if (this.isPoster) this.hang(true);
+  }
+
+  /** Whether it is time for a picture, so many seconds after the last; a recording gets all. */
+  isDue(seconds: number): boolean {
+    return this.fixed !== null || this.resolution.isDue(seconds);
+  }
+
+  /** Draws the backdrop once, as a picture behind the canvas, or again with each picture. */
+  private hang(isPoster: boolean): void {
+    const { renderer, scene, backdrop: { mesh }, canvas } = this;
+    this.isPoster = isPoster;
+    mesh.visible = !this.isClear;
+    canvas.style.backgroundImage = "";
+    if (!isPoster || this.isClear || !this.low) return; // without an alpha channel nothing behind the canvas is seen
+    const others = scene.children.filter((node) => node !== mesh && node.visible);
+    for (const node of others) node.visible = false;
+    renderer.render(scene, this.camera);
+    canvas.style.backgroundImage = `url(${canvas.toDataURL("image/webp", 0.95)})`;
+    for (const node of others) node.visible = true;
+    mesh.visible = false;
   }
 
   /** Returns to the chosen view; `index` chooses another. */
@@ -158,18 +182,19 @@ export class Viewport {
   /** Brings the rings to where the avatar has come to stand. */
   settle(seconds: number): void {
     const { position } = this.echoes.mesh;
+    if (this.stood < STANDS.seconds) return;
     const share = 1 - Math.exp(-HOME_S * seconds);
     position.x += (this.centre.x - position.x) * share;
     position.z += (this.centre.z - position.z) * share;
   }
 
-  /** A small picture of a face, whose middle is at `head`, as a data address. */
+  /** A small picture of a face, whose middle is at `head`, or of the whole body, as a data address. */
   portrait(head: Vector3 | null): string {
     const camera = new PerspectiveCamera(24, 1, 0.05, 60);
     const size = this.tall / 1.65;
-    const middle = head?.clone() ?? new Vector3(this.centre.x, 0.92 * this.tall, this.centre.z);
+    const middle = head?.clone() ?? new Vector3(this.centre.x, 0.44 * this.tall, this.centre.z);
     middle.y += 0.06 * size;
-    camera.position.set(middle.x + 0.12 * size, middle.y, middle.z + 1.05 * size);
+    camera.position.set(middle.x + 0.12 * size, middle.y, middle.z + (head ? 1.05 : 4.2) * size);
     camera.lookAt(middle);
     this.renderer.render(this.scene, camera);
     const small = Object.assign(document.createElement("canvas"), { width: PORTRAIT, height: PORTRAIT });
@@ -178,8 +203,9 @@ export class Viewport {
   }
 
   /** Moves camera and light with the avatar; `ease` 1 jumps. */
-  follow(x: number, z: number, ease: number): void {
+  follow(x: number, z: number, ease: number, seconds: number): void {
     const [dx, dz] = [(x - this.centre.x) * ease, (z - this.centre.z) * ease];
+    this.stood = Math.hypot(dx, dz) < STANDS.speed * seconds ? this.stood + seconds : 0;
     this.centre.x += dx;
     this.centre.z += dz;
     for (const vector of [this.controls.target, this.camera.position, this.goal.target, this.goal.position]) {
@@ -192,6 +218,8 @@ export class Viewport {
   /** Draws a frame; `seconds` since the previous one. */
   render(seconds: number): void {
     if (!this.fixed && this.resolution.picture(seconds, this.isCheapest)) this.resize();
+    const isPoster = this.resolution.isPoster && !this.fixed;
+    if (isPoster !== this.isPoster) this.hang(isPoster);
     this.makeRoom(seconds);
     this.glide(seconds);
     this.controls.update();

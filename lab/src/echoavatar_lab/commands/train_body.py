@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from echoavatar.config import Config
-from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.errors import AudioError, EchoAvatarError, MotionError
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizerConfig, MotionTokenizerConfig
@@ -63,6 +63,8 @@ def _train_codec(given: Given) -> None:
     config = settings.checked(CodecTrainingConfig, "training", codec=codec)
     corpus = Corpus(args.source)
     heard = [entry.name for entry in corpus.entries("train", has_mirrored=False) if entry.has_sound]
+    if not heard and not args.recordings:
+        raise AudioError(f"no training clip of {args.source} has sound; name recordings of your own (--recordings)")
     groups = [AudioGroup(args.source.name, tuple(corpus.sound(name) for name in heard))]
     if args.recordings:
         groups += read_groups(args.recordings)

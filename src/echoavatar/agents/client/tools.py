@@ -59,6 +59,8 @@ class RemoteTools:
         try:
             return outgoing.ask(self.base + path, body, headers=headers, seconds=TIMEOUT_S)
         except outgoing.OutgoingError as error:
+            if error.status == 404 and body is not None and not self.session:
+                raise EchoAvatarError(f"nobody is shown yet: open {self.base} in a browser, then call again") from error
             if error.status:
                 raise EchoAvatarError(f"{outgoing.redacted(self.base)} refused: {_reason(error)}") from error
             raise ConnectionLostError(

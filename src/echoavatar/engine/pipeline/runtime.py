@@ -21,7 +21,7 @@ from .foreign_rig import RigConfig
 
 FILE = "runtime.json"
 PAPER_FPS = 60.0  # paper, Settings: 30 frames per second, "subsequently interpolated to 60 FPS for final rendering"
-SESSION = ("settling", "idle", "expression", "blinks", "listening", "gaze", "overlays")  # by sessions
+SESSION = ("settling", "home", "idle", "expression", "blinks", "listening", "gaze", "overlays")  # by sessions
 NUMBERS = {"level": ("level_control", False), "lead-in": ("lead_in_s", 0.0)}  # addition -> field, the paper's value
 ADDITIONS = (*NUMBERS, *SWITCHES, *SESSION)
 
@@ -39,9 +39,9 @@ class Runtime(Config):
     stages: tuple[str, ...] = Field(default=SWITCHES, description="stages behind the decoder, unless asked for")
     session: tuple[str, ...] = Field(
         default=SESSION,
-        description="what a session adds: settling after music, idle motion with breath, moods of the face, blinks, "
-        "nods and a turned head while the user speaks, eye contact with glances away, the part of an action that codes "
-        "cannot express",
+        description="what a session adds: settling after music, the way home after a dance, idle motion with breath, "
+        "moods of the face, blinks, nods and a turned head while the user speaks, eye contact with glances away, the "
+        "part of an action that codes cannot express",
     )
     cylinder: bool = Field(default=False, description="whether the paper's cylinder keeps hands off the body")
     fps: float = Field(

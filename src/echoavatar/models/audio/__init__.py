@@ -1,9 +1,14 @@
 """Sound: codec, streaming resampler, level control, files. May import `quantize`, `nn` and below."""
 
-from .codec import AudioCodec, nearest_codes
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from .io import StreamResampler, as_mono, read_audio, stream_audio, write_wav
-from .level import LevelControl, LevelState
-from .network import CodecConfig, NetworkState
+
+if TYPE_CHECKING:
+    from .codec import AudioCodec, nearest_codes
+    from .level import LevelControl, LevelState
+    from .network import CodecConfig, NetworkState
 
 __all__ = [
     "AudioCodec",
@@ -18,3 +23,11 @@ __all__ = [
     "stream_audio",
     "write_wav",
 ]
+_HOMES = {"LevelControl": ".level", "LevelState": ".level", "CodecConfig": ".network", "NetworkState": ".network"}
+
+
+def __getattr__(name: str) -> object:
+    """Import a network when it is first asked for: clients that read sound need no torch."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOMES.get(name, ".codec"), __name__), name)

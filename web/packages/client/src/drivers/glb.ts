@@ -7,6 +7,7 @@ import type { ReadyMessage } from "../protocol.generated.js";
 import { BoneMap } from "./bones.js";
 import { mixamoName } from "./mixamo.js";
 import { MorphMap } from "./morphs.js";
+import { NO_OUTFITS, type Outfits } from "./outfits.js";
 
 const STILL = new Quaternion();
 
@@ -16,7 +17,7 @@ export class GlbDriver implements AvatarDriver {
   private morphs: MorphMap | null = null;
   private halfway: { node: Object3D; bone: Object3D }[] = [];
 
-  constructor(readonly object: Object3D) {}
+  constructor(readonly object: Object3D, readonly outfits: Outfits = NO_OUTFITS) {}
 
   /** The bone that carries the root's translation; null before `bind`. */
   get hips(): Object3D | null {

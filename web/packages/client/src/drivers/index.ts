@@ -5,6 +5,7 @@ export { STAGES, type StageName, StageLight, TONE_GLSL, filmHair, useFilmTone } 
 export { loadAvatar } from "./load.js";
 export { mixamoName } from "./mixamo.js";
 export { MorphMap } from "./morphs.js";
+export { NO_OUTFITS, type Outfits } from "./outfits.js";
 export { isSoftware } from "./software.js";
 export { type Stage, openStage } from "./stage.js";
 export { VrmDriver } from "./vrm.js";

@@ -7,6 +7,7 @@ import { type GLTF, GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js"
 import type { KTX2Loader } from "three/examples/jsm/loaders/KTX2Loader.js";
 import { targetNames } from "../facenames.js";
 import { GlbDriver } from "./glb.js";
+import { readOutfits } from "./outfits.js";
 import { VrmDriver } from "./vrm.js";
 
 export interface LoadOptions {
@@ -34,7 +35,7 @@ export async function loadAvatar(data: ArrayBuffer, options: LoadOptions = {}): 
   const read = loader.parseAsync(data, "").catch((error: Error) => {
     throw new Error(`the file is damaged inside (${error.message}). Export it again.`);
   });
-  const gltf = await read.finally(() => {
+  const [gltf, outfits] = await read.then(async (gltf) => [gltf, await readOutfits(gltf)] as const).finally(() => {
     draco?.dispose();
     basis?.dispose();
     for (const address of files.values()) URL.revokeObjectURL(address);
@@ -44,10 +45,10 @@ export async function loadAvatar(data: ArrayBuffer, options: LoadOptions = {}): 
   gltf.scene.traverse((node) => (node.frustumCulled = false)); // three takes a body to be where its rest pose is
   nameTargets(gltf);
   const vrm = gltf.userData["vrm"] as VRM | undefined;
-  if (!vrm) return new GlbDriver(gltf.scene);
+  if (!vrm) return new GlbDriver(gltf.scene, outfits);
   VRMUtils.removeUnnecessaryVertices(gltf.scene);
   VRMUtils.combineSkeletons(gltf.scene);
-  return new VrmDriver(vrm);
+  return new VrmDriver(vrm, outfits);
 }
 
 async function useDraco(loader: GLTFLoader, used: string[]) {

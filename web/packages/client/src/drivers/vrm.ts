@@ -8,6 +8,7 @@ import type { ReadyMessage } from "../protocol.generated.js";
 import { toVrm } from "../expressions.js";
 import { ForeignFace } from "../facenames.js";
 import { MorphMap } from "./morphs.js";
+import { NO_OUTFITS, type Outfits } from "./outfits.js";
 
 const EYE_DEGREES = 34; // rotation of an eye at a look curve of 1 (0.6 rad)
 
@@ -23,7 +24,7 @@ export class VrmDriver implements AvatarDriver {
   /** The bone that carries the root's translation; null before `bind`. */
   hips: Object3D | null = null;
 
-  constructor(readonly vrm: VRM) {
+  constructor(readonly vrm: VRM, readonly outfits: Outfits = NO_OUTFITS) {
     this.sign = vrm.meta.metaVersion === "0" ? -1 : 1;
     VRMUtils.rotateVRM0(vrm);
   }
