@@ -45,10 +45,19 @@ def page_routes() -> list[BaseRoute]:
     routes.append(Route("/", _index(text)))
     built = _Built(directory=static / "assets", packages=[("echoavatar", "assets/shared")])
     routes.append(Mount("/assets", GZipMiddleware(built, compresslevel=6)))
-    return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static), compresslevel=6))]
+    return [*routes, Mount("/", GZipMiddleware(_Static(directory=static), compresslevel=6))]
 
 
-class _Built(StaticFiles):
+class _Static(StaticFiles):
+    """Files that pages of other sites may load, as `/client/echo-avatar.js` and what it imports."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        answer = await super().get_response(path, scope)
+        answer.headers["access-control-allow-origin"] = "*"
+        return answer
+
+
+class _Built(_Static):
     """Built files, whose addresses in the page hold a hash of what is in them, so that they never change."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:

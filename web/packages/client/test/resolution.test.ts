@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { ResolutionControl } from "../src/resolution.js";
+import { ResolutionControl } from "../src/drivers/resolution.js";
 
 /** The scale after so many seconds at a frame rate. */
 function after(control: ResolutionControl, seconds: number, rate: number): number {
