@@ -73,7 +73,7 @@ export class EchoAvatarElement extends Base {
   private posture = new Posture();
   private detail = new DetailControl(true);
   private output: Output | null = null;
-  private capture: Capture | null = null;
+  private stopListening: (() => void) | null = null; // to a stream
   private opened = ""; // by which attributes
   private isSettling = false;
   private saying: Promise<unknown> = Promise.resolve();
@@ -205,8 +205,7 @@ export class EchoAvatarElement extends Base {
   /** Stops the avatar at once and drops what it has not said yet. */
   interrupt(): void {
     this.turn++;
-    this.capture?.stop();
-    this.capture = null;
+    this.stopListening?.();
     this.session?.interrupt();
   }
 
@@ -374,14 +373,11 @@ export class EchoAvatarElement extends Base {
   private async follow(session: EchoSession, stream: MediaStream, speaker: Speaker): Promise<boolean> {
     this.interrupt();
     const turn = this.turn;
-    return new Promise((done, fail) => {
-      const ended = (): void => {
-        this.capture?.stop();
-        this.capture = null;
-        done(turn === this.turn);
-      };
-      Capture.start(session, stream, speaker, this.worklet("capture"), ended).then((capture) => (this.capture = capture), fail);
-    });
+    const over = new Promise<void>((done) => (this.stopListening = done));
+    const capture = await Capture.start(session, stream, speaker, this.worklet("capture"), this.stopListening!);
+    await over;
+    capture.stop();
+    return turn === this.turn;
   }
 
   private worklet(name: string): string {
