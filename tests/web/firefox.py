@@ -164,7 +164,12 @@ class FirefoxPage:
         """Let time pass."""
         time.sleep(milliseconds / 1000)
 
-    def press(self, x: int, y: int) -> None:
+    @property
+    def mouse(self) -> SimpleNamespace:
+        """What clicks."""
+        return SimpleNamespace(click=self._click)
+
+    def _click(self, x: int, y: int) -> None:
         """A click of the mouse, which is a user's to the page."""
         moves = [
             {"type": "pointerMove", "x": x, "y": y},

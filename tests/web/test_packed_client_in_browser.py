@@ -84,7 +84,7 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory, package: Path, server: str) -> Iterator[str]:
-    """The example pages with an avatar beside them, at /cdn what others' CDN has; in /packed the pages with the tarball.
+    """The example pages with an avatar beside them; at /cdn what a CDN has; in /packed the pages with the tarball.
 
     A route of the driver would not do, because the scripts of worklets are not routed.
     """

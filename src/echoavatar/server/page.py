@@ -19,7 +19,8 @@ from echoavatar.files.avatar import CHARACTERS, LEVELS, level_file, load_charact
 from echoavatar.files.avatar.gltf import pack_glb
 
 SOUNDS = ("speech.ogg", "music.ogg")
-_FOR_ALL = {"cache-control": "max-age=3600", "access-control-allow-origin": "*"}  # pages of other sites may load these
+_SHARED = {"access-control-allow-origin": "*"}  # pages of other sites may load these
+_FOR_ALL = {"cache-control": "max-age=3600", **_SHARED}
 _HEADERS = {
     # WebAssembly decodes the avatar's mesh.
     b"content-security-policy": b"default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; "
@@ -53,7 +54,7 @@ class _Static(StaticFiles):
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         answer = await super().get_response(path, scope)
-        answer.headers["access-control-allow-origin"] = "*"
+        answer.headers.update(_SHARED)
         return answer
 
 
@@ -114,9 +115,9 @@ async def _avatar(request: Request) -> Response:
     """`?character=` chooses one; `?level=` 0 to 2 asks for a level of detail, which needs a meshopt decoder."""
     name, level = request.query_params.get("character", CHARACTERS[0]), request.query_params.get("level", "")
     if name not in CHARACTERS:
-        return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404)
+        return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404, _SHARED)
     if level not in ("", *map(str, range(LEVELS))):
-        return PlainTextResponse(f"choose a level of detail from 0 (finest) to {LEVELS - 1}\n", 404)
+        return PlainTextResponse(f"choose a level of detail from 0 (finest) to {LEVELS - 1}\n", 404, _SHARED)
     data = await anyio.to_thread.run_sync(_character, name, level)
     return _tagged(request, data, "model/gltf-binary", _FOR_ALL, is_packed=True)
 

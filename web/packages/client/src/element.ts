@@ -272,19 +272,23 @@ export class EchoAvatarElement extends Base {
       role: this.watch ? "viewer" : "source", session: this.watch,
       playbackWorklet: this.worklet("playback"),
     }));
-    let wasReady = false;
+    let [wasReady, isRefused] = [false, false];
     session.on("ready", (ready) => {
-      wasReady = true;
+      [wasReady, isRefused] = [true, false];
       this.say("");
+      if (!this.stage!.avatar) void this.dress(); // the server may have come up only now
       this.stage!.bind(ready);
       this.posture.bind(ready);
       this.applyMuted();
       this.fire("ready", ready);
     });
     session.on("action", (status) => this.fire("action", status));
-    session.on("error", (error) => this.fail(new Error(told(error)), error.place > 0));
+    session.on("error", (error) => {
+      isRefused = true;
+      this.fail(new Error(told(error)), error.place > 0);
+    });
     session.on("line", (line) => {
-      if (line === "waiting" && this.message!.textContent === "") this.fail(new Error(wasReady ? "The line broke; trying again." : `The server at ${address} does not answer; trying again.`));
+      if (line === "waiting" && !isRefused) this.fail(new Error(wasReady ? "The line broke; trying again." : silent(address)));
     });
     void this.dress();
     this.eyes = new IntersectionObserver((seen) => (this.isSeen = seen.at(-1)!.isIntersecting));
@@ -335,7 +339,8 @@ export class EchoAvatarElement extends Base {
       await this.stage?.wear(/[/.]/.test(character) ? new URL(character, document.baseURI).href : own);
       this.detail.restart();
     } catch (error) {
-      this.fail(new Error(`The character could not be shown: ${(error as Error).message}`));
+      const isSilent = error instanceof TypeError && !this.session?.ready; // as fetch names an address that does not answer
+      this.fail(new Error(isSilent ? silent(this.address) : `The character could not be shown: ${(error as Error).message}`));
     }
   }
 
@@ -414,6 +419,7 @@ export class EchoAvatarElement extends Base {
 
   /** Shows what is wrong and tells the page; a place in a queue is shown only. */
   private fail(error: Error, isPlace = false): void {
+    if (error.message === this.message!.textContent) return;
     this.say(error.message);
     if (!isPlace) this.dispatchEvent(new ErrorEvent("error", { message: error.message, error }));
   }
@@ -433,6 +439,10 @@ declare global {
   interface HTMLElementTagNameMap {
     "echo-avatar": EchoAvatarElement;
   }
+}
+
+function silent(address: string): string {
+  return `The server at ${address} does not answer; trying again.`;
 }
 
 function told({ code, message, place }: ServerError): string {

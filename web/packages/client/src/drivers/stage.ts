@@ -77,7 +77,7 @@ export class Stage {
   async wear(avatarUrl: string): Promise<void> {
     this.wished = avatarUrl;
     const answer = await fetch(avatarUrl);
-    if (!answer.ok) throw new Error(`${avatarUrl} answered ${answer.status}`);
+    if (!answer.ok) throw new Error(`${avatarUrl} answered ${answer.status}${await reasonOf(answer)}`);
     const next = await loadAvatar(await answer.arrayBuffer());
     if (this.wished !== avatarUrl) return next.dispose();
     next.bind(this.bound);
@@ -146,6 +146,12 @@ export async function openStage(element: HTMLElement, avatarUrl: string, options
   const stage = new Stage(element, options);
   await stage.wear(avatarUrl);
   return stage as Stage & { avatar: GlbDriver | VrmDriver };
+}
+
+/** What a server says in plain words beside a status, as ours does. */
+async function reasonOf(answer: Response): Promise<string> {
+  const isPlain = answer.headers.get("content-type")?.startsWith("text/plain");
+  return isPlain ? `: ${(await answer.text()).trim().slice(0, 200)}` : "";
 }
 
 /** Moves a camera along the floor with a place, and returns what it is over; who moves the camera besides is not undone. */
