@@ -93,7 +93,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, package: Path, server: str) -
     for page in (ROOT / "docs/examples").glob("*.html"):
         text = page.read_text("utf-8").replace(CDN, "/cdn/")
         (folder / page.name).write_text(text.replace(SERVER, server), "utf-8")
-        packed = re.sub(r'"@echoavatar/client.*?" \}', PACKED, text, flags=re.DOTALL)
+        packed = re.sub(r'"@echoavatar/client.*?" \}', PACKED, text, count=1, flags=re.DOTALL)
         assert packed != text
         (folder / "packed" / page.name).write_text(packed, "utf-8")
     (folder / "avatar.glb").write_bytes(pack_glb(load_character(), []))
@@ -259,7 +259,7 @@ def test_the_react_wrapper_passes_props_and_events_on(
     assert bundled.returncode == 0, bundled.stderr
     driver = new_page(640, 480)
     driver.page.route(
-        f"{site}/react.html*",
+        f"{site}/react.html**",
         lambda route: route.fulfill(
             content_type="text/html",
             body="<link rel=icon href=data:,><div id=stage></div><script type=module src=react.js></script>",
