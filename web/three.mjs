@@ -23,10 +23,10 @@ export const decoders = (hasDecoders) => ({
   },
 });
 
-/** Vite's plugin for a page whose server answers `assets/three.js`. The query changes with the file, for caches. */
-export const three = () => {
+/** Vite's plugin for scripts whose server answers `three.js` in a `folder`. The query changes with the file, for caches. */
+export const three = (folder = "./") => {
   const name = `three.js?v=${createHash("sha256").update(readFileSync(FILE)).digest("hex").slice(0, 8)}`;
-  const paths = Object.fromEntries(MODULES.map((module) => [module, `./${name}`]));
+  const paths = Object.fromEntries(MODULES.map((module) => [module, `${folder}${name}`]));
   return {
     name: "three",
     apply: "build",

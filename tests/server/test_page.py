@@ -1,6 +1,7 @@
 import re
 from itertools import product
 from pathlib import Path
+from urllib.parse import urljoin
 
 import pytest
 from starlette.applications import Starlette
@@ -114,6 +115,36 @@ def test_scripts_are_sent_packed(client, path, most):
 
 def test_nothing_else_of_the_package_is_served(client):
     assert client.get("/sounds/character.npz").status_code == 404
+
+
+CLIENT = ("client/echo-avatar.js", "client/index.js", "client/three.js", "client/worklets/playback.js")
+
+
+def test_pages_of_other_sites_load_code_and_characters_and_nothing_else(client):
+    open_to_all = "access-control-allow-origin"
+    shared = ("assets/three.js", "avatar.glb", "avatar.glb?character=nobody", "sounds/speech.ogg", *CLIENT)
+    assert {client.get(name).headers.get(open_to_all) for name in shared} == {"*"}
+    assert open_to_all not in client.get("/").headers
+
+
+def test_one_tag_loads_little(client):
+    """Scripts and the coarsest character, packed; the scripts import each other and three.js, and no other site's."""
+
+    def visited(path, seen):
+        with client.stream("GET", path) as answer:
+            seen[path] = sum(len(part) for part in answer.iter_raw())
+        for name in re.findall(r'(?:from|import)\s*"([./][^"]+)"', client.get(path).text):
+            there = urljoin(f"http://x/{path}", name).removeprefix("http://x/")
+            if there not in seen:
+                visited(there, seen)
+        return seen
+
+    seen = visited("client/echo-avatar.js", {})
+    three = [path for path in seen if path.startswith("assets/three.js?v=")]
+    assert len(three) == 1
+    own = sum(seen.values()) - seen[three[0]]
+    assert own < 60_000, seen
+    assert sum(seen.values()) < 280_000, seen
 
 
 def test_built_files_name_their_licences():

@@ -199,7 +199,7 @@ def test_a_service_speaks(only, monkeypatch):
 @pytest.fixture
 def client(only):
     only(("parrot", "", lambda: beep))
-    settings = ServerSettings(token="secret")
+    settings = ServerSettings(token="secret", origins=("https://friend.example",))
     manager = SimpleNamespace(settings=settings, clients=ClientLimits(ClientRates(), settings.token))
     return TestClient(Starlette(routes=[voice_route(manager)]), headers={"authorization": "Bearer secret"})
 
@@ -215,6 +215,20 @@ def test_speaks(client):
     samples, rate = soundfile.read(io.BytesIO(answer.content))
     assert (rate, len(samples) > 12_000) == (SAMPLE_RATE_HZ, True)
     assert answer.headers["content-type"] == "audio/wav"
+
+
+def test_pages_that_may_connect_read_what_it_says(client):
+    def told(origin):
+        asked = {"access-control-request-method": "POST", "access-control-request-headers": "content-type"}
+        before = client.options("/v1/voice", headers={"origin": origin, **asked})
+        said = client.post("/v1/voice", json={"text": "hello"}, headers={"origin": origin, "host": "127.0.0.1:8765"})
+        return before.status_code, said.status_code, said.headers.get("access-control-allow-origin")
+
+    friend, here = "https://friend.example", "http://127.0.0.1:5500"  # named by --origin; of this machine
+    assert told(friend) == (200, 200, friend)
+    assert told(here) == (200, 200, here)
+    assert told("https://stranger.example") == (400, 403, None)
+    assert told("http://localhost.stranger.example") == (400, 403, None)
 
 
 def test_speaks_sentence_by_sentence_with_words(client):

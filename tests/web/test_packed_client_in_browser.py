@@ -1,8 +1,9 @@
-"""The example pages in Chromium, with the packed tarball and node_modules in the place of their CDN."""
+"""The example pages in Chromium, as written: their client is the running server's. Then with the packed tarball."""
 
 import base64
 import functools
 import http.server
+import os
 import re
 import shutil
 import subprocess
@@ -30,6 +31,16 @@ pytestmark = pytest.mark.browser
 ROOT = Path(__file__).parents[2]
 MODULES = ROOT / "web/node_modules"
 CDN = "https://cdn.jsdelivr.net/npm/"
+SERVER = "http://127.0.0.1:8765"  # in the examples
+PACKED = """
+  "@echoavatar/client": "/cdn/@echoavatar/client@0/dist/index.js",
+  "@echoavatar/client/livekit": "/cdn/@echoavatar/client@0/dist/livekit.js",
+  "@echoavatar/client/rtvi": "/cdn/@echoavatar/client@0/dist/rtvi.js",
+  "@echoavatar/client/three": "/cdn/@echoavatar/client@0/dist/drivers/index.js",
+  "@msgpack/msgpack": "/cdn/@msgpack/msgpack@3/dist.esm/index.mjs",
+  "@pixiv/three-vrm": "/cdn/@pixiv/three-vrm@3/lib/three-vrm.module.js",
+  "three": "/cdn/three@0/build/three.module.js",
+  "three/": "/cdn/three@0/" }"""
 MODULE = re.compile(r"/cdn/((?:@[\w-]+/)?[\w.-]+)@[\w.]+/([^?]+)")
 LIVEKIT = """
 export * from "/cdn/livekit-client@2.23.0/dist/real.mjs";
@@ -72,15 +83,21 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory, package: Path) -> Iterator[str]:
-    """The example pages with an avatar beside them, and at /cdn what their CDN has. Only the CDN's address is changed.
+def site(tmp_path_factory: pytest.TempPathFactory, package: Path, server: str) -> Iterator[str]:
+    """The example pages with an avatar beside them; at /cdn what a CDN has; in /packed the pages with the tarball.
 
     A route of the driver would not do, because the scripts of worklets are not routed.
     """
     folder = tmp_path_factory.mktemp("site")
+    (folder / "packed").mkdir()
     for page in (ROOT / "docs/examples").glob("*.html"):
-        (folder / page.name).write_text(page.read_text("utf-8").replace(CDN, "/cdn/"), "utf-8")
+        text = page.read_text("utf-8").replace(CDN, "/cdn/")
+        (folder / page.name).write_text(text.replace(SERVER, server), "utf-8")
+        packed = re.sub(r'"@echoavatar/client.*?" \}', PACKED, text, count=1, flags=re.DOTALL)
+        assert packed != text
+        (folder / "packed" / page.name).write_text(packed, "utf-8")
     (folder / "avatar.glb").write_bytes(pack_glb(load_character(), []))
+    shutil.copy(folder / "avatar.glb", folder / "packed")
 
     class Handler(http.server.SimpleHTTPRequestHandler):
         extensions_map = http.server.SimpleHTTPRequestHandler.extensions_map | {".mjs": "text/javascript"}
@@ -138,12 +155,11 @@ def messages() -> list[Ready | Motion]:
     return [ready(), *chunks]
 
 
-@pytest.fixture
-def live_origin(site: str) -> Iterator[str]:
-    """The real server, which lets the site's pages connect."""
+@pytest.fixture(scope="module")
+def server() -> Iterator[str]:
+    """The real server; pages of this machine may connect."""
     port = free_port()
-    command = [sys.executable, "-m", "echoavatar", "serve", "--port", str(port), "--origin", site]
-    for url in serving(command, port):
+    for url in serving([sys.executable, "-m", "echoavatar", "serve", "--port", str(port)], port):
         yield url.rstrip("/")
 
 
@@ -166,16 +182,20 @@ def is_in_the_picture(driver: PageDriver, tmp_path: Path) -> bool:
     return len(columns) > 0 and picture.shape[1] / 4 < columns.mean() < picture.shape[1] * 3 / 4
 
 
-def test_the_plain_page_speaks(open_page: Callable[[str], PageDriver], live_origin: str, tmp_path: Path) -> None:
-    driver = open_page(f"page.html?server={live_origin}")
+@pytest.mark.parametrize("folder", ["", "packed/"])
+def test_the_plain_page_speaks(
+    open_page: Callable[[str], PageDriver], server: str, folder: str, tmp_path: Path
+) -> None:
+    driver = open_page(f"{folder}page.html?server={server}")
     driver.wait("!document.querySelector('#speak').disabled", 300)
     driver.click("#speak")
     driver.page.wait_for_timeout(3000)
     moves(driver, tmp_path)
 
 
-def test_a_livekit_room_moves_the_avatar(open_page: Callable[[str], PageDriver], tmp_path: Path) -> None:
-    driver = open_page("livekit.html")
+@pytest.mark.parametrize("folder", ["", "packed/"])
+def test_a_livekit_room_moves_the_avatar(open_page: Callable[[str], PageDriver], folder: str, tmp_path: Path) -> None:
+    driver = open_page(f"{folder}livekit.html")
     driver.wait("!!globalThis.room")
     driver.page.wait_for_timeout(300)
     topics = {Ready: "echoavatar", Motion: "echoavatar.motion"}
@@ -190,8 +210,9 @@ def test_a_livekit_room_moves_the_avatar(open_page: Callable[[str], PageDriver],
     assert is_in_the_picture(driver, tmp_path)
 
 
-def test_rtvi_messages_move_the_avatar(open_page: Callable[[str], PageDriver], tmp_path: Path) -> None:
-    driver = open_page("rtvi.html")
+@pytest.mark.parametrize("folder", ["", "packed/"])
+def test_rtvi_messages_move_the_avatar(open_page: Callable[[str], PageDriver], folder: str, tmp_path: Path) -> None:
+    driver = open_page(f"{folder}rtvi.html")
     driver.wait("!!globalThis.client && 'serverMessage' in client.listeners")
     driver.page.wait_for_timeout(300)
     driver.page.evaluate("() => client.listeners.botReady()")
@@ -199,3 +220,61 @@ def test_rtvi_messages_move_the_avatar(open_page: Callable[[str], PageDriver], t
     sent = [{"type": "echoavatar", "message": msgspec.to_builtins(message)} for message in messages()]
     driver.page.evaluate(PACED + "((data) => client.listeners.serverMessage(data))", sent)
     moves(driver, tmp_path)
+
+
+APP = """
+import { createElement as h, useState } from "react";
+import { createRoot } from "react-dom/client";
+import { EchoAvatar } from "@echoavatar/client/react";
+import { EchoAvatarElement } from "@echoavatar/client/element";
+
+function App() {
+  const [view, setView] = useState("full");
+  const [shown, show] = useState(true);
+  Object.assign(window, { setView, show });
+  const note = (name) => (event) => told.push([name, view, event.type]);
+  return shown && h(EchoAvatar, {
+    server: new URLSearchParams(location.search).get("server"), view, muted: true, className: "mine",
+    ref: (element) => (window.element = element),
+    onReady: note("ready"), onState: note("state"), onError: note("error"),
+  });
+}
+window.told = [];
+window.isElement = () => element instanceof EchoAvatarElement;
+createRoot(document.getElementById("stage")).render(h(App));
+"""
+
+
+def test_the_react_wrapper_passes_props_and_events_on(
+    package: Path, new_page: Callable[..., PageDriver], server: str, site: str, tmp_path: Path
+) -> None:
+    """Bundled from the tarball as an application would."""
+    (tmp_path / "app.js").write_text(APP)
+    (tmp_path / "node_modules/@echoavatar").mkdir(parents=True)
+    (tmp_path / "node_modules/@echoavatar/client").symlink_to(package)
+    words = [MODULES / ".bin/esbuild", "app.js", "--bundle", "--format=esm", "--preserve-symlinks"]
+    bundled = subprocess.run(
+        words, cwd=tmp_path, env={**os.environ, "NODE_PATH": str(MODULES)}, capture_output=True, text=True
+    )
+    assert bundled.returncode == 0, bundled.stderr
+    driver = new_page(640, 480)
+    driver.page.route(
+        f"{site}/react.html**",
+        lambda route: route.fulfill(
+            content_type="text/html",
+            body="<link rel=icon href=data:,><div id=stage></div><script type=module src=react.js></script>",
+        ),
+    )
+    driver.page.route(
+        f"{site}/react.js", lambda route: route.fulfill(content_type="text/javascript", body=bundled.stdout)
+    )
+    driver.page.goto(f"{site}/react.html?server={server}")
+    driver.wait("window.told?.some(([name]) => name === 'ready')", 120)
+    assert driver.ask("[isElement(), element.className, element.muted, element.view]") == [True, "mine", True, "full"]
+    driver.page.evaluate("setView('face')")
+    driver.wait("element.view === 'face' && element.stage.view === 'face'")
+    driver.page.evaluate(f"void element.send('{server}/sounds/speech.ogg')")
+    driver.wait("told.some(([name, view]) => name === 'state' && view === 'face')", 120)
+    driver.page.evaluate("(() => { window.session = element.session; show(false); })()")
+    driver.wait("session.connection.over && window.element === null")
+    assert driver.problems == []

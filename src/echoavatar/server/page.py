@@ -19,7 +19,8 @@ from echoavatar.files.avatar import CHARACTERS, LEVELS, level_file, load_charact
 from echoavatar.files.avatar.gltf import pack_glb
 
 SOUNDS = ("speech.ogg", "music.ogg")
-_FOR_ALL = {"cache-control": "max-age=3600", "access-control-allow-origin": "*"}  # pages of other sites may load these
+_SHARED = {"access-control-allow-origin": "*"}  # pages of other sites may load these
+_FOR_ALL = {"cache-control": "max-age=3600", **_SHARED}
 _HEADERS = {
     # WebAssembly decodes the avatar's mesh.
     b"content-security-policy": b"default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; "
@@ -45,10 +46,19 @@ def page_routes() -> list[BaseRoute]:
     routes.append(Route("/", _index(text)))
     built = _Built(directory=static / "assets", packages=[("echoavatar", "assets/shared")])
     routes.append(Mount("/assets", GZipMiddleware(built, compresslevel=6)))
-    return [*routes, Mount("/", GZipMiddleware(StaticFiles(directory=static), compresslevel=6))]
+    return [*routes, Mount("/", GZipMiddleware(_Static(directory=static), compresslevel=6))]
 
 
-class _Built(StaticFiles):
+class _Static(StaticFiles):
+    """Files that pages of other sites may load, as `/client/echo-avatar.js` and what it imports."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        answer = await super().get_response(path, scope)
+        answer.headers.update(_SHARED)
+        return answer
+
+
+class _Built(_Static):
     """Built files, whose addresses in the page hold a hash of what is in them, so that they never change."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
@@ -105,9 +115,9 @@ async def _avatar(request: Request) -> Response:
     """`?character=` chooses one; `?level=` 0 to 2 asks for a level of detail, which needs a meshopt decoder."""
     name, level = request.query_params.get("character", CHARACTERS[0]), request.query_params.get("level", "")
     if name not in CHARACTERS:
-        return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404)
+        return PlainTextResponse(f"choose a character from {', '.join(CHARACTERS)}\n", 404, _SHARED)
     if level not in ("", *map(str, range(LEVELS))):
-        return PlainTextResponse(f"choose a level of detail from 0 (finest) to {LEVELS - 1}\n", 404)
+        return PlainTextResponse(f"choose a level of detail from 0 (finest) to {LEVELS - 1}\n", 404, _SHARED)
     data = await anyio.to_thread.run_sync(_character, name, level)
     return _tagged(request, data, "model/gltf-binary", _FOR_ALL, is_packed=True)
 

@@ -4,6 +4,8 @@ from collections.abc import Awaitable, Callable
 from typing import Any, cast, get_args
 
 import anyio
+from starlette.middleware import Middleware
+from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Route
@@ -87,6 +89,18 @@ def answering(
             return refusal(str(error), failure)
 
     return answer
+
+
+def readable_by_pages(origins: tuple[str, ...], *methods: str) -> Middleware:
+    """Lets pages read a route's answers that pass `check_origin`: those of `origins` and, here, of this machine."""
+    return Middleware(
+        CORSMiddleware,
+        allow_origins=origins,
+        allow_origin_regex=r"https?://(localhost|127\.0\.0\.1|\[::1\])(:\d+)?",
+        allow_methods=methods,
+        allow_headers=("authorization", "content-type"),
+        expose_headers=("location",),
+    )
 
 
 def lists_sessions(manager: SessionManager, request: Request) -> bool:

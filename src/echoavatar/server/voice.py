@@ -37,7 +37,7 @@ from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .clients import refusal
 from .session_manager import SessionManager
-from .tool_routes import answering, read_json
+from .tool_routes import answering, read_json, readable_by_pages
 
 Samples = Float[np.ndarray, " s"]
 INSTALL = "pip install 'echoavatar[voice]'"
@@ -339,7 +339,8 @@ def voice_route(manager: SessionManager) -> Route:
         said = [] if first is None else [first, *await anyio.to_thread.run_sync(list, made, limiter=limiter)]
         return Response(wav_of(np.concatenate([part.samples for part in said])), media_type="audio/wav")
 
-    return Route("/v1/voice", answering(manager, answer), methods=["GET", "POST"])
+    cors = readable_by_pages(manager.settings.origins, "POST")
+    return Route("/v1/voice", answering(manager, answer), methods=["GET", "POST", "OPTIONS"], middleware=[cors])
 
 
 async def _next(made: Iterator[Said], limiter: anyio.CapacityLimiter) -> Said | None:

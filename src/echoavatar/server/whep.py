@@ -17,8 +17,6 @@ from pathlib import Path
 
 import av
 from anyio import CapacityLimiter, to_thread
-from starlette.middleware import Middleware
-from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route
@@ -39,7 +37,7 @@ from .outbox import Relay
 from .page import file_answer
 from .session import ServerSession
 from .session_manager import SessionManager
-from .tool_routes import answering, asked_session, read_body
+from .tool_routes import answering, asked_session, read_body, readable_by_pages
 
 _LOG = logging.getLogger(__name__)
 CODECS = ("video/vp8", "video/h264")  # the cheaper first
@@ -243,13 +241,7 @@ class VideoDesk:
 
     def routes(self) -> list[BaseRoute]:
         """The endpoint, its viewers, and the page that plays it."""
-        cors = Middleware(
-            CORSMiddleware,
-            allow_origins=self._settings.origins,
-            allow_methods=("POST", "DELETE"),
-            allow_headers=("authorization", "content-type"),
-            expose_headers=("location",),
-        )
+        cors = readable_by_pages(self._settings.origins, "POST", "DELETE")
         assets = Path(str(files("echoavatar"))) / "assets"
         begin, end = answering(self._manager, self._begin), answering(self._manager, self._end)
         return [

@@ -1,14 +1,11 @@
 /** The avatar in the viewport: the built-in character, or a dropped one. */
 
-import { type AvatarDriver, type Picture, type Pose, RESTING, Rest, copyPose, makePose, type protocol } from "@echoavatar/client";
-import { type Outfits, filmHair, loadAvatar } from "@echoavatar/client/three";
+import { type AvatarDriver, type Picture, Posture, RESTING, type protocol } from "@echoavatar/client";
+import { type Outfits, type PlainBody, dress, loadAvatar, surfaceOf } from "@echoavatar/client/three";
 import { Box3, type BufferGeometry, type Material, type Mesh, type Object3D, Vector3 } from "three";
-import { PlainBody, plain } from "./plain.js";
 import type { Viewport } from "./viewport.js";
 
 const ENDS = [/(left.?hand|_l_hand|hand_l)$/i, /(right.?hand|_r_hand|hand_r)$/i, /(^|[^a-z])head$/i]; // stay in the picture
-
-const REST_S = 0.8; // from rest into motion
 
 type Driver = AvatarDriver & { readonly object: Object3D; readonly hips: Object3D | null; readonly silent: readonly string[]; readonly outfits: Outfits };
 
@@ -21,9 +18,7 @@ export class AvatarSlot {
   private wardrobe: { readonly mesh: Mesh; readonly materials: readonly (Material | Material[])[] }[] = []; // by outfit, the file's own last
   private shown = ""; // what was asked for last
   private ready: Pick<protocol.ReadyMessage, "rig" | "face"> = RESTING; // what the driver is bound to
-  private rest = new Rest(RESTING);
-  private pose: Pose = makePose(RESTING.rig.names.length, RESTING.face.length);
-  private resting = 1; // how much of the rest pose is shown
+  private readonly posture = new Posture();
   private readonly here = new Vector3();
   private placed = false;
   private body: PlainBody | null = null;
@@ -60,18 +55,10 @@ export class AvatarSlot {
   private put(next: Driver, isSame = false): void {
     next.bind(this.ready);
     const { low, light } = this.viewport;
-    const isPlain = low && !("vrm" in next);
-    const surface = (material: Material) => (isPlain ? plain(material, light) : filmHair(material));
-    this.body = isPlain ? new PlainBody(next.object) : null;
-    next.object.traverse((node) => {
-      const mesh = node as Mesh;
-      if (!mesh.isMesh) return;
-      Object.assign(mesh, { castShadow: true, receiveShadow: !low, frustumCulled: false });
-      mesh.material = Array.isArray(mesh.material) ? mesh.material.map(surface) : surface(mesh.material);
-    });
-    this.hang(next, surface);
+    const isVrm = "vrm" in next;
+    this.body = dress(next.object, light, low, isVrm);
+    this.hang(next, surfaceOf(light, low && !isVrm));
     this.wear(isSame ? this.outfit : next.outfits.first);
-    this.body?.update();
     const size = new Box3().setFromObject(next.object);
     this.driver?.dispose();
     this.driver = next;
@@ -111,19 +98,13 @@ export class AvatarSlot {
 
   bind(ready: protocol.ReadyMessage): void {
     this.ready = ready;
-    this.rest = new Rest(ready);
-    const { rotations, face } = this.pose;
-    const isSame = rotations.length === 4 * ready.rig.names.length && face.length === ready.face.length;
-    if (!isSame) [this.pose, this.resting] = [makePose(ready.rig.names.length, ready.face.length), 1];
+    this.posture.bind(ready);
     this.driver?.bind(ready);
   }
 
   /** Shows a picture, or a person at rest while there is none; `seconds` since the previous one. */
   present(picture: Picture | null, seconds: number): void {
-    this.resting = Math.min(1, Math.max(0, this.resting + (picture ? -seconds : seconds) / REST_S));
-    if (picture) copyPose(picture.pose, this.pose);
-    if (this.resting > 0) this.rest.apply(this.pose, performance.now() / 1000, smooth(this.resting));
-    this.driver?.apply(this.pose);
+    this.driver?.apply(this.posture.show(picture, seconds));
     this.driver?.update(seconds);
     this.body?.update();
   }
@@ -136,8 +117,4 @@ export class AvatarSlot {
     this.placed = true;
     this.viewport.attend(this.ends.map((node, k) => node.getWorldPosition(this.places[k]!)), seconds);
   }
-}
-
-function smooth(share: number): number {
-  return share * share * (3 - 2 * share);
 }

@@ -1,9 +1,9 @@
 /** The chat box: sends typed or spoken text to the server's companion; the avatar speaks and acts the answer. */
 
-import type { EchoSession } from "@echoavatar/client";
+import type { EchoSession, Part } from "@echoavatar/client";
 import { toast } from "./notices.js";
 import { toggle } from "./panels.js";
-import { type Part, showLevel } from "./sources.js";
+import { showLevel } from "./sources.js";
 import { Turns } from "./turns.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;

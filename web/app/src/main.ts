@@ -1,11 +1,10 @@
 /** The live page: the avatar, its sound sources and its controls. */
 
 import { EchoSession } from "@echoavatar/client";
-import { isSoftware } from "@echoavatar/client/three";
+import { DetailControl, isSoftware } from "@echoavatar/client/three";
 import playbackWorklet from "@echoavatar/client/worklets/playback?worker&url";
 import { ActionPanel } from "./actions.js";
 import { AvatarSlot } from "./avatars.js";
-import { DetailControl } from "./detail.js";
 import { connectDrop } from "./dropzone.js";
 import { Hud } from "./hud.js";
 import { drawIcons } from "./icons.js";

@@ -1,12 +1,12 @@
 /** The dock: the sound sources, and the button that interrupts the avatar. */
 
-import type { EchoSession, Picture, Utterance, protocol } from "@echoavatar/client";
+import { Capture, type EchoSession, Output, type Part, type Picture, type Utterance, decodeSound, type protocol, say } from "@echoavatar/client";
+import captureWorklet from "@echoavatar/client/worklets/capture?worker&url";
 import { Chat } from "./chat.js";
 import { icon } from "./icons.js";
 import { openMenu, toast } from "./notices.js";
-import { Output } from "./output.js";
 import { TextToSpeech } from "./texttospeech.js";
-import { Capture, type Part, bytesOf, canShareTabs, showLevel, decodeSound, fetchSound, openMicrophone, openTab, say } from "./sources.js";
+import { bytesOf, canShareTabs, fetchSound, openMicrophone, openTab, showLevel } from "./sources.js";
 
 const SPEECH = "./sounds/speech.ogg";
 type Name = "speech" | "music" | "microphone" | "file" | "tab" | "text" | "chat";
@@ -239,7 +239,7 @@ export class SourceBar {
   private async listen(name: Name, stream: MediaStream, speaker: "avatar" | "user"): Promise<void> {
     this.replace(name);
     if (this.output) this.output.silent = name === "microphone"; // avoids feedback
-    this.capture = await Capture.start(this.session, stream, speaker, () => this.interrupt(), showLevel(this.buttons.get(name)!));
+    this.capture = await Capture.start(this.session, stream, speaker, captureWorklet, () => this.interrupt(), showLevel(this.buttons.get(name)!));
   }
 
   private stopCapture(): void {

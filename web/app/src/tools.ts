@@ -1,14 +1,13 @@
 /** The round buttons at the top and their keyboard shortcuts. */
 
-import type { EchoSession } from "@echoavatar/client";
-import { STAGES, type StageName } from "@echoavatar/client/three";
+import type { EchoSession, Output } from "@echoavatar/client";
+import { STAGES, type StageName, VIEWS } from "@echoavatar/client/three";
 import type { AvatarSlot } from "./avatars.js";
 import { setIcon } from "./icons.js";
 import { type Choice, openMenu, toast } from "./notices.js";
-import type { Output } from "./output.js";
 import { toggle } from "./panels.js";
 import type { MotionKind } from "./recorder.js";
-import { VIEWS, type Viewport } from "./viewport.js";
+import type { Viewport } from "./viewport.js";
 import { type Wardrobe, remember } from "./wardrobe.js";
 
 const element = <Kind extends HTMLElement>(id: string) => document.getElementById(id) as Kind;

@@ -1,7 +1,8 @@
 /** Splits the microphone's sound into the visitor's turns at pauses. */
 
-import { type EchoSession, floatToPcm } from "@echoavatar/client";
-import { Capture, openMicrophone } from "./sources.js";
+import { Capture, type EchoSession, floatToPcm } from "@echoavatar/client";
+import captureWorklet from "@echoavatar/client/worklets/capture?worker&url";
+import { openMicrophone } from "./sources.js";
 
 const LOUD = 0.015; // RMS of a 0.1 s block, relative to full scale
 const PAUSE_BLOCKS = 8;
@@ -31,7 +32,7 @@ export class Turns {
 
   async open(): Promise<void> {
     const stream = await openMicrophone();
-    this.capture = await Capture.start(this.session, stream, "user", () => this.stop(), (block) => this.hear(block));
+    this.capture = await Capture.start(this.session, stream, "user", captureWorklet, () => this.stop(), (block) => this.hear(block));
   }
 
   stop(): void {

@@ -1,18 +1,10 @@
 /** Stage, camera and renderer. Low quality is faster: no environment, no cast shadow. Edges are smooth in both. */
 
-import { StageLight, type StageName } from "@echoavatar/client/three";
+import { ResolutionControl, StageLight, type StageName, VIEWS } from "@echoavatar/client/three";
 import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { Backdrop, Echoes } from "./backdrop.js";
 import { type Covered, covered } from "./panels.js";
-import { ResolutionControl } from "./resolution.js";
-
-/** Heights are fractions of the avatar's height; at its distance a view fills the part of the window that is free. */
-export const VIEWS = [
-  { id: "full", label: "Whole body", height: 0.5, distance: 3.95, side: 0.16 },
-  { id: "bust", label: "Upper body", height: 0.76, distance: 2.05, side: 0.2 },
-  { id: "face", label: "Face", height: 0.9, distance: 1.1, side: 0.12 },
-];
 
 const GLIDE = 2.2; // per second, how fast the camera reaches a view
 const SETTLED_S = 1.2; // a state must last so long before the camera follows it

@@ -1,7 +1,7 @@
 /** Who is shown: the built-in characters, and the files that the visitor dropped in this visit. */
 
+import type { DetailControl } from "@echoavatar/client/three";
 import type { AvatarSlot } from "./avatars.js";
-import type { DetailControl } from "./detail.js";
 import { spoken } from "./actions.js";
 import { type Choice, toast } from "./notices.js";
 import type { Viewport } from "./viewport.js";

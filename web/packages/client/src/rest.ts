@@ -1,6 +1,7 @@
 /** A person at rest: what an avatar shows while it has no motion, as before a server answers or while all its places are taken. */
 
-import type { Pose } from "./pose.js";
+import type { Picture } from "./player.js";
+import { type Pose, copyPose, makePose } from "./pose.js";
 import type { ReadyMessage } from "./protocol.generated.js";
 import { slerp, turn } from "./quaternion.js";
 
@@ -22,6 +23,7 @@ const BREATH_S = 4.2;
 const SWAY: Readonly<Record<string, Turn>> = { spine: [0, 0.012, 0.008], head: [0.008, 0.03, 0] };
 const SWAY_S = 11;
 const BLINK_S = { every: 3.7, long: 0.16 };
+const REST_S = 0.8; // from rest into motion
 const LOWERED = 0.986; // of the hips' height: the knees give
 
 /** The least rig that can rest, for a driver that is bound before a session says its own. */
@@ -76,6 +78,33 @@ export class Rest {
     this.turn.set([other[0], side * other[1], side * other[2]]);
     turn(this.rotations, at, this.turn, 0, scale);
   }
+}
+
+/** What an avatar shows: the motion of a session, and a person at rest while there is none. They pass into each other. */
+export class Posture {
+  pose: Pose = makePose(RESTING.rig.names.length, RESTING.face.length);
+  private rest = new Rest(RESTING);
+  private share = 1; // of rest
+
+  /** For the rig and the face of a session. */
+  bind(ready: Pick<ReadyMessage, "rig" | "face">): void {
+    this.rest = new Rest(ready);
+    const { rotations, face } = this.pose;
+    const isSame = rotations.length === 4 * ready.rig.names.length && face.length === ready.face.length;
+    if (!isSame) [this.pose, this.share] = [makePose(ready.rig.names.length, ready.face.length), 1];
+  }
+
+  /** The pose of a picture, or of rest while there is none; `seconds` since the previous one. */
+  show(picture: Picture | null, seconds: number): Pose {
+    this.share = Math.min(1, Math.max(0, this.share + (picture ? -seconds : seconds) / REST_S));
+    if (picture) copyPose(picture.pose, this.pose);
+    if (this.share > 0) this.rest.apply(this.pose, performance.now() / 1000, smooth(this.share));
+    return this.pose;
+  }
+}
+
+function smooth(share: number): number {
+  return share * share * (3 - 2 * share);
 }
 
 function mirrored(name: string): string {

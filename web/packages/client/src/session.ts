@@ -38,6 +38,7 @@ export class EchoSession extends Emitter<SessionEvents> {
   private readonly pumping: ReturnType<typeof setInterval>;
   private requests = 0;
   private heardOf = { seg: 0, from: 0 }; // the newest utterance and the sample at which its sound began
+  private ends: { seg: number; at: number; done: (heard: boolean) => void }[] = []; // of utterances, where they are known
   private awaited: { from: number; since: number } | null = null;
   /** Milliseconds from pushing the newest utterance's first sample to hearing and seeing it. */
   reaction = NaN;
@@ -82,9 +83,17 @@ export class EchoSession extends Emitter<SessionEvents> {
     return utterance;
   }
 
+  /** True when an utterance of the avatar was heard to its end, false when it was interrupted. */
+  heard({ seg }: Utterance): Promise<boolean> {
+    return new Promise((done) => this.ends.push({ seg, at: Infinity, done }));
+  }
+
   /** Sends pushed sound now instead of at the next timer event. */
   pump(): void {
     if (!this.ready) return;
+    const now = this.player?.heard ?? 0;
+    for (const end of this.ends) if (end.at <= now) end.done(true);
+    this.ends = this.ends.filter(({ at }) => at > now);
     for (const utterance of this.utterances) {
       if (this.connection.backlog < 1 << 20) utterance.pump((message) => this.connection.send(message));
     }
@@ -95,6 +104,7 @@ export class EchoSession extends Emitter<SessionEvents> {
     if (!this.player) return;
     this.utterances = this.utterances.filter((utterance) => utterance.speaker !== "avatar");
     this.connection.send({ type: "interrupt", heard: this.player.interrupt(), seg: this.segments.avatar });
+    this.forget();
   }
 
   /** Requests an action; `action` events with the returned id report its status. */
@@ -118,6 +128,7 @@ export class EchoSession extends Emitter<SessionEvents> {
 
   close(): void {
     clearInterval(this.pumping);
+    this.forget();
     this.connection.close();
     this.player?.close();
   }
@@ -146,6 +157,7 @@ export class EchoSession extends Emitter<SessionEvents> {
         this.emit("action", message);
         break;
       case "state":
+        for (const end of this.ends) if (end.seg <= message.finished) end.at = Math.min(end.at, message.at);
         this.emit("state", message);
         break;
       case "stats":
@@ -196,6 +208,7 @@ export class EchoSession extends Emitter<SessionEvents> {
     this.node?.disconnect();
     this.node = null;
     this.heardOf = { seg: 0, from: 0 };
+    for (const end of this.ends) end.at = Infinity; // the clock begins anew
     this.player = new Player(ready, () => this.report());
     void this.attach();
   }
@@ -208,6 +221,12 @@ export class EchoSession extends Emitter<SessionEvents> {
     if (player !== this.player) return node.disconnect();
     this.node = node;
     node.connect(sink);
+  }
+
+  /** Nothing of what was said will be heard any more. */
+  private forget(): void {
+    for (const { done } of this.ends) done(false);
+    this.ends = [];
   }
 
   private report(): void {

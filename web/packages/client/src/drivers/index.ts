@@ -1,4 +1,5 @@
 export { BoneMap } from "./bones.js";
+export { COARSEST, DetailControl } from "./detail.js";
 export { VRM_EXPRESSIONS, toVrm } from "../expressions.js";
 export { GlbDriver } from "./glb.js";
 export { STAGES, type StageName, StageLight, TONE_GLSL, filmHair, useFilmTone } from "./light.js";
@@ -6,6 +7,8 @@ export { loadAvatar } from "./load.js";
 export { mixamoName } from "./mixamo.js";
 export { MorphMap } from "./morphs.js";
 export { NO_OUTFITS, type Outfits } from "./outfits.js";
+export { PlainBody, dress, surfaceOf } from "./plain.js";
+export { ResolutionControl } from "./resolution.js";
 export { isSoftware } from "./software.js";
-export { type Stage, openStage } from "./stage.js";
+export { Stage, type StageOptions, VIEWS, type ViewName, openStage } from "./stage.js";
 export { VrmDriver } from "./vrm.js";

@@ -2,7 +2,7 @@ import {
   Bone, BufferGeometry, Float32BufferAttribute, Group, Mesh, Skeleton, SkinnedMesh, Uint16BufferAttribute, Vector3,
 } from "three";
 import { expect, test } from "vitest";
-import { PlainBody } from "../src/plain.js";
+import { PlainBody } from "../src/drivers/plain.js";
 
 function shape(places: number[], normals: number[]): BufferGeometry {
   const geometry = new BufferGeometry();

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { ResolutionControl } from "../src/resolution.js";
+import { ResolutionControl } from "../src/drivers/resolution.js";
 
 /** What is shown after so many seconds of a machine that draws no more than `rate` pictures a second. */
 function after(control: ResolutionControl, seconds: number, rate: number, isCheapest = true) {

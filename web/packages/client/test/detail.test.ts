@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { DetailControl } from "../src/detail.js";
+import { DetailControl } from "../src/drivers/detail.js";
 
 const play = (control: DetailControl, seconds: number, frames: number) => {
   for (let k = 0; k < frames; k++) control.picture(seconds);

@@ -1,12 +1,11 @@
 /** Surfaces and bodies for WebGL that runs on the processor, where pixels and vertex shaders are what costs. */
 
-import type { StageLight } from "@echoavatar/client/three";
-import { TONE_GLSL } from "@echoavatar/client/three";
 import {
   BufferAttribute, type BufferGeometry, Color, DataTexture, DynamicDrawUsage, LinearMipmapNearestFilter, type Material,
   Matrix3, Matrix4, Mesh, MeshLambertMaterial, type MeshStandardMaterial, NoColorSpace, type Object3D, ShaderMaterial,
   type SkinnedMesh,
 } from "three";
+import { type StageLight, TONE_GLSL, filmHair } from "./light.js";
 
 const VERTEX = `
   uniform vec3 keyAt; uniform vec3 key; uniform vec3 rimAt; uniform vec3 rim; uniform vec3 sky; uniform vec3 ground;
@@ -36,6 +35,29 @@ const FRAGMENT = `
     vec3 fourth = sqrt(root);
     gl_FragColor = vec4(0.662002687 * root + 0.684122060 * fourth - 0.323583601 * sqrt(fourth) - 0.0225411470 * x, 1.0);
   }`;
+
+/**
+ * Gives a body the surfaces of the stage. On the processor (`low`) they are plain, and the body that is returned must be
+ * told of each pose; a VRM keeps its own.
+ */
+export function dress(object: Object3D, light: StageLight, low: boolean, isVrm: boolean): PlainBody | null {
+  const isPlain = low && !isVrm;
+  const surface = surfaceOf(light, isPlain);
+  const body = isPlain ? new PlainBody(object) : null;
+  object.traverse((node) => {
+    const mesh = node as Mesh;
+    if (!mesh.isMesh) return;
+    Object.assign(mesh, { castShadow: true, receiveShadow: !low, frustumCulled: false });
+    mesh.material = Array.isArray(mesh.material) ? mesh.material.map(surface) : surface(mesh.material);
+  });
+  body?.update();
+  return body;
+}
+
+/** What becomes of a file's surface on the stage. */
+export function surfaceOf(light: StageLight, isPlain: boolean): (material: Material) => Material {
+  return (material) => (isPlain ? plain(material, light) : filmHair(material));
+}
 
 /** In place of no texture, so that there is one shader: compiling another costs more than reading it. */
 const WHITE = new DataTexture(new Uint8Array([255, 255, 255, 255]));

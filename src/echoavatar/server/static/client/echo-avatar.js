@@ -1,0 +1,1 @@
+export{c as EchoAvatarElement}from"./client-CrEQ03O5.js";

@@ -1,0 +1,1 @@
+export{n as followRoom}from"./client-CrEQ03O5.js";

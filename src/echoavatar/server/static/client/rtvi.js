@@ -1,0 +1,1 @@
+export{t as followBot}from"./client-CrEQ03O5.js";
