@@ -18,12 +18,12 @@ def test_the_truth_scores_best_and_a_shift_is_an_error(model: FingerModel) -> No
     assert own["tip_error_cm"] == 0
     assert own["curl_correlation"] > 0.999
     assert abs(own["frechet"]) < 1e-3
-    turned = truth @ matrix_from_axis_angle(np.array([0.1, 0.0, 0.0]))
+    turned = truth @ matrix_from_axis_angle(np.array([0.1, 0.0, 0.0], np.float32))
     assert abs(compare([turned], [truth], model.basis)["error_deg"] - 5.73) < 0.01
 
 
 def test_frozen_hands_have_no_liveliness() -> None:
-    still = fingers()[:1].expand(50, -1, -1, -1)
+    still = np.repeat(fingers()[:1], 50, axis=0)
     assert max(speed_and_spread([still]).values()) < 0.1
     assert speed_and_spread([fingers()])["speed_mean_deg_s"] > 10
 

@@ -37,7 +37,7 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
     rig = read_gltf_rig(path, given)
-    with refusing_damage(path):
+    with refusing_damage(path), np.errstate(invalid="ignore", over="ignore"):  # `Motion` looks for what is not finite
         known = {str(entry.get("name", k)): entry for k, entry in enumerate(rig.document.get("animations", []))}
         if not known or (animation is not None and animation not in known):
             named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"

@@ -87,6 +87,7 @@ def is_smpl(names: Collection[str]) -> bool:
     return "skeleton" not in names and any(name in names for name in (*_POSES, "body_pose", "pose_body"))
 
 
+@np.errstate(invalid="ignore", over="ignore")  # looked for below
 def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | None = None) -> Motion:
     """The motion in the arrays of `path`, Y up, standing on the floor; `rig` has other places than `skeleton`.
 

@@ -12,8 +12,9 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 
 
 def length(vector: Float[Array, "*n c"]) -> Float[Array, "*n 1"]:
-    """Length along the last axis, which stays."""
-    size: Array = np.sqrt(np.square(vector).sum(-1, keepdims=True))
+    """Length along the last axis, which stays; infinite where the squares of a file's numbers overflow."""
+    with np.errstate(over="ignore"):
+        size: Array = np.sqrt(np.square(vector).sum(-1, keepdims=True))
     return size
 
 

@@ -37,6 +37,7 @@ _CLOSED = 0.9  # radians of each finger joint
 Keys = list[tuple[float, Float[np.ndarray, " 4"], tuple[float, float, float, float]]]
 
 
+@np.errstate(invalid="ignore", over="ignore")  # `Motion` looks for what is not finite
 def read_animated(path: Path) -> Motion:
     """A body on our rig at 30 fps from a file with one of `SUFFIXES`.
 
