@@ -26,7 +26,6 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.kinematics import Motion, to_features
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, FRAMES_PER_MOTION_TOKEN, MOTION_TOKENS_PER_CHUNK
 from echoavatar_lab.align.audio_reward import WINDOW_TOKENS, AudioMotion
 from echoavatar_lab.align.quality import QualityReward
@@ -41,8 +40,7 @@ HEAD = ("rater", "role", "sound", "category", "first_system", "second_system", "
 
 def features_of(tokenizer: BodyTokenizer, motion: Motion) -> Float[Tensor, "t c"]:
     """What rewards and tokenizer read."""
-    rotations = matrix_from_quaternion(torch.from_numpy(motion.rotations))
-    return to_features(tokenizer.skeleton, rotations, torch.from_numpy(motion.root)).float()
+    return torch.from_numpy(to_features(tokenizer.skeleton, motion.matrices(), motion.root))
 
 
 @torch.inference_mode()

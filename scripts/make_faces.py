@@ -22,7 +22,7 @@ def main() -> None:
     turns = np.tile(np.eye(3, dtype=np.float32), (HUMANOID.joints, 1, 1))
     for name in CHARACTERS:
         renderer = AvatarRenderer(load_character(name), Shot(size=(PIXELS, PIXELS), view="face", samples=3))
-        picture = Image.fromarray(renderer.draw(turns, HUMANOID.rest_positions.numpy()))
+        picture = Image.fromarray(renderer.draw(turns, HUMANOID.rest_positions))
         picture.save(TARGET / f"{name}.webp", quality=80, method=6)
 
 

@@ -102,7 +102,7 @@ def chosen() -> list[Still]:
         rotations[0, HUMANOID.index(name), [0, 3]] = math.cos(angle / 2), math.sin(angle / 2)
     root = np.array([[0.0, HUMANOID.config.offsets[0][1], 0.0]], np.float32)
     rest = Motion(HUMANOID, rotations, root, 30.0), np.zeros(52, np.float32)
-    head = speech[0].pose().positions.numpy()[0, HUMANOID.index("head")]
+    head = speech[0].pose().positions[0, HUMANOID.index("head")]
     return [
         Still(*rest, "studio", aimed("front", root[0])),
         Still(*speech, "studio", aimed("front", speech[0].root[0])),
@@ -163,7 +163,7 @@ def by_film(still: Still) -> UInt8[np.ndarray, "h w 3"]:
     """The film's picture."""
     pose = still.motion.pose()
     renderer = AvatarRenderer(load_character(), Shot((2 * SIZE[0], 2 * SIZE[1]), background=still.stage))
-    picture = renderer.draw(pose.rotations.numpy()[0], pose.positions.numpy()[0], still.face, still.camera)
+    picture = renderer.draw(pose.rotations[0], pose.positions[0], still.face, still.camera)
     out = io.BytesIO()
     Image.fromarray(picture).save(out, "png")
     return shrunk(out.getvalue())

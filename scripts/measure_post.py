@@ -23,6 +23,7 @@ from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 from echoavatar.motion.kinematics.rotations import (
     angle_between,
     axis_angle_from_quaternion,
+    length,
     matrix_from_quaternion,
     quaternion_conjugate,
     quaternion_multiply,
@@ -65,76 +66,79 @@ def _tap(stage: object, name: str) -> list[torch.Tensor]:
     return seen
 
 
-def through(
-    features: torch.Tensor, stages: tuple[str, ...], options: MotionOptions
-) -> tuple[torch.Tensor, torch.Tensor]:
+def through(features: np.ndarray, stages: tuple[str, ...], options: MotionOptions) -> tuple[np.ndarray, np.ndarray]:
     """Rotations and roots of every session."""
     post = Post(HUMANOID, stages=stages)
-    state, active = post.init_state(len(features)), torch.ones(len(features), dtype=torch.bool)
+    state, active = post.init_state(len(features)), np.ones(len(features), np.bool_)
     state.modes.choose(active, options)
-    shown = [post.step(part, state, active) for part in torch.split(features, CHUNK_FRAMES, 1)]
+    shown = [post.step(part, state, active) for part in in_chunks(features)]
     rotations, root = join_batches(shown)
-    return torch.from_numpy(rotations), torch.from_numpy(root)
+    return rotations, root
 
 
-def measured(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
+def in_chunks(features: np.ndarray) -> list[np.ndarray]:
+    """Features (b, t, c) chunk by chunk."""
+    return np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
+
+
+def measured(quaternions: np.ndarray, root: np.ndarray) -> dict[str, float]:
     """Penetration, smoothness, foot skate and root travel over all sessions."""
     rotations = matrix_from_quaternion(quaternions)
-    depth = torch.cat([penetration_depth_m(HUMANOID, session) for session in rotations])
+    depth = np.concatenate([penetration_depth_m(HUMANOID, session) for session in rotations])
     places = forward_kinematics(HUMANOID, rotations, root).positions
     wrists = places[:, :, HUMANOID.indices(["leftHand", "rightHand"])]
-    jerk = torch.diff(wrists, n=3, dim=1).norm(dim=-1).mean() * FRAME_RATE_HZ**3
-    standing = HUMANOID.rest_positions[BALLS, 1].numpy()
-    feet = [skate(p[:, BALLS].numpy(), FRAME_RATE_HZ, standing_height=standing) for p in places]
+    jerk = np.linalg.norm(np.diff(wrists, n=3, axis=1), axis=-1).mean() * FRAME_RATE_HZ**3
+    standing = HUMANOID.rest_positions[BALLS, 1]
+    feet = [skate(p[:, BALLS], FRAME_RATE_HZ, standing_height=standing) for p in places]
     speed = angle_between(rotations[:, 1:], rotations[:, :-1]) * FRAME_RATE_HZ
-    change = torch.stack([velocity_change(session) for session in quaternions])
+    change = np.stack([velocity_change(session) for session in quaternions])
     return {
         "frames_deeper_than_5mm": int((depth > 0.005).any(-1).sum()),
         "frames": len(depth),
         "deepest_mm": float(depth.max() * 1000),
         "wrist_jerk_m_s3": float(jerk),
         "skate_cm_s": float(np.mean(feet)),
-        "farthest_m": float((root - root[:, :1])[..., [0, 2]].norm(dim=-1).max()),
+        "farthest_m": float(np.linalg.norm((root - root[:, :1])[..., [0, 2]], axis=-1).max()),
         "border_steps_over_others": border_share(change, CHUNK_FRAMES),
-        "fastest_deg_s": float(torch.rad2deg(speed.max())),
+        "fastest_deg_s": float(np.degrees(speed.max())),
     }
 
 
-def velocity_change(quaternions: torch.Tensor) -> torch.Tensor:
+def velocity_change(quaternions: np.ndarray) -> np.ndarray:
     """Mean length (t - 2) of the change of the joints' angular velocity (t, j, 4 in), around frames 1 to t - 2."""
     turns = quaternion_multiply(quaternions[1:], quaternion_conjugate(quaternions[:-1]))
-    change = torch.diff(axis_angle_from_quaternion(turns), dim=0)
-    return change.square().sum(-1).sqrt().mean(-1)
+    change: np.ndarray = length(np.diff(axis_angle_from_quaternion(turns), axis=0)).mean((-1, -2))
+    return change
 
 
-def border_share(change: torch.Tensor, frames: int) -> float:
+def border_share(change: np.ndarray, frames: int) -> float:
     """Mean change at the first and last frame of chunks over that at other frames; `frames` is the chunk size."""
-    place = (torch.arange(change.shape[-1]) + 1) % frames
+    place = (np.arange(change.shape[-1]) + 1) % frames
     is_border = (place == 0) | (place == frames - 1)
     return float(change[..., is_border].mean() / change[..., ~is_border].mean())
 
 
-def at_60(quaternions: torch.Tensor, root: torch.Tensor) -> dict[str, float]:
+def at_60(quaternions: np.ndarray, root: np.ndarray) -> dict[str, float]:
     """`border_share` at 60 fps, and the change at source frames over that at the interpolated frames between them."""
     changes = []
     for session, places in zip(quaternions, root, strict=True):
         stream = StreamInterpolator(60)
-        chunks = zip(session.split(CHUNK_FRAMES), places.split(CHUNK_FRAMES), strict=True)
-        parts = [stream.push(MotionChunk(r.numpy(), p.numpy())).rotations for r, p in chunks]
-        changes.append(velocity_change(torch.from_numpy(np.concatenate(parts))))
-    change = torch.stack(changes)
+        chunks = zip(in_chunks(session[None]), in_chunks(places[None]), strict=True)
+        parts = [stream.push(MotionChunk(r[0], p[0])).rotations for r, p in chunks]
+        changes.append(velocity_change(np.concatenate(parts)))
+    change = np.stack(changes)
     return {
         "border_steps_over_others": border_share(change, 2 * CHUNK_FRAMES),
         "source_frames_over_between": float(change[:, 1::2].mean() / change[:, ::2].mean()),
     }
 
 
-def farthest(features: torch.Tensor, minutes: int, options: MotionOptions) -> float:
+def farthest(features: np.ndarray, minutes: int, options: MotionOptions) -> float:
     """Largest distance of a root from its start, in metres, over so many minutes."""
-    post, on = Post(HUMANOID), torch.ones(len(features), dtype=torch.bool)
+    post, on = Post(HUMANOID), np.ones(len(features), np.bool_)
     state = post.init_state(len(features))
     state.modes.choose(on, options)
-    parts, far = torch.split(features, CHUNK_FRAMES, 1), 0.0
+    parts, far = in_chunks(features), 0.0
     for step in range(minutes * 60 * FRAME_RATE_HZ // CHUNK_FRAMES):
         root = post.step(parts[step % len(parts)], state, on).root
         far = max(far, float(np.hypot(root[..., 0], root[..., 2]).max()))
@@ -148,7 +152,7 @@ def main() -> None:
     if sounds:
         np.savez(path, features=generate(sounds).numpy())
     with np.load(path) as kept:
-        features = torch.from_numpy(kept["features"])
+        features = kept["features"]
     free = MotionOptions()
     without_hands = tuple(stage for stage in SWITCHES if stage != "hands")
     full = through(features, SWITCHES, free)

@@ -111,7 +111,7 @@ def compare(size: int, count: int = 10) -> None:
     print("|---|---|---|---|---|---|---|")
     frames = np.linspace(0, made.motion.frames - 1, count).astype(int)
     pose = made.motion.pose()
-    rotations, positions = pose.rotations.numpy()[frames], pose.positions.numpy()[frames]
+    rotations, positions = pose.rotations[frames], pose.positions[frames]
     for view in views:
         for background in ("studio", "dusk", "plain"):
             shots, times = [], []

@@ -120,7 +120,7 @@ def skeleton() -> tuple[list[str], list[int], np.ndarray]:
     """The 88 joints with our character's proportions: names, parents, offsets in centimetres, Z up, facing -Y."""
     bone = {name: own for own, name in bones_by_name().items()}
     names, parents, places = list[str](), list[int](), list[np.ndarray]()
-    rest = HUMANOID.rest_positions.numpy() @ np.array(AXES) * 100  # rows times A is A^-1 applied
+    rest = HUMANOID.rest_positions @ np.array(AXES) * 100  # rows times A is A^-1 applied
 
     def add(name: str, parent: str | None, at: np.ndarray | None = None) -> None:
         names.append(name)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from tests.tiny_bundle import write_bundle
 
 from echoavatar.motion.kinematics import HUMANOID
@@ -61,6 +60,6 @@ def voice() -> np.ndarray:
 @pytest.fixture(scope="session")
 def swaying() -> tuple[np.ndarray, np.ndarray]:
     """Rotation matrices (96, 52, 3, 3) and root (96, 3) of a body that sways with planted feet."""
-    turns = torch.zeros(96, HUMANOID.joints, 3)
-    turns[:, HUMANOID.index("spine"), 2] = 0.2 * torch.sin(torch.arange(96) / 9)
-    return matrix_from_axis_angle(turns).numpy(), HUMANOID.offsets[:1].expand(96, 3).numpy()
+    turns = np.zeros((96, HUMANOID.joints, 3), np.float32)
+    turns[:, HUMANOID.index("spine"), 2] = 0.2 * np.sin(np.arange(96) / 9)
+    return matrix_from_axis_angle(turns), np.tile(HUMANOID.offsets[:1], (96, 1))

@@ -8,7 +8,7 @@ from echoavatar import checkpoint
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.generator import Generator, GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizerConfig
-from echoavatar.motion.kinematics import HUMANOID, to_features
+from echoavatar.motion.kinematics import HUMANOID, Motion, to_features
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.tokenizer.train import body_config
 
@@ -22,8 +22,8 @@ def write_bundle(folder: Path) -> Path:
     checkpoint.save(folder / "codec", config=codec.config, weights=codec.state_dict(), card=CARD)
     template = MotionTokenizerConfig(features=1, width=16, heads=2, layers=2, codes=8)
     tokenizer = BodyTokenizer(body_config(HUMANOID, template))
-    still = torch.eye(3).expand(2, HUMANOID.joints, 3, 3)
-    tokenizer.mean.copy_(to_features(HUMANOID, still, HUMANOID.offsets[0].expand(2, 3))[0])
+    standing = Motion.at_rest(HUMANOID)
+    tokenizer.mean.copy_(torch.from_numpy(to_features(HUMANOID, standing.matrices(), standing.root)[0]))
     tokenizer.std.fill_(0.02)
     for name, book in tokenizer.named_buffers():
         if name.endswith("codebook"):

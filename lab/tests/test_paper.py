@@ -18,7 +18,8 @@ from echoavatar.config import Config
 from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.errors import EchoAvatarError
 from echoavatar.models.audio import AudioCodec
-from echoavatar.motion.kinematics import HUMANOID, FeatureStatistics
+from echoavatar.models.tokenizer import FeatureStatistics
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.align.audio_encoders import Beats, BeatsConfig
 from echoavatar_lab.align.start import AlignmentSetup
 from echoavatar_lab.models.tokenizer.train import body_config

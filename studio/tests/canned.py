@@ -11,7 +11,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import torch
 import yaml
 
 from echoavatar.motion.formats.tables import write_npz
@@ -40,8 +39,8 @@ SYSTEMS = ("Alpha", "Beta", "Gamma")
 def moving(seconds: float, speed: float, size: float = 0.5) -> Motion:
     """Arms and spine that swing at a pace of their own."""
     frames = round(seconds * FRAME_RATE_HZ)
-    turns = torch.zeros(frames, HUMANOID.joints, 3)
-    swing = size * torch.sin(torch.arange(frames) / FRAME_RATE_HZ * speed * 2 * torch.pi)
+    turns = np.zeros((frames, HUMANOID.joints, 3), np.float32)
+    swing = size * np.sin(np.arange(frames) / FRAME_RATE_HZ * speed * 2 * np.pi)
     for name, axis, factor in (
         ("spine", 2, 0.3), ("leftUpperArm", 2, -1.0), ("rightUpperArm", 2, 1.0), ("leftLowerArm", 1, -1.0),
         ("head", 1, 0.5),
@@ -49,8 +48,8 @@ def moving(seconds: float, speed: float, size: float = 0.5) -> Motion:
         turns[:, HUMANOID.index(name), axis] = factor * swing
     for name, sign in (("leftUpperArm", -1.0), ("rightUpperArm", 1.0)):
         turns[:, HUMANOID.index(name), 2] += sign * 1.1
-    root = HUMANOID.offsets[:1].expand(frames, 3).numpy().copy()
-    return Motion(HUMANOID, quaternion_from_axis_angle(turns).numpy(), root, float(FRAME_RATE_HZ))
+    root = np.broadcast_to(HUMANOID.offsets[:1], (frames, 3)).copy()
+    return Motion(HUMANOID, quaternion_from_axis_angle(turns), root, float(FRAME_RATE_HZ))
 
 
 def hum(seconds: float, pitch: float) -> np.ndarray:

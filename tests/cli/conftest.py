@@ -32,6 +32,6 @@ def recording(tmp_path: Path) -> Path:
     """Twelve frames of the rest pose."""
     rotations = np.zeros((12, HUMANOID.joints, 4), np.float32)
     rotations[..., 0] = 1
-    root = np.tile(HUMANOID.offsets[:1].numpy(), (12, 1))
+    root = np.tile(HUMANOID.offsets[:1], (12, 1))
     write_npz(tmp_path / "take.npz", Motion(HUMANOID, rotations, root, 30.0))
     return tmp_path / "take.npz"

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import soundfile
-import torch
 from tests.motion.viewer import eyes_off_viewer, off_viewer
 
 import echoavatar
@@ -49,9 +48,9 @@ def hear(session: SessionCore, sounds: Iterator[np.ndarray] | list[np.ndarray]) 
 
 
 def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
-    turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
-    pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root.astype(np.float32)))
-    return {name: pose.positions[:, at].numpy() for at, name in enumerate(HUMANOID.names)}
+    turns = matrix_from_quaternion(motion.rotations)
+    pose = forward_kinematics(HUMANOID, turns, motion.root.astype(np.float32))
+    return {name: pose.positions[:, at] for at, name in enumerate(HUMANOID.names)}
 
 
 def speed(motion: MotionChunk, names: tuple[str, ...] = ("leftHand", "rightHand", "hips", "head")) -> np.ndarray:
@@ -121,9 +120,9 @@ def test_a_speakers_eyes_meet_the_viewer_half_of_the_time(pipeline: Pipeline) ->
 
 def positions_of_nose(motion: MotionChunk) -> np.ndarray:
     """How far the head points down, radians."""
-    turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
-    pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root.astype(np.float32)))
-    ahead = pose.rotations[:, HUMANOID.index("head"), :, 2].numpy()
+    turns = matrix_from_quaternion(motion.rotations)
+    pose = forward_kinematics(HUMANOID, turns, motion.root.astype(np.float32))
+    ahead = pose.rotations[:, HUMANOID.index("head"), :, 2]
     return np.asarray(-np.arcsin(np.clip(ahead[:, 1], -1, 1)))
 
 
@@ -219,7 +218,7 @@ def test_nobody_freezes_in_silence(pipeline: Pipeline) -> None:
     feet = np.stack([place[foot][late] for foot in ("leftFoot", "rightFoot")], 1)
     away = np.linalg.norm(feet - feet[:1], axis=2).max()
     balls = np.stack([place[toes][late] for toes in ("leftToes", "rightToes")], 1)
-    standing = HUMANOID.rest_positions[[HUMANOID.index("leftToes"), HUMANOID.index("rightToes")], 1].numpy()
+    standing = HUMANOID.rest_positions[[HUMANOID.index("leftToes"), HUMANOID.index("rightToes")], 1]
     slides = skate(balls, FRAME_RATE_HZ, standing_height=standing)
     _log.info("silence: hips %.3f m, feet %.3f m away, %.2f cm/s", np.ptp(place["hips"][late, 0]), away, slides)
     assert away < 0.3  # a step

@@ -269,7 +269,7 @@ def workplace() -> Any:
         folder = Path(name)
         write_bundle(folder / "bundle")
         still = np.tile(np.float32([1, 0, 0, 0]), (1_800, HUMANOID.joints, 1))
-        root = np.tile(HUMANOID.offsets[:1].numpy(), (1_800, 1))
+        root = np.tile(HUMANOID.offsets[:1], (1_800, 1))
         face = np.zeros((1_800, 52), np.float32)
         beside = {"face": face, "face_names": np.array(ARKIT_NAMES)}
         write_npz(folder / "take.npz", Motion(HUMANOID, still, root, 30.0), **beside)

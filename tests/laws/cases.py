@@ -196,7 +196,7 @@ def gestures(rows: int, frames: int, random: torch.Generator) -> Tensor:
     root = torch.zeros(rows, frames, 3)
     root[..., 0] = 0.05 * wave
     root[..., 1] = 0.94
-    return to_features(HUMANOID, matrix_from_axis_angle(turns), root)
+    return torch.from_numpy(to_features(HUMANOID, matrix_from_axis_angle(turns.numpy()), root.numpy()))
 
 
 def post(options: MotionOptions = FREE) -> Stream:
@@ -204,8 +204,8 @@ def post(options: MotionOptions = FREE) -> Stream:
     stages = Post(HUMANOID)
 
     def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
-        state.modes.choose(active, options)
-        return flat(stages.step(x, state, active))
+        state.modes.choose(active.numpy(), options)
+        return flat(stages.step(x.numpy(), state, active.numpy()))
 
     return Stream(stages.init_state, in_chunks(step, CHUNK_FRAMES))
 
@@ -225,13 +225,17 @@ def released() -> Skeleton:
 def rig() -> Stream:
     own, same = released(), np.stack([np.eye(3)] * 88)
     adapter = RigAdapter(rig_config(own.config, same, same), own)
-    return Stream(adapter.init_state, adapter.step)
+
+    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
+        return torch.from_numpy(adapter.step(x.numpy(), state, active.numpy()))
+
+    return Stream(adapter.init_state, step)
 
 
 def released_features(rows: int, frames: int, random: torch.Generator) -> Tensor:
-    turns = matrix_from_axis_angle(0.1 * torch.randn(rows, frames, 88, 3, generator=random))
-    root = torch.tensor([0.0, -2.0, 95.0]) + torch.randn(rows, frames, 3, generator=random).cumsum(1)
-    return to_features(released(), turns, root, previous_ground=root[:, 0, :2], up=2)
+    turns = matrix_from_axis_angle(0.1 * torch.randn(rows, frames, 88, 3, generator=random).numpy())
+    root = (torch.tensor([0.0, -2.0, 95.0]) + torch.randn(rows, frames, 3, generator=random).cumsum(1)).numpy()
+    return torch.from_numpy(to_features(released(), turns, root, previous_ground=root[:, 0, :2], up=2))
 
 
 def pipeline() -> Stream:

@@ -39,6 +39,6 @@ def dance(seed: int, frames: int = 160) -> SimpleNamespace:
     mix = torch.randn(6, 52 * 3, generator=torch.Generator().manual_seed(1)) * 0.1
     time = torch.arange(frames)[:, None] / 30
     waves = torch.sin(time * (1 + 5 * torch.rand(6, generator=generator)) + 6 * torch.rand(6, generator=generator))
-    rotations = quaternion_from_axis_angle((waves @ mix).view(frames, 52, 3))
+    rotations = quaternion_from_axis_angle((waves @ mix).view(frames, 52, 3).numpy())
     root = torch.stack([0.1 * waves[:, 0], 0.93 + 0.02 * waves[:, 1], 0.1 * waves[:, 2]], -1)
-    return SimpleNamespace(rotations=rotations.numpy(), root=root.numpy())
+    return SimpleNamespace(rotations=rotations, root=root.numpy())

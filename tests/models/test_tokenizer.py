@@ -5,7 +5,13 @@ from tests.models.motion_tokens import dance, small_body, small_config
 
 from echoavatar.checkpoint import read_card
 from echoavatar.errors import CheckpointError
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import (
+    BodyTokenizer,
+    BodyTokenizerConfig,
+    MotionTokenizer,
+    MotionTokenizerConfig,
+    split_parts,
+)
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.models.tokenizer.train import clip_features
 
@@ -16,6 +22,13 @@ def codes(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
 
 def frames(rows: int, length: int, generator: torch.Generator) -> torch.Tensor:
     return torch.randn(rows, length, 315, generator=generator, dtype=torch.double)
+
+
+def test_parts_join_to_the_whole():
+    features = frames(2, 4, torch.Generator().manual_seed(0))
+    parts = split_parts(HUMANOID, features)
+    assert list(parts) == ["lower", "upper", "hands"]
+    assert torch.equal(torch.cat(list(parts.values()), -1), features)
 
 
 def test_long_clips_in_pieces_equal_one_pass_of_the_parts():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from echoavatar.motion.idle_motion import LEGS, IdleMotion, breath, random_number, shift_weight
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
@@ -18,14 +17,14 @@ def standing(frames: int = 8, **turns: tuple[float, float, float]) -> MotionChun
     for name, turn in turns.items():
         half = np.radians(np.array(turn)) / 2
         rotations[:, HUMANOID.index(name)] = [np.cos(np.linalg.norm(half)), *np.sin(half)]
-    root = np.tile(HUMANOID.offsets[0].numpy(), (frames, 1)).astype(np.float32)
+    root = np.tile(HUMANOID.offsets[0], (frames, 1)).astype(np.float32)
     return MotionChunk(rotations, root)
 
 
 def positions(motion: MotionChunk) -> dict[str, np.ndarray]:
-    turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
-    pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root))
-    return {name: pose.positions[:, at].numpy() for at, name in enumerate(HUMANOID.names)}
+    turns = matrix_from_quaternion(motion.rotations)
+    pose = forward_kinematics(HUMANOID, turns, motion.root)
+    return {name: pose.positions[:, at] for at, name in enumerate(HUMANOID.names)}
 
 
 def live(seconds: float, *, is_idle: bool = True, seed: int = 5, **options: bool) -> MotionChunk:
@@ -43,7 +42,7 @@ def test_the_hips_go_to_the_left_and_the_feet_stay(turns: dict[str, tuple[float,
     after = MotionChunk(before.rotations.copy(), before.root.astype(np.float64))
     legs = np.array([HUMANOID.index(name) for name in ("hips", *LEGS)])
     for rotations, root in zip(after.rotations, after.root, strict=True):
-        shift_weight(rotations, root, HUMANOID.offsets.numpy(), legs, 0.02)
+        shift_weight(rotations, root, HUMANOID.offsets, legs, 0.02)
     after = after._replace(root=after.root.astype(np.float32))
     was, now = positions(before), positions(after)
     left = was["leftUpperLeg"][0] - was["rightUpperLeg"][0]

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-import torch
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.inertial import InertialBlend
@@ -12,16 +11,16 @@ from echoavatar.motion.motion_chunk import MotionChunk
 
 def about_x(angle: np.ndarray, root: np.ndarray | None = None, face: float | None = None) -> MotionChunk:
     """Two joints: the first turns by `angle` (t,) about X, the second rests."""
-    vectors = torch.zeros(len(angle), 2, 3, dtype=torch.double)
-    vectors[:, 0, 0] = torch.from_numpy(angle)
-    turns = quaternion_from_axis_angle(vectors).float().numpy()
+    vectors = np.zeros((len(angle), 2, 3), np.float64)
+    vectors[:, 0, 0] = angle
+    turns = quaternion_from_axis_angle(vectors).astype(np.float32)
     root = np.zeros((len(angle), 3)) if root is None else root
     curves = None if face is None else np.full((len(angle), 52), face, np.float32)
     return MotionChunk(turns, root.astype(np.float32), curves)
 
 
 def angle_of(chunk: MotionChunk) -> np.ndarray:
-    return axis_angle_from_quaternion(torch.from_numpy(chunk.rotations).double())[:, 0, 0].numpy()
+    return axis_angle_from_quaternion(chunk.rotations.astype(np.float64))[:, 0, 0]
 
 
 def cut(old: np.ndarray, new: np.ndarray) -> np.ndarray:

@@ -1,5 +1,4 @@
 import numpy as np
-import torch
 
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -9,14 +8,14 @@ from echoavatar.motion.motion_chunk import MotionChunk
 def off_viewer(motion: MotionChunk) -> np.ndarray:
     """Radians between the direction of the head and the viewer, frame by frame."""
     pose = Motion(HUMANOID, motion.rotations, motion.root, 30).pose()
-    x, y, z = pose.rotations[:, HUMANOID.index("head"), :, 2].unbind(-1)
-    return torch.atan2(torch.hypot(x, y), z).numpy()
+    x, y, z = np.moveaxis(pose.rotations[:, HUMANOID.index("head"), :, 2], -1, 0)
+    return np.arctan2(np.hypot(x, y), z)
 
 
 def eyes_off_viewer(motion: MotionChunk) -> np.ndarray:
     """Radians between where the eyes of our character look and the viewer, frame by frame: the mean of both eyes."""
     pose = Motion(HUMANOID, motion.rotations, motion.root, 30).pose()
-    head, angles = pose.rotations[:, HUMANOID.index("head")].numpy(), []
+    head, angles = pose.rotations[:, HUMANOID.index("head")], []
     for side, leftwards, rightwards in (("Left", "Out", "In"), ("Right", "In", "Out")):
         look = {
             way: motion.face[:, ARKIT_NAMES.index(f"eyeLook{way}{side}")]

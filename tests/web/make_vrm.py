@@ -78,7 +78,7 @@ def make_vrm() -> bytes:
 
 def _body(binary: _Binary, offsets: np.ndarray) -> dict[str, Any]:
     """A box from each joint to its parent, and a head, in one skinned mesh."""
-    places = HUMANOID.rest_positions.numpy() * SCALE
+    places = HUMANOID.rest_positions * SCALE
     boxes: list[Box] = [(HUMANOID.names.index("head"), np.array([0, 0.09, 0.02]), np.array([0.16, 0.2, 0.18]))]
     for joint, parent in enumerate(HUMANOID.parents):
         if parent >= 0:
@@ -122,7 +122,7 @@ def _normals() -> np.ndarray:
 
 def _bind(binary: _Binary) -> int:
     matrices = np.tile(np.eye(4, dtype=np.float32), (HUMANOID.joints, 1, 1))
-    matrices[:, 3, :3] = -HUMANOID.rest_positions.numpy() * SCALE
+    matrices[:, 3, :3] = -HUMANOID.rest_positions * SCALE
     return binary.add(matrices)
 
 

@@ -15,8 +15,8 @@ def scene(
     """All joints but the hips circle at `speed` (m/s, one a frame, the lead included)."""
     angle = np.cumsum(speed) / 30 / 0.2  # on a circle of 20 cm
     around = 0.2 * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1)
-    positions = HUMANOID.rest_positions.numpy()[None] + around[:, None]
-    positions[:, 0] = HUMANOID.rest_positions[0].numpy()
+    positions = HUMANOID.rest_positions[None] + around[:, None]
+    positions[:, 0] = HUMANOID.rest_positions[0]
     if jitter:
         positions = positions + jitter * np.random.default_rng(0).standard_normal(positions.shape)
     frames = len(speed)

@@ -45,7 +45,7 @@ def test_hits_are_those_of_the_rewards(bodies: list[DecodedMotion]) -> None:
     assert not beats[2].any()  # one event has no chance level
 
 
-REST = HUMANOID.rest_positions[[HUMANOID.index(name) for name in one_by_one.POINTS]]
+REST = torch.from_numpy(HUMANOID.rest_positions[[HUMANOID.index(name) for name in one_by_one.POINTS]])
 
 
 def test_statistics_are_those_of_the_evaluation() -> None:

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import torch
 from lab.tests.align.moving_bodies import dips, scene
@@ -47,8 +48,9 @@ def test_scores_by_the_papers_own_fid_are_about_the_papers():
 
 
 def features() -> torch.Tensor:
-    still = torch.eye(3).expand(40, HUMANOID.joints, 3, 3)
-    return to_features(HUMANOID, still, torch.tensor(scene(dips(())).positions[:40, 0]).float())[None]
+    still = np.tile(np.eye(3, dtype=np.float32), (40, HUMANOID.joints, 1, 1))
+    root = scene(dips(())).positions[:40, 0].astype(np.float32)
+    return torch.from_numpy(to_features(HUMANOID, still, root))[None]
 
 
 @pytest.mark.parametrize("kind", ["jitter", "foot_slide"])

@@ -46,8 +46,7 @@ def test_positions_are_those_of_the_pipelines_smoother():
         at = slice(start, start + CHUNK_FRAMES)
         smoother.step(Pose(pose.rotations[:, at], pose.root[:, at], pose.fps), state, np.ones(3, bool))
     pose.root[..., ::2] = pose.root[..., ::2].cumsum(1)
-    rotations = matrix_from_quaternion(torch.from_numpy(pose.rotations))
-    wanted = forward_kinematics(HUMANOID, rotations, torch.from_numpy(pose.root)).positions
+    wanted = forward_kinematics(HUMANOID, matrix_from_quaternion(pose.rotations), pose.root).positions
     np.testing.assert_allclose(shown_positions(HUMANOID, features), wanted, atol=1e-4)
 
 

@@ -9,8 +9,7 @@ from lab.tests.align.moving_bodies import dips, reference_statistics, scene
 from lab.tests.align.tuning_fakes import clips
 
 from echoavatar.errors import CheckpointError
-from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import FeatureStatistics
+from echoavatar.models.tokenizer import BodyTokenizer, FeatureStatistics
 from echoavatar_lab.align.corruption import CLEAN, degraded_scores, paper_scores
 from echoavatar_lab.align.quality import (
     PACE,

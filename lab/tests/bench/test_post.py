@@ -1,4 +1,4 @@
-import torch
+import numpy as np
 
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.features import from_features
@@ -18,5 +18,5 @@ def test_every_stage_is_timed_for_one_session_and_for_many() -> None:
 def test_the_motion_gives_every_stage_work() -> None:
     frames = from_features(HUMANOID, restless(240))
     depth = penetration_depth_m(HUMANOID, frames.rotations)
-    assert (depth > 0.005).float().mean() > 0.01
-    assert torch.diff(frames.rotations, n=3, dim=0).abs().mean() > 0.05
+    assert (depth > 0.005).mean() > 0.01
+    assert np.abs(np.diff(frames.rotations, n=3, axis=0)).mean() > 0.05

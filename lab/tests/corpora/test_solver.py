@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from echoavatar.motion.kinematics import HUMANOID, Pose, forward_kinematics
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
@@ -13,11 +12,11 @@ from echoavatar_lab.corpora.solver import solve
 
 def posed(controls: Controls) -> Pose:
     quaternions, root = solve(controls)
-    return forward_kinematics(HUMANOID, matrix_from_quaternion(torch.from_numpy(quaternions)), torch.from_numpy(root))
+    return forward_kinematics(HUMANOID, matrix_from_quaternion(quaternions), root)
 
 
 def place(pose: Pose, name: str) -> np.ndarray:
-    return pose.positions[:, HUMANOID.index(name)].numpy()
+    return pose.positions[:, HUMANOID.index(name)]
 
 
 def test_wrists_arrive_where_they_were_sent():
@@ -67,7 +66,7 @@ def test_palms_turn_the_way_their_names_say():
     controls.wrist[:] = (0.0, -0.22, 0.30)
     controls.palm[:] = 0
     controls.palm[1, :, 2], controls.palm[2, :, 2] = 1.3, -1.3
-    normal = -posed(controls).rotations[:, HUMANOID.index("leftHand"), :, 1].numpy()  # the palm looks along -y
+    normal = -posed(controls).rotations[:, HUMANOID.index("leftHand"), :, 1]  # the palm looks along -y
     assert normal[0, 0] < -0.5  # handshake: towards the middle
     assert normal[1, 1] < -0.7  # pronated: down
     assert normal[2, 1] > 0.5  # supinated: up
@@ -86,9 +85,9 @@ def test_fingers_close_towards_the_palm_and_a_pinch_brings_thumb_and_index_toget
         tips = []
         for finger, far in (("Thumb", 0.028), ("Index", 0.022)):
             joint = HUMANOID.index(f"left{finger}Distal")
-            way = HUMANOID.offsets[joint] / HUMANOID.offsets[joint].norm() * far
+            way = HUMANOID.offsets[joint] / np.linalg.norm(HUMANOID.offsets[joint]) * far
             tips.append(pose.positions[frame, joint] + pose.rotations[frame, joint] @ way)
-        return float((tips[0] - tips[1]).norm())
+        return float(np.linalg.norm(tips[0] - tips[1]))
 
     assert gap(2) < 0.03 < gap(0)
 
@@ -97,8 +96,8 @@ def test_mirrored_controls_give_the_mirrored_pose():
     table = neutral(5).packed()
     controls = Controls.unpacked(table + np.random.default_rng(1).normal(0, 0.05, table.shape))
     straight, swapped = posed(controls).positions, posed(mirrored(controls)).positions
-    back = swapped[:, list(HUMANOID.config.mirror)] * torch.tensor([-1.0, 1.0, 1.0])
-    torch.testing.assert_close(back, straight, atol=1e-4, rtol=0)
+    back = swapped[:, list(HUMANOID.config.mirror)] * np.array([-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(back, straight, atol=1e-4, rtol=0)
 
 
 def test_blocks_do_not_matter():

@@ -20,9 +20,9 @@ def ball(radius: float) -> BodyProfile:
 
 def test_depth_is_the_way_to_the_skin() -> None:
     """The wrist 4 cm from the centre of a ball of 6 cm: 2 cm at least, and 1 cm more for a thicker hand."""
-    pose = left_wrist_at(torch.tensor([[0.0, 0.24, 0.3]]))
-    open_way = matrix_from_axis_angle(torch.zeros(1, HUMANOID.joints, 3))
-    deep = penetration_depth_m(HUMANOID, torch.cat([pose, open_way]), ball(0.06))
+    pose = left_wrist_at(np.array([[0.0, 0.24, 0.3]]))
+    open_way = matrix_from_axis_angle(np.zeros((1, HUMANOID.joints, 3), np.float32))
+    deep = penetration_depth_m(HUMANOID, np.concatenate([pose, open_way]), ball(0.06))
     assert deep.shape == (2, 2)
     assert deep[0, 0] >= 0.02 - 1e-5
     assert deep[0, 1] == 0
@@ -35,21 +35,21 @@ def test_the_body_turns_with_its_bone() -> None:
     """An ellipsoid of three different radii on the turned hips: the depth is that before the turn."""
     part = RoundedPart(bone="hips", centre=(0.0, 0.2, 0.3), radii=(0.05, 0.1, 0.2))
     profile = BodyProfile(parts=(part,), palm=0.0, finger=0.0)
-    pose = left_wrist_at(torch.tensor([[0.0, 0.24, 0.3]]))
-    turned = pose.clone()
-    turned[:, 0] = matrix_from_axis_angle(torch.tensor([0.3, 1.0, -0.4])) @ pose[:, 0]
+    pose = left_wrist_at(np.array([[0.0, 0.24, 0.3]]))
+    turned = pose.copy()
+    turned[:, 0] = matrix_from_axis_angle(np.array([0.3, 1.0, -0.4])) @ pose[:, 0]
     deep = penetration_depth_m(HUMANOID, pose, profile)
     assert deep[0, 0] > 0.01
-    torch.testing.assert_close(penetration_depth_m(HUMANOID, turned, profile), deep, atol=1e-5, rtol=0)
+    np.testing.assert_allclose(penetration_depth_m(HUMANOID, turned, profile), deep, atol=1e-5, rtol=0)
 
 
 def test_a_hand_beside_the_ball_is_outside() -> None:
-    pose = left_wrist_at(torch.tensor([[0.25, 0.2, 0.3]]))
+    pose = left_wrist_at(np.array([[0.25, 0.2, 0.3]]))
     assert penetration_depth_m(HUMANOID, pose, ball(0.02)).max() == 0
 
 
 def test_frames_that_are_not_finite_are_refused() -> None:
-    rotations = matrix_from_axis_angle(torch.zeros(2, HUMANOID.joints, 3))
+    rotations = matrix_from_axis_angle(np.zeros((2, HUMANOID.joints, 3), np.float32))
     rotations[1, 3, 0, 0] = torch.inf
     with pytest.raises(MotionError, match="not finite"):
         penetration_depth_m(HUMANOID, rotations)

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from echoavatar.models.audio import write_wav
 from echoavatar.motion.formats import write_bvh
@@ -34,8 +33,8 @@ def gesture(seconds: float = 3.0, fps: float = 30.0, *, fingers: float = 0.5) ->
             for bone in bones[1:]:
                 turns[:, HUMANOID.index(bone), 2] = -sign * fingers * (1 + np.sin(2 * time)) / 2
     turns[:, HUMANOID.index("spine"), 0] = 0.05 * np.sin(time)
-    rotations = quaternion_from_axis_angle(torch.from_numpy(turns)).numpy().astype(np.float32)
-    root = np.tile(HUMANOID.rest_positions[0].numpy(), (len(time), 1))
+    rotations = quaternion_from_axis_angle(turns).astype(np.float32)
+    root = np.tile(HUMANOID.rest_positions[0], (len(time), 1))
     return Motion(HUMANOID, rotations, root.astype(np.float32), fps)
 
 
@@ -111,17 +110,17 @@ def write_beat2(folder: Path, name: str, seconds: float = 3.0, *, is_z_up: bool 
     from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_multiply
 
     motion, rig = gesture(seconds), skeleton()
-    quaternions = torch.zeros(motion.frames, rig.joints, 4)
+    quaternions = np.zeros((motion.frames, rig.joints, 4), np.float32)
     quaternions[..., 0] = 1
     for bone, joint in rig.config.vrm.items():
-        quaternions[:, joint] = torch.from_numpy(motion.rotations[:, HUMANOID.index(bone)])
+        quaternions[:, joint] = motion.rotations[:, HUMANOID.index(bone)]
     trans = motion.root - motion.root[0] + [0.0, 1.2, 0.0]  # the origin of SMPL-X is not on the floor
     if is_z_up:
-        quarter = torch.tensor([np.pi / 2, 0.0, 0.0])
-        up = quaternion_from_axis_angle(quarter).expand(motion.frames, 4)
+        quarter = np.array([np.pi / 2, 0.0, 0.0])
+        up = np.broadcast_to(quaternion_from_axis_angle(quarter), (motion.frames, 4))
         quaternions[:, 0] = quaternion_multiply(up, quaternions[:, 0])
         trans = trans[:, [0, 2, 1]] * [1, -1, 1]
-    poses = axis_angle_from_quaternion(quaternions).reshape(motion.frames, 165).numpy()
+    poses = axis_angle_from_quaternion(quaternions).reshape(motion.frames, 165)
     path = folder / "smplxflame_30" / f"{name}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez(path, poses=poses, trans=trans, betas=np.zeros(300), mocap_frame_rate=30, gender=np.array("neutral"))
@@ -160,16 +159,16 @@ def lda_columns(motion: Motion) -> dict[str, np.ndarray]:
     """Motion on Motorica's names at 30 fps as LDA's columns; the reference is under the hips and turns with them."""
     from echoavatar_lab.datasets.lda import PARENTS
 
-    rig, rotations = motion.skeleton, torch.from_numpy(motion.rotations).double()
-    hips = rotations[:, 0].numpy()
+    rig, rotations = motion.skeleton, motion.rotations.astype(np.float64)
+    hips = rotations[:, 0]
     yaw = np.unwrap(2 * np.arctan2(hips[:, 2], hips[:, 0]), period=2 * np.pi)
     yaw = yaw - yaw[0]
-    heading = quaternion_from_axis_angle(torch.from_numpy(np.outer(yaw, [0.0, 1.0, 0.0])))
-    local = rotations.clone()
+    heading = quaternion_from_axis_angle(np.outer(yaw, [0.0, 1.0, 0.0]))
+    local = rotations.copy()
     local[:, 0] = quaternion_multiply(quaternion_conjugate(heading), rotations[:, 0])
     found = {}
     for joint in PARENTS:
-        turns = axis_angle_from_quaternion(local[:, rig.index(joint)]).numpy()
+        turns = axis_angle_from_quaternion(local[:, rig.index(joint)])
         found |= {f"{joint}_{axis}": turns[:, n] for n, axis in enumerate(("alpha", "beta", "gamma"))}
     step = 100 * np.diff(motion.root.astype(np.float64), axis=0, prepend=motion.root[:1])
     found["Hips_Yposition"] = 100 * motion.root[:, 1].astype(np.float64)

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from lab.tests.datasets.samples import (
     SHARED,
     gesture,
@@ -71,10 +70,10 @@ LEFT = [j for j, name in enumerate(HUMANOID.names) if j in HUMANOID.config.parts
 
 def trembling(motion: Motion, degrees: float) -> Motion:
     """White noise on the left fingers."""
-    noise = torch.randn(motion.frames, len(LEFT), 3, generator=torch.Generator().manual_seed(0))
+    noise = np.random.default_rng(0).standard_normal((motion.frames, len(LEFT), 3))
     rotations = motion.rotations.copy()
-    own = torch.from_numpy(rotations[:, LEFT])
-    rotations[:, LEFT] = quaternion_multiply(own, quaternion_from_axis_angle(noise * np.radians(degrees))).numpy()
+    own = rotations[:, LEFT]
+    rotations[:, LEFT] = quaternion_multiply(own, quaternion_from_axis_angle(noise * np.radians(degrees)))
     return replace(motion, rotations=rotations)
 
 
@@ -91,7 +90,7 @@ def test_fingers_bent_too_far_are_erratic():
 
 def test_white_noise_scores_as_the_docstring_says():
     """Two independent steps a frame apart differ by about sqrt(3) of one: 3 / (2 sqrt 3) = 0.87."""
-    noise = torch.randn(4000, 2, 3, generator=torch.Generator().manual_seed(0)) * 0.01
+    noise = np.random.default_rng(0).standard_normal((4000, 2, 3)) * 0.01
     from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 
     assert hand_scores(matrix_from_axis_angle(noise), 30.0).tremble == pytest.approx(0.87, abs=0.02)

@@ -103,7 +103,7 @@ def test_hands_share_their_work_in_speech_alone():
     """In speech both hands rise together, in music one by one."""
     time = np.arange(900) / 30
     domain = np.repeat([SPEECH, MUSIC], 450).astype(np.uint8)
-    places = np.repeat(HUMANOID.rest_positions.numpy()[None], 900, 0)
+    places = np.repeat(HUMANOID.rest_positions[None], 900, 0)
     for side, speed in (("left", 1.0), ("right", np.where(domain == SPEECH, 1.0, 1.3))):
         places[:, HUMANOID.index(side + "Hand"), 1] += 0.1 * np.sin(2 * np.pi * speed * time)
     speeds = np.zeros((899, HUMANOID.joints))

@@ -41,7 +41,7 @@ def moving(joint: str, degrees_s: float, frames: int = 150) -> Motion:
 
 
 def test_the_pace_of_ankles_is_angle_times_leg() -> None:
-    points = HUMANOID.rest_positions.numpy()
+    points = HUMANOID.rest_positions
     hip, ankle, head = (points[HUMANOID.index(name)] for name in ("leftUpperLeg", "leftFoot", "head"))
     expected = np.radians(90) * (hip - ankle)[1] * 1.5 / (head - ankle)[1] / 2  # one of two legs
     found = pace(moving("leftUpperLeg", 90))

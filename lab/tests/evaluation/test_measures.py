@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-import torch
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -20,10 +19,10 @@ from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS
 
 
 def clip(frames: int = 90, *, turn_per_frame: float = 0.0) -> Track:
-    angles = torch.zeros(frames, HUMANOID.joints, 3)
-    angles[:, HUMANOID.index("leftUpperArm"), 2] = torch.arange(frames) * turn_per_frame
-    root = np.tile(HUMANOID.rest_positions[0].numpy(), (frames, 1))
-    return track(Motion(HUMANOID, quaternion_from_axis_angle(angles).numpy(), root, 30.0), np.zeros(frames, np.uint8))
+    angles = np.zeros((frames, HUMANOID.joints, 3), np.float32)
+    angles[:, HUMANOID.index("leftUpperArm"), 2] = np.arange(frames) * turn_per_frame
+    root = np.tile(HUMANOID.rest_positions[0], (frames, 1))
+    return track(Motion(HUMANOID, quaternion_from_axis_angle(angles), root, 30.0), np.zeros(frames, np.uint8))
 
 
 def test_angular_speed_is_in_degrees_per_second() -> None:
@@ -65,7 +64,7 @@ def test_a_jump_at_chunk_borders_is_seen() -> None:
 def test_floor_depth_is_measured_from_the_standing_height() -> None:
     still = np.zeros((30, HUMANOID.joints, 4), np.float32)
     still[..., 0] = 1
-    root = np.tile(HUMANOID.rest_positions[0].numpy(), (30, 1)).astype(np.float32)
+    root = np.tile(HUMANOID.rest_positions[0], (30, 1)).astype(np.float32)
     assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(0, abs=1e-3)
     root[:, 1] -= 0.03
     assert measure_clip(Motion(HUMANOID, still, root, 30.0)).numbers["floor_depth"] == pytest.approx(3, abs=1e-3)

@@ -52,7 +52,7 @@ def test_the_floor_is_under_the_feet(tmp_path):
 
 def body_model(path, **changes):
     """A body model with one vertex per joint: the template is our skeleton, one shape scales the body by 1.1."""
-    rest = skeleton().rest_positions.numpy().astype(np.float64)
+    rest = skeleton().rest_positions.astype(np.float64)
     shapes = np.zeros((55, 3, 20))
     shapes[..., 0] = rest * 0.1
     arrays = {"v_template": rest - [0, 1, 0], "shapedirs": shapes, "J_regressor": np.eye(55)} | changes
@@ -62,7 +62,7 @@ def body_model(path, **changes):
 
 def test_a_body_model_gives_the_speakers_own_joints(tmp_path):
     path = body_model(tmp_path / "SMPLX_NEUTRAL.npz")
-    rest = skeleton().rest_positions.numpy()
+    rest = skeleton().rest_positions
     np.testing.assert_allclose(rest_joints(path, np.array([1.0])), 1.1 * rest - [0, 1, 0], atol=1e-6)
     poses = write_beat2(tmp_path, "1_a_0")
     with np.load(poses) as stored:

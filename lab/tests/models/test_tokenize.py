@@ -26,7 +26,7 @@ def corpus(folder: Path, swaying: tuple[np.ndarray, np.ndarray], voice: np.ndarr
     rotations, root = swaying
     audio = np.resize(voice, 96 * 800)
     domain = np.repeat(np.array([0, 1, 2], np.uint8), 32)
-    turned = quaternion_from_matrix(torch.from_numpy(rotations)).numpy()
+    turned = quaternion_from_matrix(rotations)
     Clip("one", audio, turned, root, domain).save(folder / "clips" / "one.npz")
     return write_manifest(folder)
 

@@ -5,8 +5,8 @@ from lab.tests.evaluation.clips import clicks, clip
 
 from echoavatar.errors import AudioError, MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar_lab.evaluation.metrics.positions import heading
+from echoavatar_lab.kinematics import matrix_from_quaternion
 from echoavatar_lab.models.tokenizer.train import as_one_part
 from echoavatar_lab.tables.baselines import STRETCH_FRAMES, Baselines, Stretch, facing, spectra
 

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import torch
 from tests import golden as fixtures
 
 from echoavatar.engine.pipeline.foreign_rig import RigConfig
@@ -46,7 +45,7 @@ def test_the_matrix_of_each_joint_found_on_half_the_frames_turns_the_other_half(
     """U = M R M^-1 determines M (negative determinant) up to a factor; the user's stats folder contains M itself."""
     theirs = golden["quat_wxyz"].astype(np.float64)
     unity = golden["unity_quat_xyzw"][..., [3, 0, 1, 2]].astype(np.float64)
-    rotations, wanted = (matrix_from_quaternion(torch.from_numpy(q)).numpy() for q in (theirs, unity))
+    rotations, wanted = (matrix_from_quaternion(q) for q in (theirs, unity))
     found = []
     for joint in range(88):
         pairs = zip(wanted[:12, joint], rotations[:12, joint], strict=True)
@@ -55,7 +54,7 @@ def test_the_matrix_of_each_joint_found_on_half_the_frames_turns_the_other_half(
         m /= np.cbrt(abs(np.linalg.det(m)))
         found.append(-m if np.linalg.det(m) > 0 else m)
     axes = np.array(AXES, np.float64)
-    ours = quaternion_from_matrix(torch.from_numpy(axes @ rotations[12:] @ axes.T)).numpy().astype(np.float32)
+    ours = quaternion_from_matrix(axes @ rotations[12:] @ axes.T).astype(np.float32)
     sent = UnityAxes(rig(tuple(tuple(map(tuple, m)) for m in found))).rotations(ours)
     same_rotations(sent, golden["unity_quat_xyzw"][12:], 5e-4)
     np.testing.assert_allclose([np.linalg.det(m) for m in found], -1, atol=1e-6)

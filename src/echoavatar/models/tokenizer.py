@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -21,13 +21,14 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
-from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, SkeletonConfig, part_sizes, split_parts
+from echoavatar.motion.kinematics import Skeleton, SkeletonConfig, part_sizes
 from echoavatar.nn import CausalBlock, Mlp, StreamingModule, StreamState
 from echoavatar.timing import FRAMES_PER_MOTION_TOKEN
 
 from .quantize import ResidualVectorQuantizer
 
 Block = Callable[[Tensor], Tensor]  # a layer that looks back, of one level
+CONSTANT_STD = 1e-4  # a feature with a smaller deviation is held at its mean
 LEVELS = FRAMES_PER_MOTION_TOKEN.bit_length()  # 3: every level but the last halves the rate
 
 
@@ -60,6 +61,28 @@ class MotionTokenizerConfig(Config):
     def lookback_at(self, level: int) -> int:
         """Past positions besides itself at a level: 15, 7, 3 for a look-back of 15 frames."""
         return max(((self.lookback + 1) >> level) - 1, 0)
+
+
+class FeatureStatistics(NamedTuple):
+    """Mean and standard deviation of each feature; `varies` is False where the deviation is under 1e-4."""
+
+    mean: Float[Tensor, " c"]
+    std: Float[Tensor, " c"]
+    varies: Bool[Tensor, " c"]
+
+    def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
+        """Features with zero mean and unit deviation; one that does not vary gives 0, so that noise cannot grow."""
+        return torch.where(self.varies, (features - self.mean) / self.std.clamp_min(CONSTANT_STD), 0.0)
+
+    def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
+        """Inverse of `normalize`; features that do not vary come back as their mean."""
+        return torch.where(self.varies, normal * self.std, 0.0) + self.mean
+
+
+def split_parts(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> dict[str, Float[Tensor, "*n d"]]:
+    """The features of each part."""
+    sizes = part_sizes(skeleton)
+    return dict(zip(sizes, torch.split(features, list(sizes.values()), -1), strict=True))
 
 
 @dataclass

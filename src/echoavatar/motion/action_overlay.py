@@ -10,15 +10,19 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch.nn.functional import normalize
 
 from echoavatar.timing import CHUNK, ChunkSize
 
 from .kinematics import Skeleton
 from .kinematics.easing import smootherstep
-from .kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle, quaternion_multiply, slerp
+from .kinematics.rotations import (
+    axis_angle_from_quaternion,
+    quaternion_from_axis_angle,
+    quaternion_multiply,
+    slerp,
+    unit,
+)
 from .motion_chunk import MotionChunk
 
 UNIT = 1e-3  # radians; files hold whole multiples of it
@@ -34,7 +38,7 @@ class Hands:
 
     def to_json(self) -> dict[str, Any]:
         """Milliradians by joint, of one frame where they do not change; shares in thousandths, equal for all joints."""
-        vectors = axis_angle_from_quaternion(torch.from_numpy(self.rotations)).numpy()
+        vectors = axis_angle_from_quaternion(self.rotations)
         rows = np.rint(vectors / UNIT).astype(int)
         turns = {
             joint: (row[:1] if (row == row[:1]).all() else row).reshape(-1).tolist()
@@ -49,7 +53,7 @@ class Hands:
         names = tuple(stored["joints"])
         rows = [np.asarray(row, np.float32).reshape(-1, 3) * np.float32(UNIT) for row in stored["joints"].values()]
         vectors = np.stack([np.broadcast_to(row, (len(shares), 3)) for row in rows], axis=1)
-        rotations = quaternion_from_axis_angle(torch.tensor(vectors)).numpy()
+        rotations = quaternion_from_axis_angle(vectors)
         if not (np.isfinite(rotations).all() and ((shares >= 0) & (shares <= 1)).all()):
             raise ValueError("rotations of hands that are not finite, or shares that are not from 0 to 1")
         return cls(names, rotations, np.repeat(shares[:, None], len(names), axis=1))
@@ -124,8 +128,7 @@ def _bridged_hands(before: Overlay | None, now: Overlay | None, rise: Float[np.n
         last = [hands.rotations[-1 if hands is old else slice(None), i] for i, hands in ways]
         counts = [hands.shares[-1 if hands is old else slice(None), i] for i, hands in ways]
         if len(ways) == 2:
-            start, end = torch.tensor(np.broadcast_to(last[0], (len(rise), 4)).copy()), torch.tensor(last[1])
-            rotations[:, at] = slerp(start, end, torch.from_numpy(rise)).numpy()
+            rotations[:, at] = slerp(np.broadcast_to(last[0], (len(rise), 4)), last[1], rise)
             shares[:, at] = counts[0] + rise * (counts[1] - counts[0])
         else:
             rotations[:, at] = last[0]
@@ -138,13 +141,12 @@ def apply_overlay(motion: MotionChunk, overlay: Overlay, skeleton: Skeleton) -> 
     rotations, frames = motion.rotations.copy(), len(motion.rotations)
     if overlay.joints:
         joints = skeleton.indices(overlay.joints)
-        added = quaternion_from_axis_angle(torch.tensor(overlay.rotation_vectors[:frames]))
-        rotated = quaternion_multiply(torch.from_numpy(rotations[:, joints]), added)
-        rotations[:, joints] = normalize(rotated, dim=-1).numpy()
+        added = quaternion_from_axis_angle(overlay.rotation_vectors[:frames])
+        rotations[:, joints] = unit(quaternion_multiply(rotations[:, joints], added))
     if overlay.hands.joints:
         joints = skeleton.indices(overlay.hands.joints)
-        own, wanted = torch.from_numpy(rotations[:, joints]), torch.tensor(overlay.hands.rotations[:frames])
-        rotations[:, joints] = slerp(own, wanted, torch.tensor(overlay.hands.shares[:frames])).numpy()
+        wanted, shares = overlay.hands.rotations[:frames], overlay.hands.shares[:frames]
+        rotations[:, joints] = slerp(rotations[:, joints], wanted, shares)
     return motion._replace(rotations=rotations)
 
 

@@ -14,9 +14,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.timing import CHUNK, FRAME_RATE_HZ, SAMPLES_PER_FRAME, ChunkSize
 
@@ -24,7 +22,7 @@ from .action_overlay import Overlay, apply_overlay
 from .arkit import ARKIT_NAMES
 from .kinematics import Skeleton
 from .kinematics.easing import smootherstep
-from .kinematics.rotations import matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
+from .kinematics.rotations import length, matrix_from_axis_angle, matrix_from_quaternion, quaternion_from_matrix
 from .motion_chunk import KEPT, ChunkFade, MotionChunk
 
 CONTACT = 0.5  # the share of the time in which a speaker's eyes meet the viewer, unless a session asks for another
@@ -175,15 +173,15 @@ def turn_head(
         return motion
     below, neck, head = _chain(motion, skeleton)
     rotation = _to_viewer(head)
-    angle = rotation.norm(dim=-1).clamp_min(1e-6)
-    largest = FARTHEST * ((BEHIND - angle) / (BEHIND - WELCOME)).clamp(0, 1) / angle
-    beyond = torch.from_numpy(helps) * torch.minimum(HELPS * (1 - EYES_ALONE / angle).clamp_min(0), largest)
-    rotation *= torch.maximum(torch.from_numpy(shares) * largest.clamp_max(HEAD_SHARE), beyond)[:, None]
-    both = torch.stack([NECK_SHARE * rotation, rotation], 1)
-    new = matrix_from_axis_angle(both) @ torch.stack([neck, head], 1)
-    parents = torch.stack([below, new[:, 0]], 1)
+    angle = np.maximum(length(rotation)[:, 0], 1e-6)
+    largest = FARTHEST * np.clip((BEHIND - angle) / (BEHIND - WELCOME), 0, 1) / angle
+    beyond = helps * np.minimum(HELPS * np.maximum(1 - EYES_ALONE / angle, 0), largest)
+    rotation = rotation * np.maximum(shares * np.minimum(largest, HEAD_SHARE), beyond)[:, None]
+    both = np.stack([NECK_SHARE * rotation, rotation], 1)
+    new = matrix_from_axis_angle(both) @ np.stack([neck, head], 1)
+    parents = np.stack([below, new[:, 0]], 1)
     rotations = motion.rotations.copy()
-    rotations[:, skeleton.indices(["neck", "head"])] = quaternion_from_matrix(parents.mT @ new).numpy()
+    rotations[:, skeleton.indices(["neck", "head"])] = quaternion_from_matrix(parents.mT @ new)
     return motion._replace(rotations=rotations)
 
 
@@ -197,7 +195,7 @@ def turn_eyes(
     """Turn the eyes to the viewer, or beside (`glances`), from where the head faces, within the range of eyes."""
     if not shares.any() or motion.face is None or not _has_neck(skeleton):
         return motion
-    viewer = _chain(motion, skeleton)[2][:, 2].numpy().T  # the direction of the world's +Z in the head's axes
+    viewer = _chain(motion, skeleton)[2][:, 2].T  # the direction of the world's +Z in the head's axes
     is_ahead = np.clip((BEHIND - np.arccos(np.clip(viewer[2], -1, 1))) / (BEHIND - WELCOME), 0, 1)
     left, up = (0.0, 0.0) if glances is None else glances.T
     yaw = np.clip((np.arctan2(viewer[0], np.maximum(viewer[2], 1e-6)) + left) / LOOK, -1, 1) * is_ahead
@@ -214,18 +212,18 @@ def _has_neck(skeleton: Skeleton) -> bool:
 
 def _chain(
     motion: MotionChunk, skeleton: Skeleton
-) -> tuple[Float[Tensor, "t 3 3"], Float[Tensor, "t 3 3"], Float[Tensor, "t 3 3"]]:
+) -> tuple[Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"], Float[np.ndarray, "t 3 3"]]:
     """World rotations of the neck's parent, the neck and the head; only the spine is multiplied out."""
     joints = skeleton.indices([name for name in _CHAIN if name in skeleton.names])
-    world = [torch.eye(3).expand(len(motion.rotations), 3, 3)]
-    for local in matrix_from_quaternion(torch.tensor(motion.rotations[:, joints], dtype=torch.float32)).unbind(1):
+    world = [np.tile(np.eye(3, dtype=np.float32), (len(motion.rotations), 1, 1))]
+    for local in matrix_from_quaternion(motion.rotations[:, joints].astype(np.float32)).swapaxes(0, 1):
         world.append(world[-1] @ local)
     return world[-3], world[-2], world[-1]
 
 
-def _to_viewer(world: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3"]:
+def _to_viewer(world: Float[np.ndarray, "t 3 3"]) -> Float[np.ndarray, "t 3"]:
     """The rotation vector, in world axes, that takes each frame's own +Z to the world's +Z."""
-    x, y, z = world[:, :, 2].unbind(-1)
-    axis = torch.stack([y, -x, torch.zeros_like(x)], -1)  # (x, y, z) x (0, 0, 1)
-    sine = torch.hypot(x, y)
-    return axis * (torch.atan2(sine, z) / sine.clamp_min(1e-6))[:, None]
+    x, y, z = world[:, :, 2].T
+    axis, sine = np.stack([y, -x, 0 * x], -1), np.hypot(x, y)  # (x, y, z) x (0, 0, 1)
+    vector: np.ndarray = axis * (np.arctan2(sine, z) / np.maximum(sine, 1e-6))[:, None]
+    return vector

@@ -163,7 +163,7 @@ class IdleMotion:
         upper = np.array([_joint(skeleton, name) for name in UPPER])
         legs = np.array([_joint(skeleton, name) for name in ("hips", *LEGS)])
         may_shift = self._may_shift and legs.min() >= 0
-        offsets = skeleton.offsets.numpy()
+        offsets = skeleton.offsets
         shares, first = self._fade.shares(chunk, is_wanted=is_idle), chunk * self._frames
         add_idle_motion(rotations, root, offsets, upper, legs, shares, first, self._seed, may_shift)
         return motion._replace(rotations=rotations, root=root.astype(motion.root.dtype))

@@ -13,10 +13,7 @@ one motion at a time, and the new motion is not delayed. Not in the paper.
 import math
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
-from torch.nn.functional import normalize
 
 from echoavatar.errors import MotionError
 from echoavatar.timing import FRAME_RATE_HZ
@@ -28,6 +25,7 @@ from .kinematics.rotations import (
     quaternion_from_axis_angle,
     quaternion_multiply,
     standardize,
+    unit,
 )
 from .motion_chunk import MotionChunk
 
@@ -82,8 +80,8 @@ class _Offset:
         (before, last), (first, second) = _doubles(old.rotations), _doubles(new.rotations[:2])
         old_step, new_step = _rotation_between(before, last), _rotation_between(first, second)
         back = quaternion_multiply(quaternion_from_axis_angle(-new_step), first)  # one frame before the new motion
-        self._rotation = _rotation_between(back, last).numpy()
-        self._spin = _at_most((old_step - new_step).numpy() * FRAME_RATE_HZ, GREATEST_START)
+        self._rotation = _rotation_between(back, last)
+        self._spin = _at_most((old_step - new_step) * FRAME_RATE_HZ, GREATEST_START)
         size = np.linalg.norm(self._rotation, axis=-1)
         self._seconds = np.maximum(
             np.clip(size / math.pi * 2 * LONGEST_S, SHORTEST_S, LONGEST_S), _STEEPEST * size / FASTEST
@@ -109,15 +107,14 @@ class _Offset:
         self._frame += frames
         value, slope = _decay(time[:, None] / self._seconds)
         offset = self._rotation * value[..., None] + self._spin * (slope * self._seconds)[..., None]
-        offset = quaternion_from_axis_angle(torch.from_numpy(offset))
-        blended = quaternion_multiply(offset, _doubles(chunk.rotations))
+        blended = quaternion_multiply(quaternion_from_axis_angle(offset), _doubles(chunk.rotations))
         value, slope = _decay(time[:, None] / self._root_seconds)
         root = chunk.root + self._shift * value + self._drift * slope * self._root_seconds
         face = chunk.face
         if face is not None and self._face is not None:
             share = _decay(time[:, None] / FACE_SECONDS)[0]
             face = np.clip(face + self._face * share, 0, 1).astype(np.float32)
-        rotations = standardize(normalize(blended, dim=-1)).float().numpy()
+        rotations = standardize(unit(blended)).astype(np.float32)
         return MotionChunk(rotations, root.astype(np.float32), face)
 
 
@@ -127,14 +124,13 @@ def _decay(share: Float[Array, "*n"]) -> tuple[Float[Array, "*n"], Float[Array, 
     return 1 - smootherstep(s), s * (1 - s) ** 3 * (1 + 3 * s)
 
 
-def _doubles(rotations: Float[Array, "t j 4"]) -> Float[Tensor, "t j 4"]:
-    return torch.tensor(rotations, dtype=torch.float64)
+def _doubles(rotations: Float[Array, "t j 4"]) -> Float[Array, "t j 4"]:
+    return rotations.astype(np.float64)
 
 
-def _rotation_between(a: Float[Tensor, "j 4"], b: Float[Tensor, "j 4"]) -> Float[Tensor, "j 3"]:
+def _rotation_between(a: Float[Array, "j 4"], b: Float[Array, "j 4"]) -> Float[Array, "j 3"]:
     """Rotation vector, in the parent's axes, that takes a to b."""
-    inverse = quaternion_conjugate(normalize(a, dim=-1))
-    return axis_angle_from_quaternion(quaternion_multiply(normalize(b, dim=-1), inverse))
+    return axis_angle_from_quaternion(quaternion_multiply(unit(b), quaternion_conjugate(unit(a))))
 
 
 def _at_most(vector: Float[Array, "... 3"], size: float) -> Float[Array, "... 3"]:

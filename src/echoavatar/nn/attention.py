@@ -13,7 +13,8 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
-from .stream import StreamingModule, StreamState, write_rows
+from .state import StreamState
+from .stream import StreamingModule, write_rows
 
 ROPE_BASE = 10_000.0
 

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 import soundfile
-import torch
 from jaxtyping import Float
 
 from echoavatar.motion.arkit import ARKIT_NAMES
@@ -74,7 +73,6 @@ def corrupt(shown: Performance, seed: int) -> Performance:
     rotations = motion.rotations.copy()
     for joint, name in enumerate(HUMANOID.names):
         if name.endswith(_SPOILT):
-            turns = torch.from_numpy(random.normal(0, _SHAKE_RAD, (motion.frames, 3)).astype(np.float32))
-            still = torch.from_numpy(rotations[:, joint])
-            rotations[:, joint] = quaternion_multiply(still, quaternion_from_axis_angle(turns)).numpy()
+            turns = quaternion_from_axis_angle(random.normal(0, _SHAKE_RAD, (motion.frames, 3)).astype(np.float32))
+            rotations[:, joint] = quaternion_multiply(rotations[:, joint], turns)
     return Performance(Motion(motion.skeleton, rotations, motion.root, motion.fps), shown.face)

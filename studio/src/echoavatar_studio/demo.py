@@ -8,14 +8,13 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from echoavatar.engine import AnimatedSound, animate, in_blocks
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.models.audio import read_audio
 from echoavatar.motion.formats.tables import write_npz
 from echoavatar.motion.kinematics import Motion
-from echoavatar.motion.kinematics.rotations import slerp
+from echoavatar.motion.kinematics.rotations import slerp, unit
 from echoavatar.timing import SAMPLE_RATE_HZ
 
 from .clips import Progress, save_sound
@@ -83,11 +82,9 @@ def make_library(library: Path, model: str, progress: Progress) -> tuple[SoundCh
 
 def half_size(motion: Motion) -> Motion:
     """Halve the distance of every joint to its mean rotation, and of the root to its mean position."""
-    turns = torch.from_numpy(motion.rotations)
-    signs = torch.sign((turns * turns[:1]).sum(-1, keepdim=True))
-    mean = (turns * torch.where(signs == 0, torch.ones_like(signs), signs)).mean(0, keepdim=True)
-    mean = (mean / mean.norm(dim=-1, keepdim=True)).expand_as(turns)
-    halved = slerp(mean, turns, torch.full(turns.shape[:-1], 0.5)).numpy().astype(np.float32)
+    turns = motion.rotations
+    signs = np.where((turns * turns[:1]).sum(-1, keepdims=True) < 0, np.float32(-1), np.float32(1))
+    halved = slerp(unit((turns * signs).mean(0, keepdims=True)), turns, 0.5)
     root = motion.root.copy()
     root[:, [0, 2]] = root[:, [0, 2]].mean(0) + 0.5 * (root[:, [0, 2]] - root[:, [0, 2]].mean(0))
     return Motion(motion.skeleton, halved, root, motion.fps)

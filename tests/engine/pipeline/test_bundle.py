@@ -16,7 +16,7 @@ from echoavatar.engine.pipeline.bundle import OPTIONAL_STAGES, with_random_gener
 from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import to_features
+from echoavatar.motion.kinematics import Motion, to_features
 from echoavatar.motion.stages.post import SWITCHES
 from echoavatar_lab.corpora.rehearsal.own_actions import own_actions
 from echoavatar_lab.evaluation.batch import animate_many
@@ -53,9 +53,8 @@ def test_a_body_of_one_part_animates(tiny_bundle: Path, voice: np.ndarray) -> No
     parted = shipped.tokenizer
     template = next(iter(parted.config.parts.values()))
     whole = BodyTokenizer(body_config(as_one_part(parted.skeleton), template)).eval()
-    still = torch.eye(3).expand(2, whole.skeleton.joints, 3, 3)
-    root = whole.skeleton.offsets[0].expand(2, 3)
-    whole.mean.copy_(to_features(whole.skeleton, still, root)[0])
+    still = Motion.at_rest(whole.skeleton)
+    whole.mean.copy_(torch.from_numpy(to_features(whole.skeleton, still.matrices(), still.root)[0]))
     whole.std.fill_(0.02)
     for name, book in whole.named_buffers():
         if name.endswith("codebook"):

@@ -1,7 +1,6 @@
 """Another rig's features become ours: bones where they were, any cutting, hands kept off in its own way."""
 
 import numpy as np
-import torch
 from scripts.synthetic_release import skeleton
 from tests.golden import golden
 
@@ -18,12 +17,12 @@ from echoavatar.motion.kinematics import (
 )
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
+from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix, unit
 from echoavatar_lab.corpora.rehearsal.action_clips import SCRIPTS
 from echoavatar_lab.corpora.rehearsal.action_clips import clip as motion_of
 from echoavatar_lab.reference.release_rig import AXES, CM, feature_order, rig_config, skeleton_config
 
-C = torch.tensor(AXES)
+C = np.array(AXES)
 
 
 def source() -> Skeleton:
@@ -35,14 +34,14 @@ def config(own: Skeleton):
     return rig_config(own.config, np.stack([np.eye(3)] * 88), np.stack([np.eye(3)] * 88))
 
 
-def clip(own: Skeleton, rows: int, frames: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def clip(own: Skeleton, rows: int, frames: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rotations (their axes), root (cm), and their features; joints in the middle of a bone do not bend it."""
-    random = torch.Generator().manual_seed(seed)
-    turns = matrix_from_axis_angle(0.1 * torch.randn(rows, frames, 88, 3, generator=random))
+    random = np.random.default_rng(seed)
+    turns = matrix_from_axis_angle(0.1 * random.standard_normal((rows, frames, 88, 3)))
     mapped = own.config.vrm.values()
     helpers = [joint for joint, name in enumerate(own.names) if "Part1" in name and joint not in mapped]
-    turns[:, :, helpers] = torch.eye(3)
-    root = torch.tensor([0.0, -2.0, 95.0]) + torch.randn(rows, frames, 3, generator=random).cumsum(1)
+    turns[:, :, helpers] = np.eye(3, dtype=np.float32)
+    root = np.array([0.0, -2.0, 95.0]) + random.standard_normal((rows, frames, 3)).cumsum(1)
     features = to_features(own, turns, root, previous_ground=root[:, 0, :2], up=2)
     return turns, root, features
 
@@ -52,11 +51,11 @@ def test_native_bones_are_where_they_were() -> None:
     turns, root, features = clip(own, 2, 8)
     plain = config(own).model_copy(update={"swing": None})
     adapter = RigAdapter(plain, own, "native")
-    out = adapter.step(features, adapter.init_state(2), torch.ones(2, dtype=torch.bool))
+    out = adapter.step(features, adapter.init_state(2), np.ones(2, np.bool_))
     moved = from_features(adapter.skeleton, out)
-    torch.testing.assert_close(moved.rotations, C @ turns @ C.T, atol=1e-5, rtol=0)
+    np.testing.assert_allclose(moved.rotations, C @ turns @ C.T, atol=1e-5, rtol=0)
     wanted = (root - root[:, :1]) @ C.T * CM
-    torch.testing.assert_close(moved.root[..., [0, 2]], wanted[..., [0, 2]], atol=1e-5, rtol=0)
+    np.testing.assert_allclose(moved.root[..., [0, 2]], wanted[..., [0, 2]], atol=1e-5, rtol=0)
     assert out.shape[2] == sum(part_sizes(own).values())
 
 
@@ -64,14 +63,14 @@ def test_a_clip_gives_the_features_that_it_would_come_from() -> None:
     """Rotations and velocities are theirs to rounding; the height begins at the rest pose's, in centimetres."""
     own = source()
     turns, root, features = clip(own, 1, 8)
-    rotations = quaternion_from_matrix(C @ turns[0] @ C.T).numpy()
-    motion = Motion(own, rotations, (root[0] @ C.T * CM).numpy(), 30.0)
+    rotations = quaternion_from_matrix(C @ turns[0] @ C.T)
+    motion = Motion(own, rotations, (root[0] @ C.T * CM), 30.0)
     adapter = RigAdapter(config(own).model_copy(update={"swing": None}), own, "native")
     made, height = adapter.features_of(motion), travel_slice(own).stop - 1
     kept = [channel for channel in range(made.shape[1]) if channel != height]
-    torch.testing.assert_close(made[:, kept], features[0][:, kept], atol=1e-4, rtol=0)
+    np.testing.assert_allclose(made[:, kept], features[0][:, kept], atol=1e-4, rtol=0)
     rest = own.offsets[0, 1] / CM
-    torch.testing.assert_close(made[:, height], rest + root[0, :, 2] - root[0, 0, 2], atol=1e-3, rtol=0)
+    np.testing.assert_allclose(made[:, height], rest + root[0, :, 2] - root[0, 0, 2], atol=1e-3, rtol=0)
 
 
 def test_a_clip_carried_over_comes_back_pointing_the_same_way() -> None:
@@ -79,20 +78,20 @@ def test_a_clip_carried_over_comes_back_pointing_the_same_way() -> None:
     own, waving = source(), motion_of(SCRIPTS["wave"])
     adapter = RigAdapter(config(own).model_copy(update={"swing": None}), own)
     features = adapter.features_of(retarget(waving, own, has_footing=False))
-    out = adapter.step(features[None], adapter.init_state(1), torch.ones(1, dtype=torch.bool))
+    out = adapter.step(features[None], adapter.init_state(1), np.ones(1, np.bool_))
     back = from_features(HUMANOID, out[0])
     theirs = forward_kinematics(HUMANOID, back.rotations, back.root).positions
     ours, bones = waving.pose().positions, HUMANOID.config.vrm
     for upper, lower in (("rightUpperArm", "rightLowerArm"), ("rightLowerArm", "rightHand"), ("neck", "head")):
         one, other = (place[:, bones[lower]] - place[:, bones[upper]] for place in (ours, theirs))
-        assert torch.nn.functional.cosine_similarity(one, other).min() > np.cos(np.radians(0.1))
+        assert (unit(one) * unit(other)).sum(-1).min() > np.cos(np.radians(0.1))
 
 
 def test_on_the_humanoid_bones_point_the_same_way_and_the_root_travels_to_scale() -> None:
     own = source()
     turns, root, features = clip(own, 1, 8)
     adapter = RigAdapter(config(own).model_copy(update={"swing": None}), own)
-    out = adapter.step(features, adapter.init_state(1), torch.ones(1, dtype=torch.bool))
+    out = adapter.step(features, adapter.init_state(1), np.ones(1, np.bool_))
     moved = from_features(HUMANOID, out[0])
     ours = forward_kinematics(HUMANOID, moved.rotations, moved.root)
     theirs = forward_kinematics(own, C @ turns[0] @ C.T, root[0] @ C.T * CM)
@@ -100,21 +99,21 @@ def test_on_the_humanoid_bones_point_the_same_way_and_the_root_travels_to_scale(
     for upper, lower in bones:
         pairs = [(ours, HUMANOID.config.vrm), (theirs, own.config.vrm)]
         one, other = (pose.positions[:, m[lower]] - pose.positions[:, m[upper]] for pose, m in pairs)
-        assert torch.nn.functional.cosine_similarity(one, other).min() > 0.9999
+        assert (unit(one) * unit(other)).sum(-1).min() > 0.9999
     hips = [pose.positions[:, [m["leftUpperLeg"], m["rightUpperLeg"]]].mean(1) for pose, m in pairs]
     travel = [place[:, [0, 2]] - place[:1, [0, 2]] for place in hips]
-    torch.testing.assert_close(travel[0], travel[1], atol=1e-4, rtol=0)  # both rigs are as tall
+    np.testing.assert_allclose(travel[0], travel[1], atol=1e-4, rtol=0)  # both rigs are as tall
 
 
 def test_hands_are_kept_off_as_published_in_our_axes_and_metres() -> None:
     """The golden clip through features, our axes and back: the released result, centimetres and Z up."""
-    stored = {name: torch.from_numpy(array) for name, array in np.load(golden("reference_release/ik.npz")).items()}
+    stored = dict(np.load(golden("reference_release/ik.npz")))
     theirs = read_bvh(golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
-    own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets.numpy(), origin="bvh"))
+    own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets, origin="bvh"))
     features = to_features(own, stored["R_in"], stored["trans_in"], up=2)
     rotations, _ = RigAdapter(config(own), own, "native").canonical(features[None])
-    torch.testing.assert_close(C.T @ rotations[0] @ C, stored["R_out"], atol=2e-5, rtol=0)
-    moved = ((C.T @ rotations[0] @ C - stored["R_in"]).abs() > 1e-4).flatten(2).any(-1)
+    np.testing.assert_allclose(C.T @ rotations[0] @ C, stored["R_out"], atol=2e-5, rtol=0)
+    moved = (np.abs(C.T @ rotations[0] @ C - stored["R_in"]) > 1e-4).any((-1, -2))
     arms = [own.index("Shoulder_R"), own.index("Shoulder_L")]
     assert [int(moved[:, shoulder].sum()) for shoulder in arms] == [18, 10]
     assert int(moved.sum()) == 28
@@ -123,13 +122,13 @@ def test_hands_are_kept_off_as_published_in_our_axes_and_metres() -> None:
 def test_the_mean_of_the_published_statistics_is_somebody_who_stands() -> None:
     """Upright, on the floor, hands in front of the hips, facing +Z: order, axes, unit and height are theirs."""
     theirs = read_bvh(golden("reference_release/sample_60fps.bvh"), metres_per_unit=1.0).skeleton
-    own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets.numpy(), origin="bvh"))
-    mean = torch.from_numpy(np.load(golden("reference_release/body_norm.npz"))["mean"])[feature_order(own)]
+    own = Skeleton(skeleton_config(theirs.names, theirs.parents, theirs.offsets, origin="bvh"))
+    mean = np.load(golden("reference_release/body_norm.npz"))["mean"][feature_order(own)]
     adapter = RigAdapter(config(own), own)
-    features = adapter.step(mean.expand(1, 8, -1), adapter.init_state(1), torch.ones(1, dtype=torch.bool))
+    features = adapter.step(np.tile(mean, (1, 8, 1)), adapter.init_state(1), np.ones(1, np.bool_))
     moved = from_features(HUMANOID, features[0, -1:])
     places = forward_kinematics(HUMANOID, moved.rotations, moved.root).positions[0]
-    at = {name: places[joint] - places[0] * torch.tensor([1, 0, 1]) for name, joint in HUMANOID.config.vrm.items()}
+    at = {name: places[joint] - places[0] * np.array([1, 0, 1]) for name, joint in HUMANOID.config.vrm.items()}
     for side, sign in (("left", 1), ("right", -1)):
         assert 0.05 < at[f"{side}Foot"][1] < 0.15
         assert 0.8 < at[f"{side}Hand"][1] < 1.2

@@ -396,8 +396,8 @@ def test_a_hand_rises_over_the_head_as_far_as_it_is_asked_to(default: Pipeline, 
             members = intensity * action.members(chunk, action.chunks, default.directive_codes)[None]
             made += default.step(torch.zeros(1, 6400), state, everyone, directive=default.directive(members))
         motion = join(made)
-        turns = matrix_from_quaternion(torch.from_numpy(motion.rotations))
-        pose = forward_kinematics(HUMANOID, turns, torch.from_numpy(motion.root))
+        turns = matrix_from_quaternion(motion.rotations)
+        pose = forward_kinematics(HUMANOID, turns, motion.root)
         highest[intensity] = float(pose.positions[:, HUMANOID.index("leftHand"), 1].max())
     assert highest[1.0] > 1.6
     assert highest[0.2] < 1.2

@@ -7,7 +7,7 @@ from echoavatar.files.avatar.framing import VIEWS
 from echoavatar.motion.kinematics import HUMANOID
 
 EYE = np.tile(np.eye(3, dtype=np.float32), (HUMANOID.joints, 1, 1))
-REST = HUMANOID.rest_positions.numpy()
+REST = HUMANOID.rest_positions
 
 
 @pytest.mark.parametrize("view", VIEWS)

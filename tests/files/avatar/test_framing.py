@@ -26,7 +26,7 @@ def turned(frames: int, lifted: np.ndarray) -> np.ndarray:
 def dance(seconds: float = 24.0, period: float = 6.0) -> Motion:
     """Travels 1.5 m to each side and to the camera and back, and lifts the hands twice."""
     t = np.arange(round(seconds * FPS)) / FPS
-    root = np.tile(HUMANOID.rest_positions[0].numpy(), (len(t), 1))
+    root = np.tile(HUMANOID.rest_positions[0], (len(t), 1))
     root[:, 0] += 1.5 * np.sin(2 * np.pi * t / period)
     root[:, 2] += 1.5 * np.sin(2 * np.pi * t / (1.7 * period))
     return Motion(HUMANOID, turned(len(t), np.clip(np.sin(2 * np.pi * t / 11), 0, 1)), root.astype(np.float32), FPS)
@@ -35,7 +35,7 @@ def dance(seconds: float = 24.0, period: float = 6.0) -> Motion:
 def filmed(motion: Motion, view: View, size: tuple[int, int]) -> tuple[list[Camera], np.ndarray]:
     """The cameras, and the joints in the picture: -1 to 1 from its left to its right and from its bottom to its top."""
     pose = motion.pose()
-    rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
+    rotations, positions = pose.rotations, pose.positions
     cameras = path(view, size, MAYA, rotations, positions, motion.fps)
     seen = []
     for camera, points in zip(cameras, positions, strict=True):
@@ -69,7 +69,7 @@ def test_the_camera_neither_turns_nor_shakes(size: tuple[int, int]) -> None:
 def test_a_wide_picture_lets_the_body_walk() -> None:
     """Steps of half a metre to the sides move no camera, and the feet and the head stay large."""
     motion = dance()
-    root = HUMANOID.rest_positions[0].numpy() + (motion.root - motion.root.mean(0)) * [0.33, 0, 0]
+    root = HUMANOID.rest_positions[0] + (motion.root - motion.root.mean(0)) * [0.33, 0, 0]
     cameras, seen = filmed(
         Motion(HUMANOID, turned(len(root), np.zeros(len(root))), root.astype(np.float32), FPS), "front", SIZES["wide"]
     )
@@ -82,12 +82,12 @@ def test_a_child_and_a_giant_are_as_large_as_others() -> None:
 
     from echoavatar.motion.kinematics.upright import scaled
 
-    pose = Motion(HUMANOID, turned(1, np.zeros(1)), HUMANOID.rest_positions[:1].numpy(), FPS).pose()
+    pose = Motion(HUMANOID, turned(1, np.zeros(1)), HUMANOID.rest_positions[:1], FPS).pose()
     for times in (0.3, 4.0):
         other = replace(MAYA, positions=MAYA.positions * np.float32(times), skeleton=scaled(HUMANOID, times))
         for view in VIEWS:
             near, far = (
-                path(view, (720, 720), who, pose.rotations.numpy(), pose.positions.numpy() * np.float32(scale), FPS)[0]
+                path(view, (720, 720), who, pose.rotations, pose.positions * np.float32(scale), FPS)[0]
                 for who, scale in ((MAYA, 1), (other, times))
             )
             np.testing.assert_allclose(far.position, times * np.array(near.position), rtol=1e-3, atol=1e-3)

@@ -2,7 +2,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import torch
 
 from echoavatar.files.avatar import load_character, skin
 from echoavatar.files.avatar.halfway import REST, with_halfway
@@ -15,7 +14,7 @@ Wave = Callable[[int], tuple[np.ndarray, np.ndarray]]
 def test_the_rest_pose_returns_the_mesh() -> None:
     character = load_character()
     eye = np.tile(np.eye(3), (HUMANOID.joints, 1, 1))
-    vertices, normals = skin(character, eye, HUMANOID.rest_positions.numpy())
+    vertices, normals = skin(character, eye, HUMANOID.rest_positions)
     np.testing.assert_allclose(vertices, character.positions, atol=1e-5)
     np.testing.assert_allclose(normals, character.normals, atol=1e-5)
 
@@ -23,8 +22,8 @@ def test_the_rest_pose_returns_the_mesh() -> None:
 def test_skinning_equals_a_naive_loop_over_influences(wave: Wave) -> None:
     character = load_character()
     rotations, root = wave(40)
-    pose = forward_kinematics(HUMANOID, matrix_from_quaternion(torch.tensor(rotations[37])), torch.tensor(root[37]))
-    turns, places = pose.rotations.numpy(), pose.positions.numpy()
+    pose = forward_kinematics(HUMANOID, matrix_from_quaternion(np.array(rotations[37])), np.array(root[37]))
+    turns, places = pose.rotations, pose.positions
     vertices, _ = skin(character, turns, places)
     turns, places = with_halfway(turns, places)
     rest = REST
@@ -37,10 +36,10 @@ def test_skinning_equals_a_naive_loop_over_influences(wave: Wave) -> None:
 
 def test_turning_the_head_leaves_the_feet() -> None:
     character = load_character()
-    rotations = torch.eye(3).repeat(HUMANOID.joints, 1, 1)
-    rotations[HUMANOID.index("head")] = matrix_from_axis_angle(torch.tensor([0.0, 0.8, 0.0]))
+    rotations = np.tile(np.eye(3, dtype=np.float32), (HUMANOID.joints, 1, 1))
+    rotations[HUMANOID.index("head")] = matrix_from_axis_angle(np.array([0.0, 0.8, 0.0]))
     pose = forward_kinematics(HUMANOID, rotations, HUMANOID.rest_positions[0])
-    vertices, _ = skin(character, pose.rotations.numpy(), pose.positions.numpy())
+    vertices, _ = skin(character, pose.rotations, pose.positions)
     moved = np.linalg.norm(vertices - character.positions, axis=1)
     assert moved[character.positions[:, 1] < 1.3].max() < 1e-5
     assert moved[character.positions[:, 1] > 1.6].max() > 0.05
@@ -49,10 +48,10 @@ def test_turning_the_head_leaves_the_feet() -> None:
 def test_an_expression_rides_on_the_pose() -> None:
     """The open jaw of a head turned by a quarter moves sideways what it moves forwards at rest."""
     character = load_character()
-    rotations = torch.eye(3).repeat(HUMANOID.joints, 1, 1)
-    rotations[HUMANOID.index("head")] = matrix_from_axis_angle(torch.tensor([0.0, np.pi / 2, 0.0]))
+    rotations = np.tile(np.eye(3, dtype=np.float32), (HUMANOID.joints, 1, 1))
+    rotations[HUMANOID.index("head")] = matrix_from_axis_angle(np.array([0.0, np.pi / 2, 0.0]))
     pose = forward_kinematics(HUMANOID, rotations, HUMANOID.rest_positions[0])
-    turns, places = pose.rotations.numpy(), pose.positions.numpy()
+    turns, places = pose.rotations, pose.positions
     face = np.zeros(52, np.float32)
     face[character.face.names.index("jawForward")] = 1
     moved = skin(character, turns, places, face)[0] - skin(character, turns, places)[0]
@@ -66,7 +65,7 @@ def test_an_expression_rides_on_the_pose() -> None:
 def test_one_frame_is_fast() -> None:
     """A frame of video has 33 ms; skinning must stay a small part of it (processor time, best of ten)."""
     character = load_character()
-    eye, places = np.tile(np.eye(3), (HUMANOID.joints, 1, 1)), HUMANOID.rest_positions.numpy()
+    eye, places = np.tile(np.eye(3), (HUMANOID.joints, 1, 1)), HUMANOID.rest_positions
     skin(character, eye, places)
     spent = []
     for _ in range(10):

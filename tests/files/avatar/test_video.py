@@ -14,7 +14,7 @@ def standing(frames: int) -> Motion:
     turns[..., 0] = 1
     for side, sign in (("left", -1), ("right", 1)):
         turns[:, HUMANOID.index(f"{side}UpperArm")] = [np.cos(0.6), 0, 0, sign * np.sin(0.6)]
-    root = np.tile(HUMANOID.rest_positions[0].numpy(), (frames, 1))
+    root = np.tile(HUMANOID.rest_positions[0], (frames, 1))
     return Motion(HUMANOID, turns, root, 30.0)
 
 

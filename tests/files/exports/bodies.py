@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from tests.motion.kinematics.naming import FRAMED, body
 
 from echoavatar.files.avatar.gltf import Buffer
@@ -122,14 +121,14 @@ def tall(path: Path) -> None:
 
 def long_armed() -> bytes:
     config = HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, LONG_ARMED.tolist()))})
-    turns = torch.eye(3).repeat(1, len(NAMES), 1, 1)
+    turns = np.tile(np.eye(3, dtype=np.float32), (1, len(NAMES), 1, 1))
     for side, sign in (("left", -1.0), ("right", 1.0)):
-        turns[0, NAMES.index(f"{side}UpperArm")] = matrix_from_axis_angle(torch.tensor([0.0, 0.0, sign * 0.8]))
-    rest = forward_kinematics(Skeleton(config), turns, torch.tensor(LONG_ARMED[:1], dtype=torch.float32))
-    twists = torch.randn(len(NAMES), 3, generator=torch.Generator().manual_seed(1))
-    frames = (rest.rotations[0] @ matrix_from_axis_angle(twists)).double().numpy()
+        turns[0, NAMES.index(f"{side}UpperArm")] = matrix_from_axis_angle(np.array([0.0, 0.0, sign * 0.8]))
+    rest = forward_kinematics(Skeleton(config), turns, np.array(LONG_ARMED[:1], np.float32))
+    twists = np.random.default_rng(1).standard_normal((len(NAMES), 3))
+    frames = (rest.rotations[0] @ matrix_from_axis_angle(twists)).astype(np.float64)
     worlds = np.tile(np.eye(4), (len(NAMES), 1, 1))
-    worlds[:, :3, :3], worlds[:, :3, 3] = 0.01 * frames, rest.positions[0].numpy()
+    worlds[:, :3, :3], worlds[:, :3, 3] = 0.01 * frames, rest.positions[0]
     armature = np.diag([0.01, 0.01, 0.01, 1.0])
     document, buffer = _character([MIXAMO[name] for name in NAMES], worlds, armature, head=1.0)
     document["meshes"][1]["primitives"][0]["targets"] = [
@@ -262,7 +261,7 @@ def _normals(positions: np.ndarray) -> np.ndarray:
 def _parts(matrix: np.ndarray) -> dict[str, list[float]]:
     """A node's translation, rotation and scale."""
     scale = np.cbrt(np.linalg.det(matrix[:3, :3]))
-    turn = quaternion_from_matrix(torch.from_numpy(matrix[:3, :3] / scale)).numpy()
+    turn = quaternion_from_matrix(matrix[:3, :3] / scale)
     parts = {"translation": matrix[:3, 3].tolist(), "rotation": turn[[1, 2, 3, 0]].tolist()}
     return parts | ({"scale": [float(scale)] * 3} if abs(scale - 1) > 1e-9 else {})
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from tests.files.exports.bodies import CORNERS, HUMANOID, MIXAMO, NAMES, ROUND, TRIANGLES, offsets_of
 from tests.motion.kinematics.naming import body as named_body
 from tests.motion.kinematics.naming import every_body
@@ -137,7 +136,7 @@ def _node(draw: np.random.Generator, some: Any) -> Array:
 
 
 def _turn(axis_angle: Any) -> Array:
-    turned: Array = matrix_from_axis_angle(torch.tensor(np.asarray(axis_angle, np.float64))).numpy()
+    turned: Array = matrix_from_axis_angle(np.asarray(axis_angle, np.float64))
     return turned
 
 
@@ -195,11 +194,11 @@ def built(odd: Odd) -> Built:
     skeleton = Skeleton(HUMANOID.config.model_copy(update={"offsets": tuple(map(tuple, odd.body.tolist()))}))
     worlds = []
     for pose in (odd.pose, odd.bind or odd.pose, "T"):
-        turns = torch.from_numpy(turns_of(pose, odd.seed))[None]
-        stands = forward_kinematics(skeleton, turns, torch.from_numpy(odd.body[:1]))
+        turns = turns_of(pose, odd.seed)[None]
+        stands = forward_kinematics(skeleton, turns, odd.body[:1])
         matrix = np.tile(np.eye(4), (len(NAMES), 1, 1))
-        axes = np.eye(3) if odd.axes is None else matrix_from_axis_angle(torch.from_numpy(odd.axes)).numpy()
-        matrix[:, :3, :3] = stands.rotations[0].numpy() @ axes * odd.scales[:, None, None]
+        axes = np.eye(3) if odd.axes is None else matrix_from_axis_angle(odd.axes)
+        matrix[:, :3, :3] = stands.rotations[0] @ axes * odd.scales[:, None, None]
         if odd.mirrored_arm:
             arm = [
                 k
@@ -207,7 +206,7 @@ def built(odd: Odd) -> Built:
                 if n.startswith("right") and any(p in n for p in ("Arm", "Hand", *FINGERS))
             ]
             matrix[arm, :3, :3] = matrix[arm, :3, :3] @ np.diag([-1.0, 1.0, 1.0])
-        matrix[:, :3, 3] = stands.positions[0].numpy() @ odd.baked.T
+        matrix[:, :3, 3] = stands.positions[0] @ odd.baked.T
         unit = np.cbrt(np.linalg.det(odd.baked))
         matrix[:, :3, :3] = odd.baked / unit @ matrix[:, :3, :3]
         worlds.append(matrix)
@@ -328,7 +327,7 @@ def _parts(matrix: Array) -> dict[str, list[float]]:
     if np.linalg.det(matrix[:3, :3]) < 0:
         return {"matrix": matrix.T.reshape(-1).tolist()}
     scale = np.cbrt(np.linalg.det(matrix[:3, :3]))
-    turn = quaternion_from_matrix(torch.from_numpy(matrix[:3, :3] / scale)).numpy()
+    turn = quaternion_from_matrix(matrix[:3, :3] / scale)
     return {"translation": matrix[:3, 3].tolist(), "rotation": turn[[1, 2, 3, 0]].tolist(), "scale": [float(scale)] * 3}
 
 

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from tests.files.exports.bodies import NAMES
 from tests.files.exports.moving import clapping
 from tests.files.exports.odd import Odd, bvh, drawn, glb
@@ -87,7 +86,7 @@ def places_in_bvh(path: Path) -> tuple[list[str], Array]:
     from echoavatar.motion.formats import read_bvh
 
     motion = read_bvh(path, metres_per_unit=1.0)
-    places = motion.pose(torch.float64).positions.numpy()
+    places = motion.pose(np.float64).positions
     worlds = np.tile(np.eye(4), (*places.shape[:2], 1, 1))
     worlds[..., :3, 3] = places
     return list(motion.skeleton.names), worlds
@@ -142,8 +141,8 @@ def written(odd: Odd, take: Take, folder: Path, suffix: str) -> tuple[Array, Mot
 
 
 def _apart(one: Motion, other: Motion) -> float:
-    a, b = (motion.pose(torch.float64).positions for motion in (one, other))
-    return float(((a - a[:, :1]) - (b - b[:, :1])).abs().max())
+    a, b = (motion.pose(np.float64).positions for motion in (one, other))
+    return float(np.abs((a - a[:, :1]) - (b - b[:, :1])).max())
 
 
 def outcomes(seeds: range, folder: Path) -> Iterator[tuple[Odd, str, Outcome]]:

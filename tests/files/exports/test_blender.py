@@ -55,7 +55,7 @@ def test_a_blender_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 def compare(found: dict, motion: Motion, *, offset: int, tolerance: float) -> None:  # type: ignore[type-arg]
     """Bones by name in every frame that was told."""
-    places = motion.pose().positions.numpy()
+    places = motion.pose().positions
     assert len(found["frames"]) >= 4
     for frame, heads in found["frames"].items():
         at = min(int(frame) - offset, motion.frames - 1)

@@ -36,7 +36,7 @@ def still(path: Path, data: bytes, view: View = "front", *, jaw: float = 0.0, sa
     character, weights = film_character(rig, face, 1)
     turns = np.zeros((1, rig.skeleton.joints, 4), np.float32)
     turns[..., 0] = 1
-    motion = Motion(rig.skeleton, turns, rig.skeleton.rest_positions[:1].numpy(), 30.0)
+    motion = Motion(rig.skeleton, turns, rig.skeleton.rest_positions[:1], 30.0)
     shot = Shot((96, 128), view, alpha=True, samples=samples)
     return next(film(motion, face=weights, character=character, shot=shot)).astype(int)
 
@@ -80,7 +80,7 @@ def test_our_own_character_looks_the_same_through_its_glb(tmp_path: Path, view: 
     through = still(tmp_path / "a.glb", pack_glb(maya, []), view)
     turns = np.zeros((1, 52, 4), np.float32)
     turns[..., 0] = 1
-    motion = Motion(maya.skeleton, turns, maya.skeleton.rest_positions[:1].numpy(), 30.0)
+    motion = Motion(maya.skeleton, turns, maya.skeleton.rest_positions[:1], 30.0)
     own = next(film(motion, character=maya, shot=Shot((96, 128), view, alpha=True))).astype(int)
     assert np.abs(through - own).mean() < 1.5
 

@@ -43,7 +43,7 @@ def test_three_plays_it_and_every_joint_is_where_we_put_it(rigs, short: Take, tm
     bones, names = rig.skeleton.config.vrm, rig.skeleton.names
     read = node("read_glb.mjs", tmp_path / "a.glb", *[names[bones[bone]] for bone in BONES])
     assert read["issues"]["numErrors"] == 0, read["issues"]
-    places = moved.motion.pose().positions.numpy() @ rig.gltf.turn
+    places = moved.motion.pose().positions @ rig.gltf.turn
     for bone in BONES:
         found = np.array(read["places"][names[bones[bone]]])
         np.testing.assert_allclose(found, places[: len(found), bones[bone]], atol=1e-4, err_msg=bone)
@@ -132,9 +132,9 @@ def put(request: pytest.FixtureRequest, rigs, take: Take) -> tuple[Rig, Motion]:
 
 def feet(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """World places of ankles and toes (t, 2, 2, 3), and their height at rest."""
-    bones, rest = bone_map(motion.skeleton), motion.skeleton.rest_positions.numpy()
+    bones, rest = bone_map(motion.skeleton), motion.skeleton.rest_positions
     joints = [[bones[f"{side}{part}"] for part in ("Foot", "Toes")] for side in ("left", "right")]
-    return motion.pose().positions.numpy()[:, joints], rest[joints][..., 1]
+    return motion.pose().positions[:, joints], rest[joints][..., 1]
 
 
 def test_planted_feet_stand_on_the_floor_and_stay_there(put: tuple[Rig, Motion], take: Take) -> None:
@@ -153,10 +153,10 @@ def test_planted_feet_stand_on_the_floor_and_stay_there(put: tuple[Rig, Motion],
 
 def test_palms_that_meet_still_meet(put: tuple[Rig, Motion], take: Take) -> None:
     rig, motion = put
-    bones, rest = rig.skeleton.config.vrm, rig.skeleton.rest_positions.numpy()
+    bones, rest = rig.skeleton.config.vrm, rig.skeleton.rest_positions
     hand = np.linalg.norm(rest[bones["leftMiddleProximal"]] - rest[bones["leftHand"]])
-    ours = np.linalg.norm(HUMANOID.offsets[HUMANOID.index("leftMiddleProximal")].numpy())
-    gap = np.linalg.norm(np.diff(palms(motion).numpy(), axis=1)[:, 0], axis=-1)
+    ours = np.linalg.norm(HUMANOID.offsets[HUMANOID.index("leftMiddleProximal")])
+    gap = np.linalg.norm(np.diff(palms(motion), axis=1)[:, 0], axis=-1)
     for moment in claps(take.motion):
         near = gap[max(0, round(moment) - 2) : round(moment) + 3].min()
         assert near == pytest.approx(0.02 * hand / ours, abs=0.005)

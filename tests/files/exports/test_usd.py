@@ -35,7 +35,7 @@ def test_usdskel_evaluates_the_motion(short: Take, tmp_path: Path, suffix: str) 
     assert query.HasBindPose()
     joints = [str(joint).rpartition("/")[2] for joint in query.GetJointOrder()]
     assert tuple(joints) == BONES
-    places = few.motion.pose().positions.numpy()
+    places = few.motion.pose().positions
     for frame in (0, 7, 11):
         found = np.array([m.ExtractTranslation() for m in query.ComputeJointSkelTransforms(frame)])
         np.testing.assert_allclose(found[: HUMANOID.joints], places[frame], atol=1e-5)
@@ -58,7 +58,7 @@ def test_skinned_points_and_shapes_are_those_of_the_character(short: Take, tmp_p
     skinning = cache.GetSkinningQuery(body)
     assert skinning.ComputeSkinnedPoints(query.ComputeSkinningTransforms(2), points, 2)
     pose = few.motion.pose()
-    turned, moved = with_halfway(pose.rotations[2].numpy(), pose.positions[2].numpy())
+    turned, moved = with_halfway(pose.rotations[2], pose.positions[2])
     used = np.unique(character.triangles[character.triangles[:, 0] >= character.face.reach])
     rest = character.positions[used][:, None] - REST
     each = np.einsum("jab,vjb->vja", turned, rest) + moved

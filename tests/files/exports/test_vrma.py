@@ -76,7 +76,7 @@ def test_on_an_avatar_in_three_vrm_every_joint_is_where_we_put_it(rigs, short: T
     moved = rig.retarget(short)
     (tmp_path / "a.vrma").write_bytes(pack_vrma(moved))
     read = node("read_vrma.mjs", tmp_path / "a.vrma", rigs["child"])
-    places, bones = moved.motion.pose().positions.numpy(), rig.skeleton.config.vrm
+    places, bones = moved.motion.pose().positions, rig.skeleton.config.vrm
     for bone, found in read["places"].items():
         theirs = np.array(found) * [-1, 1, -1]
         np.testing.assert_allclose(theirs, places[: len(theirs), bones[bone]], atol=1e-4, err_msg=bone)
@@ -87,7 +87,7 @@ def test_a_rig_at_rest_in_another_pose_is_written_in_t_pose(rigs, short: Take) -
     posed = in_t_pose(moved)
     bones = posed.skeleton.config.vrm
     np.testing.assert_allclose(posed.pose().positions, moved.pose().positions, atol=1e-5)
-    rest = posed.skeleton.rest_positions.numpy()
+    rest = posed.skeleton.rest_positions
     arm = rest[bones["leftHand"]] - rest[bones["leftUpperArm"]]
     assert arm[0] > 0.99 * np.linalg.norm(arm)
     assert rest[bones["leftHand"], 1] > read_rig(rigs["longarm"]).skeleton.rest_positions[bones["leftHand"], 1] + 0.2

@@ -1,7 +1,6 @@
 """Motion whose fingers close as the arm rises, which a model learns in seconds."""
 
 import numpy as np
-import torch
 
 from echoavatar.models.fingers import FingerConfig
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton
@@ -15,18 +14,18 @@ QUICK = FingerTraining(steps=6, batch=4, warmup=1, save_every=2, learning_rate=3
 def waving(frames: int = 120, seed: int = 0, *, still: tuple[str, ...] = ()) -> Motion:
     """Both arms swing, each at its own pace; a hand closes as its arm rises, unless its side is in `still`."""
     rng = np.random.default_rng(seed)
-    turns = torch.zeros(frames, HUMANOID.joints, 3)
-    time = torch.arange(frames) / 30
+    turns = np.zeros((frames, HUMANOID.joints, 3), np.float32)
+    time = np.arange(frames) / 30
     for side, sign in (("left", 1.0), ("right", -1.0)):
         rate, start = rng.uniform(0.3, 0.8), rng.uniform(0, 6)
-        lift = torch.sin(2 * torch.pi * rate * time + start)
+        lift = np.sin(2 * np.pi * rate * time + start)
         turns[:, HUMANOID.index(f"{side}UpperArm"), 2] = sign * (0.6 * lift - 0.7)
         if side not in still:
             for digit in ("Index", "Middle", "Ring", "Little"):
                 for bone in ("Proximal", "Intermediate", "Distal"):
                     turns[:, HUMANOID.index(f"{side}{digit}{bone}"), 2] = -sign * (0.5 + 0.4 * lift)
-    root = np.tile(HUMANOID.rest_positions[0].numpy(), (frames, 1))
-    return Motion(HUMANOID, quaternion_from_axis_angle(turns).numpy(), root, 30.0)
+    root = np.tile(HUMANOID.rest_positions[0], (frames, 1))
+    return Motion(HUMANOID, quaternion_from_axis_angle(turns), root, 30.0)
 
 
 def without(motion: Motion, *words: str) -> Motion:

@@ -28,7 +28,7 @@ def test_a_scaled_armature_with_turned_bones_is_read_in_metres(tmp_path) -> None
     rig = read_gltf_rig(path)
     np.testing.assert_allclose(rig.turn, np.eye(3), atol=1e-6)
     assert len(rig.order) == HUMANOID.joints
-    bones, rest = rig.skeleton.config.vrm, rig.skeleton.rest_positions.numpy()
+    bones, rest = rig.skeleton.config.vrm, rig.skeleton.rest_positions
     assert rig.skeleton.names[bones["leftHand"]] == MIXAMO["leftHand"]
     arm = np.linalg.norm(rest[bones["leftHand"]] - rest[bones["leftLowerArm"]])
     assert arm == pytest.approx(1.45 * 0.245, abs=1e-4)
@@ -40,7 +40,7 @@ def test_a_character_that_faces_away_is_turned_round(tmp_path) -> None:  # type:
     path.write_bytes(child())
     rig = read_gltf_rig(path)
     np.testing.assert_allclose(rig.turn, np.diag([-1, 1, -1]), atol=1e-6)
-    bones, offsets = rig.skeleton.config.vrm, rig.skeleton.offsets.numpy()
+    bones, offsets = rig.skeleton.config.vrm, rig.skeleton.offsets
     assert set(bones) == set(HUMANOID.names)
     for joint, name in enumerate(HUMANOID.names):
         np.testing.assert_allclose(offsets[bones[name]], CHILD[joint], atol=1e-5, err_msg=name)
@@ -152,9 +152,9 @@ def glb(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_glb_gives_the_profile_of_the_mesh_it_was_made_of(glb: Path) -> None:
     character = load_character()
     read = read_skinned(glb)
-    rest, bones = read.skeleton.rest_positions.numpy(), bone_map(read.skeleton)
+    rest, bones = read.skeleton.rest_positions, bone_map(read.skeleton)
     for bone, joint in bone_map(HUMANOID).items():
-        np.testing.assert_allclose(rest[bones[bone]], HUMANOID.rest_positions[joint].numpy(), atol=1e-4)
+        np.testing.assert_allclose(rest[bones[bone]], HUMANOID.rest_positions[joint], atol=1e-4)
     np.testing.assert_allclose(read.weights.sum(1), 1, atol=1e-5)
     profile = measure_body(*read)
     wanted = measure_body(HUMANOID, character.positions, humanoid_weights(character))

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from echoavatar.motion.ik import HandCollisions
 from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
@@ -18,14 +17,14 @@ from echoavatar_lab.corpora.rehearsal.corpus import Plan, make_clip
 ARM = [HUMANOID.index(name) for name in ("leftShoulder", "leftUpperArm", "leftLowerArm", "leftHand")]
 
 
-def left_wrist_at(places: torch.Tensor) -> torch.Tensor:
+def left_wrist_at(places: np.ndarray) -> np.ndarray:
     """Rotations (t, j, 3, 3) of an upright body whose left wrist is at `places` (t, 3) in the root's frame."""
     t = len(places)
-    turns = torch.zeros(t, HUMANOID.joints, 3)
+    turns = np.zeros((t, HUMANOID.joints, 3), np.float32)
     turns[:, ARM[1], 2], turns[:, ARM[2], 1] = -0.9, -1.2
     turns[:, HUMANOID.index("rightUpperArm"), 2] = 1.2
     rotations = matrix_from_axis_angle(turns)
-    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(t, 3))
+    pose = forward_kinematics(HUMANOID, rotations, np.zeros((t, 3), np.float32))
     hip, knee, ankle = (pose.positions[:, joint] for joint in ARM[1:])
     hinge = -pose.rotations[:, ARM[1], :, 1]
     upper, lower = reach(hip=hip, knee=knee, ankle=ankle, hinge=hinge, target=places)
@@ -36,29 +35,29 @@ def left_wrist_at(places: torch.Tensor) -> torch.Tensor:
     return rotations
 
 
-def wrists(rotations: torch.Tensor) -> torch.Tensor:
+def wrists(rotations: np.ndarray) -> np.ndarray:
     """Places of the left and the right wrist in the root's frame, (t, 2, 3)."""
-    upright = rotations.clone()
-    upright[:, 0] = torch.eye(3)
+    upright = rotations.copy()
+    upright[:, 0] = np.eye(3, dtype=np.float32)
     hands = HUMANOID.indices(["leftHand", "rightHand"])
-    return forward_kinematics(HUMANOID, upright, torch.zeros(len(rotations), 3)).positions[:, hands]
+    return forward_kinematics(HUMANOID, upright, np.zeros((len(rotations), 3), np.float32)).positions[:, hands]
 
 
-def pushed_inwards(seconds: float = 12.0) -> torch.Tensor:
+def pushed_inwards(seconds: float = 12.0) -> np.ndarray:
     """Gestures of the rehearsal choreographer with both upper arms turned towards the body."""
     clip = make_clip(Plan(hours=seconds / 3600, seed=3, folder=Path(), clip_seconds=seconds), 0)
-    turns = torch.zeros(HUMANOID.joints, 3)
-    turns[HUMANOID.index("leftUpperArm")] = torch.tensor([0.0, -0.6, -0.1])
-    turns[HUMANOID.index("rightUpperArm")] = torch.tensor([0.0, 0.6, 0.1])
-    return matrix_from_axis_angle(turns) @ matrix_from_quaternion(torch.from_numpy(np.array(clip.rotations)))
+    turns = np.zeros((HUMANOID.joints, 3), np.float32)
+    turns[HUMANOID.index("leftUpperArm")] = np.array([0.0, -0.6, -0.1])
+    turns[HUMANOID.index("rightUpperArm")] = np.array([0.0, 0.6, 0.1])
+    return matrix_from_axis_angle(turns) @ matrix_from_quaternion(np.array(clip.rotations))
 
 
-def kept_out(collisions: HandCollisions, rotations: torch.Tensor) -> torch.Tensor:
+def kept_out(collisions: HandCollisions, rotations: np.ndarray) -> np.ndarray:
     """`HandCollisions.resolve` for matrices (b, t, j, 3, 3); those of joints that it leaves alone keep every bit."""
-    before = quaternion_from_matrix(rotations).numpy()
+    before = quaternion_from_matrix(rotations)
     after = before.copy()
     collisions.resolve(after)
-    is_moved = torch.from_numpy((after != before).any(-1))
-    out = rotations.clone()
-    out[is_moved] = matrix_from_quaternion(torch.from_numpy(after)[is_moved])
+    is_moved = (after != before).any(-1)
+    out = rotations.copy()
+    out[is_moved] = matrix_from_quaternion(after[is_moved])
     return out

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-import torch
 from scipy.spatial import cKDTree
 from tests.files.avatar.weights import humanoid_weights
 from tests.motion.ik.poses import ARM, kept_out, left_wrist_at, pushed_inwards, wrists
@@ -19,7 +18,7 @@ from echoavatar_lab.data.faults import FINGER_JOINTS, penetration_depth_m
 
 
 def places(bones: dict[str, int], joints: Sequence[str] = KNUCKLES) -> np.ndarray:
-    rest = HUMANOID.rest_positions.numpy()
+    rest = HUMANOID.rest_positions
     points = hand_points(HUMANOID, bones, "left", joints)
     return np.array([rest[point.joint] + point.offset for point in points])
 
@@ -27,7 +26,7 @@ def places(bones: dict[str, int], joints: Sequence[str] = KNUCKLES) -> np.ndarra
 def test_points_reach_from_the_wrist_to_the_fingertips() -> None:
     """In the rest pose the left hand lies along +X; the middle finger ends 0.184 m from the wrist."""
     found = places(bone_map(HUMANOID))
-    wrist = HUMANOID.rest_positions[HUMANOID.index("leftHand")].numpy()
+    wrist = HUMANOID.rest_positions[HUMANOID.index("leftHand")]
     np.testing.assert_allclose(found[0], wrist, atol=1e-6)
     assert 0.03 < found[1, 0] - wrist[0] < 0.06
     assert np.isclose(found[:, 0].max() - wrist[0], 0.090 + 0.044 + 0.027 + 0.023, atol=1e-6)
@@ -55,14 +54,14 @@ def test_parts_without_a_bone_are_left_out() -> None:
     assert [part.bone for part in body.parts] == ["chest"]
 
 
-PLACES = torch.tensor([[0.10, 0.10, 0.10], [0.05, 0.30, 0.12], [0.14, 0.0, 0.12], [0.2, 0.2, 0.16], [0.5, 0.2, 0.2]])
+PLACES = np.array([[0.10, 0.10, 0.10], [0.05, 0.30, 0.12], [0.14, 0.0, 0.12], [0.2, 0.2, 0.16], [0.5, 0.2, 0.2]])
 
 
-def moved_as_the_text_says(rotations: torch.Tensor) -> np.ndarray:
+def moved_as_the_text_says(rotations: np.ndarray) -> np.ndarray:
     """By how much each left hand (t, 3) is moved: parts, points and eighth powers one at a time, double precision."""
     collisions = HandCollisions(HUMANOID)
-    pose = forward_kinematics(HUMANOID, rotations.double(), torch.zeros(len(rotations), 3).double())
-    turns, joints = pose.rotations.numpy(), pose.positions.numpy()
+    pose = forward_kinematics(HUMANOID, rotations.astype(np.float64), np.zeros((len(rotations), 3)))
+    turns, joints = pose.rotations, pose.positions
     hand = collisions._hands[0]
     thick = np.array([collisions.profile.palm if point.is_palm else collisions.profile.finger for point in hand])
     moves = []
@@ -93,7 +92,7 @@ def moved_as_the_text_says(rotations: torch.Tensor) -> np.ndarray:
     return np.array(moves)
 
 
-def resolved(rotations: torch.Tensor) -> torch.Tensor:
+def resolved(rotations: np.ndarray) -> np.ndarray:
     return kept_out(HandCollisions(HUMANOID), rotations[None])[0]
 
 
@@ -101,7 +100,7 @@ def test_a_hand_moves_as_the_text_says() -> None:
     poses = left_wrist_at(PLACES)
     wrist = HUMANOID.index("leftHand")
     before, after = (
-        forward_kinematics(HUMANOID, r, torch.zeros(len(r), 3)).positions[:, wrist].numpy()
+        forward_kinematics(HUMANOID, r, np.zeros((len(r), 3), np.float32)).positions[:, wrist]
         for r in (poses, resolved(poses))
     )
     wanted = moved_as_the_text_says(poses)
@@ -113,11 +112,11 @@ def test_a_hand_moves_as_the_text_says() -> None:
 @pytest.mark.parametrize(("x", "y"), [(0.1, 0.2), (0.12, 0.3), (0.05, 0.25)])
 def test_a_hand_on_its_way_to_the_body_is_slowed_over_some_centimetres(x: float, y: float) -> None:
     """Straight to the chest: from where it first yields to where it goes no further it is slowed over 4 to 7 cm."""
-    ahead = torch.arange(0.30, 0.06, -0.002)
-    poses = left_wrist_at(torch.stack([torch.full_like(ahead, x), torch.full_like(ahead, y), ahead], -1))
+    ahead = np.arange(0.30, 0.06, -0.002)
+    poses = left_wrist_at(np.stack([np.full_like(ahead, x), np.full_like(ahead, y), ahead], -1))
     wrist = HUMANOID.index("leftHand")
     before, after = (
-        forward_kinematics(HUMANOID, r, torch.zeros(len(r), 3)).positions[:, wrist].numpy()
+        forward_kinematics(HUMANOID, r, np.zeros((len(r), 3), np.float32)).positions[:, wrist]
         for r in (poses, resolved(poses))
     )
     yields = np.linalg.norm(after - before, axis=-1)
@@ -128,9 +127,9 @@ def test_a_hand_on_its_way_to_the_body_is_slowed_over_some_centimetres(x: float,
 def test_frames_do_not_meet() -> None:
     """One frame of eight inside the body: the other seven keep every bit, and it moves as if it were alone."""
     far, near = left_wrist_at(PLACES[-1:]), left_wrist_at(PLACES[:1])
-    mixed = far.repeat(8, 1, 1, 1)
+    mixed = np.tile(far, (8, 1, 1, 1))
     mixed[3] = near
-    mixed, alone = (quaternion_from_matrix(given)[None].numpy() for given in (mixed, near))
+    mixed, alone = (quaternion_from_matrix(given)[None] for given in (mixed, near))
     before = mixed.copy()
     collisions = HandCollisions(HUMANOID)
     for given in (mixed, alone):
@@ -147,36 +146,36 @@ def collisions() -> HandCollisions:
 
 
 @pytest.fixture(scope="module")
-def inwards() -> torch.Tensor:
+def inwards() -> np.ndarray:
     return pushed_inwards()
 
 
-def line(start: tuple[float, float, float], end: tuple[float, float, float], step: float) -> torch.Tensor:
-    a, b = torch.tensor(start), torch.tensor(end)
-    return a + (b - a) * torch.linspace(0, 1, int((b - a).norm() / step))[:, None]
+def line(start: tuple[float, float, float], end: tuple[float, float, float], step: float) -> np.ndarray:
+    a, b = np.array(start), np.array(end)
+    return a + (b - a) * np.linspace(0, 1, int(np.linalg.norm(b - a) / step))[:, None]
 
 
-def random_poses(frames: int) -> torch.Tensor:
-    generator = torch.Generator().manual_seed(0)
-    turns = torch.randn(frames, HUMANOID.joints, 3, generator=generator) * 0.4
+def random_poses(frames: int) -> np.ndarray:
+    generator = np.random.default_rng(0)
+    turns = (generator.standard_normal((frames, HUMANOID.joints, 3)) * 0.4).astype(np.float32)
     turns[:, HUMANOID.indices([s + n for s in ("left", "right") for n in ("UpperArm", "LowerArm")])] *= 3
     return matrix_from_axis_angle(turns)
 
 
 def test_hands_outside_stay_bit_for_bit(collisions: HandCollisions) -> None:
-    spread = matrix_from_axis_angle(torch.zeros(1, 8, HUMANOID.joints, 3))
-    assert torch.equal(kept_out(collisions, spread), spread)
-    one = spread.clone()
-    one[0, 3] = left_wrist_at(torch.tensor([[0.05, 0.2, 0.05]]))[0]
+    spread = matrix_from_axis_angle(np.zeros((1, 8, HUMANOID.joints, 3), np.float32))
+    assert np.array_equal(kept_out(collisions, spread), spread)
+    one = spread.copy()
+    one[0, 3] = left_wrist_at(np.array([[0.05, 0.2, 0.05]]))[0]
     out = kept_out(collisions, one)
-    assert not torch.equal(out[0, 3], one[0, 3])
+    assert not np.array_equal(out[0, 3], one[0, 3])
     others = [0, 1, 2, 4, 5, 6, 7]
-    assert torch.equal(out[0, others], one[0, others])
+    assert np.array_equal(out[0, others], one[0, others])
     still = [joint for joint in range(HUMANOID.joints) if joint not in ARM[1:]]
-    assert torch.equal(out[:, :, still], one[:, :, still])
+    assert np.array_equal(out[:, :, still], one[:, :, still])
 
 
-def test_gestures_pushed_inwards_come_out_whole(collisions: HandCollisions, inwards: torch.Tensor) -> None:
+def test_gestures_pushed_inwards_come_out_whole(collisions: HandCollisions, inwards: np.ndarray) -> None:
     """Before: hands centimetres deep. After: at most 5 mm, by every joint and tip of every finger."""
     before = penetration_depth_m(HUMANOID, inwards)
     out = kept_out(collisions, inwards[None])[0]
@@ -184,14 +183,14 @@ def test_gestures_pushed_inwards_come_out_whole(collisions: HandCollisions, inwa
     assert before.max() > 0.05
     assert (before > 0.005).sum() > 100
     assert after.max() <= 0.005
-    moved = (wrists(out) - wrists(inwards)).norm(dim=-1)
+    moved = np.linalg.norm(wrists(out) - wrists(inwards), axis=-1)
     assert moved[before == 0].max() < 0.05  # the shell
-    torch.testing.assert_close(out.mT @ out, torch.eye(3).expand_as(out), atol=1e-4, rtol=0)
+    np.testing.assert_allclose(out.mT @ out, np.broadcast_to(np.eye(3, dtype=np.float32), out.shape), atol=1e-4, rtol=0)
 
 
-def test_wrist_paths_stay_as_smooth_as_they_were(collisions: HandCollisions, inwards: torch.Tensor) -> None:
-    def jerk(rotations: torch.Tensor) -> torch.Tensor:
-        return torch.diff(wrists(rotations), n=3, dim=0).norm(dim=-1).mean()
+def test_wrist_paths_stay_as_smooth_as_they_were(collisions: HandCollisions, inwards: np.ndarray) -> None:
+    def jerk(rotations: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(np.diff(wrists(rotations), n=3, axis=0), axis=-1).mean()
 
     assert jerk(kept_out(collisions, inwards[None])[0]) < 1.5 * jerk(inwards)
 
@@ -201,8 +200,8 @@ def test_random_poses_come_out_too(collisions: HandCollisions) -> None:
     poses = random_poses(1500)
     before = penetration_depth_m(HUMANOID, poses)
     after = penetration_depth_m(HUMANOID, kept_out(collisions, poses[None])[0])
-    assert (before > 0.005).float().mean() > 0.10
-    assert (after > 0.005).float().mean() < 0.005
+    assert (before > 0.005).astype(np.float32).mean() > 0.10
+    assert (after > 0.005).astype(np.float32).mean() < 0.005
     assert after.max() < 0.4 * before.max()
 
 
@@ -213,19 +212,19 @@ def test_the_skin_itself_says_so(collisions: HandCollisions) -> None:
     hands = np.isin(owner, [i for i, n in enumerate(HUMANOID.names) if n.startswith("left") and i in range(9, 25)])
     trunk = np.isin(owner, HUMANOID.indices(["hips", "spine", "chest", "upperChest", "neck", "head"]))
     trunk &= ~np.array([material.name in ("hair", "lash") for material in MATERIALS])[character.materials]
-    outwards = character.positions - HUMANOID.rest_positions.numpy()[owner]
+    outwards = character.positions - HUMANOID.rest_positions[owner]
     trunk &= (outwards * character.normals)[:, [0, 2]].sum(1) > 0  # not the inside of a hem
 
-    def depth(rotations: torch.Tensor) -> float:
-        pose = forward_kinematics(HUMANOID, rotations, torch.zeros(3))
-        vertices, normals = skin(character, pose.rotations.numpy(), pose.positions.numpy())
+    def depth(rotations: np.ndarray) -> float:
+        pose = forward_kinematics(HUMANOID, rotations, np.zeros(3, np.float32))
+        vertices, normals = skin(character, pose.rotations, pose.positions)
         away, nearest = cKDTree(vertices[trunk]).query(vertices[hands], distance_upper_bound=0.08)
         found = np.isfinite(away)
         gap = vertices[hands][found] - vertices[trunk][nearest[found]]
         height = (gap * normals[trunk][nearest[found]]).sum(1)
         return float(max(-height.min(initial=0), 0))
 
-    places = torch.tensor([[0.10, 0.10, 0.06], [0.05, 0.30, 0.08], [0.12, 0.0, 0.08], [0.03, 0.66, 0.08]])
+    places = np.array([[0.10, 0.10, 0.06], [0.05, 0.30, 0.08], [0.12, 0.0, 0.08], [0.03, 0.66, 0.08]])
     poses = left_wrist_at(places)
     out = kept_out(collisions, poses[None])[0]
     assert min(depth(pose) for pose in poses) > 0.015
@@ -250,7 +249,7 @@ def test_steps_of_two_millimetres_stay_small(
     """A smooth map: no step of the wrist over 5 times that asked for, no joint over 3 times its own fastest."""
     poses = left_wrist_at(line(start, end, 0.002))
     out = kept_out(collisions, poses[None])[0]
-    asked, got = (torch.diff(wrists(r)[:, 0], dim=0).norm(dim=-1).max() for r in (poses, out))
+    asked, got = (np.linalg.norm(np.diff(wrists(r)[:, 0], axis=0), axis=-1).max() for r in (poses, out))
     assert got < 5 * asked
     own, new = (angle_between(r[1:, ARM], r[:-1, ARM]).max() for r in (poses, out))
     assert new < 3 * own
@@ -260,33 +259,33 @@ def test_steps_of_two_millimetres_stay_small(
 
 def test_the_hand_keeps_its_orientation_and_reaches_the_distance(collisions: HandCollisions) -> None:
     """The swing alone would leave the hand at its old distance from the shoulder."""
-    pose = left_wrist_at(torch.tensor([[0.05, 0.2, 0.02]]))
+    pose = left_wrist_at(np.array([[0.05, 0.2, 0.02]]))
     out = kept_out(collisions, pose[None])[0]
-    before, after = (forward_kinematics(HUMANOID, r, torch.zeros(1, 3)) for r in (pose, out))
+    before, after = (forward_kinematics(HUMANOID, r, np.zeros((1, 3), np.float32)) for r in (pose, out))
     assert angle_between(before.rotations[0, ARM[3]], after.rotations[0, ARM[3]]) < 1e-3
-    far = [(p.positions[0, ARM[3]] - p.positions[0, ARM[1]]).norm() for p in (before, after)]
-    assert (far[1] - far[0]).abs() > 0.01
+    far = [np.linalg.norm(p.positions[0, ARM[3]] - p.positions[0, ARM[1]]) for p in (before, after)]
+    assert np.abs(far[1] - far[0]) > 0.01
 
 
-def test_any_chunking_gives_the_whole(collisions: HandCollisions, inwards: torch.Tensor) -> None:
+def test_any_chunking_gives_the_whole(collisions: HandCollisions, inwards: np.ndarray) -> None:
     whole = kept_out(collisions, inwards[None])
     for sizes in ([8] * (len(inwards) // 8), [1] * 5 + [len(inwards) - 5]):
         cut = inwards[: sum(sizes)]
-        parts = torch.cat([kept_out(collisions, part[None]) for part in cut.split(sizes)], 1)
-        torch.testing.assert_close(parts, whole[:, : len(cut)], atol=2e-6, rtol=0)
+        parts = np.concatenate([kept_out(collisions, part[None]) for part in np.split(cut, np.cumsum(sizes)[:-1])], 1)
+        np.testing.assert_allclose(parts, whole[:, : len(cut)], atol=2e-6, rtol=0)
 
 
-def test_a_neighbour_changes_nothing(collisions: HandCollisions, inwards: torch.Tensor) -> None:
+def test_a_neighbour_changes_nothing(collisions: HandCollisions, inwards: np.ndarray) -> None:
     one, two, three = inwards[:8], inwards[100:108], random_poses(8)
-    a, b = kept_out(collisions, torch.stack([one, two])), kept_out(collisions, torch.stack([one, three]))
-    assert torch.equal(a[0], b[0])
-    assert not torch.equal(a[1], b[1])
+    a, b = kept_out(collisions, np.stack([one, two])), kept_out(collisions, np.stack([one, three]))
+    assert np.array_equal(a[0], b[0])
+    assert not np.array_equal(a[1], b[1])
 
 
-def test_where_the_body_stands_and_faces_does_not_matter(collisions: HandCollisions, inwards: torch.Tensor) -> None:
-    turned = inwards[None, :64].clone()
-    turned[:, :, 0] = matrix_from_axis_angle(torch.tensor([0.3, 2.0, 0.1])) @ turned[:, :, 0]
-    assert torch.equal(kept_out(collisions, turned)[:, :, 1:], kept_out(collisions, inwards[None, :64])[:, :, 1:])
+def test_where_the_body_stands_and_faces_does_not_matter(collisions: HandCollisions, inwards: np.ndarray) -> None:
+    turned = inwards[None, :64].copy()
+    turned[:, :, 0] = matrix_from_axis_angle(np.array([0.3, 2.0, 0.1])) @ turned[:, :, 0]
+    assert np.array_equal(kept_out(collisions, turned)[:, :, 1:], kept_out(collisions, inwards[None, :64])[:, :, 1:])
 
 
 def test_a_rig_without_arms_is_passed_through() -> None:
@@ -294,7 +293,7 @@ def test_a_rig_without_arms_is_passed_through() -> None:
     armless = HandCollisions(Skeleton(HUMANOID.config.model_copy(update={"vrm": stump})))
     rotations = random_poses(4)[None]
     assert not armless.is_able
-    assert torch.equal(kept_out(armless, rotations), rotations)
+    assert np.array_equal(kept_out(armless, rotations), rotations)
 
 
 def test_a_rig_without_fingers_and_upper_chest_is_kept_out_too() -> None:

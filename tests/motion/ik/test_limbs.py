@@ -1,10 +1,9 @@
-"""The compiled loops against the torch ones, and on rigs whose thighs do not hang from the root."""
+"""The compiled loops against those of whole clips, and on rigs whose thighs do not hang from the root."""
 
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-import torch
 
 from echoavatar.motion.ik.limbs import Chains, bend, legs_of
 from echoavatar.motion.ik.limbs import reach as reach_kernel
@@ -20,27 +19,27 @@ from echoavatar.nn.kernels import kernel
 
 
 def test_frames_are_those_of_forward_kinematics() -> None:
-    turns = torch.randn(11, HUMANOID.joints, 3, generator=torch.Generator().manual_seed(0))
+    turns = np.random.default_rng(0).standard_normal((11, HUMANOID.joints, 3))
     turns[:, 0] = 0
     rotations = matrix_from_axis_angle(turns)
     wanted = HUMANOID.indices(["head", "leftIndexDistal", "leftThumbDistal", "rightHand"])
     chains = Chains(HUMANOID, wanted)
-    quaternions = quaternion_from_matrix(rotations)[None].numpy()
+    quaternions = quaternion_from_matrix(rotations)[None]
     ours = chains.pose(quaternions)
-    pose = forward_kinematics(HUMANOID, rotations, torch.zeros(11, 3))
-    turned = matrix_from_quaternion(torch.from_numpy(ours.rotations[0]))
-    torch.testing.assert_close(turned, pose.rotations[:, chains.joints], atol=1e-5, rtol=0)
-    places = torch.from_numpy(ours.places[0])
-    torch.testing.assert_close(places, pose.positions[:, chains.joints], atol=1e-5, rtol=0)
+    pose = forward_kinematics(HUMANOID, rotations, np.zeros((11, 3), np.float32))
+    turned = matrix_from_quaternion(ours.rotations[0])
+    np.testing.assert_allclose(turned, pose.rotations[:, chains.joints], atol=1e-5, rtol=0)
+    places = ours.places[0]
+    np.testing.assert_allclose(places, pose.positions[:, chains.joints], atol=1e-5, rtol=0)
 
 
 def test_the_root_stands_at_the_origin_and_only_what_is_needed_is_worked_out() -> None:
     chains = Chains(HUMANOID, [HUMANOID.index("head")])
     assert chains.joints[0] == 0
     assert HUMANOID.index("leftFoot") not in chains.joints
-    turned = torch.zeros(1, HUMANOID.joints, 3)
+    turned = np.zeros((1, HUMANOID.joints, 3), np.float32)
     turned[0, 0, 1] = 1.0
-    pose = chains.pose(quaternion_from_matrix(matrix_from_axis_angle(turned))[None].numpy())
+    pose = chains.pose(quaternion_from_matrix(matrix_from_axis_angle(turned))[None])
     assert pose.rotations[0, 0, 0].tolist() == [1, 0, 0, 0]
     assert pose.places[0, 0, 0].tolist() == [0, 0, 0]
 
@@ -57,8 +56,8 @@ def turns_of(shoulder: np.ndarray, elbow: np.ndarray, wrist: np.ndarray, target:
     count = max(a.shape[-1] for a in (shoulder, elbow, wrist, target))
     arms = [np.broadcast_to(a[:, 0], (3, count)).T.tolist() for a in (shoulder, elbow, wrist, target)]
     found = [reach_kernel(*(tuple(point) for point in one)) for one in zip(*arms, strict=True)]
-    matrices = matrix_from_quaternion(torch.tensor(found, dtype=torch.double))  # (n, 2, 3, 3)
-    return Turns(*matrices.permute(1, 2, 3, 0)[:, :, :, None].numpy())
+    matrices = matrix_from_quaternion(np.array(found, np.float64))  # (n, 2, 3, 3)
+    return Turns(*np.moveaxis(matrices, 0, -1)[:, :, :, None])
 
 
 def arm(bend: float, n: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -133,13 +132,13 @@ def test_the_elbow_answers_small_moves_with_small_turns(bend: float) -> None:
 LEGS = ("UpperLeg", "LowerLeg", "Foot")
 
 
-def bent(frames: int = 20) -> torch.Tensor:
+def bent(frames: int = 20) -> np.ndarray:
     """Root-relative poses with bent legs, (t, j, 3, 3)."""
-    generator = torch.Generator().manual_seed(0)
-    turns = torch.zeros(frames, HUMANOID.joints, 3)
-    turns[:, HUMANOID.indices(["leftUpperLeg", "rightUpperLeg"])] = 0.3 * torch.randn(frames, 2, 3, generator=generator)
-    turns[:, HUMANOID.indices(["leftLowerLeg", "rightLowerLeg"]), 0] = 0.4 + torch.rand(frames, 2, generator=generator)
-    turns[:, HUMANOID.indices(["leftFoot", "rightFoot"])] = 0.2 * torch.randn(frames, 2, 3, generator=generator)
+    generator = np.random.default_rng(0)
+    turns = np.zeros((frames, HUMANOID.joints, 3), np.float32)
+    turns[:, HUMANOID.indices(["leftUpperLeg", "rightUpperLeg"])] = 0.3 * generator.standard_normal((frames, 2, 3))
+    turns[:, HUMANOID.indices(["leftLowerLeg", "rightLowerLeg"]), 0] = 0.4 + generator.random((frames, 2))
+    turns[:, HUMANOID.indices(["leftFoot", "rightFoot"])] = 0.2 * generator.standard_normal((frames, 2, 3))
     return matrix_from_axis_angle(turns)
 
 
@@ -151,19 +150,19 @@ def _bend(legs, rotations, turned, places, aside):  # type: ignore[no-untyped-de
             bend(legs, side, rotations[frame], turned[frame], places[frame], way)
 
 
-def moved(skeleton: Skeleton, rotations: torch.Tensor, aside: np.ndarray) -> torch.Tensor:
+def moved(skeleton: Skeleton, rotations: np.ndarray, aside: np.ndarray) -> np.ndarray:
     """Local rotations after both ankles (left, right) were asked to go by `aside` (3, 2, t)."""
     chains = Chains(skeleton, list(skeleton.config.feet))
     legs = legs_of(skeleton, chains)
     assert legs is not None
     quaternions = quaternion_from_matrix(rotations)
-    pose = chains.pose(quaternions[None].numpy())
-    _bend(legs, quaternions.numpy(), pose.rotations[0], pose.places[0], aside)
+    pose = chains.pose(quaternions[None])
+    _bend(legs, quaternions, pose.rotations[0], pose.places[0], aside)
     return matrix_from_quaternion(quaternions)
 
 
-def world(skeleton: Skeleton, rotations: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    pose = forward_kinematics(skeleton, rotations, torch.zeros(len(rotations), 3))
+def world(skeleton: Skeleton, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    pose = forward_kinematics(skeleton, rotations, np.zeros((len(rotations), 3), np.float32))
     return pose.rotations, pose.positions
 
 
@@ -174,7 +173,7 @@ def test_ankles_arrive_and_feet_keep_their_direction() -> None:
     out = moved(HUMANOID, poses, aside)
     ankles = HUMANOID.indices(["leftFoot", "rightFoot"])
     (before, start), (after, end) = world(HUMANOID, poses), world(HUMANOID, out)
-    np.testing.assert_allclose((end - start)[:, ankles].numpy(), aside.transpose(2, 1, 0), atol=2e-5, rtol=0)
+    np.testing.assert_allclose((end - start)[:, ankles], aside.transpose(2, 1, 0), atol=2e-5, rtol=0)
     assert angle_between(before[:, ankles], after[:, ankles]).max() < 1e-3
 
 
@@ -191,8 +190,8 @@ def test_it_is_the_two_bone_solution() -> None:
         target=places[:, ankle] + 0.03,
     )
     new, _ = world(HUMANOID, out)
-    torch.testing.assert_close(new[:, hip], upper @ turns[:, hip], atol=2e-4, rtol=0)
-    torch.testing.assert_close(new[:, knee], lower @ turns[:, knee], atol=2e-4, rtol=0)
+    np.testing.assert_allclose(new[:, hip], upper @ turns[:, hip], atol=2e-4, rtol=0)
+    np.testing.assert_allclose(new[:, knee], lower @ turns[:, knee], atol=2e-4, rtol=0)
 
 
 def test_out_of_reach_stretches_towards_it() -> None:
@@ -201,8 +200,8 @@ def test_out_of_reach_stretches_towards_it() -> None:
     aside[1] = -2.0
     _, places = world(HUMANOID, moved(HUMANOID, poses, aside))
     hip, knee, ankle = (places[:, HUMANOID.index(f"left{bone}")] for bone in LEGS)
-    length = (knee - hip).norm(dim=-1) + (ankle - knee).norm(dim=-1)
-    torch.testing.assert_close((ankle - hip).norm(dim=-1), 0.9995 * length, atol=1e-4, rtol=0)
+    length = np.linalg.norm(knee - hip, axis=-1) + np.linalg.norm(ankle - knee, axis=-1)
+    np.testing.assert_allclose(np.linalg.norm(ankle - hip, axis=-1), 0.9995 * length, atol=1e-4, rtol=0)
 
 
 def test_thighs_may_hang_from_a_bone_under_the_root() -> None:
@@ -234,14 +233,16 @@ def test_thighs_may_hang_from_a_bone_under_the_root() -> None:
         }
     )
     rig = Skeleton(config)
-    turns = torch.zeros(6, 10, 3)
-    turns[:, 1] = torch.tensor([0.2, 0.5, -0.1])
+    turns = np.zeros((6, 10, 3), np.float32)
+    turns[:, 1] = np.array([0.2, 0.5, -0.1])
     turns[:, [3, 7], 0] = 0.6
     poses = matrix_from_axis_angle(turns)
     aside = np.full((3, 2, 6), 0.04, np.float32)
     out = moved(rig, poses, aside)
     (_, start), (_, end) = world(rig, poses), world(rig, out)
-    torch.testing.assert_close(end[:, [4, 8]] - start[:, [4, 8]], torch.full((6, 2, 3), 0.04), atol=2e-5, rtol=0)
+    np.testing.assert_allclose(
+        end[:, [4, 8]] - start[:, [4, 8]], np.full((6, 2, 3), 0.04, dtype=np.float32), atol=2e-5, rtol=0
+    )
 
 
 @pytest.mark.parametrize("feet", [(), (0, 0, 0, 0)])

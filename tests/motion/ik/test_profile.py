@@ -64,7 +64,7 @@ def test_the_shipped_character_is_what_the_fallback_says_it_is() -> None:
 
 def test_the_ellipsoids_hold_the_trunk_and_little_air() -> None:
     profile = body_of_rig(HUMANOID)
-    rest = HUMANOID.rest_positions.numpy()
+    rest = HUMANOID.rest_positions
     joints = HUMANOID.indices([part.bone for part in profile.parts])
     trunk = CHARACTER.positions[SKIN & (humanoid_weights(CHARACTER)[:, joints].sum(1) > 0.5)]
     sizes = [

@@ -123,7 +123,7 @@ def finger_of(bone: str) -> str:
 
 
 def _place(bone: str) -> np.ndarray:
-    return HUMANOID.rest_positions[HUMANOID.index(bone)].double().numpy()
+    return HUMANOID.rest_positions[HUMANOID.index(bone)].astype(np.float64)
 
 
 EXTRA = {"leftEye", "rightEye", "jaw"}
@@ -135,7 +135,7 @@ def names_of(skeleton: Skeleton) -> dict[str, str]:
 
 def renamed(skeleton: Skeleton, names: list[str], places: np.ndarray | None = None) -> Skeleton:
     config = skeleton.config
-    rest = skeleton.rest_positions.double().numpy() if places is None else places
+    rest = skeleton.rest_positions.astype(np.float64) if places is None else places
     above = [rest[parent] if parent >= 0 else np.zeros(3) for parent in config.parents]
     offsets = tuple(map(tuple, (rest - np.array(above)).tolist()))
     return Skeleton(config.model_copy(update={"names": tuple(names), "offsets": offsets, "vrm": {}}))

@@ -39,7 +39,7 @@ def test_trembling_near_the_limit_does_not_flicker():
 
 
 FEET = [HUMANOID.index(name) for name in ("leftFoot", "leftToes", "rightFoot", "rightToes")]
-REST = HUMANOID.rest_positions[FEET, 1].numpy()
+REST = HUMANOID.rest_positions[FEET, 1]
 
 
 def standing(frames: int = 90, drift: float = 0.0, sink: float = 0.0, fps: float = 30.0) -> Motion:
@@ -50,14 +50,14 @@ def standing(frames: int = 90, drift: float = 0.0, sink: float = 0.0, fps: float
         for side in ("left", "right"):
             half = np.radians(degrees) / 2
             turns[:, HUMANOID.index(side + name)] = [np.cos(half), np.sin(half), 0, 0]
-    root = np.tile(HUMANOID.offsets[0].numpy(), (frames, 1))
+    root = np.tile(HUMANOID.offsets[0], (frames, 1))
     root[:, 0] += drift * np.arange(frames) / fps
     root[:, 1] += sink - 0.023335
     return Motion(HUMANOID, turns, root.astype(np.float32), fps)
 
 
 def places_of(motion: Motion) -> np.ndarray:
-    return motion.pose().positions[:, FEET].numpy()
+    return motion.pose().positions[:, FEET]
 
 
 @pytest.mark.parametrize("drift", [0.01, 0.05])

@@ -98,7 +98,7 @@ def test_the_most_complete_of_two_bodies_is_taken(name, is_under_one):
     made = body(*every_body()["Mixamo"], has_noise=True)
     count = len(names)
     parents += [parent + count if parent >= 0 else is_under_one - 1 for parent in made.skeleton.parents]
-    places = np.concatenate([np.zeros((count, 3)), made.skeleton.rest_positions.double().numpy()])
+    places = np.concatenate([np.zeros((count, 3)), made.skeleton.rest_positions.astype(np.float64)])
     tree = Tree([*names, *made.skeleton.names], parents, places)
     found = {bone: tree.names[joint] for bone, joint in find_bones(tree).items() if bone not in EXTRA}
     assert found == made.bones

@@ -1,5 +1,6 @@
 """Joints of any rig are recognised: by names or by the shape of the body, and errors say what is missing."""
 
+import numpy as np
 import pytest
 from tests.motion.kinematics.naming import EXTRA, SCHEMES, body, names_of, renamed
 from tests.motion.kinematics.samples import chain, recorded
@@ -23,13 +24,13 @@ def test_shape_does_not_overrule_names():
 
 def test_names_are_believed_where_the_feet_point_back_and_that_is_said(caplog):
     names = list(HUMANOID.names)
-    backwards = HUMANOID.rest_positions.double().numpy() * [1, 1, -1]
+    backwards = HUMANOID.rest_positions.astype(np.float64) * [1, 1, -1]
     assert known_bones(renamed(HUMANOID, names, backwards)) == HUMANOID.config.vrm
     assert "names are believed" in caplog.text
 
 
 def test_a_body_that_faces_away_is_no_contradiction(caplog):
-    away = renamed(HUMANOID, list(HUMANOID.names), HUMANOID.rest_positions.double().numpy() * [-1, 1, -1])
+    away = renamed(HUMANOID, list(HUMANOID.names), HUMANOID.rest_positions.astype(np.float64) * [-1, 1, -1])
     assert known_bones(away) == HUMANOID.config.vrm
     assert not caplog.text
 

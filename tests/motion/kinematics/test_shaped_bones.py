@@ -30,7 +30,7 @@ ASKEW = {  # columns: where our x, y and z go
 @pytest.mark.parametrize("word", NAMELESS)
 def test_a_body_without_names_is_read_by_its_shape(word, turn):
     names = [NAMELESS[word].format(k) for k in range(HUMANOID.joints)]
-    turned = renamed(HUMANOID, names, HUMANOID.rest_positions.double().numpy() @ ASKEW[turn].T)
+    turned = renamed(HUMANOID, names, HUMANOID.rest_positions.astype(np.float64) @ ASKEW[turn].T)
     assert known_bones(turned) == HUMANOID.config.vrm
 
 
@@ -59,5 +59,5 @@ def test_recorded_rigs_are_the_same_by_names_and_by_shape(name):
 def test_sides_in_names_that_say_nothing_else_are_believed():
     names = [f"bone_{name[0].upper()}_{k}" if name[:4] in ("left", "righ") else f"bone_{k}"
              for k, name in enumerate(HUMANOID.names)]  # fmt: skip
-    backwards = HUMANOID.rest_positions.double().numpy() * [1, 1, -1]  # toes behind: by shape left were right
+    backwards = HUMANOID.rest_positions.astype(np.float64) * [1, 1, -1]  # toes behind: by shape left were right
     assert known_bones(renamed(HUMANOID, names, backwards)) == HUMANOID.config.vrm

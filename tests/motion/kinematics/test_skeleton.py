@@ -1,5 +1,5 @@
+import numpy as np
 import pytest
-import torch
 from pydantic import ValidationError
 
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, SkeletonConfig
@@ -31,9 +31,14 @@ def test_tips_end_the_chains():
     assert set(HUMANOID.config.tips) == ends
 
 
-def test_tables_are_made_once():
-    device = torch.device("cpu")
-    assert HUMANOID.level_tables(device) is HUMANOID.level_tables(device)
+def test_each_level_hangs_from_the_one_above():
+    above, seen = [0], [0]
+    for joints, parents, offsets in HUMANOID.levels:
+        assert set(parents) <= set(above)
+        assert [HUMANOID.parents[joint] for joint in joints] == parents
+        np.testing.assert_array_equal(offsets[..., 0], HUMANOID.offsets[joints])
+        above, seen = joints, [*seen, *joints]
+    assert sorted(seen) == list(range(52))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from tests.motion.kinematics.samples import swaying
 
 from echoavatar.errors import MotionError
@@ -38,8 +37,8 @@ def test_a_figure_is_turned_upright_and_to_the_front(rest, world, said, tmp_path
     motion = read_bvh(tmp_path / "a.bvh")
     assert said in caplog.text
     assert (not said) == (not caplog.text)
-    torch.testing.assert_close(motion.pose().positions, PERSON.pose().positions, atol=2e-5, rtol=0)
-    torch.testing.assert_close(motion.skeleton.offsets[1:], HUMANOID.offsets[1:], atol=2e-5, rtol=0)
+    np.testing.assert_allclose(motion.pose().positions, PERSON.pose().positions, atol=2e-5, rtol=0)
+    np.testing.assert_allclose(motion.skeleton.offsets[1:], HUMANOID.offsets[1:], atol=2e-5, rtol=0)
 
 
 def about_y(angle: float) -> np.ndarray:
@@ -52,11 +51,11 @@ def test_a_figure_may_face_between_two_axes(angle: float) -> None:
     stand = of_clip(made, HUMANOID.config.vrm)
     np.testing.assert_allclose(stand.rest, about_y(-angle), atol=1e-3)
     places = righted(made, stand._replace(metres=1.0)).pose().positions
-    torch.testing.assert_close(places, PERSON.pose().positions, atol=2e-3, rtol=0)
+    np.testing.assert_allclose(places, PERSON.pose().positions, atol=2e-3, rtol=0)
     assert bool(stand.notes(stand.metres)) == (abs(angle) > 0.1)
 
 
-PLACES = {bone: HUMANOID.rest_positions[joint].double().numpy() for bone, joint in HUMANOID.config.vrm.items()}
+PLACES = {bone: HUMANOID.rest_positions[joint].astype(np.float64) for bone, joint in HUMANOID.config.vrm.items()}
 
 
 @pytest.mark.parametrize("turn", [STILL, QUARTER, about_y(0.5), np.diag([-1.0, 1, 1]), QUARTER @ np.diag([1.0, 1, -1])])
@@ -115,7 +114,7 @@ def test_the_unit_is_the_likeliest_of_those_that_occur(tall, per_metre, unit, tm
     if unit is not None:
         atol = 1e-5 if per_metre >= 1 else 1e-3  # the file has six digits
         np.testing.assert_allclose(motion.root, made.root, atol=atol)
-        torch.testing.assert_close(motion.skeleton.offsets, made.skeleton.offsets, atol=atol, rtol=0)
+        np.testing.assert_allclose(motion.skeleton.offsets, made.skeleton.offsets, atol=atol, rtol=0)
     assert ("its unit is taken for" in caplog.text) == (unit != "")
     assert (unit or "") in caplog.text
 
@@ -143,7 +142,7 @@ def test_who_lies_on_the_floor_is_not_stood_up(tmp_path, caplog) -> None:  # typ
 )
 @pytest.mark.parametrize("per_metre", [1, 100, 1000])
 def test_a_rest_pose_alone_tells_all(turn: np.ndarray, per_metre: float) -> None:
-    places = HUMANOID.rest_positions.numpy() @ turn.T * per_metre
+    places = HUMANOID.rest_positions @ turn.T * per_metre
     stand = measure(HUMANOID.config.vrm, places)
     np.testing.assert_array_equal(stand.rest @ turn, STILL)
     assert stand.metres == 1 / per_metre
@@ -151,19 +150,19 @@ def test_a_rest_pose_alone_tells_all(turn: np.ndarray, per_metre: float) -> None
 
 
 def test_a_figure_that_does_not_stand_or_has_no_legs_is_left_as_it_is() -> None:
-    lengths = HUMANOID.offsets.norm(dim=-1).numpy()
+    lengths = np.linalg.norm(HUMANOID.offsets, axis=-1)
     places = np.cumsum(lengths)[:, None] * [1.0, 0.0, 0.0]
     np.testing.assert_array_equal(measure(HUMANOID.config.vrm, places).rest, STILL)
     for part in ("Leg", "Arm", "head"):
         without = {bone: joint for bone, joint in HUMANOID.config.vrm.items() if part not in bone}
-        assert measure(without, HUMANOID.rest_positions.numpy() @ QUARTER.T, 1.0).notes(usual=1.0) == []
+        assert measure(without, HUMANOID.rest_positions @ QUARTER.T, 1.0).notes(usual=1.0) == []
     for place in (0.0, np.inf, np.nan):
         assert measure(HUMANOID.config.vrm, np.full_like(places, place)).notes() == []
 
 
 def test_a_twisted_rest_pose_keeps_its_facing() -> None:
     """Hips along Z and shoulders along -Z, as in some files of ACCAD: nothing says where it faces."""
-    places = HUMANOID.rest_positions.numpy() @ SIDEWAYS.T
+    places = HUMANOID.rest_positions @ SIDEWAYS.T
     arms = [joint for bone, joint in HUMANOID.config.vrm.items() if "Arm" in bone or "Hand" in bone]
     places[arms, 2] *= -1
     np.testing.assert_array_equal(measure(HUMANOID.config.vrm, places).rest, STILL)
@@ -184,10 +183,10 @@ def test_every_quarter_turn_and_unit_is_put_right(metres: float) -> None:
     for turn in quarter_turns():
         both = turned(PERSON, turn, turn, 1 / metres)
         made = righted(both, of_clip(both, HUMANOID.config.vrm))
-        torch.testing.assert_close(made.pose().positions, places, atol=1e-4, rtol=0)
+        np.testing.assert_allclose(made.pose().positions, places, atol=1e-4, rtol=0)
         world = turned(PERSON, STILL, turn, 1 / metres)
         made = righted(world, of_clip(world, HUMANOID.config.vrm))
-        torch.testing.assert_close(made.pose().positions[..., 1], places[..., 1], atol=1e-4, rtol=0)
+        np.testing.assert_allclose(made.pose().positions[..., 1], places[..., 1], atol=1e-4, rtol=0)
 
 
 def test_turning_there_and_back_changes_nothing() -> None:
@@ -195,5 +194,5 @@ def test_turning_there_and_back_changes_nothing() -> None:
     back = turned(there, QUARTER.T, SIDEWAYS.T)
     np.testing.assert_allclose(back.rotations, PERSON.rotations, atol=1e-6)
     np.testing.assert_allclose(back.root, PERSON.root, atol=1e-6)
-    places = torch.from_numpy(SIDEWAYS).float() @ PERSON.pose().positions[..., None]
-    torch.testing.assert_close(there.pose().positions, places.squeeze(-1), atol=1e-5, rtol=0)
+    places = SIDEWAYS.astype(np.float32) @ PERSON.pose().positions[..., None]
+    np.testing.assert_allclose(there.pose().positions, places[..., 0], atol=1e-5, rtol=0)

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from tests.motion.stages.poses import everyone, in_pieces, matrices_of, pose_of, quaternions_of
 
 from echoavatar.motion.ik.limbs import Chains
@@ -30,15 +29,15 @@ CHAINS = Chains(HUMANOID, list(HUMANOID.config.feet))
 
 def step(
     feet: Feet,
-    rotations: torch.Tensor,
-    root: torch.Tensor,
+    rotations: np.ndarray,
+    root: np.ndarray,
     state: FeetState,
     active: np.ndarray | None = None,
     sizes: list[int] | None = None,
-) -> torch.Tensor:
+) -> np.ndarray:
     on = everyone(len(rotations)) if active is None else active
 
-    def chunk(turns: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
+    def chunk(turns: np.ndarray, places: np.ndarray) -> np.ndarray:
         pose = pose_of(turns, places)
         feet.step(pose, CHAINS.pose(pose.rotations), state, on)
         return matrices_of(pose)
@@ -46,30 +45,30 @@ def step(
     return in_pieces(chunk, rotations, root, sizes=sizes)
 
 
-def sliding(frames: int = 60, lift: tuple[int, int] | None = None) -> tuple[torch.Tensor, torch.Tensor]:
+def sliding(frames: int = 60, lift: tuple[int, int] | None = None) -> tuple[np.ndarray, np.ndarray]:
     """A body whose root drifts 1 mm a frame over straight legs; the left knee lifts during `lift`."""
-    turns = torch.zeros(1, frames, HUMANOID.joints, 3)
+    turns = np.zeros((1, frames, HUMANOID.joints, 3), np.float32)
     turns[..., HUMANOID.index("leftUpperLeg"), 0] = -0.15
     turns[..., HUMANOID.index("leftLowerLeg"), 0] = 0.30
     turns[..., HUMANOID.index("rightUpperLeg"), 0] = -0.15
     turns[..., HUMANOID.index("rightLowerLeg"), 0] = 0.30
     if lift:
-        rise = torch.sin(torch.linspace(0, math.pi, lift[1] - lift[0]))
+        rise = np.sin(np.linspace(0, math.pi, lift[1] - lift[0]))
         turns[:, lift[0] : lift[1], HUMANOID.index("leftUpperLeg"), 0] -= rise
         turns[:, lift[0] : lift[1], HUMANOID.index("leftLowerLeg"), 0] += rise
     for side in ("left", "right"):
         legs = turns[..., HUMANOID.index(f"{side}UpperLeg"), 0] + turns[..., HUMANOID.index(f"{side}LowerLeg"), 0]
         turns[..., HUMANOID.index(f"{side}Foot"), 0] = -legs
     rotations = matrix_from_axis_angle(turns)
-    root = torch.zeros(1, frames, 3)
+    root = np.zeros((1, frames, 3), np.float32)
     low = forward_kinematics(HUMANOID, rotations[:, :1], root[:, :1]).positions[0, 0, BALLS, 1].min()
     root[..., 1] = 0.02 - low
-    root[..., 0] = torch.arange(frames) * 0.001
+    root[..., 0] = np.arange(frames) * 0.001
     return rotations, root
 
 
-def balls(rotations: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-    return forward_kinematics(HUMANOID, rotations, root).positions[0, :, BALLS]
+def balls(rotations: np.ndarray, root: np.ndarray) -> np.ndarray:
+    return forward_kinematics(HUMANOID, rotations, root).positions[0][:, BALLS]
 
 
 def test_feet_that_slid_stand_and_keep_their_direction() -> None:
@@ -77,8 +76,8 @@ def test_feet_that_slid_stand_and_keep_their_direction() -> None:
     feet = Feet(HUMANOID, CHAINS)
     held = step(feet, rotations, root, feet.init_state(1))
     before, after = balls(rotations, root), balls(held, root)
-    assert (before[1:] - before[:-1]).norm(dim=-1).mean() > 9e-4
-    assert (after[1:] - after[:-1]).norm(dim=-1).max() < 1e-4
+    assert np.linalg.norm(before[1:] - before[:-1], axis=-1).mean() > 9e-4
+    assert np.linalg.norm(after[1:] - after[:-1], axis=-1).max() < 1e-4
     world = [
         forward_kinematics(HUMANOID, r, root).rotations[0, :, HUMANOID.index("leftFoot")] for r in (rotations, held)
     ]
@@ -89,48 +88,48 @@ def test_a_lifted_foot_is_let_go_without_a_jump_and_returns_to_its_path() -> Non
     rotations, root = sliding(lift=(30, 50))
     feet = Feet(HUMANOID, CHAINS)
     held = step(feet, rotations, root, feet.init_state(1))
-    gap = (balls(held, root) - balls(rotations, root))[:, 0].norm(dim=-1)
+    gap = np.linalg.norm((balls(held, root) - balls(rotations, root))[:, 0], axis=-1)
     assert gap[29] > 0.02  # held back by then
     assert gap[45] < 0.004  # on its path at the top of the step
     shift = (balls(held, root) - balls(rotations, root))[:, 0]
-    assert (shift[1:] - shift[:-1]).norm(dim=-1).max() < 0.0167  # half a metre per second
+    assert np.linalg.norm(shift[1:] - shift[:-1], axis=-1).max() < 0.0167  # half a metre per second
 
 
 def test_a_foot_that_is_let_go_rises_before_it_goes() -> None:
     """Played slowly, each frame is many: a way across the floor that is made near it would be seen as sliding."""
     rotations, root = sliding()
-    root[0, :, 0] = ((torch.arange(root.shape[1]) - 24) / 12).clamp(0, 1) * 0.4
+    root[0, :, 0] = np.clip((np.arange(root.shape[1]) - 24) / 12, 0, 1) * 0.4
     feet = Feet(HUMANOID, CHAINS)
     moved = balls(step(feet, rotations, root, feet.init_state(1)), root)
     high = moved[..., 1] - HUMANOID.rest_positions[BALLS, 1]
-    way = (moved[1:, :, ::2] - moved[:-1, :, ::2]).norm(dim=-1)
+    way = np.linalg.norm(moved[1:, :, ::2] - moved[:-1, :, ::2], axis=-1)
     lifts = (high[1:] > 0.01) & (high[:-1] < 0.005)
     assert lifts.sum() == 2  # each foot once
-    assert (way / (high[1:] - high[:-1]))[lifts].max() < 1.0  # it rises by more than it travels
+    assert (way < high[1:] - high[:-1])[lifts].all()  # it rises by more than it travels
     assert way.max() > 0.03
 
 
 def test_a_foot_that_shuffles_steps_instead() -> None:
     """The whole body glides 0.4 m in 0.4 s with both feet flat: while they travel they are off the floor."""
     rotations, root = sliding()
-    root[0, :, 0] = ((torch.arange(root.shape[1]) - 24) / 12).clamp(0, 1) * 0.4
+    root[0, :, 0] = np.clip((np.arange(root.shape[1]) - 24) / 12, 0, 1) * 0.4
     feet = Feet(HUMANOID, CHAINS)
     moved = balls(step(feet, rotations, root, feet.init_state(1)), root)
     standing = HUMANOID.rest_positions[BALLS, 1]
     assert (moved[30:34, :, 1] - standing).min() > 0.025
-    assert (moved[-1, :, 1] - standing).abs().max() < 0.005
-    assert (moved[10:20, :, 0] - moved[10:11, :, 0]).abs().max() < 1e-3
+    assert np.abs(moved[-1, :, 1] - standing).max() < 0.005
+    assert np.abs(moved[10:20, :, 0] - moved[10:11, :, 0]).max() < 1e-3
 
 
 def glide(height: list[float], speed: float) -> tuple[np.ndarray, np.ndarray]:
     """Balls (t, 2, 3) as shown and as decoded, of a body that floats at a height over its stance and glides along X."""
     rotations, root = sliding(len(height))
     standing = HUMANOID.rest_positions[BALLS, 1]
-    root[..., 1] += torch.tensor(height) - (balls(rotations, root)[0, :, 1] - standing).min()
-    root[..., 0] = torch.arange(len(height)) * speed / 30
+    root[..., 1] += np.array(height) - (balls(rotations, root)[0, :, 1] - standing).min()
+    root[..., 0] = np.arange(len(height)) * speed / 30
     feet = Feet(HUMANOID, CHAINS)
     ways = balls(step(feet, rotations, root, feet.init_state(1)), root), balls(rotations, root)
-    shown, decoded = ((way - standing[:, None] * torch.tensor([0.0, 1.0, 0.0])).numpy() for way in ways)
+    shown, decoded = ((way - standing[:, None] * np.array([0.0, 1.0, 0.0])) for way in ways)
     return shown, decoded
 
 
@@ -185,24 +184,24 @@ def test_nothing_else_moves() -> None:
     held = step(feet, rotations, root, feet.init_state(1))
     legs = [i for i, name in enumerate(HUMANOID.names) if name.endswith(("Leg", "Foot"))]
     others = [i for i in range(52) if i not in legs]
-    torch.testing.assert_close(held[:, :, others], rotations[:, :, others], atol=1e-6, rtol=0)
+    np.testing.assert_allclose(held[:, :, others], rotations[:, :, others], atol=1e-6, rtol=0)
 
 
 @pytest.mark.parametrize("sizes", [[8] * 7 + [4], [1, 7, 5, 8, 3, 8, 8, 8, 8, 4], [1] * 60])
 def test_any_chunking_gives_the_whole(sizes: list[int]) -> None:
-    """Outside witness: `walked`, which knows no chunks and holds feet by torch's forward kinematics."""
+    """Outside witness: `walked`, which knows no chunks and holds feet by the forward kinematics of whole clips."""
     rotations, root = sliding(lift=(20, 40))
     feet = Feet(HUMANOID, CHAINS)
     shown = balls(step(feet, rotations, root, feet.init_state(1), sizes=sizes), root)
-    wanted = walked(balls(rotations, root).double().numpy())
-    np.testing.assert_allclose(shown.numpy(), wanted, atol=2e-4)
-    assert np.abs(wanted - balls(rotations, root).numpy()).max() > 0.02
+    wanted = walked(balls(rotations, root).astype(np.float64))
+    np.testing.assert_allclose(shown, wanted, atol=2e-4)
+    assert np.abs(wanted - balls(rotations, root)).max() > 0.02
 
 
 def walked(decoded: np.ndarray) -> np.ndarray:
     """Where the balls (t, 2, 3) should be, frame by frame in plain words."""
     shown = decoded.copy()
-    standing = HUMANOID.rest_positions[BALLS, 1].numpy()
+    standing = HUMANOID.rest_positions[BALLS, 1]
     for foot in range(2):
         is_held, aside, up, place = False, np.zeros(2), 0.0, decoded[0, foot, ::2]
         for t, now in enumerate(decoded[:, foot]):
@@ -236,7 +235,7 @@ def test_a_foot_that_sinks_while_it_is_held_stays() -> None:
     root[0, 29, 1] += 0.008
     feet = Feet(HUMANOID, CHAINS)
     moved = balls(step(feet, rotations, root, feet.init_state(1)), root)
-    assert (moved[1:, :, ::2] - moved[:-1, :, ::2]).norm(dim=-1).max() < 2e-4
+    assert np.linalg.norm(moved[1:, :, ::2] - moved[:-1, :, ::2], axis=-1).max() < 2e-4
 
 
 def test_a_foot_is_set_down_where_it_was_shown() -> None:
@@ -244,8 +243,8 @@ def test_a_foot_is_set_down_where_it_was_shown() -> None:
     rotations, root = sliding(lift=(30, 50))
     feet = Feet(HUMANOID, CHAINS)
     moved = balls(step(feet, rotations, root, feet.init_state(1)), root)[:, 0]
-    slides = (moved[1:, ::2] - moved[:-1, ::2]).norm(dim=-1)
-    down = 50 + int((slides[50:] < 5e-5).nonzero()[0])
+    slides = np.linalg.norm(moved[1:, ::2] - moved[:-1, ::2], axis=-1)
+    down = 50 + int(np.flatnonzero(slides[50:] < 5e-5)[0])
     assert slides[down:].max() < 1e-4
 
 
@@ -253,7 +252,7 @@ def test_idle_rows_stay_untouched() -> None:
     rotations, root = sliding()
     feet = Feet(HUMANOID, CHAINS)
     state = feet.init_state(2)
-    both = rotations.expand(2, -1, -1, -1, -1), root.expand(2, -1, -1)
+    both = np.concatenate([rotations] * 2), np.concatenate([root] * 2)
     step(feet, *both, state, np.array([True, False]))
     assert all(not tensor[1].any() for tensor in state.tensors())
 
@@ -263,4 +262,4 @@ def test_a_rig_without_feet_is_passed_through() -> None:
     pose = pose_of(*sliding(8))
     before = quaternions_of(pose)
     footless.step(pose, CHAINS.pose(pose.rotations), footless.init_state(1), everyone(1))
-    assert torch.equal(quaternions_of(pose), before)
+    assert np.array_equal(quaternions_of(pose), before)

@@ -2,7 +2,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from tests.motion.stages.poses import everyone
 
 from echoavatar.motion.stages.leash import EDGE, NEAR, PULL_SPEED, Leash, LeashState
@@ -142,5 +141,5 @@ def test_idle_rows_and_neighbours() -> None:
     assert not any(tensor[1].any() for tensor in state.tensors())
     alone = steps(leash, root[:, :, :1], leash.init_state(1))
     assert np.array_equal(both[:, :, :1], alone)
-    state.reset(torch.tensor([True, False]))
+    state.reset(np.array([True, False]))
     assert not any(tensor.any() for tensor in state.tensors())

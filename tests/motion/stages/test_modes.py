@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from pydantic import ValidationError
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -14,31 +13,31 @@ from echoavatar_lab.data.faults import skate
 from echoavatar_lab.evaluation.codes import replayed
 
 BALLS = list(HUMANOID.config.feet)[1::2]
-STANDING = HUMANOID.rest_positions[BALLS, 1].numpy()
+STANDING = HUMANOID.rest_positions[BALLS, 1]
 
 
 def walking(seconds: float = 8.0, pace: float = 0.35) -> Motion:
     """Steps to the left and further to the left: each foot lifts in turn, the pelvis goes on over the other one."""
     frames = round(seconds * 30)
     time = np.arange(frames) / 30
-    turns = torch.zeros(frames, HUMANOID.joints, 3)
+    turns = np.zeros((frames, HUMANOID.joints, 3), np.float32)
     for side, shift in (("left", 0.0), ("right", 0.5)):
         phase = (time + shift) % 1.0
         lift = np.where(phase < 0.4, np.sin(np.pi * phase / 0.4) ** 2, 0.0)
         # stance: the foot goes from ahead to behind of the pelvis; swing: back
         swing = np.where(phase < 0.4, -np.cos(np.pi * phase / 0.4), 1 - 2 * (phase - 0.4) / 0.6)
-        across = torch.from_numpy(np.arcsin(swing * pace * 0.3 / 0.85).astype(np.float32))
-        knee = torch.from_numpy((0.25 + 0.7 * lift).astype(np.float32))
+        across = np.arcsin(swing * pace * 0.3 / 0.85).astype(np.float32)
+        knee = (0.25 + 0.7 * lift).astype(np.float32)
         turns[:, HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
         turns[:, HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
         turns[:, HUMANOID.index(f"{side}Foot"), 0] = -knee
         turns[:, HUMANOID.index(f"{side}UpperLeg"), 2] = across
-    turns[:, HUMANOID.index("leftUpperArm"), 2] = torch.from_numpy(np.sin(2 * math.pi * time).astype(np.float32))
+    turns[:, HUMANOID.index("leftUpperArm"), 2] = np.sin(2 * math.pi * time).astype(np.float32)
     matrices = matrix_from_axis_angle(turns)
     root = np.zeros((frames, 3), np.float32)
     root[:, 1] = 0.925
     root[:, 0] = pace * time
-    quaternions = quaternion_from_matrix(matrices).numpy()
+    quaternions = quaternion_from_matrix(matrices)
     free = Motion(HUMANOID, quaternions, root, 30.0)
     return replayed(Post(HUMANOID, stages=("ground", "feet")), free)
 
@@ -53,7 +52,7 @@ def with_options(motion: Motion, options: MotionOptions) -> Motion:
 
 
 def balls(motion: Motion) -> np.ndarray:
-    return motion.pose().positions[:, BALLS].numpy()
+    return motion.pose().positions[:, BALLS]
 
 
 def test_the_walk_walks(walk: Motion) -> None:
@@ -89,7 +88,7 @@ def test_in_place_feet_step_no_more_often_and_trail_by_less_than_a_third_of_a_me
 
 def test_an_idle_stance_bends_the_knees_and_sways_slowly_from_the_start() -> None:
     """The hips are a centimetre lower than at rest; they sway four times in 30 s, and start without a lurch."""
-    rest = HUMANOID.offsets[0].numpy()
+    rest = HUMANOID.offsets[0]
     unit = np.tile(np.float32([1, 0, 0, 0]), (900, HUMANOID.joints, 1))
     still = Motion(HUMANOID, unit, np.tile(rest, (900, 1)).astype(np.float32), 30.0)
     root = with_options(still, MotionOptions(upper_body=True)).root - rest

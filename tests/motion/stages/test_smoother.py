@@ -4,64 +4,63 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from tests.motion.stages.poses import everyone, from_quaternions, in_pieces, quaternions_of, root_of
 
-from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle
+from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, quaternion_from_axis_angle, unit
 from echoavatar.motion.stages.pose import Pose
 from echoavatar.motion.stages.smoother import BEND, LATE, STIFFNESS, Smoother, SmootherState, SpeedLimit
 
 
-def about_x(angle: torch.Tensor) -> torch.Tensor:
+def about_x(angle: np.ndarray) -> np.ndarray:
     """(1, t, 2, 4): the first joint turns by `angle` (t,) about X, the second rests."""
-    turns = torch.zeros(1, len(angle), 2, 3)
+    turns = np.zeros((1, len(angle), 2, 3), np.float32)
     turns[0, :, 0, 0] = angle
     return quaternion_from_axis_angle(turns)
 
 
 def step(
-    smoother: Smoother, rotations: torch.Tensor, state: SmootherState, active: np.ndarray | None = None
-) -> torch.Tensor:
+    smoother: Smoother, rotations: np.ndarray, state: SmootherState, active: np.ndarray | None = None
+) -> np.ndarray:
     on = everyone(len(rotations)) if active is None else active
 
-    def chunk(part: torch.Tensor) -> torch.Tensor:
-        pose = from_quaternions(part, torch.zeros(*part.shape[:2], 3))
+    def chunk(part: np.ndarray) -> np.ndarray:
+        pose = from_quaternions(part, np.zeros((*part.shape[:2], 3), np.float32))
         smoother.step(pose, state, on)
         return quaternions_of(pose)
 
     return in_pieces(chunk, rotations)
 
 
-def angle_of(rotations: torch.Tensor) -> torch.Tensor:
+def angle_of(rotations: np.ndarray) -> np.ndarray:
     return axis_angle_from_quaternion(rotations)[0, :, 0, 0]
 
 
-def shown(angle: torch.Tensor, **options: float) -> torch.Tensor:
+def shown(angle: np.ndarray, **options: float) -> np.ndarray:
     smoother = Smoother(2, **options)
     return angle_of(step(smoother, about_x(angle), smoother.init_state(1)))
 
 
 def test_steps_between_latents_become_a_smooth_path() -> None:
     """A rotation that steps by chance every 4 frames, as noisy codes decode: the jerk falls by more than 5."""
-    torch.manual_seed(0)
-    steps = (0.05 * torch.randn(40)).repeat_interleave(4)
+    rng = np.random.default_rng(0)
+    steps = np.repeat(0.05 * rng.standard_normal(40), 4)
     path = shown(steps)
-    assert torch.diff(path, n=3).abs().mean() < torch.diff(steps, n=3).abs().mean() / 5
-    assert (path - steps).abs().mean() < 0.05
+    assert np.abs(np.diff(path, n=3)).mean() < np.abs(np.diff(steps, n=3)).mean() / 5
+    assert np.abs(path - steps).mean() < 0.05
 
 
 @pytest.mark.parametrize("frames", [8, 5, 3])
 def test_a_chunk_is_the_minimum_that_the_formula_asks_for(frames: int) -> None:
     """Outside witness: least squares in double precision, every chunk on top of the last three frames shown."""
-    torch.manual_seed(1)
-    decoded = torch.nn.functional.normalize(torch.tensor([1.0, 0.3, 0.2, 0.1]) + 0.03 * torch.randn(24, 4), dim=-1)
-    travel = torch.randn(24, 3)
+    rng = np.random.default_rng(1)
+    decoded = unit(np.array([1.0, 0.3, 0.2, 0.1]) + 0.03 * rng.standard_normal((24, 4)))
+    travel = rng.standard_normal((24, 3))
     smoother = Smoother(1)
-    state, path, way = (smoother.init_state(1), [decoded[0].double().numpy()] * 3, [travel[0].double().numpy()] * 3)
-    for turns, steps in zip(torch.split(decoded, frames), torch.split(travel, frames), strict=True):
-        found = least_squares(turns.double().numpy(), np.array(path[-3:]))
+    state, path, way = (smoother.init_state(1), [decoded[0].astype(np.float64)] * 3, [travel[0].astype(np.float64)] * 3)
+    for turns, steps in zip(*(np.split(part, range(frames, 24, frames)) for part in (decoded, travel)), strict=True):
+        found = least_squares(turns.astype(np.float64), np.array(path[-3:]))
         path.extend(found / np.linalg.norm(found, axis=1, keepdims=True))
-        way.extend(least_squares(steps.double().numpy(), np.array(way[-3:])))
+        way.extend(least_squares(steps.astype(np.float64), np.array(way[-3:])))
         pose = from_quaternions(turns[None, :, None], steps[None])
         smoother.step(pose, state, everyone(1))
         np.testing.assert_allclose(quaternions_of(pose)[0, :, 0], path[-len(turns) :], atol=1e-5)
@@ -81,93 +80,93 @@ def least_squares(chunk: np.ndarray, past: np.ndarray) -> np.ndarray:
 
 def test_steps_between_latents_show_little_more_at_chunk_borders_than_within() -> None:
     """Coarse noise, a step wherever a latent of four frames begins; for the travel of the root as well."""
-    torch.manual_seed(2)
-    sway = 0.2 * torch.sin(torch.arange(1600) / 9)
-    steps = sway + (0.04 * torch.randn(400)).repeat_interleave(4)
+    rng = np.random.default_rng(2)
+    sway = 0.2 * np.sin(np.arange(1600) / 9)
+    steps = sway + np.repeat(0.04 * rng.standard_normal(400), 4)
     assert border_share(shown(steps)) == pytest.approx(1, abs=0.16)
-    smoother, still = Smoother(1), torch.tensor([1.0, 0, 0, 0]).expand(1, 8, 1, 4)
+    smoother, still = Smoother(1), np.broadcast_to(np.array([1.0, 0, 0, 0]), (1, 8, 1, 4))
     state, way = smoother.init_state(1), []
-    for part in torch.split(steps, 8):
-        pose = from_quaternions(still, part[None, :, None].expand(1, 8, 3))
+    for part in np.split(steps, len(steps) // 8, 0):
+        pose = from_quaternions(still, np.broadcast_to(part[None, :, None], (1, 8, 3)))
         smoother.step(pose, state, everyone(1))
         way.append(root_of(pose)[0, :, 1])
-    assert border_share(torch.cat(way)) == pytest.approx(1, abs=0.16)
+    assert border_share(np.concatenate(way)) == pytest.approx(1, abs=0.16)
 
 
-def border_share(path: torch.Tensor) -> float:
+def border_share(path: np.ndarray) -> float:
     """Mean second difference around the first and last frames of chunks over that around the others."""
-    change = torch.diff(path, n=2).abs()
-    place = (torch.arange(len(change)) + 1) % 8
+    change = np.abs(np.diff(path, n=2))
+    place = (np.arange(len(change)) + 1) % 8
     is_border = (place == 0) | (place == 7)
     return float(change[is_border].mean() / change[~is_border].mean())
 
 
 def test_a_quick_stroke_keeps_its_time_and_size() -> None:
     """Sweeps of 1.2 rad in 0.4 s, as arms make them: a tenth of the way off at most."""
-    time = torch.arange(64) / 30
-    stroke = 1.2 * torch.sin(2 * math.pi * time / 0.8)
-    assert (shown(stroke) - stroke)[8:].abs().max() < 0.12
+    time = np.arange(64) / 30
+    stroke = 1.2 * np.sin(2 * math.pi * time / 0.8)
+    assert np.abs((shown(stroke) - stroke)[8:]).max() < 0.12
 
 
-def minimum_jerk(lead: int) -> torch.Tensor:
+def minimum_jerk(lead: int) -> np.ndarray:
     """A stroke of 1 rad in 0.4 s after `lead` frames at rest, as hands make them."""
-    share = ((torch.arange(64) - lead) / 12).clamp(0, 1)
+    share = np.clip((np.arange(64) - lead) / 12, 0, 1)
     return share**3 * (10 - 15 * share + 6 * share * share)
 
 
 def test_strokes_keep_their_course_and_trembling_does_not() -> None:
     """Strokes that begin anywhere in a chunk stay within 2.4 degrees; of the jerk of trembling a twentieth is left."""
     strokes = [minimum_jerk(20 + place) for place in range(8)]
-    assert max((shown(stroke) - stroke).abs().max() for stroke in strokes) < math.radians(2.4)
-    torch.manual_seed(0)
-    tremble = (0.05 * torch.randn(400)).repeat_interleave(4)
-    jerk = torch.diff(shown(tremble), n=3).abs()
-    assert jerk.mean() < 0.05 * torch.diff(tremble, n=3).abs().mean()
+    assert max(np.abs(shown(stroke) - stroke).max() for stroke in strokes) < math.radians(2.4)
+    rng = np.random.default_rng(0)
+    tremble = np.repeat(0.05 * rng.standard_normal(400), 4)
+    jerk = np.abs(np.diff(shown(tremble), n=3))
+    assert jerk.mean() < 0.05 * np.abs(np.diff(tremble, n=3)).mean()
 
 
 def test_a_step_is_felt_where_a_latent_begins_and_spread_over_all_of_it() -> None:
     """Where a latent begins the jerk is three to five times as large as within it: neither a corner nor a dead hand."""
-    torch.manual_seed(0)
-    jerk = torch.diff(shown((0.05 * torch.randn(400)).repeat_interleave(4)), n=3).abs()
-    is_begin = (torch.arange(len(jerk)) + 3) % 4 == 0
+    rng = np.random.default_rng(0)
+    jerk = np.abs(np.diff(shown(np.repeat(0.05 * rng.standard_normal(400), 4)), n=3))
+    is_begin = (np.arange(len(jerk)) + 3) % 4 == 0
     assert 3 < jerk[is_begin].mean() / jerk[~is_begin].mean() < 5
 
 
 def test_no_stiffness_shows_what_was_decoded() -> None:
-    torch.manual_seed(0)
-    angle = 0.5 * torch.rand(32)
-    torch.testing.assert_close(shown(angle, stiffness=0.0), angle, atol=1e-5, rtol=0)
+    rng = np.random.default_rng(0)
+    angle = 0.5 * rng.random(32)
+    np.testing.assert_allclose(shown(angle, stiffness=0.0), angle, atol=1e-5, rtol=0)
 
 
 def test_a_jump_at_a_chunk_border_is_bridged() -> None:
     """Half a radian between two frames becomes a path whose acceleration is a fraction of the jump's."""
-    jump = torch.cat([torch.zeros(16), torch.full((24,), 0.5)])
+    jump = np.concatenate([np.zeros(16, np.float32), np.full(24, 0.5)])
     path = shown(jump)
-    assert torch.diff(path, n=2).abs().max() < 0.4 * torch.diff(jump, n=2).abs().max()
+    assert np.abs(np.diff(path, n=2)).max() < 0.4 * np.abs(np.diff(jump, n=2)).max()
     assert path[-1] == pytest.approx(0.5, abs=0.01)
 
 
 def test_no_joint_turns_faster_than_the_bound() -> None:
     """A jump of 3 rad is spread: 1,000 degrees a second are 0.582 rad a frame."""
-    jump = torch.cat([torch.zeros(8), torch.full((24,), 3.0)])
+    jump = np.concatenate([np.zeros(8, np.float32), np.full(24, 3.0)])
     path = shown(jump)
-    assert (path[1:] - path[:-1]).abs().max() <= math.radians(1000) / 30 + 1e-4
+    assert np.abs(path[1:] - path[:-1]).max() <= math.radians(1000) / 30 + 1e-4
     assert path[-1] == pytest.approx(3.0, abs=0.05)
 
 
 def test_the_sign_of_a_quaternion_does_not_matter() -> None:
-    smooth = about_x(torch.linspace(0, 1, 16))
-    flipped = smooth.clone()
+    smooth = about_x(np.linspace(0, 1, 16))
+    flipped = smooth.copy()
     flipped[:, ::2] *= -1
     smoother = Smoother(2)
     one, other = (angle_of(step(smoother, x, smoother.init_state(1))) for x in (smooth, flipped))
-    torch.testing.assert_close(one, other)
+    np.testing.assert_allclose(one, other, atol=1e-5)
 
 
 def test_idle_rows_stay_untouched() -> None:
     smoother = Smoother(2)
     state = smoother.init_state(2)
-    step(smoother, about_x(torch.ones(8)).expand(2, -1, -1, -1), state, np.array([True, False]))
+    step(smoother, np.concatenate([about_x(np.ones(8))] * 2), state, np.array([True, False]))
     assert all(not tensor[1].any() for tensor in state.tensors())
 
 

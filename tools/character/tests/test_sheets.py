@@ -21,7 +21,7 @@ def test_stills_show_body_and_face_of_a_frame() -> None:
     """Three frames, of which one has another pose and one another face."""
     rotations = np.tile(np.float32([1, 0, 0, 0]), (3, 52, 1))
     rotations[1, HUMANOID.index("leftUpperArm")] = np.float32([np.cos(0.5), 0, 0, -np.sin(0.5)])
-    root = np.tile(HUMANOID.rest_positions[0].numpy(), (3, 1))
+    root = np.tile(HUMANOID.rest_positions[0], (3, 1))
     face = np.zeros((3, 52), np.float32)
     face[2, 5:20] = 1
     motion = Motion(HUMANOID, rotations, root, 30.0)

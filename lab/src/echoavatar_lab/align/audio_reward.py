@@ -27,7 +27,7 @@ from torch import Tensor, nn
 from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.models.audio import AudioCodec
-from echoavatar.motion.kinematics import FeatureStatistics
+from echoavatar.models.tokenizer import FeatureStatistics
 from echoavatar.nn import FullBlock
 from echoavatar.timing import (
     FRAMES_PER_MOTION_TOKEN,

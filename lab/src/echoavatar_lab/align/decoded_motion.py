@@ -17,9 +17,8 @@ from scipy.ndimage import gaussian_filter1d
 from torch import Tensor
 
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Skeleton, forward_kinematics, from_features
+from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
 from echoavatar.motion.stages.smoother import FASTEST, SHOWN, STIFFNESS, shares
 from echoavatar.timing import (
     AUDIO_FRAMES_PER_CHUNK,
@@ -28,6 +27,7 @@ from echoavatar.timing import (
     FRAMES_PER_MOTION_TOKEN,
     MOTION_TOKENS_PER_CHUNK,
 )
+from echoavatar_lab.kinematics import forward_kinematics, from_features, matrix_from_quaternion, quaternion_from_matrix
 
 from .prompts import Prompt
 

@@ -17,12 +17,12 @@ from torch import Tensor
 from echoavatar.files.avatar.video import Shot, write_film
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import Skeleton, from_features
-from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
+from echoavatar.motion.kinematics import Skeleton
 from echoavatar.whole_file import make_output_folder
 from echoavatar_lab.evaluation.metrics.distributions import Moments, frechet_between, moments, pooled
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder, motion_features
 from echoavatar_lab.evaluation.metrics.positions import l1_deviation
+from echoavatar_lab.kinematics import from_features, quaternion_from_matrix
 from echoavatar_lab.models.audio.decoding import decode
 from echoavatar_lab.models.tokenize import motion_of_codes
 

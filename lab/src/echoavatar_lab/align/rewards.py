@@ -221,7 +221,7 @@ def smoothness(motion: DecodedMotion, reference_statistics: ReferenceStatistics)
 def planted_feet(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> float:
     """Minus the sliding speed of the planted balls of the feet in dm/s, at least -3 (before the pipeline's leg IK)."""
     balls = list(motion.skeleton.config.feet)[1::2]
-    standing = motion.skeleton.rest_positions[balls, 1].numpy()
+    standing = motion.skeleton.rest_positions[balls, 1]
     return max(-3.0, -0.1 * skate(motion.positions[:, balls], FRAME_RATE_HZ, standing_height=standing))
 
 

@@ -10,9 +10,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.bench.face import evict_caches
 from echoavatar.motion.kinematics import HUMANOID, to_features
@@ -44,14 +42,14 @@ def bench_post(*, chunks: int = 600, sessions: int = 64) -> PostReport:
     return PostReport(_stages_ms(clip, 1, chunks), _stages_ms(clip, sessions, many), sessions)
 
 
-def _stages_ms(clip: Float[Tensor, "t c"], sessions: int, chunks: int) -> dict[str, float]:
+def _stages_ms(clip: Float[np.ndarray, "t c"], sessions: int, chunks: int) -> dict[str, float]:
     """Median milliseconds of each stage and of all, per session."""
     between, post = evict_caches(), Post(HUMANOID)
-    state, active = post.init_state(sessions), torch.ones(sessions, dtype=torch.bool)
-    pieces: tuple[Tensor, ...] = clip.tensor_split(len(clip) // CHUNK_FRAMES)
+    state, active = post.init_state(sessions), np.ones(sessions, np.bool_)
+    pieces = np.split(clip, len(clip) // CHUNK_FRAMES)
     times = []
     for step in range(WARM_UP + chunks):
-        batch = torch.stack([pieces[(step + 7 * row) % len(pieces)] for row in range(sessions)])
+        batch = np.stack([pieces[(step + 7 * row) % len(pieces)] for row in range(sessions)])
         between()
         ends = [time.perf_counter()]
         post.step(batch, state, active, lambda stage, ends=ends: ends.append(time.perf_counter()))  # type: ignore[misc]
@@ -60,23 +58,21 @@ def _stages_ms(clip: Float[Tensor, "t c"], sessions: int, chunks: int) -> dict[s
     return {name: round(float(ms), 4) for name, ms in zip((*POST_STAGES, "all"), medians, strict=True)}
 
 
-def restless(frames: int) -> Float[Tensor, "t c"]:
+def restless(frames: int) -> Float[np.ndarray, "t c"]:
     """Features of a body with work for every stage; repeats without a step after `frames` frames."""
-    generator = torch.Generator().manual_seed(0)
-    phase = torch.arange(frames) * (2 * math.pi / frames)
-    turns, inwards = torch.zeros(frames, HUMANOID.joints, 3), torch.zeros(HUMANOID.joints, 3)
+    phase = np.arange(frames) * (2 * math.pi / frames)
+    turns = 0.03 * np.random.default_rng(0).standard_normal((frames, HUMANOID.joints, 3))
+    inwards = np.zeros((HUMANOID.joints, 3))
     beats = round(frames / FRAME_RATE_HZ * 0.8)
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        wave = torch.sin(beats * phase + sign)
-        turns[:, HUMANOID.index(f"{side}UpperArm"), 2] = -sign * (1.05 + 0.25 * wave)
+        wave = np.sin(beats * phase + sign)
+        turns[:, HUMANOID.index(f"{side}UpperArm"), 2] -= sign * (1.05 + 0.25 * wave)
         inwards[HUMANOID.index(f"{side}UpperArm"), 1] = -sign * 0.9
-        turns[:, HUMANOID.index(f"{side}LowerArm"), 1] = -sign * (1.3 + 0.9 * wave)
-        knee = 0.15 + 0.5 * (sign * torch.sin(beats * phase)).clamp_min(0)
-        turns[:, HUMANOID.index(f"{side}UpperLeg"), 0] = -knee
-        turns[:, HUMANOID.index(f"{side}LowerLeg"), 0] = 2 * knee
-        turns[:, HUMANOID.index(f"{side}Foot"), 0] = -knee
-    turns += 0.03 * torch.randn(turns.shape, generator=generator)
-    root = torch.zeros(frames, 3)
-    root[:, 0], root[:, 1] = 0.05 * torch.sin(beats * phase), 0.94
+        turns[:, HUMANOID.index(f"{side}LowerArm"), 1] -= sign * (1.3 + 0.9 * wave)
+        knee = 0.15 + 0.5 * np.maximum(sign * np.sin(beats * phase), 0)
+        turns[:, HUMANOID.index(f"{side}UpperLeg"), 0] -= knee
+        turns[:, HUMANOID.index(f"{side}LowerLeg"), 0] += 2 * knee
+        turns[:, HUMANOID.index(f"{side}Foot"), 0] -= knee
+    root = np.stack([0.05 * np.sin(beats * phase), np.full(frames, 0.94), np.zeros(frames)], 1)
     rotations = matrix_from_axis_angle(inwards) @ matrix_from_axis_angle(turns)
-    return to_features(HUMANOID, rotations, root)
+    return to_features(HUMANOID, rotations, root).astype(np.float32)

@@ -76,7 +76,7 @@ def bench_tokenizer(
     for _ in range(CLIPS):
         turns = random.normal(0, 0.1, (frames, HUMANOID.joints, 4)) + [1, 0, 0, 0]
         turns /= np.linalg.norm(turns, axis=-1, keepdims=True)
-        root = HUMANOID.offsets[0].numpy() + random.normal(0, 0.01, (frames, 3))
+        root = HUMANOID.offsets[0] + random.normal(0, 0.01, (frames, 3))
         clips.append(ClipMotion(turns.astype(np.float32), root.astype(np.float32)))
     return _timed("tokenizer", TokenizerTask(config, training, clips), device=device, steps=steps)
 

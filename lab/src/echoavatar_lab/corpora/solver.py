@@ -14,8 +14,8 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from torch import Tensor
 
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle, quaternion_from_matrix
 from echoavatar.motion.kinematics.skeleton import HUMANOID
+from echoavatar_lab.kinematics import matrix_from_axis_angle, quaternion_from_matrix
 
 from .controls import Controls
 
@@ -258,7 +258,7 @@ def for_side(rotation: Tensor, side: int) -> Tensor:
 
 def offset_of(name: str) -> Float[Tensor, " 3"]:
     """Where a joint of our rig is in its parent, metres, in double precision."""
-    return HUMANOID.offsets[HUMANOID.index(name)].double()
+    return torch.from_numpy(HUMANOID.offsets[HUMANOID.index(name)]).double()
 
 
 def _tensor(array: NDArray[np.float32]) -> Tensor:

@@ -176,7 +176,8 @@ def mirror_features(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> Floa
 
 def is_symmetric(skeleton: Skeleton, tolerance: float = 1e-4) -> bool:
     """Whether the rest offsets of every mirror pair are reflections of each other (metres)."""
-    return bool((skeleton.offsets[_pairs(skeleton)] - mirror_positions(skeleton.offsets)).abs().max() <= tolerance)
+    offsets = torch.from_numpy(skeleton.offsets)
+    return bool((offsets[_pairs(skeleton)] - mirror_positions(offsets)).abs().max() <= tolerance)
 
 
 def _pairs(skeleton: Skeleton) -> list[int]:

@@ -1,10 +1,8 @@
 """Two faults of motion, measured: planted feet that slide, and hands inside the body."""
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from numpy.typing import NDArray
-from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.ik import BodyProfile, body_of_rig
@@ -25,21 +23,19 @@ def skate(
 
 
 def penetration_depth_m(
-    skeleton: Skeleton, rotations: Float[Tensor, "t j 3 3"], profile: BodyProfile | None = None
-) -> Float[Tensor, "t 2"]:
+    skeleton: Skeleton, rotations: Float[np.ndarray, "t j 3 3"], profile: BodyProfile | None = None
+) -> Float[np.ndarray, "t 2"]:
     """Depth of the deepest point of the left and the right hand below the skin of torso, neck or head, metres.
 
     The points are all joints and tips of all fingers, each with its thickness. The distance to an ellipsoid is exact at
     the skin and of first order below it. 0 where the hand is outside. Raises MotionError if the rig's bones are not
     known, or a rotation is not finite.
     """
-    if not torch.isfinite(rotations).all():
+    if not np.isfinite(rotations).all():
         raise MotionError("the motion holds rotations that are not finite; leave out these frames")
     bones, profile = bone_map(skeleton), profile or body_of_rig(skeleton)
     body = Body(skeleton, profile)
-    still = torch.zeros(len(rotations), 3)
-    pose = forward_kinematics(skeleton, rotations.detach().cpu().float(), still)
-    world, places = pose.rotations.numpy(), pose.positions.numpy()
+    world, places = forward_kinematics(skeleton, rotations, np.zeros((len(rotations), 3), np.float32))
     depths = []
     for side in ("left", "right"):
         hand = hand_points(skeleton, bones, side, FINGER_JOINTS)
@@ -53,4 +49,4 @@ def penetration_depth_m(
         steep = np.sqrt(((seen / body.radii[:, None]) ** 2).sum(-1))
         below = far * (1 - far) / np.maximum(steep, 1e-6) + thick
         depths.append(np.maximum(below.max((1, 2)), 0))
-    return torch.from_numpy(np.stack(depths, -1))
+    return np.stack(depths, -1)

@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.motion.kinematics.features import CONSTANT_STD, FeatureStatistics
+from echoavatar.models.tokenizer import CONSTANT_STD, FeatureStatistics
 from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.motion import Motion, Pose
 from echoavatar.motion.kinematics.rigs import bone_map, known_bones
@@ -39,7 +39,7 @@ def describe(motion: Motion) -> dict[str, float]:
     if motion.frames < 4:
         raise ValueError(f"statistics need four frames, got {motion.frames}")
     bones, pose = bone_map(motion.skeleton), motion.pose()
-    places = pose.positions.numpy().astype(np.float64)
+    places = pose.positions.astype(np.float64)
     numbers = {"seconds": motion.seconds}
     numbers |= _hands(motion, bones, pose, places)
     numbers |= _joints(motion, bones, pose)
@@ -83,7 +83,7 @@ def arm_length(skeleton: Skeleton) -> float:
     """Length of upper arm plus forearm, mean of both sides, metres."""
     bones = bone_map(skeleton)
     joints = [bones[f"{side}{bone}"] for side in ("left", "right") for bone in ("LowerArm", "Hand")]
-    return float(skeleton.offsets[joints].norm(dim=-1).sum() / 2)
+    return float(np.linalg.norm(skeleton.offsets[joints], axis=-1).sum() / 2)
 
 
 def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) -> dict[str, float]:
@@ -112,9 +112,9 @@ def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) ->
 
 def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, float]:
     local = motion.matrices()
-    speed = torch.rad2deg(angle_between(local[:-1], local[1:])).numpy() * motion.fps
+    speed = np.degrees(angle_between(local[:-1], local[1:])) * motion.fps
     world = pose.rotations[:, bones["head"]]
-    head = torch.rad2deg(angle_between(world[:-1], world[1:])).numpy() * motion.fps
+    head = np.degrees(angle_between(world[:-1], world[1:])) * motion.fps
     fingers = [joint for bone, joint in bones.items() if any(digit in bone for digit in DIGITS)]
     moving = speed[:, fingers] if fingers else np.zeros((1, 1))
     return {
@@ -129,7 +129,7 @@ def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, floa
 
 def own_frame(bones: dict[str, int], pose: Pose) -> _Array:
     """Positions (t, j, 3) relative to the hips, turned about the vertical so that the hips face +Z."""
-    places = pose.positions.numpy().astype(np.float64)
+    places = pose.positions.astype(np.float64)
     across = places[:, bones["leftUpperLeg"]] - places[:, bones["rightUpperLeg"]]
     left = across[:, [0, 2]] / np.linalg.norm(across[:, [0, 2]], axis=-1, keepdims=True).clip(1e-9)
     relative = places - places[:, bones["hips"], None]
@@ -140,7 +140,7 @@ def own_frame(bones: dict[str, int], pose: Pose) -> _Array:
 
 def _standing_heights(motion: Motion, bones: dict[str, int]) -> _Array | None:
     """Heights of ankles and toes on the floor, from the rest pose; None, to be measured, if it is not on y = 0."""
-    rest = motion.skeleton.rest_positions.numpy().astype(np.float64)
+    rest = motion.skeleton.rest_positions.astype(np.float64)
     heights = rest[[bones[name] for name in _FEET if name in bones], 1]
     is_on_floor = 0 < heights.min() < 0.05 and heights.max() < 0.2
     return heights if is_on_floor else None

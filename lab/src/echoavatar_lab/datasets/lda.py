@@ -10,7 +10,6 @@ in the T-pose.
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.errors import CheckpointError, MotionError
@@ -66,13 +65,13 @@ def read_lda(path: Path, skeleton: Skeleton | None = None) -> Motion:
             raise MotionError(f"{path}, frame {frame}: {name} is not finite; repair or leave out the file")
     rig = _rig(skeleton or HUMANOID)
     turns = np.stack([columns[name] for name in wanted], 1).reshape(-1, len(PARENTS), 3)
-    rotations = quaternion_from_axis_angle(torch.from_numpy(turns))
+    rotations = quaternion_from_axis_angle(turns)
     yaw = np.cumsum([0.0, *columns["reference_dYrotation"][1:]])
-    heading = quaternion_from_axis_angle(torch.from_numpy(np.outer(yaw, [0.0, 1.0, 0.0])))
+    heading = quaternion_from_axis_angle(np.outer(yaw, [0.0, 1.0, 0.0]))
     rotations[:, 0] = quaternion_multiply(heading, rotations[:, 0])
     root = np.stack([*_path(yaw, *(columns[name] for name in _REFERENCE[:2])), columns[f"{ROOT}_Yposition"]], 1)
     return Motion(
-        rig, rotations.numpy().astype(np.float32), (root[:, [0, 2, 1]] / 100).astype(np.float32), float(FRAME_RATE_HZ)
+        rig, rotations.astype(np.float32), (root[:, [0, 2, 1]] / 100).astype(np.float32), float(FRAME_RATE_HZ)
     )
 
 
@@ -88,7 +87,7 @@ def _path(
 def _rig(source: Skeleton) -> Skeleton:
     """The 19 joints with the lengths of another rig, which has them by Motorica's names or by ours."""
     bones = {name: _joint(source, name) for name in PARENTS}
-    places = source.rest_positions.numpy()
+    places = source.rest_positions
     offsets = [
         places[at] - (places[bones[parent]] if (parent := PARENTS[name]) else 0 * places[at])
         for name, at in bones.items()

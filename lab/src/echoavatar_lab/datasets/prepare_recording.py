@@ -18,11 +18,9 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
-from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.errors import AudioError, EchoAvatarError, MotionError
@@ -102,16 +100,16 @@ def hand_states(motion: Motion) -> dict[str, State]:
     return states
 
 
-def hand_scores(rotations: Float[Tensor, "t j 3 3"], fps: float) -> HandScores:
+def hand_scores(rotations: Float[np.ndarray, "t j 3 3"], fps: float) -> HandScores:
     """Score the rotations (t, j, 3, 3) of the finger bones of one hand, each relative to its parent."""
-    bend = torch.rad2deg(angle_between(rotations, torch.eye(3).expand_as(rotations)))
-    step = axis_angle_from_quaternion(quaternion_from_matrix(rotations[:-1].transpose(-1, -2) @ rotations[1:]))
-    speed, change = step.norm(dim=-1), (step[1:] - step[:-1]).norm(dim=-1)
-    both = (speed[1:] + speed[:-1]).sum() if len(speed) > 1 else torch.zeros(())
+    bend = np.degrees(angle_between(rotations, np.eye(3, dtype=rotations.dtype)))
+    step = axis_angle_from_quaternion(quaternion_from_matrix(rotations[:-1].mT @ rotations[1:]))
+    speed, change = np.linalg.norm(step, axis=-1), np.linalg.norm(np.diff(step, axis=0), axis=-1)
+    both = (speed[1:] + speed[:-1]).sum() if len(speed) > 1 else 0.0
     return HandScores(
-        speed_deg_s=float(torch.rad2deg(speed).mean() * fps) if len(speed) else 0.0,
+        speed_deg_s=float(np.degrees(speed).mean() * fps) if len(speed) else 0.0,
         tremble=float(change.sum() / both) if both > 0 else 0.0,
-        bend_deg=float(np.percentile(bend.numpy(), 99)),
+        bend_deg=float(np.percentile(bend, 99)),
     )
 
 

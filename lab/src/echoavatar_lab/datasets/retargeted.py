@@ -12,9 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.ik.hand_contact import find_arm, move_hand
@@ -103,19 +101,19 @@ def keep_hand_contact(motion: Motion, source: Motion) -> Motion:
     """
     length = arm_length(motion.skeleton)
     wanted = _between(source) / arm_length(source.skeleton) * length
-    weight = falloff(wanted.norm(dim=-1) / length, NEAR_ARMS, FAR_ARMS)
+    weight = falloff(np.linalg.norm(wanted, axis=-1) / length, NEAR_ARMS, FAR_ARMS)
     if float(weight.max()) == 0:
         return motion
     step = (wanted - _between(motion)) * weight[:, None] / 2
-    rotations, pose = motion.matrices().double(), motion.pose(torch.float64)
+    rotations, pose = motion.matrices().astype(np.float64), motion.pose(np.float64)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         rotations = move_hand(find_arm(motion.skeleton, side), rotations, pose, sign * step)
-    return replace(motion, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
+    return replace(motion, rotations=quaternion_from_matrix(rotations).astype(np.float32))
 
 
-def _between(motion: Motion) -> Float[Tensor, "t 3"]:
+def _between(motion: Motion) -> Float[np.ndarray, "t 3"]:
     """Vector from the right wrist to the left, metres, world axes."""
-    bones, places = bone_map(motion.skeleton), motion.pose().positions.double()
+    bones, places = bone_map(motion.skeleton), motion.pose().positions.astype(np.float64)
     return places[:, bones["leftHand"]] - places[:, bones["rightHand"]]
 
 
@@ -167,12 +165,12 @@ def _feet(motion: Motion) -> _Array:
 
 
 def _places(motion: Motion, joints: Sequence[int]) -> _Array:
-    return motion.pose().positions[:, joints].numpy().astype(np.float64)
+    return motion.pose().positions[:, joints].astype(np.float64)
 
 
 def _hands_apart(motion: Motion) -> _Array:
     """Distance between the wrists in arm lengths."""
-    apart: _Array = _between(motion).norm(dim=-1).numpy() / arm_length(motion.skeleton)
+    apart: _Array = np.linalg.norm(_between(motion), axis=-1) / arm_length(motion.skeleton)
     return apart
 
 

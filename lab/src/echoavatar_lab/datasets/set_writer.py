@@ -224,8 +224,7 @@ def _features(corpus: Corpus) -> dict[str, list[float]]:
         return {}
     clips = (corpus.motion(name) for name in names)
     mean, std, _ = measure_features(
-        to_features(skeleton, matrix_from_quaternion(torch.from_numpy(one.rotations)), torch.from_numpy(one.root))
-        for one in clips
+        torch.from_numpy(to_features(skeleton, matrix_from_quaternion(one.rotations), one.root)) for one in clips
     )
     return {name: [round(v, 6) for v in values.tolist()] for name, values in (("mean", mean), ("std", std))}
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float, UInt8
 
 from echoavatar.engine import Engine
@@ -142,10 +141,10 @@ def head_turn(motion: Motion, frames: slice) -> HeadTurn:
 def joints_and_nose(motion: Motion) -> Points:
     """Joints and nose in the hips' frame, metres."""
     skeleton, pose = motion.skeleton, motion.pose()
-    positions, head = pose.positions.numpy(), skeleton.index("head")
-    ahead = pose.rotations[:, head].numpy() @ np.array([0, 0, NOSE_M], np.float32)
+    positions, head = pose.positions, skeleton.index("head")
+    ahead = pose.rotations[:, head] @ np.array([0, 0, NOSE_M], np.float32)
     points = np.concatenate([positions, (positions[:, head] + ahead)[:, None]], axis=1) - positions[:, :1]
-    hips = matrix_from_quaternion(torch.from_numpy(motion.rotations[:, 0])).numpy()
+    hips = matrix_from_quaternion(motion.rotations[:, 0])
     return np.asarray(points @ hips)
 
 

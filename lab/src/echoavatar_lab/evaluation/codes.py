@@ -27,13 +27,14 @@ from echoavatar.engine.pipeline import Bundle, Pipeline
 from echoavatar.models.fingers.clips import on_our_rig
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import HUMANOID, Motion, from_features, to_features
+from echoavatar.motion.kinematics import HUMANOID, Motion, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.motion_chunk import join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar.timing import AUDIO_FRAMES_PER_CHUNK, CHUNK_FRAMES, FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar_lab.data import MUSIC, SPEECH, Clip
+from echoavatar_lab.kinematics import from_features
 from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.models.tokenize import audio_codes, motion_codes, motion_of_codes
@@ -205,12 +206,11 @@ def sharing_in_speech(tracks: Sequence[Track]) -> dict[str, float]:
 
 def replayed(post: Post, motion: Motion, options: MotionOptions = FREE) -> Motion:
     """Run a finished motion through the stages, chunk by chunk, as a new session."""
-    features = to_features(post.skeleton, motion.matrices(), torch.from_numpy(motion.root))
-    state = post.init_state(1)
-    everyone = torch.ones(1, dtype=torch.bool)
+    features = to_features(post.skeleton, motion.matrices(), motion.root)
+    state, everyone = post.init_state(1), np.ones(1, np.bool_)
     state.modes.choose(everyone, options)
-    padded = torch.cat([features, features[-1:].expand(-len(features) % CHUNK_FRAMES, -1)])
-    pieces: tuple[Tensor, ...] = padded[None].tensor_split(len(padded) // CHUNK_FRAMES, 1)
+    padded = np.pad(features, ((0, -len(features) % CHUNK_FRAMES), (0, 0)), mode="edge")
+    pieces = np.split(padded[None], len(padded) // CHUNK_FRAMES, 1)
     shown = join_batches([post.step(piece, state, everyone) for piece in pieces])
     rotations, root = shown.rotations[0], shown.root[0]
     root[:, [0, 2]] += motion.root[0, [0, 2]]

@@ -33,7 +33,7 @@ UNITS = {
     "foot_contact_score": "",
 }
 _BALLS = list(HUMANOID.config.feet)[1::2]  # the ankle may swing over a planted ball; the ball must not move
-_STANDING = HUMANOID.rest_positions[_BALLS, 1].numpy()
+_STANDING = HUMANOID.rest_positions[_BALLS, 1]
 
 
 @runtime_checkable
@@ -56,7 +56,7 @@ class ClipMeasurements:
 
 def measure_clip(motion: Motion, extractor: Extractor | None = None) -> ClipMeasurements:
     """Measure one clip on our rig at 30 fps."""
-    positions = motion.pose().positions.numpy().astype(np.float64)
+    positions = motion.pose().positions.astype(np.float64)
     balls = positions[:, _BALLS]
     above = balls - np.array([0.0, 1.0, 0.0]) * _STANDING[:, None]
     depth = penetration_depth_m(HUMANOID, motion.matrices())
@@ -95,8 +95,8 @@ class Track:
 def track(motion: Motion, domain: Integer[np.ndarray, " t"]) -> Track:
     """World positions and joint speeds of a clip at 30 fps."""
     matrices = motion.matrices()
-    turn = torch.rad2deg(angle_between(matrices[:-1], matrices[1:])) * FRAME_RATE_HZ
-    return Track(motion.pose().positions.numpy(), turn.numpy(), domain)
+    turn = np.degrees(angle_between(matrices[:-1], matrices[1:])) * FRAME_RATE_HZ
+    return Track(motion.pose().positions, turn, domain)
 
 
 def hand_speed_m_s(clip: Track, hands: Sequence[int]) -> Float[np.ndarray, " steps"]:

@@ -123,7 +123,7 @@ def semantic_row(pairs: Sequence[Pair], folder: Path, *, seed: int = 0) -> Row:
     values, best, weights = [], [], []
     for pair in pairs:
         labels = read_labels(folder / f"{pair.name}.txt", pair.made.frames)
-        sides = [motion.pose().positions.numpy().astype(np.float64) for motion in (pair.made, pair.true)]
+        sides = [motion.pose().positions.astype(np.float64) for motion in (pair.made, pair.true)]
         sides = [side - side[:, :1] for side in sides]
         values.append(srgr(sides[0], sides[1], labels))
         best.append(srgr(sides[1], sides[1], labels))
@@ -190,7 +190,7 @@ def _errors(pair: Pair) -> Reconstruction:
     steps = [
         torch.from_numpy(np.diff(m.root[:, [0, 2]], axis=0, prepend=m.root[:1, [0, 2]])) for m in (pair.true, pair.made)
     ]
-    return reconstruction(HUMANOID, pair.true.matrices(), pair.made.matrices(), *steps)
+    return reconstruction(HUMANOID, *(torch.from_numpy(m.matrices()) for m in (pair.true, pair.made)), *steps)
 
 
 # ---- a bundle

@@ -58,7 +58,7 @@ def rest_joints(body_model: Path, betas: Float[np.ndarray, " n"]) -> Float[np.nd
 def _rig_at(rest: Float[np.ndarray, "55 3"]) -> Skeleton:
     """The joints at the places of a body model, with our hips' place and the feet on the floor."""
     ours = skeleton()
-    places = rest - rest[0] + HUMANOID.rest_positions[0].numpy()
+    places = rest - rest[0] + HUMANOID.rest_positions[0]
     parents = np.array(ours.parents)
     offsets = places - np.where(parents[:, None] < 0, 0, places[parents])
     lowest_toes = places[ours.indices(("left_foot", "right_foot")), 1].min()

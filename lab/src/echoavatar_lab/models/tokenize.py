@@ -165,7 +165,7 @@ def told_manner(clip: Clip, tokens: int, *, is_mirrored: bool) -> Float[np.ndarr
 
 def hands_of(motion: Motion) -> tuple[Float[np.ndarray, "t 2"], Float[np.ndarray, "t 2"]]:
     """Speeds and heights of the left and the right wrist in the shoulders' frame, in arm lengths (per second)."""
-    at = dict(zip(motion.skeleton.names, motion.pose().positions.numpy().swapaxes(0, 1), strict=True))
+    at = dict(zip(motion.skeleton.names, motion.pose().positions.swapaxes(0, 1), strict=True))
     shoulder, elbow, wrist = (at[f"left{bone}"] for bone in ("UpperArm", "LowerArm", "Hand"))
     reach = np.median(np.linalg.norm(shoulder - elbow, axis=1) + np.linalg.norm(elbow - wrist, axis=1))
     across = shoulder - at["rightUpperArm"]
@@ -222,9 +222,9 @@ def motion_codes(
 def motion_of_codes(tokenizer: BodyTokenizer, codes: Int[Tensor, "n p q"]) -> Motion:
     """The motion of codes on any device, decoded on the tokenizer's rig; nothing behind the decoder runs."""
     decoded = tokenizer.decode(codes[None].to(tokenizer.mean.device))[0].cpu()
-    frames = from_features(tokenizer.skeleton, decoded)
-    rotations = quaternion_from_matrix(frames.rotations).numpy()
-    return Motion(tokenizer.skeleton, rotations, frames.root.numpy(), float(FRAME_RATE_HZ))
+    frames = from_features(tokenizer.skeleton, decoded.numpy())
+    rotations = quaternion_from_matrix(frames.rotations)
+    return Motion(tokenizer.skeleton, rotations, frames.root, float(FRAME_RATE_HZ))
 
 
 def tokenize_sounds(

@@ -122,7 +122,7 @@ class Baselines:
             turned, root = facing(own.rotations[start:stop], own.root[start:stop], yaw)
             root[:, [0, 2]] += place - root[0, [0, 2]]
             place = root[-1, [0, 2]]
-            last = matrix_from_quaternion(torch.from_numpy(turned[-1:, 0]))
+            last = torch.from_numpy(matrix_from_quaternion(turned[-1:, 0]))
             yaw = float(heading(last)[0])
             rotations.append(turned)
             roots.append(root)
@@ -148,14 +148,15 @@ def facing(
     rotations: Float[np.ndarray, "t j 4"], root: Float[np.ndarray, "t 3"], yaw: float | None = None
 ) -> tuple[Float[np.ndarray, "t j 4"], Float[np.ndarray, "t 3"]]:
     """Rotate a clip about the vertical so that it starts facing `yaw`; None: every frame faces +Z."""
-    matrices = matrix_from_quaternion(torch.from_numpy(rotations[:, 0]).float())
-    own = heading(matrices)
-    turn = -own if yaw is None else (yaw - own[:1]).expand(len(own))
-    about = quaternion_from_axis_angle(torch.stack([torch.zeros_like(turn), turn, torch.zeros_like(turn)], -1))
+    hips = rotations[:, 0].astype(np.float32)
+    own = heading(torch.from_numpy(matrix_from_quaternion(hips))).numpy()
+    turn = -own if yaw is None else np.full_like(own, yaw - own[0])
     turned = rotations.copy()
-    turned[:, 0] = quaternion_multiply(about, torch.from_numpy(rotations[:, 0]).float()).numpy()
-    moved = (turn_about_up(-turn) @ torch.from_numpy(root).float()[..., None])[..., 0]
-    return turned, moved.numpy()
+    turned[:, 0] = quaternion_multiply(
+        quaternion_from_axis_angle(np.outer(turn, np.array([0, 1, 0], np.float32))), hips
+    )
+    moved = turn_about_up(torch.from_numpy(-turn)).numpy() @ root.astype(np.float32)[..., None]
+    return turned, moved[..., 0]
 
 
 def spectra(audio: Float[np.ndarray, " s"]) -> Float[np.ndarray, "t m"]:

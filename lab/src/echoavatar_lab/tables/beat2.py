@@ -146,10 +146,11 @@ class Beat2Experiment(Experiment):
         """SMPL-X's joints."""
         return self.corpus.skeleton
 
-    def positions(self, motion: Motion) -> Float[torch.Tensor, "t 55 3"]:
+    def positions(self, motion: Motion) -> Float[np.ndarray, "t 55 3"]:
         """Joint positions in metres with the root at the origin, as EMAGE measures them, on the body of the set."""
         at_origin = Motion(motion.skeleton, motion.rotations, motion.root * 0, motion.fps).pose().positions
-        return at_origin - at_origin[:, :1]
+        places: np.ndarray = at_origin - at_origin[:, :1]
+        return places
 
     def _generate(self, name: str, tokenizer: BodyTokenizer, generator: Generator, sounds: Sounds) -> list[Motion]:
         return decoded_motion(self.codec, tokenizer, generator, sounds, device=self.device, progress=self.progress)
@@ -251,9 +252,7 @@ def scored(experiment: Beat2Experiment, motions: Sequence[Motion]) -> list[Row]:
     frames = [min(motion.frames, clip.frames) for motion, clip in zip(motions, clips, strict=True)]
     made = [motion.cut(0, stop) for motion, stop in zip(motions, frames, strict=True)]
     true = [motion.cut(0, stop) for motion, stop in zip(experiment.true_motions, frames, strict=True)]
-    places, truths = (
-        [experiment.positions(motion).numpy().astype(np.float64) for motion in side] for side in (made, true)
-    )
+    places, truths = ([experiment.positions(motion).astype(np.float64) for motion in side] for side in (made, true))
     latents, aims = ([_latents(experiment, motion) for motion in side] for side in (made, true))
     heard = [  # all of BEAT2 is speech
         ClipAudio(clip.audio[: stop * SAMPLES_PER_FRAME], np.full(stop, SPEECH))

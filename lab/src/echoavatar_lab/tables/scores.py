@@ -10,9 +10,8 @@ import numpy as np
 import torch
 
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics, from_features
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.features import travel_slice
-from echoavatar.motion.kinematics.rotations import quaternion_from_matrix
 from echoavatar.timing import SAMPLES_PER_FRAME
 from echoavatar_lab.data import Clip
 from echoavatar_lab.evaluation.measures import Extractor
@@ -22,6 +21,7 @@ from echoavatar_lab.evaluation.metrics.positions import PAPER_UNIT_M, mean_dista
 from echoavatar_lab.evaluation.motion_folder import Pair
 from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
+from echoavatar_lab.kinematics import forward_kinematics, from_features, quaternion_from_matrix
 from echoavatar_lab.models.tokenizer.train import whole_features
 
 from .experiment import Experiment

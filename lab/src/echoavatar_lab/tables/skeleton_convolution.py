@@ -32,8 +32,8 @@ from echoavatar import checkpoint
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.formats.smpl import skeleton
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar_lab.evaluation.metrics.motion_encoder_train import cut_windows
+from echoavatar_lab.kinematics import matrix_from_quaternion
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
 Edge = tuple[int, int]

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
 from scipy.signal import savgol_filter
 
@@ -64,20 +63,20 @@ class UnityAxes:
         """Raises CheckpointError if the bundle has no transforms for Unity."""
         if not rig.unity:
             raise CheckpointError("this bundle has no transforms for Unity; import it from the authors' release")
-        self._axes = torch.tensor(rig.axes, dtype=torch.double)
-        self._matrices = torch.tensor(rig.unity, dtype=torch.double)
-        self._inverse = torch.linalg.inv(self._matrices)
+        self._axes = np.array(rig.axes)
+        self._matrices = np.array(rig.unity)
+        self._inverse = np.linalg.inv(self._matrices)
         self._units = 1 / rig.metres_per_unit
 
     def rotations(self, quaternions: Float[np.ndarray, "t j 4"]) -> Float[np.ndarray, "t j 4"]:
         """Our quaternions (`wxyz`) as quaternions in Unity's axes (`xyzw`)."""
-        ours = matrix_from_quaternion(torch.from_numpy(quaternions).double())
+        ours = matrix_from_quaternion(quaternions.astype(np.float64))
         turned = self._matrices @ (self._axes.T @ ours @ self._axes) @ self._inverse
-        return quaternion_from_matrix(turned)[..., [1, 2, 3, 0]].numpy().astype(np.float32)
+        return quaternion_from_matrix(turned)[..., [1, 2, 3, 0]].astype(np.float32)
 
     def positions(self, root: Float[np.ndarray, "t 3"]) -> Float[np.ndarray, "t 3"]:
         """Our positions in metres as positions in Unity's axes in centimetres."""
-        x, y, z = (root.astype(np.float64) @ self._axes.numpy()).T * self._units
+        x, y, z = (root.astype(np.float64) @ self._axes).T * self._units
         return np.stack([x, z, -y], 1).astype(np.float32)
 
 

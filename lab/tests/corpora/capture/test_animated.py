@@ -32,7 +32,7 @@ def about(axis: int, degrees: float) -> tuple[float, float, float, float]:
 
 
 def way(motion: Motion, start: str, end: str, frame: int = 0) -> np.ndarray:
-    places = motion.pose().positions[frame].numpy()
+    places = motion.pose().positions[frame]
     line = places[HUMANOID.index(end)] - places[HUMANOID.index(start)]
     return line / np.linalg.norm(line)
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar_lab.corpora.capture.controls_from_motion import controls_from_motion
@@ -37,7 +36,7 @@ def test_the_solver_s_motion_comes_back():
     controls = moving()
     motion = motion_of(controls)
     again = motion_of(controls_from_motion(motion))
-    apart = np.linalg.norm(motion.pose().positions.numpy() - again.pose().positions.numpy(), axis=-1)
+    apart = np.linalg.norm(motion.pose().positions - again.pose().positions, axis=-1)
     body = HUMANOID.indices(("leftHand", "rightHand", "head", "leftFoot", "rightLowerLeg", "leftLowerArm"))
     assert apart[:, body].max() < 0.004
     assert apart.max() < 0.015  # fingertips
@@ -69,8 +68,8 @@ def test_standing_feet_stay_where_they_are():
 
 
 def test_fingers_that_were_not_captured_are_relaxed():
-    turns = torch.zeros(4, HUMANOID.joints, 4)
+    turns = np.zeros((4, HUMANOID.joints, 4), np.float32)
     turns[..., 0] = 1
-    root = np.tile(HUMANOID.offsets[0].numpy(), (4, 1))
-    found = controls_from_motion(Motion(HUMANOID, turns.numpy(), root, 30.0))
+    root = np.tile(HUMANOID.offsets[0], (4, 1))
+    found = controls_from_motion(Motion(HUMANOID, turns, root, 30.0))
     np.testing.assert_allclose(found.fingers, neutral(4).fingers)

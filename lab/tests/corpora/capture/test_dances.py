@@ -47,7 +47,7 @@ def test_the_body_arrives_on_the_beats_of_the_music(library: CapturedLibrary):
     first, dance = captured_dance(dance_graph(library), GROUPS, piece(0.45, 30.0), np.random.default_rng(0))
     assert first <= 0
     rotations, root = solve(dance[-first:])
-    places = Motion(HUMANOID, rotations, root, 30.0).pose().positions.numpy()
+    places = Motion(HUMANOID, rotations, root, 30.0).pose().positions
     found, beats = dance_beats(places), np.arange(0.3, 30.0, 0.45)
     assert dance_alignment(found, beats) > dance_alignment(found, beats + 0.2) + 0.15
     assert len(dance) + first > 900

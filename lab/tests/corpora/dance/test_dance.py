@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
@@ -23,7 +22,7 @@ CASES = [
 
 
 def positions(quaternions: NDArray[np.float32], root: NDArray[np.float32]) -> NDArray[np.float64]:
-    return Motion(HUMANOID, quaternions, root, 30.0).pose(torch.float64).positions.numpy()
+    return Motion(HUMANOID, quaternions, root, 30.0).pose(np.float64).positions
 
 
 def alignment(places: NDArray[np.float64], beats: NDArray[np.float64]) -> float:

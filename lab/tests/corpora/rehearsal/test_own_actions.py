@@ -23,8 +23,8 @@ def palms(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     hands = [HUMANOID.index(f"{side}Hand") for side in ("left", "right")]
     places = [HUMANOID.index(f"{side}MiddleProximal") for side in ("left", "right")]
     tips = [HUMANOID.index(f"{side}IndexDistal") for side in ("left", "right")]
-    facing = pose.rotations[:, hands].numpy() @ np.float32([0, -1, 0])
-    return pose.positions[:, places].numpy(), facing, pose.positions[:, tips].numpy()
+    facing = pose.rotations[:, hands] @ np.float32([0, -1, 0])
+    return pose.positions[:, places], facing, pose.positions[:, tips]
 
 
 def test_clapping_palms_meet_and_face_each_other() -> None:
@@ -40,17 +40,17 @@ def test_clapping_palms_meet_and_face_each_other() -> None:
 def test_a_hand_that_thinks_is_at_the_chin_and_one_that_points_stretches_its_index() -> None:
     held = round((SCRIPTS["thinking"].hold[0] + 0.5) * 30)
     pose = clip(SCRIPTS["thinking"]).pose()
-    head = pose.positions[held, HUMANOID.index("head")].numpy()
-    turn = pose.rotations[held, HUMANOID.index("head")].numpy()
+    head = pose.positions[held, HUMANOID.index("head")]
+    turn = pose.rotations[held, HUMANOID.index("head")]
     chin = head + turn @ np.float32([0, -0.035, 0.115])
-    thumb_side = pose.positions[held, [HUMANOID.index(f"rightIndex{b}") for b in ("Proximal", "Intermediate")]].numpy()
+    thumb_side = pose.positions[held, [HUMANOID.index(f"rightIndex{b}") for b in ("Proximal", "Intermediate")]]
     assert np.linalg.norm(thumb_side - chin, axis=1).min() < 0.06
     held = round((SCRIPTS["point_left"].hold[0] + 0.5) * 30)
     pose = clip(SCRIPTS["point_left"]).pose()
     from_hand = {
         finger: np.linalg.norm(
-            pose.positions[held, HUMANOID.index(f"left{finger}Distal")].numpy()
-            - pose.positions[held, HUMANOID.index("leftHand")].numpy()
+            pose.positions[held, HUMANOID.index(f"left{finger}Distal")]
+            - pose.positions[held, HUMANOID.index("leftHand")]
         )
         for finger in ("Index", "Middle", "Ring", "Little")
     }
@@ -73,5 +73,5 @@ def test_the_shipped_actions_carry_the_hands_that_their_scripts_declare() -> Non
 def test_a_waving_palm_is_open_and_faces_the_viewer() -> None:
     made = clip(SCRIPTS["wave"])
     first, last = (round(second * 30) for second in SCRIPTS["wave"].hold)
-    facing = made.pose().rotations[first:last, HUMANOID.index("rightHand")].numpy() @ np.float32([0, -1, 0])
+    facing = made.pose().rotations[first:last, HUMANOID.index("rightHand")] @ np.float32([0, -1, 0])
     assert (facing[:, 2] > 0.8).all()

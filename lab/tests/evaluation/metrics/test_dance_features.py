@@ -28,7 +28,7 @@ def test_a_steady_glide_has_speed_and_no_acceleration() -> None:
 def test_smpls_joints_are_ours_by_name() -> None:
     assert len(set(SMPL)) == 24
     motion = swaying(40)
-    places = motion.pose().positions.numpy()
+    places = motion.pose().positions
     found = smpl_positions(places)
     assert found[0, 0] == pytest.approx(0)
     left, right = (found[0, SMPL.index(f"{side}UpperArm"), 0] for side in ("left", "right"))

@@ -3,7 +3,6 @@ import pytest
 import torch
 
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar_lab.evaluation.metrics.positions import (
     floor_depth_cm,
     foot_contact_score,
@@ -14,6 +13,7 @@ from echoavatar_lab.evaluation.metrics.positions import (
     reconstruction,
     without_heading,
 )
+from echoavatar_lab.kinematics import matrix_from_axis_angle
 
 
 def test_heading_is_the_yaw_that_is_taken_out() -> None:

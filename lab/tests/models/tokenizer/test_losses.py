@@ -5,7 +5,8 @@ import pytest
 import torch
 from tests.models.motion_tokens import dance
 
-from echoavatar.motion.kinematics import HUMANOID, Skeleton, forward_kinematics, from_features
+from echoavatar.motion.kinematics import HUMANOID, Skeleton
+from echoavatar_lab.kinematics import forward_kinematics, from_features
 from echoavatar_lab.models.tokenizer.losses import (
     LossWeights,
     MotionLoss,
@@ -113,7 +114,7 @@ def test_shoulders_that_turn_less_cost_what_they_lack():
         rotations[:, HUMANOID.index("spine")] = np.stack([np.cos(angles / 2), *3 * [0 * angles]], 1)
         rotations[:, HUMANOID.index("spine"), 2] = np.sin(angles / 2)
         rotations[:, 0, 0], rotations[:, 0, 2] = np.cos(heading / 2), np.sin(heading / 2)
-        root = np.tile(HUMANOID.rest_positions[0].numpy(), (32, 1))
+        root = np.tile(HUMANOID.rest_positions[0], (32, 1))
         return clip_features(HUMANOID, SimpleNamespace(rotations=rotations, root=root))[None]
 
     loss = MotionLoss(HUMANOID, LossWeights(**{**ZERO, "turn": 1.0}))

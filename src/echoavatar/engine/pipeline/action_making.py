@@ -84,7 +84,7 @@ def set_from_motion(
     at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
     whole = replace(motion, rotations=motion.rotations[at], root=motion.root[at])
     features = RigAdapter(rig, skeleton, "native").features_of(whole)
-    codes = tokenizer.encode(features[None])[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
+    codes = tokenizer.encode(torch.from_numpy(features)[None])[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
     first, last = hold_s or (motion.seconds / 4, motion.seconds * 3 / 4)
     rate = FRAME_RATE_HZ / FRAMES_PER_MOTION_TOKEN
     begin = min(int(first * rate), len(codes) - 1)
@@ -108,15 +108,15 @@ def read_clip(tokenizer: BodyTokenizer, motion: Motion) -> tuple[tuple[int, ...]
     motion = resample(motion, float(FRAME_RATE_HZ))
     lead, fill = LEAD_CHUNKS * CHUNK_FRAMES, -motion.frames % CHUNK_FRAMES
     at = np.clip(np.arange(-lead, motion.frames + fill), 0, motion.frames - 1)
-    rotations = matrix_from_quaternion(torch.from_numpy(motion.rotations[at]).float())
-    still = rotations.clone()
+    rotations = matrix_from_quaternion(motion.rotations[at])
+    still = rotations.copy()
     trunk = [skeleton.index(name) for name in TORSO if name in skeleton.names and "Shoulder" not in name]
     still[:, trunk] = rotations[:1, trunk]  # bowed trunks have codes of their own, which turn the arms out
-    codes = tokenizer.encode(to_features(skeleton, still, torch.from_numpy(motion.root[at]).float())[None])
+    codes = tokenizer.encode(torch.from_numpy(to_features(skeleton, still, motion.root[at]))[None])
     coarse = torch.full_like(codes, -1)
     coarse[:, :, UPPER, 0] = codes[:, :, UPPER, 0]
-    said = from_features(skeleton, tokenizer.decode(coarse)[0]).rotations
-    turns = axis_angle_from_quaternion(quaternion_from_matrix(said.transpose(-1, -2) @ rotations))[lead:].numpy()
+    said = from_features(skeleton, tokenizer.decode(coarse)[0].numpy()).rotations
+    turns = axis_angle_from_quaternion(quaternion_from_matrix(said.mT @ rotations))[lead:]
     first = codes[0, lead // FRAMES_PER_MOTION_TOKEN :, UPPER, 0]
     return tuple(first.tolist()), _overlay(skeleton, turns)
 

@@ -8,18 +8,18 @@ conventions, so the stages behind the decoder need not know about other rigs.
 from dataclasses import dataclass
 from typing import Literal
 
-import torch
+import numpy as np
 from jaxtyping import Bool, Float
 from pydantic import Field
-from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.motion.ik import SwingConfig, swing_clear
 from echoavatar.motion.kinematics import Motion, Skeleton, to_features
 from echoavatar.motion.kinematics.features import from_features, ground_axes
 from echoavatar.motion.kinematics.retarget import LiveRetarget
-from echoavatar.nn import StreamState, write_rows
+from echoavatar.nn import StreamState
 
+Array = np.ndarray
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
 Output = Literal["humanoid", "native"]
@@ -44,8 +44,8 @@ class RigConfig(Config):
 class RigState(StreamState):
     """The last horizontal offset of the humanoid's root from the source's, and whether there was a frame yet."""
 
-    offset: Float[Tensor, "b 2"]
-    seen: Float[Tensor, " b"]
+    offset: Float[Array, "b 2"]
+    seen: Float[Array, " b"]
 
 
 class RigAdapter:
@@ -54,42 +54,41 @@ class RigAdapter:
     def __init__(self, config: RigConfig, source: Skeleton, output: Output = "humanoid") -> None:
         """`output` chooses the bones: `humanoid` retargets to the VRM set, `native` keeps the rig's own."""
         self.config, self.source = config, source
-        self._axes = torch.tensor(config.axes)
+        self._axes = np.array(config.axes, np.float32)
         self._retarget = LiveRetarget(source) if output == "humanoid" else None
         self.skeleton = source if self._retarget is None else self._retarget.target
 
     def init_state(self, rows: int) -> RigState:
         """Nothing seen yet."""
-        return RigState(torch.zeros(rows, 2), torch.zeros(rows))
+        return RigState(np.zeros((rows, 2), np.float32), np.zeros(rows, np.float32))
 
     def step(
-        self, features: Float[Tensor, "b t c"], state: RigState, active: Bool[Tensor, " b"]
-    ) -> Float[Tensor, "b t d"]:
+        self, features: Float[Array, "b t c"], state: RigState, active: Bool[Array, " b"]
+    ) -> Float[Array, "b t d"]:
         """Features of the next frames."""
         rotations, travel = self.canonical(features)
         if self._retarget is None:
             return self._features(rotations, travel)
         rows, frames = features.shape[:2]
-        moved = self._retarget(rotations.flatten(0, 1))
-        offset = moved.offset.view(rows, frames, 3)
+        moved = self._retarget(rotations.reshape(rows * frames, -1, 3, 3))
+        offset = moved.offset.reshape(rows, frames, 3)
         is_new = (state.seen == 0)[:, None]
-        before = torch.where(is_new, offset[:, 0, [0, 2]], state.offset)
-        steps = torch.cat([before[:, None], offset[:, :, [0, 2]]], 1).diff(dim=1)
+        before = np.where(is_new, offset[:, 0, [0, 2]], state.offset)
+        steps = np.diff(offset[:, :, [0, 2]], axis=1, prepend=before[:, None])
         travel = self._retarget.scale * travel
-        travel = torch.stack(
+        travel = np.stack(
             [travel[..., 0] + steps[..., 0], travel[..., 1] + offset[..., 1], travel[..., 2] + steps[..., 1]], -1
         )
-        write_rows(state.offset, offset[:, -1, [0, 2]], active)
-        write_rows(state.seen, torch.ones_like(state.seen), active)
-        return self._features(moved.rotations.view(rows, frames, -1, 3, 3), travel)
+        state.offset[active], state.seen[active] = offset[active, -1][:, [0, 2]], 1
+        return self._features(moved.rotations.reshape(rows, frames, -1, 3, 3), travel)
 
-    def canonical(self, features: Float[Tensor, "b t c"]) -> tuple[Float[Tensor, "b t j 3 3"], Float[Tensor, "b t 3"]]:
+    def canonical(self, features: Float[Array, "b t c"]) -> tuple[Float[Array, "b t j 3 3"], Float[Array, "b t 3"]]:
         """Rotations in our axes with the arms off the trunk; and travel: metres left, height, metres ahead."""
         config = self.config
         frames = from_features(self.source, features, up=config.up)
         ground = ground_axes(config.up)
-        speed = frames.root.diff(dim=1, prepend=torch.zeros_like(frames.root[:, :1]))
-        travel = frames.root.clone()
+        speed = np.diff(frames.root, axis=1, prepend=np.zeros_like(frames.root[:, :1]))
+        travel = frames.root.copy()
         travel[..., ground] = speed[..., ground]
         travel = travel @ self._axes.T * config.metres_per_unit
         rotations = self._axes @ frames.rotations @ self._axes.T
@@ -97,21 +96,17 @@ class RigAdapter:
             rotations = swing_clear(self.source, rotations, config.swing, config.arms)
         return rotations, travel
 
-    def features_of(self, motion: Motion) -> Float[Tensor, "t c"]:
+    def features_of(self, motion: Motion) -> Float[Array, "t c"]:
         """The tokenizer's features of a clip on the source's bones; the inverse of `canonical`.
 
         As in the published data, height is relative to the first frame, which has the rest pose's height.
         """
         axes, rest = self._axes, self.source.offsets[:1]
-        root = torch.from_numpy(motion.root)
-        placed = (rest + root - root[:1]) @ axes / self.config.metres_per_unit
+        placed = (rest + motion.root - motion.root[:1]) @ axes / self.config.metres_per_unit
         rotations = axes.T @ motion.matrices() @ axes
         return to_features(self.source, rotations, placed, up=self.config.up)
 
-    def _features(
-        self, rotations: Float[Tensor, "b t j 3 3"], travel: Float[Tensor, "b t 3"]
-    ) -> Float[Tensor, "b t d"]:
+    def _features(self, rotations: Float[Array, "b t j 3 3"], travel: Float[Array, "b t 3"]) -> Float[Array, "b t d"]:
         root = travel.cumsum(1)
         root[..., 1] = travel[..., 1]
-        start = root.new_zeros(len(root), 2)
-        return to_features(self.skeleton, rotations, root, previous_ground=start)
+        return to_features(self.skeleton, rotations, root, previous_ground=np.zeros((len(root), 2), root.dtype))

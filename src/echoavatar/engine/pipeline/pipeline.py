@@ -18,6 +18,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -166,7 +167,7 @@ class Pipeline:
         """Start new sessions in these rows: at the origin, after `Runtime.lead_in_s` of silence."""
         copy_row(state, rows, self._warm_row())
         state.seeds[rows] = seed
-        state.post.modes.choose(rows, options)
+        state.post.modes.choose(rows.numpy(), options)
 
     def _warm_row(self) -> PipelineState:
         """The state of a new session, to be copied and not changed. `warm_up` makes it, so that no session waits."""
@@ -192,7 +193,7 @@ class Pipeline:
         The first run on a machine compiles the loops, and a log message says so.
         """
         everyone, state = torch.ones(1, dtype=torch.bool), self.init_state(1)
-        state.post.modes.choose(everyone, MotionOptions(leash_m=1.0))  # so that the leash is compiled too
+        state.post.modes.choose(everyone.numpy(), MotionOptions(leash_m=1.0))  # so that the leash is compiled too
         with compilations(lambda: _LOG.warning("compiling for this processor, once; up to a minute")):
             self.step(torch.zeros(1, self.chunk.samples), state, ~everyone)
             self._warm_row()
@@ -242,13 +243,13 @@ class Pipeline:
             manner=None if manner is None else manner.to(there),
         )
         self.on_stage("generator")
-        features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
+        features, on = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu().numpy(), active.numpy()
         self.on_stage("decoder")
         if self.rig is not None:
-            features = self.rig.step(features, state.rig[0], active)
+            features = self.rig.step(features, state.rig[0], on)
         self.on_stage("rig")
-        pieces: tuple[Tensor, ...] = torch.split(features, CHUNK_FRAMES, 1)
-        motion = join_batches([self.post.step(piece, state.post, active, self.on_stage) for piece in pieces])
+        pieces = np.split(features, range(CHUNK_FRAMES, features.shape[1], CHUNK_FRAMES), 1)
+        motion = join_batches([self.post.step(piece, state.post, on, self.on_stage) for piece in pieces])
         if self.cylinder:
             motion = MotionBatch(self.cylinder.resolve(motion.rotations), motion.root)
         return motion.split(face)

@@ -289,7 +289,7 @@ class Character:
         joints = np.unique(owners[owners < self.skeleton.joints])
         corners = np.empty((len(joints), 8, 3))
         for box, joint in zip(corners, joints, strict=True):
-            held = self.positions[owners == joint] - self.skeleton.rest_positions[joint].numpy()
+            held = self.positions[owners == joint] - self.skeleton.rest_positions[joint]
             box[:] = list(product(*zip(held.min(0), held.max(0), strict=True)))
         return joints, corners
 

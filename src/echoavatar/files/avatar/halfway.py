@@ -6,7 +6,6 @@ of the bone's angle; vertices are blended from the parent to it, and from it to 
 """
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.motion.kinematics import HUMANOID
@@ -16,7 +15,7 @@ HALFWAY = tuple(side + bone for bone in ("UpperArm", "LowerArm") for side in ("l
 SOURCES = tuple(HUMANOID.index(name) for name in HALFWAY)
 PARENTS = tuple(HUMANOID.parents[joint] for joint in SOURCES)
 BONES = (*HUMANOID.names, *(f"{name}Halfway" for name in HALFWAY))  # what `Character.joints` index
-REST = np.concatenate([HUMANOID.rest_positions.numpy(), HUMANOID.rest_positions.numpy()[list(SOURCES)]])
+REST = np.concatenate([HUMANOID.rest_positions, HUMANOID.rest_positions[list(SOURCES)]])
 
 
 def half(quaternions: Float[np.ndarray, "*n 4"]) -> Float[np.ndarray, "*n 4"]:
@@ -30,7 +29,6 @@ def with_halfway(
     rotations: Float[np.ndarray, "j 3 3"], positions: Float[np.ndarray, "j 3"]
 ) -> tuple[Float[np.ndarray, "b 3 3"], Float[np.ndarray, "b 3"]]:
     """World rotations and positions of all `BONES`, from those of the joints of `HUMANOID`."""
-    above, own = (torch.from_numpy(rotations[list(joints)]) for joints in (PARENTS, SOURCES))
-    halves = half(quaternion_from_matrix(above.mT @ own).numpy())
-    turned = above @ matrix_from_quaternion(torch.from_numpy(halves))
-    return np.concatenate([rotations, turned.numpy()]), np.concatenate([positions, positions[list(SOURCES)]])
+    above, own = (rotations[list(joints)] for joints in (PARENTS, SOURCES))
+    turned = above @ matrix_from_quaternion(half(quaternion_from_matrix(above.mT @ own)))
+    return np.concatenate([rotations, turned]), np.concatenate([positions, positions[list(SOURCES)]])

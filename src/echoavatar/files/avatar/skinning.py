@@ -24,7 +24,7 @@ def skin(
     """
     positions, normals = (character.positions, character.normals) if face is None else character.with_face(face)
     rotations, places = np.asarray(world_rotations, np.float32), np.asarray(world_positions, np.float32)
-    rest = character.skeleton.rest_positions.numpy()
+    rest = character.skeleton.rest_positions
     if character.skeleton is HUMANOID:
         (rotations, places), rest = with_halfway(rotations, places), REST
     shift = places - np.einsum("jik,jk->ji", rotations, rest)

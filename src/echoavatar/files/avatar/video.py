@@ -74,8 +74,7 @@ def film(
     idle: SimpleQueue[AvatarRenderer] = SimpleQueue()
     for renderer in (first, *(first.twin() for _ in range(THREADS - 1))):
         idle.put(renderer)
-    pose = motion.pose()
-    rotations, positions = pose.rotations.numpy(), pose.positions.numpy()
+    rotations, positions = motion.pose()
     cameras = camera_path(shot.view, shot.size, character, rotations, positions, motion.fps)
 
     def drawn(frame: int) -> UInt8[np.ndarray, "h w c"]:

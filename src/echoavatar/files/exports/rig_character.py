@@ -13,7 +13,6 @@ from collections import defaultdict
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from PIL import Image
 
@@ -59,7 +58,7 @@ def _character(
     rig: GltfRig, skeleton: Skeleton, wanted: dict[int, Int[Array, " k"]]
 ) -> tuple[Character, list[tuple[int, int]]]:
     """The character, and the node and target of each of its shapes; those `wanted` of each node are read."""
-    unturned = torch.eye(3, dtype=torch.float64).repeat(skeleton.joints, 1, 1)
+    unturned = np.tile(np.eye(3), (skeleton.joints, 1, 1))
     columns: list[tuple[Array, ...]] = []
     shapes: _Shapes = defaultdict(list)
     paints, count, targets = _Paints(rig), 0, 0

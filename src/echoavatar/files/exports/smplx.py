@@ -8,7 +8,6 @@ follows `jawOpen`. No map from ARKit's curves to FLAME's expressions is publishe
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.formats.smpl import skeleton
@@ -31,7 +30,7 @@ def write_smplx(path: Path, take: Take) -> None:
     motion = take.on_humanoid().motion
     rig = skeleton()
     theirs, ours = bone_map(rig), bone_map(motion.skeleton)
-    turns = axis_angle_from_quaternion(torch.from_numpy(motion.rotations.astype(np.float64))).numpy()
+    turns = axis_angle_from_quaternion(motion.rotations.astype(np.float64))
     poses = np.zeros((motion.frames, rig.joints, 3))
     for bone, joint in theirs.items():
         poses[:, joint] = turns[:, ours[bone]]
@@ -41,7 +40,7 @@ def write_smplx(path: Path, take: Take) -> None:
         "betas": np.zeros(300, np.float32),
         "poses": poses.reshape(motion.frames, -1).astype(np.float32),
         "expressions": np.zeros((motion.frames, _EXPRESSIONS), np.float32),
-        "trans": (motion.root - rig.offsets[0].numpy()).astype(np.float32),
+        "trans": (motion.root - rig.offsets[0]).astype(np.float32),
         "model": np.array("smplx2020"),
         "gender": np.array("neutral"),
         "mocap_frame_rate": np.array(motion.fps),

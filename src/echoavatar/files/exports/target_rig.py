@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
@@ -83,15 +82,15 @@ def file_rotations(rig: GltfRig, motion: Motion) -> tuple[Float[Array, "t j 4"],
     """
     above = np.concatenate([rig.turn[None], rig.frames[list(motion.skeleton.parents[1:])]])
     signs = [np.sign(scale_of(rig.document["nodes"][node])) for node in rig.order]
-    local = above.swapaxes(-1, -2) @ motion.matrices().double().numpy() @ (rig.frames * np.array(signs)[:, None])
-    rotations = align_signs(quaternion_from_matrix(torch.from_numpy(local)).numpy())
+    local = above.swapaxes(-1, -2) @ motion.matrices().astype(np.float64) @ (rig.frames * np.array(signs)[:, None])
+    rotations = align_signs(quaternion_from_matrix(local))
     root = (motion.root.astype(np.float64) - _standing_place(rig, motion.skeleton)) @ rig.turn / rig.unit
     return rotations[..., [1, 2, 3, 0]], root
 
 
 def _standing_place(rig: GltfRig, skeleton: Skeleton) -> Float[Array, "3"]:
     """Our place of the origin of the hips' space in the file, where its feet are on its own floor."""
-    bones, rest = skeleton.config.vrm, skeleton.rest_positions.double().numpy()
+    bones, rest = skeleton.config.vrm, skeleton.rest_positions.astype(np.float64)
     feet = [bones["leftFoot"], bones["rightFoot"]]
     floor = min(rig.place(rig.order[foot])[1] for foot in feet) - rest[feet, 1].min()
     place: Array = -rig.place(rig.order[0]) * [1, 0, 1] - [0, floor, 0]
@@ -224,7 +223,7 @@ def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
             " below; export it standing"
         )
     plain = plain_rig(skeleton).skeleton if body is None else body.skeleton
-    rest = plain.rest_positions.numpy()
+    rest = plain.rest_positions
     feet = [bones["leftFoot"], bones["rightFoot"]]
     if body is None:
         tips = [rest[plain.index(name), 1] + tip[1] for name, tip in plain.config.tips.items()]
@@ -241,6 +240,6 @@ def _standing(path: Path, skeleton: Skeleton, body: Skinned | None) -> Skeleton:
 def _on_feet(skeleton: Skeleton, ankles: float) -> Skeleton:
     """The skeleton with its hips above the origin, its lower ankle so far above the floor (metres)."""
     bones, config = skeleton.config.vrm, skeleton.config
-    rest = skeleton.rest_positions[:, 1].double()
+    rest = skeleton.rest_positions[:, 1].astype(np.float64)
     root = rest[0] - rest[[bones["leftFoot"], bones["rightFoot"]]].min() + ankles
     return Skeleton(config.model_copy(update={"offsets": ((0.0, float(root), 0.0), *config.offsets[1:])}))

@@ -84,7 +84,7 @@ def _paths() -> list[str]:
 
 def _offsets() -> Float[np.ndarray, "b 3"]:
     """Each bone's place from its parent."""
-    own = HUMANOID.offsets.numpy()
+    own = HUMANOID.offsets
     return np.concatenate([own, own[list(SOURCES)]])
 
 

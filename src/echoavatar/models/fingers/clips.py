@@ -15,40 +15,35 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
 from echoavatar.motion.kinematics.motion import resample
 from echoavatar.motion.kinematics.retarget import retarget
-from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_6d, matrix_to_6d
+from echoavatar.motion.kinematics.rotations import angle_between, matrix_from_6d, matrix_to_6d, unit
 from echoavatar.timing import FRAME_RATE_HZ
 
+Array = np.ndarray
 FINGERS = HUMANOID.config.parts["hands"]  # 15 joints of the left hand, 15 of the right
 BONES = len(FINGERS) // 2
 HAND_SIZE = 6 * BONES
 SIDES = ("left", "right")
 MIRROR_6D = (1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # reflection across x = 0
+_SIGNS = np.array([(1.0,) * 6, MIRROR_6D], np.float32)[:, None]
 
 
-def hand_poses(fingers: Float[Tensor, "*n 30 3 3"]) -> Float[Tensor, "*n 2 c"]:
+def hand_poses(fingers: Float[Array, "*n 30 3 3"]) -> Float[Array, "*n 2 c"]:
     """Left hand, and right hand mirrored, from finger rotations in the order of the rig."""
     six = matrix_to_6d(fingers).reshape(*fingers.shape[:-3], 2, BONES, 6)
-    poses: Tensor = (six * _signs(six)).flatten(-2)
+    poses: Array = (six * _SIGNS).reshape(*six.shape[:-2], HAND_SIZE)
     return poses
 
 
-def finger_rotations(hands: Float[Tensor, "*n 2 c"]) -> Float[Tensor, "*n 30 3 3"]:
+def finger_rotations(hands: Float[Array, "*n 2 c"]) -> Float[Array, "*n 30 3 3"]:
     """Inverse of `hand_poses`; any finite numbers give valid rotations."""
     six = hands.reshape(*hands.shape[:-1], BONES, 6)
-    return matrix_from_6d((six * _signs(six)).flatten(-3, -2))
-
-
-def _signs(six: Tensor) -> Tensor:
-    signs = torch.ones(2, 1, 6, dtype=six.dtype, device=six.device)
-    signs[1] = signs.new_tensor(MIRROR_6D)
-    return signs
+    return matrix_from_6d((six * _SIGNS).reshape(*six.shape[:-3], 2 * BONES, 6))
 
 
 class HandBasis(NamedTuple):
@@ -78,35 +73,34 @@ HAND_FEATURES = 3 + 3 + 6 + 3
 BODY_SIZE = 2 * HAND_FEATURES + 3
 
 
-def body_features(rotations: Float[Tensor, "t 52 3 3"], root: Float[Tensor, "t 3"]) -> Float[Tensor, "t c"]:
+def body_features(rotations: Float[Array, "t 52 3 3"], root: Float[Array, "t 3"]) -> Float[Array, "t c"]:
     """Features of a clip of `HUMANOID` at 30 frames per second; they do not depend on the fingers."""
-    flat_handed = rotations.clone()
-    flat_handed[:, list(FINGERS)] = torch.eye(3, dtype=flat_handed.dtype)
+    flat_handed = rotations.copy()
+    flat_handed[:, list(FINGERS)] = np.eye(3)
     pose = forward_kinematics(HUMANOID, flat_handed, root)
-    back = _heading(pose.rotations[:, 0]).transpose(-1, -2)
-    wrists = (back[:, None] @ (pose.positions[:, _WRISTS] - root[:, None])[..., None]).squeeze(-1)
-    elbows = (back[:, None] @ (pose.positions[:, _ELBOWS] - root[:, None])[..., None]).squeeze(-1)
+    back = _heading(pose.rotations[:, 0]).mT
+    wrists = (back[:, None] @ (pose.positions[:, _WRISTS] - root[:, None])[..., None])[..., 0]
+    elbows = (back[:, None] @ (pose.positions[:, _ELBOWS] - root[:, None])[..., None])[..., 0]
     palms = matrix_to_6d(back[:, None] @ pose.rotations[:, _WRISTS])
-    hands = torch.cat([wrists, _velocity(wrists), palms, F.normalize(wrists - elbows, dim=-1)], -1)
-    travel = (back @ _velocity(root)[..., None]).squeeze(-1)
-    return torch.cat([hands.flatten(1), travel[:, [2, 0]], root[:, 1:2]], -1)
+    hands = np.concatenate([wrists, _velocity(wrists), palms, unit(wrists - elbows)], -1)
+    travel = (back @ _velocity(root)[..., None])[..., 0]
+    return np.concatenate([hands.reshape(len(hands), -1), travel[:, [2, 0]], root[:, 1:2]], -1)
 
 
-def _heading(hips: Float[Tensor, "t 3 3"]) -> Float[Tensor, "t 3 3"]:
+def _heading(hips: Float[Array, "t 3 3"]) -> Float[Array, "t 3 3"]:
     """Rotation about the vertical that takes +X to the character's left."""
     x, z = hips[:, 0, 0], hips[:, 2, 0]
-    length = torch.hypot(x, z).clamp_min(1e-6)
-    cosine, sine, zero = x / length, z / length, torch.zeros_like(x)
-    one = torch.ones_like(x)
+    length = np.maximum(np.hypot(x, z), 1e-6)
+    cosine, sine, zero, one = x / length, z / length, np.zeros_like(x), np.ones_like(x)
     rows = [cosine, zero, -sine, zero, one, zero, sine, zero, cosine]
-    return torch.stack(rows, -1).reshape(-1, 3, 3)
+    return np.stack(rows, -1).reshape(-1, 3, 3)
 
 
-def _velocity(places: Tensor) -> Tensor:
+def _velocity(places: Array) -> Array:
     """Velocity per second by central differences; zero for a single frame."""
     if len(places) < 2:
-        return torch.zeros_like(places)
-    speed: Tensor = torch.gradient(places, spacing=1 / FRAME_RATE_HZ, dim=0)[0]
+        return np.zeros_like(places)
+    speed: Array = np.gradient(places, 1 / FRAME_RATE_HZ, axis=0)
     return speed
 
 
@@ -132,9 +126,9 @@ def finger_clip(motion: Motion, *, at_least: int = 1) -> FingerClip:
     own = replace(own, rotations=own.rotations[at], root=own.root[at])
     rotations = own.matrices()
     fingers = rotations[:, list(FINGERS)]
-    body = body_features(rotations, torch.from_numpy(own.root))
     speeds = angular_speeds(fingers, FRAME_RATE_HZ).reshape(2, BONES).mean(1)
-    return FingerClip(body, hand_poses(fingers), speeds > FROZEN_DEG_S)
+    body, hands = body_features(rotations, own.root), hand_poses(fingers)
+    return FingerClip(*(torch.from_numpy(part) for part in (body, hands, speeds > FROZEN_DEG_S)))
 
 
 def on_our_rig(motion: Motion) -> Motion:
@@ -143,8 +137,9 @@ def on_our_rig(motion: Motion) -> Motion:
     return resample(motion if is_ours else retarget(motion, has_footing=False), float(FRAME_RATE_HZ))
 
 
-def angular_speeds(rotations: Float[Tensor, "t j 3 3"], fps: float) -> Float[Tensor, " j"]:
+def angular_speeds(rotations: Float[Array, "t j 3 3"], fps: float) -> Float[Array, " j"]:
     """Mean angular speed of each joint, degrees per second; 0 for a single frame."""
     if len(rotations) < 2:
-        return torch.zeros(rotations.shape[1])
-    return torch.rad2deg(angle_between(rotations[:-1], rotations[1:])).mean(0) * fps
+        return np.zeros(rotations.shape[1], np.float32)
+    speeds: Array = np.degrees(angle_between(rotations[:-1], rotations[1:])).mean(0) * fps
+    return speeds

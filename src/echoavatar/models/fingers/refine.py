@@ -15,10 +15,9 @@ import torch
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
-from torch import Tensor
 
 from echoavatar.errors import MotionError
-from echoavatar.motion.kinematics import HUMANOID, Motion, forward_kinematics
+from echoavatar.motion.kinematics import HUMANOID, Motion
 from echoavatar.motion.kinematics.alignment import align
 from echoavatar.motion.kinematics.named_bones import finger_bones
 from echoavatar.motion.kinematics.rigs import bone_map
@@ -27,6 +26,8 @@ from echoavatar.timing import FRAME_RATE_HZ
 
 from .clips import BONES, FINGERS, FROZEN_DEG_S, SIDES, angular_speeds, finger_clip, finger_rotations
 from .model import STEPS, FingerModel, sample_hands
+
+Array = np.ndarray
 
 
 def finger_joints(motion: Motion, side: str) -> dict[str, int]:
@@ -39,24 +40,23 @@ def finger_joints(motion: Motion, side: str) -> dict[str, int]:
     return {bone: bones[bone] for bone in named if bone in bones}
 
 
-def apply_fingers(motion: Motion, fingers: Float[Tensor, "t 30 3 3"], sides: Sequence[str]) -> Motion:
+def apply_fingers(motion: Motion, fingers: Float[Array, "t 30 3 3"], sides: Sequence[str]) -> Motion:
     """The motion with these fingers (parent-relative rotations of our rig) on the hands of `sides`."""
     bones, ours = bone_map(motion.skeleton), bone_map(HUMANOID)
-    local = motion.matrices().double()
-    pose = forward_kinematics(motion.skeleton, local, torch.from_numpy(motion.root).double())
-    alignments = align(motion.skeleton, pose, bones, HUMANOID, ours)
+    local = motion.matrices().astype(np.float64)
+    alignments = align(motion.skeleton, motion.pose(np.float64), bones, HUMANOID, ours)
     rotations = motion.rotations.copy()
     for side in sides:
-        wanted = _from_the_hand(fingers.double(), alignments, side)
+        wanted = _from_the_hand(fingers.astype(np.float64), alignments, side)
         found = {joint: wanted[bone] for bone, joint in finger_joints(motion, side).items()}
         for joint, rotation in _localised(motion, local, bones[f"{side}Hand"], found).items():
-            rotations[:, joint] = quaternion_from_matrix(rotation).numpy().astype(np.float32)
+            rotations[:, joint] = quaternion_from_matrix(rotation)
     return replace(motion, rotations=rotations)
 
 
-def _from_the_hand(fingers: Tensor, alignments: dict[str, Tensor], side: str) -> dict[str, Tensor]:
+def _from_the_hand(fingers: Array, alignments: dict[str, Array], side: str) -> dict[str, Array]:
     """Rotation of each finger bone of the other rig, relative to its hand."""
-    found: dict[str, Tensor] = {}
+    found: dict[str, Array] = {}
     full = {HUMANOID.index(f"{side}Hand"): alignments[f"{side}Hand"]}
     for row, joint in enumerate(FINGERS):
         name = HUMANOID.names[joint]
@@ -68,17 +68,17 @@ def _from_the_hand(fingers: Tensor, alignments: dict[str, Tensor], side: str) ->
     return found
 
 
-def _localised(motion: Motion, local: Tensor, hand: int, wanted: dict[int, Tensor]) -> dict[int, Tensor]:
+def _localised(motion: Motion, local: Array, hand: int, wanted: dict[int, Array]) -> dict[int, Array]:
     """Parent-relative rotations of the wanted joints, from the hand downwards."""
-    full = {hand: torch.eye(3).double().expand(motion.frames, 3, 3)}
-    found: dict[int, Tensor] = {}
+    full = {hand: np.tile(np.eye(3), (motion.frames, 1, 1))}
+    found: dict[int, Array] = {}
     for joint in range(hand + 1, motion.skeleton.joints):
         above = full.get(motion.skeleton.parents[joint])
         if above is None:
             continue
         if joint in wanted:
             full[joint] = wanted[joint]
-            found[joint] = above.transpose(-1, -2) @ wanted[joint]
+            found[joint] = above.mT @ wanted[joint]
         else:
             full[joint] = above @ local[:, joint]
     return found
@@ -137,20 +137,20 @@ def frozen_hands(motion: Motion) -> tuple[str, ...]:
     return tuple(frozen)
 
 
-def smoothed(poses: Float[np.ndarray, "t 2 c"]) -> Float[Tensor, "t 2 c"]:
+def smoothed(poses: Float[Array, "t 2 c"]) -> Float[Array, "t 2 c"]:
     """Savitzky-Golay filter over time (paper), with a shorter window on shorter clips."""
     window = min(SMOOTHING_FRAMES, len(poses) - 1 + len(poses) % 2)
     if window <= SMOOTHING_ORDER:
-        return torch.from_numpy(poses)
-    return torch.from_numpy(savgol_filter(poses, window, SMOOTHING_ORDER, axis=0).astype(np.float32))
+        return poses
+    return np.asarray(savgol_filter(poses, window, SMOOTHING_ORDER, axis=0), np.float32)
 
 
-def at_rate(poses: Float[Tensor, "t 2 c"], fps: float, frames: int) -> Float[Tensor, "n 2 c"]:
+def at_rate(poses: Float[Array, "t 2 c"], fps: float, frames: int) -> Float[Array, "n 2 c"]:
     """Resample poses from 30 frames per second to another rate by cubic splines; the last pose is held."""
     if len(poses) < 2 or (fps == FRAME_RATE_HZ and frames == len(poses)):
-        return poses.expand(frames, -1, -1) if len(poses) < 2 else poses
+        return np.repeat(poses, frames, axis=0) if len(poses) < 2 else poses
     times = np.minimum(np.arange(frames) * (FRAME_RATE_HZ / fps), len(poses) - 1)
-    return torch.from_numpy(CubicSpline(np.arange(len(poses)), poses.numpy())(times).astype(np.float32))
+    return np.asarray(CubicSpline(np.arange(len(poses)), poses)(times), np.float32)
 
 
 def _sides(motion: Motion, hands: Hands) -> tuple[str, ...]:

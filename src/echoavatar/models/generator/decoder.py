@@ -20,9 +20,9 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Complex, Float, Int
 from torch import Tensor
 
+from echoavatar.nn import StreamState
 from echoavatar.nn.attention import rotary_phases
 from echoavatar.nn.graphs import GraphCache
-from echoavatar.nn.stream import StreamState
 
 from . import compiled
 from .config import AUDIO_FRAMES_PER_TOKEN

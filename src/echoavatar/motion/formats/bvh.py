@@ -17,7 +17,6 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
@@ -338,18 +337,17 @@ def _rotated(quaternion: _Frames, degrees: _Frames, axis: int) -> _Frames:
     half = np.radians(degrees) / 2
     step = np.zeros((len(half), 4))
     step[:, 0], step[:, 1 + axis] = np.cos(half), np.sin(half)
-    product: _Frames = quaternion_multiply(torch.from_numpy(quaternion.copy()), torch.from_numpy(step)).numpy()
-    return product
+    return quaternion_multiply(quaternion, step)
 
 
 def _merge_root(
     joints: list[_Joint], rotations: NDArray[np.float32], places: list[_Frames]
 ) -> tuple[list[_Joint], NDArray[np.float32], list[_Frames]]:
     """Remove the root; its only child takes over its movement and becomes the root."""
-    root, child = (torch.from_numpy(rotations[:, j].astype(np.float64)) for j in (0, 1))
-    moved = (matrix_from_quaternion(root) @ torch.from_numpy(places[1])[..., None]).squeeze(-1).numpy() + places[0]
+    root, child = (rotations[:, j].astype(np.float64) for j in (0, 1))
+    moved = (matrix_from_quaternion(root) @ places[1][..., None])[..., 0] + places[0]
     rotations = rotations[:, 1:]
-    rotations[:, 0] = quaternion_multiply(root, child).numpy()
+    rotations[:, 0] = quaternion_multiply(root, child)
     first, second = joints[0], joints[1]
     x, y, z = np.add(first.offset, second.offset).tolist()
     kept = [replace(second, parent=-1, offset=(x, y, z)), *(replace(j, parent=j.parent - 1) for j in joints[2:])]

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from echoavatar.errors import MotionError
@@ -51,8 +50,7 @@ def write_bvh(
 
 def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:
     """Angles (t, j, 3) in radians. Of the two triples for a rotation, the one nearer to the last frame's is taken."""
-    matrices = matrix_from_quaternion(torch.from_numpy(rotations.astype(np.float64)))
-    plain: _Frames = euler_from_matrix(matrices, order).numpy()
+    plain = euler_from_matrix(matrix_from_quaternion(rotations.astype(np.float64)), order)
     other = plain * [1, -1, 1] + np.pi
     angles = plain.copy()
     for t in range(1, len(angles)):
@@ -67,7 +65,7 @@ def _continuous_euler(rotations: NDArray[np.float32], order: str) -> _Frames:
 def _hierarchy(skeleton: Skeleton, scale: float, order: str) -> tuple[list[str], list[int]]:
     """The lines of the HIERARCHY block, and the joints in their order."""
     axes = " ".join(f"{axis.upper()}rotation" for axis in order)
-    offsets = skeleton.offsets.double().numpy() * scale
+    offsets = skeleton.offsets.astype(np.float64) * scale
     tips = skeleton.config.tips
     lines, listed = list[str](), list[int]()
 

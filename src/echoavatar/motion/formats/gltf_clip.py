@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
@@ -38,7 +37,7 @@ def read_gltf_clip(path: Path, animation: str | None = None, given: JointMap | N
         DependencyError: the file is compressed, and what unpacks it is missing.
     """
     rig = read_gltf_rig(path, given)
-    with refusing_damage(path):
+    with refusing_damage(path), np.errstate(invalid="ignore", over="ignore"):  # `Motion` looks for what is not finite
         known = {str(entry.get("name", k)): entry for k, entry in enumerate(rig.document.get("animations", []))}
         if not known or (animation is not None and animation not in known):
             named = f"named {animation!r}; it has {', '.join(known)}" if known else "; choose another file"
@@ -79,7 +78,7 @@ def _sampled(rig: GltfRig, entry: dict[str, Any]) -> Motion:
     local = turned.copy()
     local[:, 1:] = turned[:, list(rig.skeleton.parents[1:])].swapaxes(-1, -2) @ turned[:, 1:]
     places = rig.unit * full[:, 0, :3, 3] @ rig.turn.T - rig.place(rig.order[0]) * [1, 0, 1]
-    rotations = quaternion_from_matrix(torch.from_numpy(local)).numpy().astype(np.float32)
+    rotations = quaternion_from_matrix(local).astype(np.float32)
     return Motion(rig.skeleton, rotations, places.astype(np.float32), fps)
 
 
@@ -109,10 +108,8 @@ def _at(track: tuple[Array, Array, str], times: Float[Array, " t"]) -> Float[Arr
         return between
     start, end = values[before, 0], values[after, 0]
     if values.shape[-1] == 4:
-        turns = [torch.from_numpy(turn[:, [3, 0, 1, 2]]) for turn in (start, end)]
-        between = slerp(turns[0], turns[1], torch.from_numpy(share[:, 0])).numpy()[:, [1, 2, 3, 0]]
-    else:
-        between = start + share * (end - start)
+        return slerp(start[:, [3, 0, 1, 2]], end[:, [3, 0, 1, 2]], share[:, 0])[:, [1, 2, 3, 0]]
+    between = start + share * (end - start)
     return between
 
 
@@ -121,7 +118,7 @@ def _matrices(node: dict[str, Any], own: dict[str, Float[Array, "t c"]]) -> Floa
     frames = len(next(iter(own.values())))
     matrices = np.tile(np.eye(4), (frames, 1, 1))
     turns = own.get("rotation", rotation_of(node)[None])
-    matrices[:, :3, :3] = matrix_from_quaternion(torch.from_numpy(turns[:, [3, 0, 1, 2]])).numpy()
+    matrices[:, :3, :3] = matrix_from_quaternion(turns[:, [3, 0, 1, 2]])
     matrices[:, :3, :3] *= own.get("scale", scale_of(node)[None])[:, None]
     matrices[:, :3, 3] = own.get("translation", node_matrix(node)[:3, 3])
     return matrices

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.limits import DEPTH, NODES
@@ -50,7 +49,7 @@ def node_matrix(node: dict[str, Any]) -> Float[Array, "4 4"]:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0, 0, 0, 1))
-    rotation = matrix_from_quaternion(torch.from_numpy(np.array([w, x, y, z], np.float64))).numpy()
+    rotation = matrix_from_quaternion(np.array([w, x, y, z], np.float64))
     matrix = np.eye(4)
     matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)))
     matrix[:3, 3] = node.get("translation", (0, 0, 0))
@@ -69,8 +68,7 @@ def scale_of(node: dict[str, Any]) -> Float[Array, "3"]:
 def rotation_of(node: dict[str, Any]) -> Float[Array, "4"]:
     """A node's rotation (xyzw)."""
     turn = unscaled(node_matrix(node)) * np.sign(scale_of(node))
-    rotation: Array = quaternion_from_matrix(torch.from_numpy(turn)).numpy()[[1, 2, 3, 0]]
-    return rotation
+    return quaternion_from_matrix(turn)[[1, 2, 3, 0]]
 
 
 def worlds_of(locals_: dict[int, Array], parents: dict[int, int]) -> Float[Array, "n *t 4 4"]:

@@ -282,9 +282,9 @@ def _moves(rig: GltfRig, plain: PlainRig) -> Float[Array, "j 4 4"]:
     """For each joint, the matrix that takes what hangs from it out of the hips' space into our rest pose."""
     stands = rig.matrices[rig.order]
     moves = np.tile(np.eye(4), (len(stands), 1, 1))
-    turns = plain.turns.numpy().swapaxes(-1, -2) @ rig.frames @ unscaled(stands).swapaxes(-1, -2)
+    turns = plain.turns.swapaxes(-1, -2) @ rig.frames @ unscaled(stands).swapaxes(-1, -2)
     moves[:, :3, :3] = rig.unit * turns
-    spots = plain.skeleton.rest_positions.double().numpy()
+    spots = plain.skeleton.rest_positions.astype(np.float64)
     moves[:, :3, 3] = spots - (moves[:, :3, :3] @ stands[:, :3, 3:])[..., 0]
     return moves
 

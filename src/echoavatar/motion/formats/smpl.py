@@ -13,7 +13,6 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
@@ -88,6 +87,7 @@ def is_smpl(names: Collection[str]) -> bool:
     return "skeleton" not in names and any(name in names for name in (*_POSES, "body_pose", "pose_body"))
 
 
+@np.errstate(invalid="ignore", over="ignore")  # looked for below
 def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | None = None) -> Motion:
     """The motion in the arrays of `path`, Y up, standing on the floor; `rig` has other places than `skeleton`.
 
@@ -106,18 +106,18 @@ def smpl_motion(path: Path, stored: Mapping[str, np.ndarray], rig: Skeleton | No
     if not 0 < fps < 1000:
         raise MotionError(f"{path} says {fps:g} frames per second; write its mocap_frame_rate, such as 30")
     rig = rig or skeleton()
-    rotations = quaternion_from_axis_angle(torch.from_numpy(poses)).numpy().astype(np.float32)
+    rotations = quaternion_from_axis_angle(poses).astype(np.float32)
     motion = Motion(rig, rotations, trans.astype(np.float32), fps)
     stand = of_clip(motion, rig.config.vrm, has_floor=False)._replace(metres=1.0)
     motion = righted(motion, stand)
-    spine = motion.matrices()[:, 0, :, 1].mean(0).numpy().round(2)
+    spine = motion.matrices()[:, 0, :, 1].mean(0).round(2)
     if spine[1] < _UPRIGHT:
         raise MotionError(f"{path}: the body does not stand (mean spine {spine.tolist()}); turn it upright")
     notes = stand.notes(usual=1.0) + (["it has no 'trans', so the body stays in one place"] if found is None else [])
     notes += [f"it has no frame rate, and {fps:g} frames per second are assumed"] if rate is None else []
     if notes:
         _log.warning("%s: %s", path, "; ".join(notes))
-    return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0].numpy(), fps))
+    return _on_floor(Motion(rig, motion.rotations, motion.root + rig.offsets[0], fps))
 
 
 def _first(path: Path, stored: Mapping[str, np.ndarray], names: Collection[str]) -> Float[np.ndarray, "..."] | None:
@@ -132,8 +132,7 @@ def _numbers(path: Path, array: np.ndarray) -> Float[np.ndarray, "..."]:
     numbers = np.asarray(array, np.float64)
     if numbers.ndim < 3 or numbers.shape[-2:] != (3, 3):
         return numbers
-    angles: np.ndarray = axis_angle_from_quaternion(quaternion_from_matrix(torch.from_numpy(numbers))).numpy()
-    return angles
+    return axis_angle_from_quaternion(quaternion_from_matrix(numbers))
 
 
 def _poses(path: Path, stored: Mapping[str, np.ndarray]) -> Float[np.ndarray, "t 55 3"]:
@@ -164,7 +163,7 @@ def _on_floor(motion: Motion) -> Motion:
     The origin of SMPL-X is not on the floor.
     """
     ankles = motion.skeleton.indices(("left_ankle", "right_ankle"))
-    low = np.quantile(motion.pose().positions[:, ankles, 1].min(1).values.numpy(), 0.1)
+    low = np.quantile(motion.pose().positions[:, ankles, 1].min(1), 0.1)
     rest = float(motion.skeleton.rest_positions[ankles, 1].mean())
     root = motion.root + np.array([0.0, rest - low, 0.0], np.float32)
     return Motion(motion.skeleton, motion.rotations, root, motion.fps)

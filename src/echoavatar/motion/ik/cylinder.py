@@ -1,7 +1,7 @@
 """The paper's own rule (Online Post-Processing): a cylinder around the spine, a remap of distance, a shoulder swing.
 
 It serves bundles whose rig was tuned with it, and comparisons. `HandCollisions` is the default and lists what it does
-differently. This rule is written in torch and is differentiable.
+differently. It acts on whole arrays.
 
 Let d be a wrist's horizontal distance from the pelvis' vertical axis, r the cylinder's radius at its height, and s the
 smoothstep. The wrist's target is at distance d + r (1 - s(d / (1.5 r))): 0 goes to r, 1.5 r stays. The arm then rotates
@@ -16,17 +16,14 @@ the thickness of a palm.
 from itertools import pairwise
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from jaxtyping import Float
 from pydantic import Field
-from torch import Tensor
 
 from echoavatar.config import Config
 
 from ..kinematics import Skeleton, forward_kinematics
 from ..kinematics.rigs import bone_map
-from ..kinematics.rotations import least_rotation, matrix_from_quaternion, quaternion_from_matrix
+from ..kinematics.rotations import least_rotation, length, matrix_from_quaternion, quaternion_from_matrix, unit
 from .profile import BodyProfile, body_of_rig
 
 
@@ -42,45 +39,45 @@ class SwingConfig(Config):
 
 
 def remapped_distance(
-    distance: Float[Tensor, "*n"], radius: Float[Tensor, "*n"], reach: float = 1.5
-) -> Float[Tensor, "*n"]:
+    distance: Float[np.ndarray, "*n"], radius: Float[np.ndarray, "*n"], reach: float = 1.5
+) -> Float[np.ndarray, "*n"]:
     """Distance from the axis after the rule: distances up to `reach` radii become one to `reach` radii, others stay."""
-    share = (distance / (reach * radius)).clamp(0, 1)
-    return distance + radius * (1 - share.square() * (3 - 2 * share))
+    share = np.clip(distance / (reach * radius), 0, 1)
+    further: np.ndarray = distance + radius * (1 - share**2 * (3 - 2 * share))
+    return further
 
 
-def radius_at(height: Float[Tensor, "*n"], config: SwingConfig) -> Float[Tensor, "*n"]:
+def radius_at(height: Float[np.ndarray, "*n"], config: SwingConfig) -> Float[np.ndarray, "*n"]:
     """Radius of the cylinder, linear between the profile's points."""
-    radius = torch.full_like(height, config.profile[0][1])
+    radius = np.full_like(height, config.profile[0][1])
     for (low, first), (high, second) in pairwise(config.profile):
-        radius = radius + (second - first) * ((height - low) / (high - low)).clamp(0, 1)
+        radius = radius + (second - first) * np.clip((height - low) / (high - low), 0, 1)
     return radius
 
 
 def swing_between(
-    start: Float[Tensor, "*n 3"], end: Float[Tensor, "*n 3"], snap: float = 0.0
-) -> Float[Tensor, "*n 3 3"]:
+    start: Float[np.ndarray, "*n 3"], end: Float[np.ndarray, "*n 3"], snap: float = 0.0
+) -> Float[np.ndarray, "*n 3 3"]:
     """`least_rotation`, left out where 1 - cosine of its angle is below `snap`."""
     rotation = least_rotation(start, end)
-    cosine = (F.normalize(start, dim=-1) * F.normalize(end, dim=-1)).sum(-1)[..., None, None]
-    return torch.where(cosine > 1 - snap, torch.eye(3).to(rotation), rotation) if snap else rotation
+    cosine = (unit(start) * unit(end)).sum(-1)[..., None, None]
+    return np.where(cosine > 1 - snap, np.eye(3, dtype=rotation.dtype), rotation) if snap else rotation
 
 
 def swing_clear(
-    skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], config: SwingConfig, arms: tuple[tuple[int, int], ...]
-) -> Float[Tensor, "*n j 3 3"]:
+    skeleton: Skeleton, rotations: Float[np.ndarray, "*n j 3 3"], config: SwingConfig, arms: tuple[tuple[int, int], ...]
+) -> Float[np.ndarray, "*n j 3 3"]:
     """Parent-relative rotations with each arm swung clear; `arms` are (upper arm joint, wrist joint) pairs.
 
     A wrist exactly on the axis has no half-plane and stays where it is.
     """
-    pelvis = torch.zeros_like(rotations[..., 0, :, 0])
-    upright = torch.cat([torch.eye(3).to(rotations).expand_as(rotations[..., :1, :, :]), rotations[..., 1:, :, :]], -3)
-    pose = forward_kinematics(skeleton, upright, pelvis)
-    changed = rotations.clone()
+    upright, changed = rotations.copy(), rotations.copy()
+    upright[..., 0, :, :] = np.eye(3)
+    pose = forward_kinematics(skeleton, upright, np.zeros_like(rotations[..., 0, :, 0]))
     for shoulder, wrist in arms:
         hand = pose.positions[..., wrist, :]
-        flat = hand * (torch.arange(3, device=hand.device) != config.up)
-        distance = flat.norm(dim=-1)
+        flat = hand * (np.arange(3) != config.up)
+        distance = length(flat)[..., 0]
         radius = radius_at(hand[..., config.up], config)
         further = remapped_distance(distance, radius, config.reach) / (distance + 1e-9)
         target = hand + flat * (further - 1)[..., None]
@@ -89,7 +86,7 @@ def swing_clear(
         above = pose.rotations[..., skeleton.parents[shoulder], :, :]
         new = above.mT @ swing @ pose.rotations[..., shoulder, :, :]
         is_near = (distance < config.reach * radius)[..., None, None]
-        changed[..., shoulder, :, :] = torch.where(is_near, new, rotations[..., shoulder, :, :])
+        changed[..., shoulder, :, :] = np.where(is_near, new, rotations[..., shoulder, :, :])
     return changed
 
 
@@ -111,10 +108,9 @@ class Cylinder:
 
     def resolve(self, rotations: Float[np.ndarray, "b t j 4"]) -> Float[np.ndarray, "b t j 4"]:
         """The same parent-relative quaternions with both upper arms swung clear."""
-        matrices = matrix_from_quaternion(torch.from_numpy(rotations))
+        matrices = matrix_from_quaternion(rotations)
         clear = swing_clear(self._skeleton, matrices, self.config, self._arms)
         changed = rotations.copy()
         for shoulder, _ in self._arms:
-            turned = quaternion_from_matrix(clear[..., shoulder, :, :]).numpy()
-            changed[..., shoulder, :] = np.where(turned[..., :1] < 0, -turned, turned)
+            changed[..., shoulder, :] = quaternion_from_matrix(clear[..., shoulder, :, :])
         return changed

@@ -65,7 +65,7 @@ def hand_points(
     skeleton: Skeleton, bones: dict[str, int], side: str, joints: Sequence[str] = KNUCKLES
 ) -> list[HandPoint]:
     """Points of one hand: wrist, middle of the palm, these joints of fingers, tips; without fingers along the hand."""
-    rest = skeleton.rest_positions.numpy()
+    rest = skeleton.rest_positions
     wrist = bones[f"{side}Hand"]
     forearm = rest[wrist] - rest[bones[f"{side}LowerArm"]]
     knuckle = next((bones[name] for d in ("Middle", "Index") if (name := f"{side}{d}Proximal") in bones), None)
@@ -312,9 +312,9 @@ def _span(skeleton: Skeleton, hand: list[HandPoint]) -> float:
     for point in hand:
         length, joint = float(np.linalg.norm(point.offset)), point.joint
         while joint != wrist and skeleton.parents[joint] != wrist:
-            length += float(skeleton.offsets[joint].norm())
+            length += float(np.linalg.norm(skeleton.offsets[joint]))
             joint = skeleton.parents[joint]
-        base = np.zeros(3) if joint == wrist else skeleton.offsets[joint].numpy()
+        base = np.zeros(3) if joint == wrist else skeleton.offsets[joint]
         far = max(far, length + float(np.linalg.norm(base - palm)))
     return far
 

@@ -11,15 +11,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from ..kinematics import Motion, Pose, Skeleton
 from ..kinematics.alignment import has_rest_pose
 from ..kinematics.easing import falloff
 from ..kinematics.rigs import bone_map
-from ..kinematics.rotations import quaternion_from_matrix
+from ..kinematics.rotations import length, quaternion_from_matrix, unit
 from ..kinematics.two_bone import Limb, bend_limb
 from .hand_collisions import hand_points
 from .profile import BodyProfile, RoundedPart
@@ -36,59 +34,60 @@ class Arm(NamedTuple):
     """The joints of an arm, its palm, and how its elbow bends."""
 
     limb: Limb
-    palm: Float[Tensor, "3"]  # from the wrist, in the hand's frame
+    palm: Float[np.ndarray, "3"]  # from the wrist, in the hand's frame
     length: float  # from wrist to knuckles
-    hinge: Float[Tensor, "3"]  # axis about which the elbow flexes, at rest
+    hinge: Float[np.ndarray, "3"]  # axis about which the elbow flexes, at rest
 
 
 def keep_hands_together(source: Motion, moved: Motion) -> Motion:
     """`moved` (`source` on another rig) with its palms together wherever the source's are."""
     theirs, ours = ([find_arm(motion.skeleton, side) for side in ("left", "right")] for motion in (source, moved))
-    pose = source.pose(torch.float64)
+    pose = source.pose(np.float64)
     gap = _palm(pose, theirs[1]) - _palm(pose, theirs[0])
     size = sum(arm.length for arm in theirs) / 2
-    weight = falloff(gap.norm(dim=-1, keepdim=True) / size, NEAR, FAR)
-    if not bool((weight > 0).any()):
+    weight = falloff(length(gap) / size, NEAR, FAR)
+    if not (weight > 0).any():
         return moved
-    rotations, pose = moved.matrices().double(), moved.pose(torch.float64)
+    rotations, pose = moved.matrices().astype(np.float64), moved.pose(np.float64)
     palms = [_palm(pose, arm) for arm in ours]
     middle = (palms[0] + palms[1]) / 2
     wanted = gap * (sum(arm.length for arm in ours) / 2 / size)
     for arm, palm, half in zip(ours, palms, (-0.5, 0.5), strict=True):
         rotations = move_hand(arm, rotations, pose, weight * (middle + half * wanted - palm))
-    return replace(moved, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
+    return replace(moved, rotations=quaternion_from_matrix(rotations).astype(np.float32))
 
 
 def find_arm(skeleton: Skeleton, side: str) -> Arm:
     """The `left` or `right` arm of a rig with known bones."""
     bones = bone_map(skeleton)
     upper, lower, hand = (bones[side + name] for name in ("UpperArm", "LowerArm", "Hand"))
-    rest = skeleton.rest_positions.double()
+    rest = skeleton.rest_positions.astype(np.float64)
     knuckle = bones.get(f"{side}MiddleProximal", bones.get(f"{side}IndexProximal"))
     forearm = rest[hand] - rest[lower]
     to_knuckles = FOREARM * forearm if knuckle is None else rest[knuckle] - rest[hand]
-    hinge = torch.linalg.cross(rest[lower] - rest[upper], torch.tensor([0.0, 0.0, 1.0]).double())
+    hinge = np.cross(rest[lower] - rest[upper], [0.0, 0.0, 1.0])
     limb = Limb.of(skeleton, (upper, lower, hand))
-    return Arm(limb, PALM * to_knuckles, float(to_knuckles.norm()), hinge / hinge.norm())
+    return Arm(limb, PALM * to_knuckles, float(np.linalg.norm(to_knuckles)), hinge / length(hinge))
 
 
-def _palm(pose: Pose, arm: Arm) -> Tensor:
+def _palm(pose: Pose, arm: Arm) -> np.ndarray:
     hand = arm.limb.joints[2]
-    return pose.positions[:, hand] + pose.rotations[:, hand] @ arm.palm
+    place: np.ndarray = pose.positions[:, hand] + pose.rotations[:, hand] @ arm.palm
+    return place
 
 
 def move_hand(
-    arm: Arm, rotations: Float[Tensor, "t j 3 3"], pose: Pose, shift: Float[Tensor, "t 3"]
-) -> Float[Tensor, "t j 3 3"]:
+    arm: Arm, rotations: Float[np.ndarray, "t j 3 3"], pose: Pose, shift: Float[np.ndarray, "t 3"]
+) -> Float[np.ndarray, "t j 3 3"]:
     """Local rotations with this arm bent so that its hand moves by `shift` and keeps its orientation."""
     _, elbow, hand = arm.limb.joints
     upper, lower, wrist = _bones(pose, arm)
-    bend = torch.linalg.cross(upper, lower) / (upper.norm(dim=-1) * lower.norm(dim=-1))[:, None]
+    bend = np.cross(upper, lower) / (length(upper) * length(lower))
     hinge = bend + _STRAIGHT * (pose.rotations[:, elbow] @ arm.hinge)
-    hinge = hinge / hinge.norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    hinge = unit(hinge, 1e-9)
     end = pose.rotations[:, hand]
     bent = bend_limb(arm.limb, rotations, pose, hinge=hinge, target=wrist + shift, end=end)
-    return torch.where((shift != 0).any(-1)[:, None, None, None], bent, rotations)
+    return np.where((shift != 0).any(-1)[:, None, None, None], bent, rotations)
 
 
 def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours: BodyProfile) -> Motion:
@@ -100,11 +99,11 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
     if not has_rest_pose(source.skeleton, maps[0]):
         return moved
     shared = maps[0].keys() & maps[1].keys()
-    poses = [motion.pose(torch.float64) for motion in (source, moved)]
+    poses = [motion.pose(np.float64) for motion in (source, moved)]
     parts: list[str] = [
         part.bone for part in theirs.parts if part.bone in {p.bone for p in ours.parts} and part.bone in shared
     ]
-    rotations = moved.matrices().double()
+    rotations = moved.matrices().astype(np.float64)
     bodies = [
         _body(profile, parts, bones, pose) for profile, bones, pose in zip((theirs, ours), maps, poses, strict=True)
     ]
@@ -119,48 +118,49 @@ def keep_hands_on_body(source: Motion, moved: Motion, theirs: BodyProfile, ours:
             for motion, bones, pose, profile in zip((source, moved), maps, poses, (theirs, ours), strict=True)
         ]
         (points, thick), (our_points, our_thick) = hands
-        away = torch.einsum("teij,tpei->tpej", axes, points[:, :, None] - places[:, None]) - centres
+        away = np.einsum("teij,tpei->tpej", axes, points[:, :, None] - places[:, None]) - centres
         wide = radii + thick[:, None, None]
-        unit = away / wide
-        far = unit.norm(dim=-1)
-        air = far * (far - 1) / (unit / wide).norm(dim=-1).clamp_min(1e-9)
+        ball = away / wide
+        far = length(ball)[..., 0]
+        air = far * (far - 1) / np.maximum(length(ball / wide)[..., 0], 1e-9)
         weight = falloff(air / arm.length, SKIN_NEAR, SKIN_FAR) * (1 - falloff(elbow, HANGING, BENT))[:, None, None]
-        local = our_centres + unit * (our_radii + our_thick[:, None, None])
-        wanted = our_places[:, None] + torch.einsum("teij,tpej->tpei", axes, local)
-        share = weight.square()[..., None]
-        shift = (share * (wanted - our_points[:, :, None])).sum((1, 2)) / share.sum((1, 2)).clamp_min(1e-9)
-        rotations = move_hand(find_arm(moved.skeleton, side), rotations, poses[1], weight.amax((1, 2))[:, None] * shift)
-    return replace(moved, rotations=quaternion_from_matrix(rotations).numpy().astype(np.float32))
+        local = our_centres + ball * (our_radii + our_thick[:, None, None])
+        wanted = our_places[:, None] + np.einsum("teij,tpej->tpei", axes, local)
+        share = (weight**2)[..., None]
+        shift = (share * (wanted - our_points[:, :, None])).sum((1, 2)) / np.maximum(share.sum((1, 2)), 1e-9)
+        rotations = move_hand(find_arm(moved.skeleton, side), rotations, poses[1], weight.max((1, 2))[:, None] * shift)
+    return replace(moved, rotations=quaternion_from_matrix(rotations).astype(np.float32))
 
 
 def _points(
     skeleton: Skeleton, bones: dict[str, int], side: str, pose: Pose, profile: BodyProfile
-) -> tuple[Float[Tensor, "t p 3"], Float[Tensor, " p"]]:
+) -> tuple[Float[np.ndarray, "t p 3"], Float[np.ndarray, " p"]]:
     """World positions of a hand's points, and its half thickness there."""
     hand = hand_points(skeleton, bones, side)
     joints = [point.joint for point in hand]
-    offsets = torch.from_numpy(np.array([point.offset for point in hand])).double()
-    places = pose.positions[:, joints] + torch.einsum("tpij,pj->tpi", pose.rotations[:, joints], offsets)
-    return places, torch.tensor([profile.palm if point.is_palm else profile.finger for point in hand]).double()
+    offsets = np.array([point.offset for point in hand], np.float64)
+    places = pose.positions[:, joints] + np.einsum("tpij,pj->tpi", pose.rotations[:, joints], offsets)
+    return places, np.array([profile.palm if point.is_palm else profile.finger for point in hand])
 
 
 def _body(
     profile: BodyProfile, parts: list[str], bones: dict[str, int], pose: Pose
-) -> tuple[Float[Tensor, "t e 3"], Float[Tensor, "e 3"], Float[Tensor, "e 3"]]:
+) -> tuple[Float[np.ndarray, "t e 3"], Float[np.ndarray, "e 3"], Float[np.ndarray, "e 3"]]:
     """World positions of the parts' bones; centres and radii of the parts in the bones' axes."""
     known: dict[str, RoundedPart] = {part.bone: part for part in profile.parts}
-    centres = torch.tensor([known[bone].centre for bone in parts]).double()
-    radii = torch.tensor([known[bone].radii for bone in parts]).double()
+    centres = np.array([known[bone].centre for bone in parts])
+    radii = np.array([known[bone].radii for bone in parts])
     return pose.positions[:, [bones[bone] for bone in parts]], centres, radii
 
 
-def _bones(pose: Pose, arm: Arm) -> tuple[Float[Tensor, "t 3"], Float[Tensor, "t 3"], Float[Tensor, "t 3"]]:
+def _bones(pose: Pose, arm: Arm) -> tuple[Float[np.ndarray, "t 3"], Float[np.ndarray, "t 3"], Float[np.ndarray, "t 3"]]:
     """The vectors along upper arm and forearm, and the position of the wrist."""
     shoulder, elbow, wrist = (pose.positions[:, joint] for joint in arm.limb.joints)
     return elbow - shoulder, wrist - elbow, wrist
 
 
-def _bend(pose: Pose, arm: Arm) -> Float[Tensor, " t"]:
+def _bend(pose: Pose, arm: Arm) -> Float[np.ndarray, " t"]:
     """Radians between upper arm and forearm; 0 is straight."""
     upper, lower, _ = _bones(pose, arm)
-    return torch.atan2(torch.linalg.cross(upper, lower).norm(dim=-1), (upper * lower).sum(-1))
+    bend: np.ndarray = np.arctan2(length(np.cross(upper, lower))[..., 0], (upper * lower).sum(-1))
+    return bend

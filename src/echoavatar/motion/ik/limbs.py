@@ -55,11 +55,11 @@ class Chains:
             while joint >= 0:
                 above.add(joint)
                 joint = skeleton.parents[joint]
-        self.joints = [joint for level in skeleton.levels for joint in level if joint in above]
+        self.joints = [0, *(joint for level in skeleton.levels for joint in level.joints if joint in above)]
         self.slot = {joint: slot for slot, joint in enumerate(self.joints)}
         self._joints = np.array(self.joints, np.int64)
         self._parents = np.array([self.slot.get(skeleton.parents[joint], 0) for joint in self.joints])
-        self._offsets = np.ascontiguousarray(skeleton.offsets.numpy()[self.joints], np.float32)
+        self._offsets = np.ascontiguousarray(skeleton.offsets[self.joints], np.float32)
 
     def pose(self, rotations: Float[Array, "b t j 4"]) -> ChainPose:
         """The pose of the joints from parent-relative rotations."""
@@ -151,7 +151,7 @@ def legs_of(skeleton: Skeleton, chains: Chains | None = None) -> Legs | None:
     joints = np.array([thighs, shins, ankles, toes], np.int64).T.copy()
     slots = np.array([[chains.slot[joint] for joint in leg] for leg in joints.tolist()], np.int64)
     above = np.array([chains.slot[skeleton.parents[joint]] for joint in thighs], np.int64)
-    offsets = skeleton.offsets.numpy().astype(np.float32)
+    offsets = skeleton.offsets
     bones = np.linalg.norm(offsets[joints[:, 1:3]], axis=2)
     return Legs(joints, slots, above, offsets[ankles], bones)
 

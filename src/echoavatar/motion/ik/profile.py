@@ -82,7 +82,7 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
     def ratio(start: str, end: str) -> float:
         """The distance between two joints of the rig, relative to ours."""
         theirs, own = (
-            (rig.rest_positions[joints[start]] - rig.rest_positions[joints[end]]).norm()
+            np.linalg.norm(rig.rest_positions[joints[start]] - rig.rest_positions[joints[end]])
             for rig, joints in ((skeleton, bones), (HUMANOID, ours))
         )
         return float(theirs) / float(own)
@@ -147,7 +147,7 @@ def measure_body(
     weights = csr_array(weights)
     if not (np.isfinite(vertices).all() and np.isfinite(weights.data).all()):
         raise MotionError("the mesh holds numbers that are not finite; export it again")
-    bones, rest = bone_map(skeleton), skeleton.rest_positions.numpy()
+    bones, rest = bone_map(skeleton), skeleton.rest_positions
     parts = []
     for bone, (middle, radii) in _slices(skeleton, bones, vertices, weights).items():
         centre, radii = (np.round(v, 4).tolist() for v in (middle - [0, *rest[bones[bone], 1:]], radii))
@@ -160,7 +160,7 @@ def _slices(
 ) -> dict[str, tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]]:
     """Cut the body at the joints of the spine: middle and radii of an ellipsoid around each slice, by its bone."""
     column = [bone for bone in COLUMN if bone in bones]
-    rest = skeleton.rest_positions.numpy()
+    rest = skeleton.rest_positions
     is_head = weights[:, [bones["head"]]].sum(1) > 0.5
     is_trunk = (weights[:, [bones[bone] for bone in column]].sum(1) > 0.5) & ~is_head
     if (count := int(is_head.sum())) < FEWEST:
@@ -235,7 +235,7 @@ def _hand(
     for name, owners in (("palm", ["leftHand"]), ("finger", fingers)):
         skin = np.isin(owner, [bones[bone] for bone in owners if bone in bones])
         if skin.sum() >= FEWEST:
-            away = vertices[skin, 1] - skeleton.rest_positions.numpy()[owner[skin], 1]
+            away = vertices[skin, 1] - skeleton.rest_positions[owner[skin], 1]
             found[name] = round(float(np.quantile(np.abs(away), 0.8)), 4)
     return found
 

@@ -5,7 +5,7 @@ rotations relative to the parent; anything else says so in its name.
 
 Each kind of array has one arithmetic:
 
-| | whole clips, torch: batched, differentiable | live stages, compiled loops: one rotation at a time |
+| | whole clips: batched arrays | live stages, compiled loops: one rotation at a time |
 |---|---|---|
 | rotations | `rotations` | `quaternions` |
 | forward kinematics | `motion` | `ik.limbs`, for the few joints that the stages need |
@@ -13,13 +13,12 @@ Each kind of array has one arithmetic:
 | retargeting | `retarget.retarget`, measured on the clip | `retarget.LiveRetarget`, measured on two rest poses |
 """
 
-from .features import FeatureStatistics, MotionFrames, from_features, part_sizes, split_parts, to_features
+from .features import MotionFrames, from_features, part_sizes, to_features
 from .motion import Motion, Pose, forward_kinematics
 from .skeleton import HUMANOID, Skeleton, SkeletonConfig
 
 __all__ = [
     "HUMANOID",
-    "FeatureStatistics",
     "Motion",
     "MotionFrames",
     "Pose",
@@ -28,6 +27,5 @@ __all__ = [
     "forward_kinematics",
     "from_features",
     "part_sizes",
-    "split_parts",
     "to_features",
 ]

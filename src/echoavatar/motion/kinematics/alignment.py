@@ -15,15 +15,14 @@ no twist against its parent on average over the clip. Elbows and knees take the 
 from collections.abc import Mapping
 from functools import cache
 
-import torch
-import torch.nn.functional as F
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from .motion import Pose
-from .rotations import least_rotation
+from .rotations import least_rotation, length, unit
 from .skeleton import HUMANOID, Skeleton
 
+Array = np.ndarray
 _LIMBS = ("Arm", "Hand", "Leg", "Thumb", "Index", "Middle", "Ring", "Little")
 _HINGES = ("UpperArm", "LowerArm", "UpperLeg", "LowerLeg")
 _TRUNK = ("spine", "chest", "upperChest")
@@ -37,12 +36,12 @@ _UPRIGHT = 0.5  # cosine of the greatest angle at which a rest pose counts as on
 
 def align(
     source: Skeleton, pose: Pose, source_map: Mapping[str, int], target: Skeleton, target_map: Mapping[str, int]
-) -> dict[str, Float[Tensor, "3 3"]]:
+) -> dict[str, Float[Array, "3 3"]]:
     """The rotation A of each bone that both rigs have. `pose` is the source's motion in double precision."""
     bones = [bone for bone in target_map if bone in source_map]
     bones.sort(key=lambda bone: target_map[bone])
     feet = [bone for bone in bones if bone.endswith(("Foot", "Toes"))]
-    found: dict[str, Tensor] = {}
+    found: dict[str, Array] = {}
     if has_rest_pose(source, source_map):
         theirs, own = rest_turns(source, source_map), rest_turns(target, target_map)
         found = {bone: theirs[bone] @ own[bone].T for bone in bones}
@@ -57,8 +56,8 @@ def align(
         ours, way = _direction(target, target_map, bone, least[0]), _direction(source, source_map, bone, least[1])
         mean = _mean_without_twist(pose.rotations[:, source_map[bone]], pose, source_map, found, above)
         if bone == "hips":
-            rest = target.rest_positions.double()[None]
-            still = Pose(torch.eye(3).double().expand(1, target.joints, 3, 3), rest)
+            rest = target.rest_positions.astype(np.float64)[None]
+            still = Pose(np.tile(np.eye(3), (1, target.joints, 1, 1)), rest)
             found[bone] = _hips_frame(pose, source_map) @ _hips_frame(still, target_map).T
         elif ours is None or way is None or (bone in _TRUNK and not is_straight):
             found[bone] = mean
@@ -69,10 +68,10 @@ def align(
     return found
 
 
-def rest_turns(skeleton: Skeleton, bones: Mapping[str, int]) -> dict[str, Float[Tensor, "3 3"]]:
+def rest_turns(skeleton: Skeleton, bones: Mapping[str, int]) -> dict[str, Float[Array, "3 3"]]:
     """The rotation of each bone from our rest pose to that of a rig that stands or sits upright, in the world."""
     facing, least = _facing(skeleton, bones), _SHORT * leg_length(skeleton, bones)
-    found: dict[str, Tensor] = {}
+    found: dict[str, Array] = {}
     for bone in sorted(bones, key=lambda bone: bones[bone]):
         above = _mapped_parent(skeleton, bones, bone, found)
         base = facing if above is None else found[above]
@@ -88,15 +87,15 @@ def rest_turns(skeleton: Skeleton, bones: Mapping[str, int]) -> dict[str, Float[
     return found
 
 
-def project_rotation(matrix: Float[Tensor, "*n 3 3"]) -> Float[Tensor, "*n 3 3"]:
+def project_rotation(matrix: Float[Array, "*n 3 3"]) -> Float[Array, "*n 3 3"]:
     """The rotation nearest to a matrix, for example to a mean of rotation matrices."""
-    u, _, v = torch.linalg.svd(matrix)
-    last = torch.linalg.det(u @ v)[..., None]
-    nearest: Tensor = u @ torch.cat([v[..., :2, :], v[..., 2:, :] * last[..., None]], -2)
+    u, _, v = np.linalg.svd(matrix)
+    v[..., 2, :] *= np.linalg.det(u @ v)[..., None]
+    nearest: Array = u @ v
     return nearest
 
 
-def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str, least: float) -> Tensor | None:
+def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str, least: float) -> Array | None:
     """Rest direction from a bone to the next one, in its own frame; None for a bone shorter than `least`."""
     joint = bones[bone]
     if bone.endswith("Hand"):
@@ -105,27 +104,27 @@ def _direction(skeleton: Skeleton, bones: Mapping[str, int], bone: str, least: f
     else:
         child = _next_joint(bones, bone)
     if child is not None:
-        offset = torch.zeros(3)
+        offset = np.zeros(3, np.float32)
         while child != joint:  # unmapped bones in between continue the direction
             if child < 0:
                 return None
             offset = offset + skeleton.offsets[child]
             child = skeleton.parents[child]
     else:
-        offset = torch.tensor(skeleton.config.tips.get(skeleton.names[joint], (0.0, 0.0, 0.0)))
-    if bone.endswith("Distal") and child is None and offset.norm() < least:
+        offset = np.array(skeleton.config.tips.get(skeleton.names[joint], (0, 0, 0)), np.float32)
+    if bone.endswith("Distal") and child is None and np.linalg.norm(offset) < least:
         offset = skeleton.offsets[joint]  # a fingertip without an end continues its bone
-    return _unit(offset.double()) if offset.norm() > least else None
+    return unit(offset.astype(np.float64)) if np.linalg.norm(offset) > least else None
 
 
 @cache
-def _our_direction(bone: str) -> Tensor | None:
+def _our_direction(bone: str) -> Array | None:
     """The same of our rig, which lacks eyes and jaw."""
     ours = HUMANOID.config.vrm
     return _direction(HUMANOID, ours, bone, 0.0) if bone in ours else None
 
 
-def _palm_turn(skeleton: Skeleton, bones: Mapping[str, int], hand: str) -> Tensor | None:
+def _palm_turn(skeleton: Skeleton, bones: Mapping[str, int], hand: str) -> Array | None:
     """The rotation of a hand from our rest pose, by its outermost knuckles; None where they say nothing."""
     knuckles = [f"{hand[:-4]}{digit}Proximal" for digit in ("Index", "Middle", "Ring", "Little")]
     knuckles = [bone for bone in knuckles if bone in bones]
@@ -133,12 +132,13 @@ def _palm_turn(skeleton: Skeleton, bones: Mapping[str, int], hand: str) -> Tenso
         return None
     frames = []
     for rig, joints in ((skeleton, bones), (HUMANOID, HUMANOID.config.vrm)):
-        rest = rig.rest_positions.double()
-        first, last = (_unit(rest[joints[bone]] - rest[joints[hand]]) for bone in (knuckles[0], knuckles[-1]))
-        if float(torch.linalg.cross(first, last).norm()) < _BROAD:
+        rest = rig.rest_positions.astype(np.float64)
+        first, last = (unit(rest[joints[bone]] - rest[joints[hand]]) for bone in (knuckles[0], knuckles[-1]))
+        if np.linalg.norm(np.cross(first, last)) < _BROAD:
             return None
         frames.append(_frame(first + last, first - last))
-    return frames[0] @ frames[1].T
+    turn: Array = frames[0] @ frames[1].T
+    return turn
 
 
 _FIRST_CHILD = {
@@ -156,7 +156,7 @@ def _next_joint(bones: Mapping[str, int], bone: str) -> int | None:
     return bones.get(following)
 
 
-def _mapped_parent(target: Skeleton, bones: Mapping[str, int], bone: str, found: Mapping[str, Tensor]) -> str | None:
+def _mapped_parent(target: Skeleton, bones: Mapping[str, int], bone: str, found: Mapping[str, Array]) -> str | None:
     names = {joint: name for name, joint in bones.items()}
     joint = target.parents[bones[bone]]
     while joint >= 0:
@@ -170,7 +170,7 @@ def leg_length(skeleton: Skeleton, bones: Mapping[str, int]) -> float:
     """Length of thigh and shin, mean of both sides, metres."""
     rest = skeleton.rest_positions  # not offsets: a rig may have extra joints in a bone
     chains = [[bones[f"{side}{bone}"] for bone in ("UpperLeg", "LowerLeg", "Foot")] for side in ("left", "right")]
-    return float(sum(rest[chain].diff(dim=0).norm(dim=-1).sum() for chain in chains) / 2)
+    return float(sum(length(np.diff(rest[chain], axis=0)).sum() for chain in chains) / 2)
 
 
 def has_rest_pose(source: Skeleton, bones: Mapping[str, int]) -> bool:
@@ -179,8 +179,8 @@ def has_rest_pose(source: Skeleton, bones: Mapping[str, int]) -> bool:
     heights = [float(rest[bones[bone], 1]) for bone in ("head", "hips", "leftFoot")]
     is_descending = all(a > b + 0.12 * size for a, b in zip(heights, heights[1:], strict=False))
     hips, shoulders = (rest[bones[f"left{bone}"]] - rest[bones[f"right{bone}"]] for bone in ("UpperLeg", "UpperArm"))
-    trunk, turn = _unit(rest[bones["head"]] - rest[bones["hips"]]), (_unit(hips) * _unit(shoulders)).sum()
-    is_wide = float(hips.norm()) > 0.06 * size
+    trunk, turn = unit(rest[bones["head"]] - rest[bones["hips"]]), (unit(hips) * unit(shoulders)).sum()
+    is_wide = bool(np.linalg.norm(hips) > 0.06 * size)
     return is_descending and is_wide and float(trunk[1]) > _UPRIGHT and float(turn) > _UPRIGHT
 
 
@@ -189,96 +189,90 @@ def _spine_begins_in_line(pose: Pose, bones: Mapping[str, int]) -> bool:
     if not {"spine", "neck"} <= bones.keys():
         return False
     places = [pose.positions[:, bones[bone]] for bone in ("hips", "spine", "neck")]
-    first, whole = (_unit(place - places[0]).mean(0) for place in places[1:])
-    return float((_unit(first) * _unit(whole)).sum()) > _IN_LINE
+    first, whole = (unit(place - places[0]).mean(0) for place in places[1:])
+    return float((unit(first) * unit(whole)).sum()) > _IN_LINE
 
 
-def _facing(skeleton: Skeleton, bones: Mapping[str, int]) -> Tensor:
+def _facing(skeleton: Skeleton, bones: Mapping[str, int]) -> Array:
     """Rotation about the vertical from the facing of our rest pose to that of a rig's."""
-    rest = skeleton.rest_positions.double()
+    rest = skeleton.rest_positions.astype(np.float64)
     across = rest[bones["leftUpperLeg"]] - rest[bones["rightUpperLeg"]]
-    left = across.new_tensor([1.0, 0.0, 0.0])
-    return least_rotation(left, across * left.new_tensor([1.0, 0.0, 1.0]))
+    return least_rotation(np.array([1.0, 0.0, 0.0]), across * [1, 0, 1])
 
 
-def _flat(source: Skeleton, pose: Pose, bones: Mapping[str, int], bone: str) -> Tensor:
+def _flat(source: Skeleton, pose: Pose, bones: Mapping[str, int], bone: str) -> Array:
     """The mean rotation, in the bone's frame, to a level frame that points along the standing foot."""
     side = "left" if bone.startswith("left") else "right"
     ankle = pose.positions[:, bones[f"{side}Foot"]]
-    stands = ankle[:, 1] <= torch.quantile(ankle[:, 1], 0.15) + 0.01
+    stands = ankle[:, 1] <= np.quantile(ankle[:, 1], 0.15) + 0.01
     rotations = pose.rotations[stands, bones[bone]]
     ahead = _along_foot(source, pose, bones, side)[stands]
-    return project_rotation((rotations.transpose(-1, -2) @ _level(ahead)).mean(0))
+    return project_rotation((rotations.mT @ _level(ahead)).mean(0))
 
 
-def _along_foot(source: Skeleton, pose: Pose, bones: Mapping[str, int], side: str) -> Float[Tensor, "t 3"]:
+def _along_foot(source: Skeleton, pose: Pose, bones: Mapping[str, int], side: str) -> Float[Array, "t 3"]:
     """From the ankle to the toes or, without them, to the foot's tip; the heading of the hips if there is neither."""
     foot = bones[f"{side}Foot"]
     if f"{side}Toes" in bones:
-        ahead: Tensor = pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
+        ahead: Array = pose.positions[:, bones[f"{side}Toes"]] - pose.positions[:, foot]
         least = _LEVEL
     else:
-        tip = pose.positions.new_tensor(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
+        tip = np.array(source.config.tips.get(source.names[foot], (0.0, 0.0, 0.0)))
         ahead, least = pose.rotations[:, foot] @ tip, _AHEAD
-    if float(ahead[:, [0, 2]].norm(dim=-1).mean()) > least * float(ahead.norm(dim=-1).mean()) > 0:
+    if length(ahead[:, [0, 2]]).mean() > least * length(ahead).mean() > 0:
         return ahead
     across = pose.positions[:, bones["leftUpperLeg"]] - pose.positions[:, bones["rightUpperLeg"]]
-    ahead = torch.linalg.cross(across, across.new_tensor(_UP).expand_as(across))
-    return ahead
+    return np.cross(across, _UP)
 
 
-def _heading(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Tensor:
+def _heading(skeleton: Skeleton, bones: Mapping[str, int], bone: str) -> Array:
     """Rotation about the vertical to where a flat foot points at rest: as its toes do, or else as the hips face."""
     side = "left" if bone.startswith("left") else "right"
-    foot, rest = bones[f"{side}Foot"], skeleton.rest_positions.double()
+    foot, rest = bones[f"{side}Foot"], skeleton.rest_positions.astype(np.float64)
     ahead = rest[bones.get(f"{side}Toes", foot)] - rest[foot]
-    return _level(ahead) if ahead[[0, 2]].norm() > _LEVEL * ahead.norm() else _facing(skeleton, bones)
+    return _level(ahead) if np.linalg.norm(ahead[[0, 2]]) > _LEVEL * np.linalg.norm(ahead) else _facing(skeleton, bones)
 
 
-def _level(ahead: Float[Tensor, "*n 3"]) -> Float[Tensor, "*n 3 3"]:
+def _level(ahead: Float[Array, "*n 3"]) -> Float[Array, "*n 3 3"]:
     """Axes left, up, ahead of an upright frame that points along the horizontal part of `ahead`."""
-    up = ahead.new_tensor(_UP).expand_as(ahead)
-    left = _unit(torch.linalg.cross(up, ahead))
-    return torch.stack([left, up, torch.linalg.cross(left, up)], -1)
+    left = unit(np.cross(_UP, ahead))
+    return np.stack([left, np.broadcast_to(_UP, left.shape), np.cross(left, _UP)], -1)
 
 
 def _mean_without_twist(
-    rotations: Tensor, pose: Pose, bones: Mapping[str, int], found: Mapping[str, Tensor], above: str | None
-) -> Tensor:
+    rotations: Array, pose: Pose, bones: Mapping[str, int], found: Mapping[str, Array], above: str | None
+) -> Array:
     if above is None:
-        return torch.eye(3).double()
+        return np.eye(3)
     parent = pose.rotations[:, bones[above]] @ found[above]
-    return project_rotation((rotations.transpose(-1, -2) @ parent).mean(0))
+    return project_rotation((rotations.mT @ parent).mean(0))
 
 
-def _hips_frame(pose: Pose, bones: Mapping[str, int]) -> Tensor:
+def _hips_frame(pose: Pose, bones: Mapping[str, int]) -> Array:
     """The frame of the hips: +X from right to left hip joint, +Y as near to the neck as it is on average."""
     left, right, hips, neck = (
         pose.positions[:, bones[bone]]
         for bone in ("leftUpperLeg", "rightUpperLeg", "hips", "neck" if "neck" in bones else "head")
     )
-    own = pose.rotations[:, bones["hips"]].transpose(-1, -2)
-    across, up = ((own @ way[..., None]).squeeze(-1).mean(0) for way in (left - right, neck - hips))
+    own = pose.rotations[:, bones["hips"]].mT
+    across, up = ((own @ way[..., None])[..., 0].mean(0) for way in (left - right, neck - hips))
     return _frame(across, up)
 
 
-def _from_hinge(pose: Pose, bones: Mapping[str, int], bone: str, ours: Tensor, theirs: Tensor) -> Tensor:
+def _from_hinge(pose: Pose, bones: Mapping[str, int], bone: str, ours: Array, theirs: Array) -> Array:
     """A from the bending axes: ours is -Y (left elbow), +Y (right elbow) or +X (knee); the source's is measured."""
     side, is_arm = ("left" if bone.startswith("left") else "right"), "Arm" in bone
     chain = ("UpperArm", "LowerArm", "Hand") if is_arm else ("UpperLeg", "LowerLeg", "Foot")
     a, b, c = (pose.positions[:, bones[side + name]] for name in chain)
-    bend = torch.linalg.cross(_unit(b - a), _unit(c - b))
-    theirs_axis = (pose.rotations[:, bones[bone]].transpose(-1, -2) @ bend[..., None]).squeeze(-1).mean(0)
+    bend = np.cross(unit(b - a), unit(c - b))
+    theirs_axis = (pose.rotations[:, bones[bone]].mT @ bend[..., None])[..., 0].mean(0)
     up = -1.0 if side == "left" else 1.0
-    ours_axis = ours.new_tensor([0.0, up, 0.0] if is_arm else [1.0, 0.0, 0.0])
-    return _frame(theirs, theirs_axis) @ _frame(ours, ours_axis).T
+    ours_axis = np.array([0.0, up, 0.0] if is_arm else [1.0, 0.0, 0.0])
+    turn: Array = _frame(theirs, theirs_axis) @ _frame(ours, ours_axis).T
+    return turn
 
 
-def _frame(first: Tensor, second: Tensor) -> Tensor:
-    x = _unit(first)
-    y = _unit(second - (second * x).sum() * x)
-    return torch.stack([x, y, torch.linalg.cross(x, y)], -1)
-
-
-def _unit(vector: Tensor) -> Tensor:
-    return F.normalize(vector, dim=-1, eps=1e-12)
+def _frame(first: Array, second: Array) -> Array:
+    x = unit(first)
+    y = unit(second - (second * x).sum() * x)
+    return np.stack([x, y, np.cross(x, y)], -1)

@@ -1,18 +1,14 @@
-"""Smooth steps for fades: of NumPy arrays and tensors alike, and of a single number in a compiled loop."""
-
-from typing import TypeVar
+"""Smooth steps for fades: of arrays, and of a single number in a compiled loop."""
 
 import numpy as np
-from torch import Tensor
+from jaxtyping import Float
 
 from echoavatar.nn.kernels import kernel
 
-Shares = TypeVar("Shares", np.ndarray, Tensor)
 
-
-def smootherstep(share: Shares) -> Shares:
+def smootherstep(share: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
     """0 to 1 for shares of 0 to 1, with no speed and no acceleration at either end."""
-    eased: Shares = share**3 * (10 - share * (15 - 6 * share))
+    eased: np.ndarray = share**3 * (10 - share * (15 - 6 * share))
     return eased
 
 
@@ -23,6 +19,6 @@ def smoothstep(share):  # type: ignore[no-untyped-def]
     return share * share * (3.0 - 2.0 * share)
 
 
-def falloff(value: Tensor, full: float, none: float) -> Tensor:
+def falloff(value: Float[np.ndarray, "*n"], full: float, none: float) -> Float[np.ndarray, "*n"]:
     """1 up to `full`, 0 from `none` on, smooth between."""
-    return 1 - smootherstep(((value - full) / (none - full)).clamp(0, 1))
+    return 1 - smootherstep(np.clip((value - full) / (none - full), 0, 1))

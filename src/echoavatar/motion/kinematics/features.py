@@ -10,15 +10,13 @@ rest pose's in the first frame of each clip.
 
 from typing import NamedTuple
 
-import torch
-from jaxtyping import Bool, Float
-from torch import Tensor
+import numpy as np
+from jaxtyping import Float
 
 from .rotations import matrix_from_6d, matrix_to_6d
 from .skeleton import Skeleton
 
 TRAVEL_SIZE = 3
-CONSTANT_STD = 1e-4  # a feature with a smaller deviation is held at its mean
 
 
 def ground_axes(up: int) -> list[int]:
@@ -29,8 +27,8 @@ def ground_axes(up: int) -> list[int]:
 class MotionFrames(NamedTuple):
     """Parent-relative rotation matrices and the root's world position."""
 
-    rotations: Float[Tensor, "*n t j 3 3"]
-    root: Float[Tensor, "*n t 3"]
+    rotations: Float[np.ndarray, "*n t j 3 3"]
+    root: Float[np.ndarray, "*n t 3"]
 
 
 def part_sizes(skeleton: Skeleton) -> dict[str, int]:
@@ -50,12 +48,12 @@ def travel_slice(skeleton: Skeleton) -> slice:
 
 def to_features(
     skeleton: Skeleton,
-    rotations: Float[Tensor, "*n t j 3 3"],
-    root: Float[Tensor, "*n t 3"],
+    rotations: Float[np.ndarray, "*n t j 3 3"],
+    root: Float[np.ndarray, "*n t 3"],
     *,
-    previous_ground: Float[Tensor, "*n 2"] | None = None,
+    previous_ground: Float[np.ndarray, "*n 2"] | None = None,
     up: int = 1,
-) -> Float[Tensor, "*n t c"]:
+) -> Float[np.ndarray, "*n t c"]:
     """Features of a clip.
 
     Args:
@@ -68,50 +66,23 @@ def to_features(
     """
     ground = root[..., ground_axes(up)]
     before = ground[..., :1, :] if previous_ground is None else previous_ground[..., None, :]
-    velocity = ground - torch.cat([before, ground[..., :-1, :]], -2)
+    velocity = ground - np.concatenate([before, ground[..., :-1, :]], -2)
     height = root[..., up, None]
-    six = matrix_to_6d(rotations[..., list(skeleton.feature_joints), :, :]).flatten(-2)
+    six = matrix_to_6d(rotations[..., list(skeleton.feature_joints), :, :]).reshape(*root.shape[:-1], -1)
     start = travel_slice(skeleton).start
-    return torch.cat([six[..., :start], velocity, height, six[..., start:]], -1)
+    return np.concatenate([six[..., :start], velocity, height, six[..., start:]], -1)
 
 
-def from_features(skeleton: Skeleton, features: Float[Tensor, "*n t c"], *, up: int = 1) -> MotionFrames:
+def from_features(skeleton: Skeleton, features: Float[np.ndarray, "*n t c"], *, up: int = 1) -> MotionFrames:
     """Rotations and root from features; joints outside all parts stay at rest.
 
     The root starts over the origin; `up` is the vertical axis: 0, 1, 2 for x, y, z.
     """
     travel = travel_slice(skeleton)
     joints = list(skeleton.feature_joints)
-    six = torch.cat([features[..., : travel.start], features[..., travel.stop :]], -1)
+    six = np.concatenate([features[..., : travel.start], features[..., travel.stop :]], -1)
     matrices = matrix_from_6d(six.reshape(*six.shape[:-1], len(joints), 6))
-    if sorted(joints) == list(range(skeleton.joints)):
-        rotations = matrices[..., torch.tensor(joints, device=matrices.device).argsort(), :, :]
-    else:
-        eye = torch.eye(3, dtype=features.dtype, device=features.device)
-        rotations = eye.expand(*features.shape[:-1], skeleton.joints, 3, 3).clone()
-        rotations[..., joints, :, :] = matrices
-    columns = list(features[..., travel.start : travel.start + 2].cumsum(-2).unbind(-1))
-    columns.insert(up, features[..., travel.start + 2])
-    return MotionFrames(rotations, torch.stack(columns, -1))
-
-
-def split_parts(skeleton: Skeleton, features: Float[Tensor, "*n c"]) -> dict[str, Float[Tensor, "*n d"]]:
-    """The features of each part."""
-    sizes = part_sizes(skeleton)
-    return dict(zip(sizes, torch.split(features, list(sizes.values()), -1), strict=True))
-
-
-class FeatureStatistics(NamedTuple):
-    """Mean and standard deviation of each feature; `varies` is False where the deviation is under 1e-4."""
-
-    mean: Float[Tensor, " c"]
-    std: Float[Tensor, " c"]
-    varies: Bool[Tensor, " c"]
-
-    def normalize(self, features: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Features with zero mean and unit deviation; one that does not vary gives 0, so that noise cannot grow."""
-        return torch.where(self.varies, (features - self.mean) / self.std.clamp_min(CONSTANT_STD), 0.0)
-
-    def denormalize(self, normal: Float[Tensor, "*n c"]) -> Float[Tensor, "*n c"]:
-        """Inverse of `normalize`; features that do not vary come back as their mean."""
-        return torch.where(self.varies, normal * self.std, 0.0) + self.mean
+    rotations = np.tile(np.eye(3, dtype=features.dtype), (*features.shape[:-1], skeleton.joints, 1, 1))
+    rotations[..., joints, :, :] = matrices
+    ground, height = features[..., travel][..., :2].cumsum(-2), features[..., travel][..., 2]
+    return MotionFrames(rotations, np.insert(ground, up, height, -1))

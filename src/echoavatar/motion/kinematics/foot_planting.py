@@ -10,14 +10,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from .easing import smootherstep
 from .motion import Motion, Pose, forward_kinematics
 from .rigs import bone_map, feet_of
-from .rotations import axis_angle_from_quaternion, matrix_from_axis_angle, quaternion_from_matrix
+from .rotations import axis_angle_from_quaternion, length, matrix_from_axis_angle, quaternion_from_matrix
 from .skeleton import Skeleton
 from .two_bone import REACH, Limb, bend_limb
 
@@ -98,8 +96,8 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
         contacts: (t, 2, 2) left and right, heel and toe, True where they touch the floor; None measures them.
     """
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
-    rest = skeleton.rest_positions.double()
-    rotations, root = motion.matrices().double(), torch.from_numpy(motion.root).double()
+    rest = skeleton.rest_positions.astype(np.float64)
+    rotations, root = motion.matrices().astype(np.float64), motion.root.astype(np.float64)
     legs = [_Leg(skeleton, bones, side, rest) for side in ("left", "right")]
     contacts = foot_contacts(motion) if contacts is None else contacts
     pose = forward_kinematics(skeleton, rotations, root)
@@ -108,8 +106,8 @@ def settle_feet(motion: Motion, contacts: NDArray[np.bool_] | None = None) -> Mo
     pose = forward_kinematics(skeleton, rotations, root)
     for leg, goal in zip(legs, goals, strict=True):
         rotations = leg.bring(rotations, pose, goal)
-    quaternions = quaternion_from_matrix(rotations).numpy().astype(np.float32)
-    return replace(motion, rotations=quaternions, root=root.numpy().astype(np.float32))
+    quaternions = quaternion_from_matrix(rotations).astype(np.float32)
+    return replace(motion, rotations=quaternions, root=root.astype(np.float32))
 
 
 def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float = 1.0) -> NDArray[np.bool_]:
@@ -120,8 +118,8 @@ def foot_contacts(motion: Motion, *, stands_on_rest: bool = False, size: float =
     """
     bones = bone_map(motion.skeleton)
     joints = feet_of(bones)
-    places = motion.pose().positions[:, joints].numpy().astype(np.float64) / size
-    heights = motion.skeleton.rest_positions[joints, 1].numpy() / size if stands_on_rest else None
+    places = motion.pose().positions[:, joints].astype(np.float64) / size
+    heights = motion.skeleton.rest_positions[joints, 1] / size if stands_on_rest else None
     is_low = planted(places, motion.fps, standing_height=heights)
     speed = np.zeros(places.shape[:2])
     if len(places) > 1:
@@ -172,28 +170,28 @@ def _spread(paths: _Array) -> float:
 class _Leg:
     """Joints and measures of one leg."""
 
-    def __init__(self, skeleton: Skeleton, bones: dict[str, int], side: str, rest: Tensor) -> None:
+    def __init__(self, skeleton: Skeleton, bones: dict[str, int], side: str, rest: _Array) -> None:
         self.hip, self.knee, self.ankle = (bones[side + name] for name in ("UpperLeg", "LowerLeg", "Foot"))
         self.toes = bones.get(f"{side}Toes", self.ankle)
         self.limb = Limb.of(skeleton, (self.hip, self.knee, self.ankle))
         floor = float(rest[:, 1].min()) if self.toes == self.ankle else 0.0
         self.toe_height = float(rest[self.toes, 1]) - floor
         self.toe_offset = rest[self.toes] - rest[self.ankle]
-        self.length = float((rest[self.knee] - rest[self.hip]).norm() + (rest[self.ankle] - rest[self.knee]).norm())
+        self.length = float(length(np.diff(rest[[self.hip, self.knee, self.ankle]], axis=0)).sum())
 
-    def goal(self, pose: Pose, contact: NDArray[np.bool_], fps: float) -> tuple[Tensor, Tensor]:
+    def goal(self, pose: Pose, contact: NDArray[np.bool_], fps: float) -> tuple[_Array, _Array]:
         """Corrected world rotation of the foot and position of the ankle."""
-        foot, ankle = pose.rotations[:, self.ankle], pose.positions[:, self.ankle].numpy()
-        points = pose.positions[:, [self.ankle, self.toes]].numpy()
+        foot, ankle = pose.rotations[:, self.ankle], pose.positions[:, self.ankle]
+        points = pose.positions[:, [self.ankle, self.toes]]
         fade = max(1, round(FADE_SECONDS * fps))
         change, is_held = np.zeros_like(ankle), np.zeros(len(ankle), np.bool_)
         for stance in stances(contact[:, 0], points, fps):
             span = slice(stance.start, stance.stop)
-            level = _level_mean(foot[span]) @ foot[span].transpose(-1, -2)
-            change[span] = axis_angle_from_quaternion(quaternion_from_matrix(level)).numpy()
+            level = _level_mean(foot[span]) @ foot[span].mT
+            change[span] = axis_angle_from_quaternion(quaternion_from_matrix(level))
             is_held[span] = True
-        foot = matrix_from_axis_angle(torch.from_numpy(_faded(change, is_held, fade))) @ foot
-        carried = (foot @ self.toe_offset[:, None]).squeeze(-1).numpy()
+        foot = matrix_from_axis_angle(_faded(change, is_held, fade)) @ foot
+        carried = foot @ self.toe_offset
         path = ankle + carried
         shift, is_held = np.zeros_like(path), np.zeros(len(path), np.bool_)
         found = stances(contact[:, 1], path[:, None], fps)
@@ -204,9 +202,9 @@ class _Leg:
             is_held[span] = True
         path = path + _faded(shift, is_held, fade)
         path[:, 1] = _soft_floor(path[:, 1] + _lifts(found, path, self.toe_height, fps), self.toe_height)
-        return foot, torch.from_numpy(path - carried)
+        return foot, path - carried
 
-    def bring(self, rotations: Tensor, pose: Pose, goal: tuple[Tensor, Tensor]) -> Tensor:
+    def bring(self, rotations: _Array, pose: Pose, goal: tuple[_Array, _Array]) -> _Array:
         """Local rotations with this leg bent so that ankle and foot reach the goal."""
         foot, ankle = goal
         return bend_limb(
@@ -214,29 +212,25 @@ class _Leg:
         )
 
 
-def _level_mean(foot: Tensor) -> Tensor:
+def _level_mean(foot: _Array) -> _Array:
     """The upright rotation with the mean heading of a foot."""
     ahead = foot[:, :, 2].mean(0)
-    angle = torch.atan2(ahead[0], ahead[2])
-    return matrix_from_axis_angle(torch.stack([torch.zeros_like(angle), angle, torch.zeros_like(angle)]))
+    return matrix_from_axis_angle(np.array([0, np.arctan2(ahead[0], ahead[2]), 0]))
 
 
-def _lowering(legs: list[_Leg], goals: list[tuple[Tensor, Tensor]], places: Tensor, fps: float) -> Tensor:
+def _lowering(legs: list[_Leg], goals: list[tuple[_Array, _Array]], places: _Array, fps: float) -> _Array:
     """How far the hips must be lowered (t, 3) for both legs to reach their ankles, smoothed."""
     from scipy.ndimage import maximum_filter1d
 
     need = np.zeros(len(places))
     for leg, (_, ankle) in zip(legs, goals, strict=True):
-        hip = places[:, leg.hip].numpy()
-        gap = ankle.numpy() - hip
+        gap = ankle - places[:, leg.hip]
         flat = np.linalg.norm(gap[:, [0, 2]], axis=1)
         depth = np.sqrt(np.maximum((REACH * leg.length * 0.998) ** 2 - flat**2, 0.0))
         need = np.maximum(need, -gap[:, 1] - depth)
     half = max(1, round(0.2 * fps))
     peak = maximum_filter1d(need, 2 * half + 1, mode="nearest")
-    drop = torch.zeros(len(places), 3, dtype=torch.double)
-    drop[:, 1] = torch.from_numpy(_smooth(peak, half))
-    return drop
+    return np.outer(_smooth(peak, half), [0, 1, 0])
 
 
 def _lifts(found: list[Stance], path: _Array, floor: float, fps: float) -> _Array:

@@ -1,8 +1,8 @@
 """Motion as a value; its pose in the world; the same motion at another frame rate.
 
-`forward_kinematics` is batched and differentiable, one product per tree level (paper, appendix). One departure from the
-paper's formula: the root's position is the given world position, not its constant rest offset, so that the result
-includes the root's travel. `ik.limbs` is the compiled version for the live stages.
+`forward_kinematics` is batched, one product per tree level (paper, appendix). One departure from the paper's formula:
+the root's position is the given world position, not its constant rest offset, so that the result includes the root's
+travel. `ik.limbs` is the compiled version for the live stages.
 """
 
 from dataclasses import dataclass, replace
@@ -10,10 +10,8 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 from numpy.typing import NDArray
-from torch import Tensor
 
 from echoavatar.errors import MotionError
 from echoavatar.limits import ROTATIONS
@@ -29,20 +27,21 @@ _SAME_RATE = 3e-4  # share by which a measured rate may miss a whole one
 class Pose(NamedTuple):
     """World rotation matrices and positions of every joint."""
 
-    rotations: Float[Tensor, "*n j 3 3"]
-    positions: Float[Tensor, "*n j 3"]
+    rotations: Float[np.ndarray, "*n j 3 3"]
+    positions: Float[np.ndarray, "*n j 3"]
 
 
-def forward_kinematics(skeleton: Skeleton, rotations: Float[Tensor, "*n j 3 3"], root: Float[Tensor, "*n 3"]) -> Pose:
+def forward_kinematics(
+    skeleton: Skeleton, rotations: Float[np.ndarray, "*n j 3 3"], root: Float[np.ndarray, "*n 3"]
+) -> Pose:
     """World pose from parent-relative rotations and the root's world position (metres)."""
-    tables = skeleton.level_tables(rotations.device)
-    local = torch.split(rotations.index_select(-3, tables.order), list(tables.sizes), -3)
-    world, places = [local[0]], [root[..., None, :]]
-    for level, parents, offsets in zip(local[1:], tables.parents, tables.offsets, strict=True):
-        above = world[-1].index_select(-3, parents)
-        places.append(places[-1].index_select(-2, parents) + (above @ offsets.to(above)).squeeze(-1))
-        world.append(above @ level)
-    return Pose(torch.cat(world, -3).index_select(-3, tables.back), torch.cat(places, -2).index_select(-2, tables.back))
+    world, places = rotations.copy(), np.empty(rotations.shape[:-1], np.result_type(rotations, root))
+    places[..., 0, :] = root
+    for joints, parents, offsets in skeleton.levels:
+        above = world[..., parents, :, :]
+        places[..., joints, :] = places[..., parents, :] + (above @ offsets)[..., 0]
+        world[..., joints, :, :] = above @ rotations[..., joints, :, :]
+    return Pose(world, places)
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class Motion:
     def at_rest(cls, skeleton: Skeleton) -> "Motion":
         """One frame of the rest pose, where the skeleton stands."""
         still = np.tile(np.array([1, 0, 0, 0], np.float32), (1, skeleton.joints, 1))
-        return cls(skeleton, still, skeleton.offsets[:1].numpy(), FRAME_RATE_HZ)
+        return cls(skeleton, still, skeleton.offsets[:1], FRAME_RATE_HZ)
 
     @property
     def frames(self) -> int:
@@ -92,13 +91,13 @@ class Motion:
         """Length in seconds."""
         return self.frames / self.fps
 
-    def matrices(self) -> Float[Tensor, "t j 3 3"]:
+    def matrices(self) -> Float[np.ndarray, "t j 3 3"]:
         """Parent-relative rotation matrices."""
-        return matrix_from_quaternion(torch.from_numpy(self.rotations))
+        return matrix_from_quaternion(self.rotations)
 
-    def pose(self, dtype: torch.dtype = torch.float32) -> Pose:
+    def pose(self, dtype: type[np.floating] = np.float32) -> Pose:
         """World rotations and positions of every joint and frame; the sums along the tree are in `dtype`."""
-        return forward_kinematics(self.skeleton, self.matrices().to(dtype), torch.from_numpy(self.root).to(dtype))
+        return forward_kinematics(self.skeleton, self.matrices().astype(dtype), self.root.astype(dtype))
 
     def cut(self, start: int, stop: int) -> "Motion":
         """Frames `start` to `stop`, which is not included."""
@@ -130,8 +129,8 @@ def resample(motion: Motion, fps: float) -> Motion:
     index = np.minimum(steps // ratio.denominator, motion.frames - 1)
     share = (steps % ratio.denominator) / ratio.denominator
     after = np.minimum(index + 1, motion.frames - 1)
-    source = torch.from_numpy(motion.rotations.astype(np.float64))
-    between = slerp(source[index], source[after], torch.from_numpy(share)[:, None]).numpy().astype(np.float32)
+    source = motion.rotations.astype(np.float64)
+    between = slerp(source[index], source[after], share[:, None]).astype(np.float32)
     is_shared = share == 0
     rotations = np.where(is_shared[:, None, None], motion.rotations[index], between)
     root = catmull_rom(motion.root, index, share)

@@ -1,7 +1,7 @@
 """Quaternion and vector arithmetic for compiled loops, one rotation at a time.
 
 Arrays hold float32. Between reading and writing, a quaternion is a tuple of four floats (`wxyz`) and a vector a tuple
-of three, in double precision. `rotations` is the arithmetic for torch tensors; a test holds the two together.
+of three, in double precision. `rotations` is the arithmetic for whole clips; a test holds the two together.
 """
 
 import math

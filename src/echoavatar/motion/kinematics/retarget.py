@@ -13,9 +13,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from echoavatar.errors import MotionError
 
@@ -26,6 +24,7 @@ from .rigs import bone_map, feet_of, known_bones
 from .rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
 from .skeleton import HUMANOID, Skeleton
 
+Array = np.ndarray
 _log = logging.getLogger(__name__)
 _LEG = leg_length(HUMANOID, HUMANOID.config.vrm)
 _WORSE, _SEEN = 1.25, 1.0  # times the skating of the source, and cm/s beyond that, from which on a warning says so
@@ -44,15 +43,14 @@ def retarget(motion: Motion, target: Skeleton = HUMANOID, *, has_footing: bool =
     """
     motion = with_wrists(motion)
     source, theirs, ours = motion.skeleton, bone_map(motion.skeleton), bone_map(target)
-    pose = motion.pose(torch.float64)
+    pose = motion.pose(np.float64)
     world = {
         ours[bone]: pose.rotations[:, theirs[bone]] @ rotation
         for bone, rotation in align(source, pose, theirs, target, ours).items()
     }
     local = local_rotations(target, world, motion.frames)
     root = _root(motion, pose, theirs, target, ours, local)
-    quaternions = quaternion_from_matrix(local).numpy().astype(np.float32)
-    moved = Motion(target, quaternions, root.numpy().astype(np.float32), motion.fps)
+    moved = Motion(target, quaternion_from_matrix(local).astype(np.float32), root.astype(np.float32), motion.fps)
     if not has_footing:
         return moved
     sizes = [leg_length(rig, bones) / _LEG for rig, bones in ((source, theirs), (target, ours))]
@@ -67,7 +65,7 @@ def retarget(motion: Motion, target: Skeleton = HUMANOID, *, has_footing: bool =
 
 def _skate(motion: Motion, size: float) -> float:
     """Mean speed of planted toes, cm/s on a body of our rig's size."""
-    places = motion.pose().positions[:, feet_of(bone_map(motion.skeleton))[1::2]].numpy() / size
+    places = motion.pose().positions[:, feet_of(bone_map(motion.skeleton))[1::2]] / size
     return 100 * sliding(places, motion.fps)
 
 
@@ -78,24 +76,24 @@ class PlainRig(NamedTuple):
     """
 
     skeleton: Skeleton
-    turns: Float[Tensor, "j 3 3"]  # of each joint in the world, from this rest pose to the rig's own
+    turns: Float[np.ndarray, "j 3 3"]  # of each joint in the world, from this rest pose to the rig's own
 
     def of_own(self, motion: Motion) -> Motion:
         """The motion relative to this rest pose."""
         above = self._above()
-        return _posed(motion, self.skeleton, above.mT @ motion.matrices().double() @ self.turns)
+        return _posed(motion, self.skeleton, above.mT @ motion.matrices().astype(np.float64) @ self.turns)
 
     def to_own(self, motion: Motion, own: Skeleton) -> Motion:
         """The motion relative to the rest pose of the rig itself."""
-        return _posed(motion, own, self._above() @ motion.matrices().double() @ self.turns.mT)
+        return _posed(motion, own, self._above() @ motion.matrices().astype(np.float64) @ self.turns.mT)
 
-    def _above(self) -> Tensor:
+    def _above(self) -> Array:
         parents = list(self.skeleton.parents)
-        return torch.cat([torch.eye(3).double()[None], self.turns[parents[1:]]])
+        return np.concatenate([np.eye(3)[None], self.turns[parents[1:]]])
 
 
-def _posed(motion: Motion, skeleton: Skeleton, rotations: Tensor) -> Motion:
-    return Motion(skeleton, quaternion_from_matrix(rotations).numpy().astype(np.float32), motion.root, motion.fps)
+def _posed(motion: Motion, skeleton: Skeleton, rotations: Array) -> Motion:
+    return Motion(skeleton, quaternion_from_matrix(rotations).astype(np.float32), motion.root, motion.fps)
 
 
 def plain_rig(skeleton: Skeleton) -> PlainRig:
@@ -105,22 +103,20 @@ def plain_rig(skeleton: Skeleton) -> PlainRig:
     """
     bones, config = bone_map(skeleton), skeleton.config
     found, named = rest_turns(skeleton, bones), {joint: bone for bone, joint in bones.items()}
-    turns: list[Tensor] = []
+    turns: list[Array] = []
     for joint, parent in enumerate(skeleton.parents):
         above = turns[parent] if parent >= 0 else found["hips"]
         turns.append(found[named[joint]] if joint in named else above)
     offsets = [
         offset if parent < 0 else turns[parent].T @ offset
-        for parent, offset in zip(skeleton.parents, skeleton.offsets.double(), strict=True)
+        for parent, offset in zip(skeleton.parents, skeleton.offsets.astype(np.float64), strict=True)
     ]
-    tips = {
-        name: turns[skeleton.index(name)].T @ torch.tensor(tip, dtype=torch.double) for name, tip in config.tips.items()
-    }
+    tips = {name: turns[skeleton.index(name)].T @ np.array(tip) for name, tip in config.tips.items()}
     update = {
         "offsets": tuple(tuple(offset.tolist()) for offset in offsets),
         "tips": {name: tuple(tip.tolist()) for name, tip in tips.items()},
     }
-    return PlainRig(Skeleton(config.model_copy(update=update)), torch.stack(turns))
+    return PlainRig(Skeleton(config.model_copy(update=update)), np.stack(turns))
 
 
 def with_wrists(motion: Motion) -> Motion:
@@ -143,7 +139,7 @@ def with_wrists(motion: Motion) -> Motion:
     return Motion(Skeleton(longer), np.concatenate([motion.rotations, still], 1), motion.root, motion.fps)
 
 
-def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> Tensor:
+def local_rotations(target: Skeleton, world: dict[int, Array], frames: int) -> Array:
     """Parent-relative rotations from world rotations of some joints.
 
     A joint without a world rotation rests on its parent: in a limb, where it carries twist, anything else would bend
@@ -151,8 +147,8 @@ def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> 
     """
     bones = bone_map(target)
     trunk = {bones[bone] for bone in ("spine", "chest", "upperChest", "neck", "head") if bone in bones}
-    full: list[Tensor] = []
-    eye = torch.eye(3, dtype=torch.double).expand(frames, 3, 3)
+    full: list[Array] = []
+    eye = np.tile(np.eye(3), (frames, 1, 1))
     for joint, parent in enumerate(target.parents):
         if joint in world:
             full.append(world[joint])
@@ -164,33 +160,33 @@ def local_rotations(target: Skeleton, world: dict[int, Tensor], frames: int) -> 
             above = matrix_from_quaternion(slerp(both[0], both[1], 0.5))
         full.append(above)
     local = [
-        rotation if parent < 0 else full[parent].transpose(-1, -2) @ rotation
+        rotation if parent < 0 else full[parent].mT @ rotation
         for rotation, parent in zip(full, target.parents, strict=True)
     ]
-    return torch.stack(local, 1)
+    return np.stack(local, 1)
 
 
 def _root(
-    motion: Motion, pose: Pose, theirs: Mapping[str, int], target: Skeleton, ours: Mapping[str, int], local: Tensor
-) -> Tensor:
+    motion: Motion, pose: Pose, theirs: Mapping[str, int], target: Skeleton, ours: Mapping[str, int], local: Array
+) -> Array:
     """Root positions that move the midpoint of the hip joints as the source's, scaled, with the feet on the floor."""
     scale = leg_length(target, ours) / leg_length(motion.skeleton, theirs)
     legs = ("leftUpperLeg", "rightUpperLeg")
     middle = pose.positions[:, [theirs[leg] for leg in legs]].mean(1) * scale
-    zero = torch.zeros(motion.frames, 3, dtype=torch.double)
-    placed = forward_kinematics(target, local, zero).positions
-    root = middle - placed[:, [ours[leg] for leg in legs]].mean(1)
+    placed = forward_kinematics(target, local, np.zeros((motion.frames, 3))).positions
+    root: Array = middle - placed[:, [ours[leg] for leg in legs]].mean(1)
     feet = [ours[name] for name in ("leftFoot", "rightFoot")]
-    standing = torch.quantile((placed[:, feet, 1] + root[:, None, 1]).min(1).values, 0.1)
+    standing = np.quantile((placed[:, feet, 1] + root[:, None, 1]).min(1), 0.1)
     ankle = float(target.rest_positions[feet, 1].mean())
-    return root + torch.tensor([0.0, ankle - float(standing), 0.0], dtype=torch.double)
+    root[:, 1] += ankle - standing
+    return root
 
 
 class Retargeted(NamedTuple):
     """Frames on the target rig. The target's root is `scale` times the source's plus `offset`, metres."""
 
-    rotations: Float[Tensor, "n j 3 3"]
-    offset: Float[Tensor, "n 3"]
+    rotations: Float[np.ndarray, "n j 3 3"]
+    offset: Float[np.ndarray, "n 3"]
 
 
 class LiveRetarget:
@@ -207,24 +203,24 @@ class LiveRetarget:
             raise MotionError("the rest pose of the rig does not stand upright (Y up, metres); rotate it first")
         self.source, self.target = source, target
         self.scale = leg_length(target, ours) / leg_length(source, theirs)
-        still = torch.eye(3, dtype=torch.double).expand(1, source.joints, 3, 3)
-        pose = forward_kinematics(source, still, rest[:1].double())
+        still = np.tile(np.eye(3), (1, source.joints, 1, 1))
+        pose = forward_kinematics(source, still, rest[:1].astype(np.float64))
         found = align(source, pose, theirs, target, ours)
-        self._rotations = {ours[bone]: (theirs[bone], rotation.float()) for bone, rotation in found.items()}
+        self._rotations = {ours[bone]: (theirs[bone], rotation.astype(np.float32)) for bone, rotation in found.items()}
         legs, feet = ("leftUpperLeg", "rightUpperLeg"), ("leftFoot", "rightFoot")
         self._their_legs, self._our_legs = ([bones[leg] for leg in legs] for bones in (theirs, ours))
         ankles = [ours[foot] for foot in feet]
         self._floor = 0.0
-        moved = self(still.float())
+        moved = self(still.astype(np.float32))
         standing = forward_kinematics(target, moved.rotations, self.scale * rest[:1] + moved.offset)
         self._floor = float(target.rest_positions[ankles, 1].mean() - standing.positions[0, ankles, 1].min())
 
-    def __call__(self, rotations: Float[Tensor, "n j 3 3"]) -> Retargeted:
+    def __call__(self, rotations: Float[np.ndarray, "n j 3 3"]) -> Retargeted:
         """Retarget parent-relative rotations of the source."""
-        nowhere = rotations.new_zeros(len(rotations), 3)
+        nowhere = np.zeros((len(rotations), 3), rotations.dtype)
         pose = forward_kinematics(self.source, rotations, nowhere)
         world = {joint: pose.rotations[:, bone] @ rotation for joint, (bone, rotation) in self._rotations.items()}
-        local = local_rotations(self.target, world, len(rotations)).to(rotations)
+        local = local_rotations(self.target, world, len(rotations)).astype(rotations.dtype)
         middle = pose.positions[:, self._their_legs].mean(1) * self.scale
         placed = forward_kinematics(self.target, local, nowhere).positions[:, self._our_legs].mean(1)
-        return Retargeted(local, middle - placed + nowhere.new_tensor([0.0, self._floor, 0.0]))
+        return Retargeted(local, middle - placed + np.array([0, self._floor, 0], rotations.dtype))

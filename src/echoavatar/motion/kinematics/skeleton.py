@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-import torch
-from jaxtyping import Float, Int
+import numpy as np
+from jaxtyping import Float
 from pydantic import Field, model_validator
-from torch import Tensor
 
 from echoavatar.config import Config
 from echoavatar.limits import JOINTS
@@ -69,14 +68,12 @@ class SkeletonConfig(Config):
         return self
 
 
-class LevelTables(NamedTuple):
-    """Joints sorted by tree depth. A parent is always one level up, so each level depends only on the one before."""
+class Level(NamedTuple):
+    """Joints of one depth of the tree; all parents are one level up."""
 
-    order: Int[Tensor, " j"]  # level order -> joint
-    back: Int[Tensor, " j"]  # joint -> level order
-    sizes: tuple[int, ...]  # joints in each level
-    parents: tuple[Int[Tensor, " l"], ...]  # per level below the root: the parent's place in the level above
-    offsets: tuple[Float[Tensor, "l 3 1"], ...]  # per level below the root, metres
+    joints: list[int]
+    parents: list[int]
+    offsets: Float[np.ndarray, "l 3 1"]  # metres
 
 
 @dataclass(frozen=True)
@@ -101,17 +98,18 @@ class Skeleton:
         return len(self.config.names)
 
     @cached_property
-    def offsets(self) -> Float[Tensor, "j 3"]:
+    def offsets(self) -> Float[np.ndarray, "j 3"]:
         """Rest offset of each joint from its parent, metres."""
-        return torch.tensor(self.config.offsets, dtype=torch.float32)
+        return np.array(self.config.offsets, np.float32)
 
     @cached_property
-    def levels(self) -> tuple[tuple[int, ...], ...]:
-        """Joints grouped by tree depth, root first, for one batched product per level."""
+    def levels(self) -> tuple[Level, ...]:
+        """Joints below the root grouped by tree depth, for one batched product per level."""
         depth = [0] * self.joints
         for joint, parent in enumerate(self.parents[1:], start=1):
             depth[joint] = depth[parent] + 1
-        return tuple(tuple(j for j in range(self.joints) if depth[j] == d) for d in range(max(depth) + 1))
+        groups = [[j for j in range(self.joints) if depth[j] == d] for d in range(1, max(depth) + 1)]
+        return tuple(Level(g, [self.parents[j] for j in g], self.offsets[g, :, None]) for g in groups)
 
     @cached_property
     def feature_joints(self) -> tuple[int, ...]:
@@ -119,19 +117,9 @@ class Skeleton:
         return tuple(joint for part in self.config.parts.values() for joint in part)
 
     @cached_property
-    def _tables(self) -> dict[torch.device, "LevelTables"]:
-        return {}
-
-    def level_tables(self, device: torch.device) -> "LevelTables":
-        """The index tensors of forward kinematics on a device, made once per device."""
-        if device not in self._tables:
-            self._tables[device] = _level_tables(self, device)
-        return self._tables[device]
-
-    @cached_property
-    def rest_positions(self) -> Float[Tensor, "j 3"]:
+    def rest_positions(self) -> Float[np.ndarray, "j 3"]:
         """World position of each joint in the rest pose, metres."""
-        positions = self.offsets.clone()
+        positions = self.offsets.copy()
         for joint, parent in enumerate(self.parents[1:], start=1):
             positions[joint] += positions[parent]
         return positions
@@ -146,19 +134,6 @@ class Skeleton:
     def indices(self, names: Sequence[str]) -> list[int]:
         """Indices of several joints by name."""
         return [self.index(name) for name in names]
-
-
-def _level_tables(skeleton: Skeleton, device: torch.device) -> LevelTables:
-    order = torch.tensor([joint for level in skeleton.levels for joint in level])
-    pairs = list(zip(skeleton.levels, skeleton.levels[1:], strict=False))
-    parents = [torch.tensor([above.index(skeleton.parents[j]) for j in level]) for above, level in pairs]
-    return LevelTables(
-        order=order.to(device),
-        back=order.argsort().to(device),
-        sizes=tuple(len(level) for level in skeleton.levels),
-        parents=tuple(index.to(device) for index in parents),
-        offsets=tuple(skeleton.offsets[list(level)][..., None].to(device) for _, level in pairs),
-    )
 
 
 _FINGERS: dict[str, dict[str, tuple[float, float, float]]] = {  # bone offsets of the left hand

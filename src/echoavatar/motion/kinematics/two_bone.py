@@ -1,13 +1,12 @@
-"""Two-bone IK in closed form, for whole clips in torch; `ik.limbs` has the compiled loops of the stages."""
+"""Two-bone IK in closed form, for whole clips; `ik.limbs` has the compiled loops of the stages."""
 
 from typing import NamedTuple
 
-import torch
+import numpy as np
 from jaxtyping import Float
-from torch import Tensor
 
 from .motion import Pose
-from .rotations import least_rotation, matrix_from_axis_angle
+from .rotations import least_rotation, length, matrix_from_axis_angle
 from .skeleton import Skeleton
 
 REACH = 0.9995  # greatest distance to the target, as a share of the stretched length
@@ -28,19 +27,19 @@ class Limb(NamedTuple):
 
 def bend_limb(
     limb: Limb,
-    rotations: Float[Tensor, "t j 3 3"],
+    rotations: Float[np.ndarray, "t j 3 3"],
     pose: Pose,
     *,
-    hinge: Float[Tensor, "t 3"],
-    target: Float[Tensor, "t 3"],
-    end: Float[Tensor, "t 3 3"],
-) -> Float[Tensor, "t j 3 3"]:
+    hinge: Float[np.ndarray, "t 3"],
+    target: Float[np.ndarray, "t 3"],
+    end: Float[np.ndarray, "t 3 3"],
+) -> Float[np.ndarray, "t j 3 3"]:
     """Parent-relative rotations with the limb bent as by `reach`, and its foot or hand in the world rotation `end`."""
     hip, knee, ankle = limb.joints
     places, world = pose.positions, pose.rotations
     first, second = reach(hip=places[:, hip], knee=places[:, knee], ankle=places[:, ankle], hinge=hinge, target=target)
     over_hip, over_knee, over_ankle = (world[:, parent] for parent in limb.parents)
-    bent = rotations.clone()
+    bent = rotations.copy()
     bent[:, hip] = over_hip.mT @ (first @ world[:, hip])
     bent[:, knee] = (first @ over_knee).mT @ (second @ world[:, knee])
     bent[:, ankle] = (second @ over_ankle).mT @ end
@@ -49,12 +48,12 @@ def bend_limb(
 
 def reach(
     *,
-    hip: Float[Tensor, "*n 3"],
-    knee: Float[Tensor, "*n 3"],
-    ankle: Float[Tensor, "*n 3"],
-    hinge: Float[Tensor, "*n 3"],
-    target: Float[Tensor, "*n 3"],
-) -> tuple[Float[Tensor, "*n 3 3"], Float[Tensor, "*n 3 3"]]:
+    hip: Float[np.ndarray, "*n 3"],
+    knee: Float[np.ndarray, "*n 3"],
+    ankle: Float[np.ndarray, "*n 3"],
+    hinge: Float[np.ndarray, "*n 3"],
+    target: Float[np.ndarray, "*n 3"],
+) -> tuple[Float[np.ndarray, "*n 3 3"], Float[np.ndarray, "*n 3 3"]]:
     """World rotations that bring the ankle to the target: multiply them onto those of the upper and the lower bone.
 
     The lower bone first rotates about `hinge` (a world unit axis; a positive angle flexes) until the distance fits.
@@ -62,19 +61,19 @@ def reach(
     stretched towards it.
     """
     upper, lower = knee - hip, ankle - knee
-    a, b = upper.norm(dim=-1), lower.norm(dim=-1)
-    distance = (target - hip).norm(dim=-1).minimum(REACH * (a + b)).maximum((a - b).abs() + 1e-4)
-    wanted = (distance.square() - a.square() - b.square()) / 2  # upper . lower when the distance fits
-    along = (lower * hinge).sum(-1, keepdim=True) * hinge
+    a, b, far = (length(way)[..., 0] for way in (upper, lower, target - hip))
+    distance = np.maximum(np.minimum(far, REACH * (a + b)), np.abs(a - b) + 1e-4)
+    wanted = (distance**2 - a**2 - b**2) / 2  # upper . lower when the distance fits
+    along = (lower * hinge).sum(-1, keepdims=True) * hinge
     across = lower - along
     constant = (upper * along).sum(-1)
     cosine = (upper * across).sum(-1)
-    sine = (upper * torch.linalg.cross(hinge, across)).sum(-1)
-    size = torch.hypot(cosine, sine).clamp_min(1e-9)
-    straight = torch.atan2(sine, cosine)  # the angle that stretches the limb
-    bend = ((wanted - constant) / size).clamp(-1, 1).acos()
-    angle = torch.remainder(straight + bend + torch.pi, 2 * torch.pi) - torch.pi  # on the flexed side
+    sine = (upper * np.cross(hinge, across)).sum(-1)
+    size = np.maximum(np.hypot(cosine, sine), 1e-9)
+    straight = np.arctan2(sine, cosine)  # the angle that stretches the limb
+    bend = np.arccos(np.clip((wanted - constant) / size, -1, 1))
+    angle = np.remainder(straight + bend + np.pi, 2 * np.pi) - np.pi  # on the flexed side
     fold = matrix_from_axis_angle(hinge * angle[..., None])
-    reached = upper + (fold @ lower[..., None]).squeeze(-1)
+    reached = upper + (fold @ lower[..., None])[..., 0]
     point = least_rotation(reached, target - hip)
     return point, point @ fold

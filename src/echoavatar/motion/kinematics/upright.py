@@ -10,13 +10,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 
 from .motion import Motion
-from .rotations import quaternion_from_matrix, quaternion_multiply
+from .rotations import quaternion_from_matrix, quaternion_multiply, unit
 from .skeleton import Skeleton
 
 UNITS = (  # name, metres, and the heights in metres that make it the likely one; the first that fits is taken
@@ -79,7 +78,7 @@ def measure(bones: Mapping[str, int], places: Float[np.ndarray, "j 3"], usual: f
     at = {bone: places[joint].astype(np.float64) for bone, joint in bones.items()}
     tall = height(bones, places)
     metres = _unit_of(tall) or usual
-    lines = [_unit(at["head"] - at["hips"]), *(_unit(at["hips"] - at[f"{side}Foot"]) for side in _SIDES)]
+    lines = [unit(at["head"] - at["hips"]), *(unit(at["hips"] - at[f"{side}Foot"]) for side in _SIDES)]
     up = _nearest(np.eye(3), np.sum(lines, axis=0))
     if min(up @ line for line in lines) < _STANDING:
         return Stand(metres=metres, tall=tall * metres)
@@ -103,14 +102,14 @@ def of_clip(motion: Motion, bones: Mapping[str, int], *, has_floor: bool = True)
 
     Where the floor may be at 0 (`has_floor`), a body that lies there is not stood up.
     """
-    stand = measure(bones, motion.skeleton.rest_positions.numpy())
+    stand = measure(bones, motion.skeleton.rest_positions)
     if not stand.tall:
         return stand
     seen = np.unique(np.linspace(0, motion.frames - 1, _SAMPLES).astype(int))
     some = Motion(motion.skeleton, motion.rotations[seen], motion.root[seen], motion.fps)
-    places = some.pose(torch.float64).positions.numpy()
+    places = some.pose(np.float64).positions
     feet = places[:, [bones["leftFoot"], bones["rightFoot"]]]
-    mean = _unit(places[:, bones["head"]] - feet.mean(1)).mean(0)
+    mean = unit(places[:, bones["head"]] - feet.mean(1)).mean(0)
     axis, usual = _nearest(np.eye(3), mean), stand.rest[1]
     if axis @ mean < _CLEAR or axis @ usual > _STANDING:
         return stand
@@ -135,8 +134,8 @@ def turned(motion: Motion, rest: _Turn, world: _Turn, scale: float = 1.0) -> Mot
     if not np.array_equal(rest, np.eye(3)):
         rotations = np.concatenate([rotations[..., :1], rotations[..., 1:] @ rest.T.astype(np.float32)], -1)
     if not np.array_equal(rest, world):
-        first = quaternion_from_matrix(torch.from_numpy(world @ rest.T))
-        root = quaternion_multiply(first, torch.from_numpy(rotations[:, 0].astype(np.float64))).numpy()
+        first = quaternion_from_matrix(world @ rest.T)
+        root = quaternion_multiply(first, rotations[:, 0].astype(np.float64))
         rotations = np.concatenate([root[:, None].astype(np.float32), rotations[:, 1:]], 1)
     changed = {"offsets": _triples(offsets), "tips": dict(zip(tips, _triples(tips.values()), strict=True))}
     root = motion.root.astype(np.float64) @ world.T * scale
@@ -155,12 +154,12 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
     size = np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
     trunk = places["head"] - (places["leftUpperLeg"] + places["rightUpperLeg"]) / 2
     ways = [places[f"left{bone}"] - places[f"right{bone}"] for bone in ("UpperLeg", "UpperArm")]
-    across = next((way for way in ways if np.linalg.norm(np.cross(way, _unit(trunk))) > 0.02 * size), None)
+    across = next((way for way in ways if np.linalg.norm(np.cross(way, unit(trunk))) > 0.02 * size), None)
     if across is None or not np.linalg.norm(trunk) > 0.1 * size:
         raise MotionError("its rest pose is no body's: head and hips, or left and right, are in one place; pose it")
     ups = [(frame, _nearest(frame, trunk)) for frame in frames]
-    near = [(frame, up) for frame, up in ups if up @ _unit(trunk) > _LEANING]
-    turn = _standing(across, near or [(np.zeros((3, 3)), _unit(trunk))])
+    near = [(frame, up) for frame, up in ups if up @ unit(trunk) > _LEANING]
+    turn = _standing(across, near or [(np.zeros((3, 3)), unit(trunk))])
     toes = float(_toes(places) @ turn[2])
     is_mirrored = toes < 0 if abs(toes) > 0.02 * size else mirrored
     return turn * [[1], [1], [-1 if is_mirrored else 1]]
@@ -168,7 +167,7 @@ def axes_of(places: Mapping[str, _Vector], frames: Sequence[_Turn] = (np.eye(3),
 
 def _standing(across: _Vector, ups: Sequence[tuple[_Turn, _Vector]]) -> _Turn:
     """The turn to our axes of a body whose left side is `across`: along the first up whose frame has its side too."""
-    lefts = [_unit(across - (across @ up) * up) for _, up in ups]
+    lefts = [unit(across - (across @ up) * up) for _, up in ups]
     sides = [_nearest(frame, left) for (frame, _), left in zip(ups, lefts, strict=True)]
     best = next((k for k, (side, left) in enumerate(zip(sides, lefts, strict=True)) if side @ left > _TURNED), -1)
     left, up = (lefts[0], ups[0][1]) if best < 0 else (sides[best], ups[best][1])
@@ -212,8 +211,3 @@ def _nearest(frame: _Turn, way: _Vector) -> _Vector:
     axes = np.concatenate([frame.T, -frame.T])
     nearest: np.ndarray = axes[np.argmax(axes @ way)]
     return nearest
-
-
-def _unit(vectors: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-    unit: np.ndarray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
-    return unit

@@ -16,9 +16,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
@@ -45,17 +43,16 @@ RISE = 0.5  # share of the missing height that a frame adds
 class FeetState(StreamState):
     """Both feet of each session, left first."""
 
-    seen: Bool[Tensor, "b 2"]
-    held: Bool[Tensor, "b 2"]
-    let_go: Bool[Tensor, "b 2"]  # released and on the way to its decoded place, not to be held before it arrives
-    shown: Float[Tensor, "b 2 2"]  # where its ball was shown, along x and z
-    moved: Float[Tensor, "b 2 3"]  # its correction
-    ball: Float[Tensor, "b 2 3"]  # where its ball was without the leash; height is above the standing height
+    seen: Bool[Array, "b 2"]
+    held: Bool[Array, "b 2"]
+    let_go: Bool[Array, "b 2"]  # released and on the way to its decoded place, not to be held before it arrives
+    shown: Float[Array, "b 2 2"]  # where its ball was shown, along x and z
+    moved: Float[Array, "b 2 3"]  # its correction
+    ball: Float[Array, "b 2 3"]  # where its ball was without the leash; height is above the standing height
 
     def lean(self) -> Float[Array, " b"]:
         """The largest horizontal distance between a held foot of each row and its decoded place, metres."""
-        moved, held = self.moved.numpy(), self.held.numpy()
-        lean: Array = (np.hypot(moved[:, :, 0], moved[:, :, 2]) * held).max(-1)
+        lean: Array = (np.hypot(self.moved[:, :, 0], self.moved[:, :, 2]) * self.held).max(-1)
         return lean
 
 
@@ -65,13 +62,12 @@ class Feet:
     def __init__(self, skeleton: Skeleton, chains: Chains) -> None:
         self._legs = legs_of(skeleton, chains)
         if self._legs is not None:
-            rest = skeleton.rest_positions.numpy()
-            self._standing = rest[self._legs.joints[:, 3], 1].astype(np.float32)
+            self._standing = skeleton.rest_positions[self._legs.joints[:, 3], 1]
 
     def init_state(self, rows: int) -> FeetState:
         """No foot is held."""
-        seen, held, let_go = (torch.zeros(rows, 2, dtype=torch.bool) for _ in range(3))
-        shown, moved, ball = (torch.zeros(rows, 2, size) for size in (2, 3, 3))
+        seen, held, let_go = (np.zeros((rows, 2), np.bool_) for _ in range(3))
+        shown, moved, ball = (np.zeros((rows, 2, size), np.float32) for size in (2, 3, 3))
         return FeetState(seen, held, let_go, shown, moved, ball)
 
     def step(
@@ -93,7 +89,7 @@ class Feet:
             return
         free = pose.root if decoded_root is None else decoded_root
         far = np.full(len(pose.root), LARGEST) if largest is None else largest
-        memory = tuple(tensor.numpy() for tensor in state.tensors())
+        memory = tuple(vars(state).values())
         lock(self._legs, self._standing, chains, pose.rotations, pose.root, free, pose.fps, far, memory, active)
 
 

@@ -10,9 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
@@ -31,9 +29,9 @@ RELEASE_HEIGHT = 0.035  # metres above its rest height from which a point does n
 class GroundState(StreamState):
     """The root's position, and the feet in the last frame."""
 
-    seen: Bool[Tensor, " b"]
-    place: Float[Tensor, "b 2"]  # metres along x and z
-    points: Float[Tensor, "b p 3"]  # ankles and toes: x and z relative to the root, and how firmly planted, 0 to 1
+    seen: Bool[Array, " b"]
+    place: Float[Array, "b 2"]  # metres along x and z
+    points: Float[Array, "b p 3"]  # ankles and toes: x and z relative to the root, and how firmly planted, 0 to 1
 
 
 class Ground:
@@ -43,17 +41,16 @@ class Ground:
         """`chains` must hold `skeleton.config.feet`. Without `is_holding` the root travels as decoded."""
         feet = list(skeleton.config.feet) if is_holding else []
         self._slots = np.array([chains.slot[joint] for joint in feet], np.int64)
-        rest = skeleton.rest_positions.numpy()
-        self._rest = rest[feet, 1].astype(np.float32)  # the sole is at 0
+        self._rest = skeleton.rest_positions[feet, 1]  # the sole is at 0
 
     def init_state(self, rows: int) -> GroundState:
         """Standing at the origin, nothing seen yet."""
-        points = torch.zeros(rows, len(self._slots), 3)
-        return GroundState(torch.zeros(rows, dtype=torch.bool), torch.zeros(rows, 2), points)
+        points = np.zeros((rows, len(self._slots), 3), np.float32)
+        return GroundState(np.zeros(rows, np.bool_), np.zeros((rows, 2), np.float32), points)
 
     def step(self, pose: Pose, chains: ChainPose, state: GroundState, active: Bool[Array, " b"]) -> None:
         """Replace the decoded travel in `pose.root` by world positions; `chains` is the pose's."""
-        memory = state.seen.numpy(), state.place.numpy(), state.points.numpy()
+        memory = state.seen, state.place, state.points
         travel(self._slots, self._rest, chains, pose.rotations, pose.root, memory, active, pose.fps)
 
 

@@ -11,9 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
@@ -30,11 +28,11 @@ LEAN = 0.05  # metres between a held foot and its decoded place at which the pul
 class LeashState(StreamState):
     """The root in the last frame, along x and z."""
 
-    seen: Bool[Tensor, " b"]
-    decoded: Float[Tensor, "b 2"]  # metres, before the leash
-    place: Float[Tensor, "b 2"]  # metres, after the leash
-    pull: Float[Tensor, "b 2"]  # metres per frame
-    slowness: Float[Tensor, " b"]  # share of outward movement that is removed
+    seen: Bool[Array, " b"]
+    decoded: Float[Array, "b 2"]  # metres, before the leash
+    place: Float[Array, "b 2"]  # metres, after the leash
+    pull: Float[Array, "b 2"]  # metres per frame
+    slowness: Float[Array, " b"]  # share of outward movement that is removed
 
 
 class Leash:
@@ -42,8 +40,8 @@ class Leash:
 
     def init_state(self, rows: int) -> LeashState:
         """The root stands where its session starts."""
-        decoded, place, pull = (torch.zeros(rows, 2) for _ in range(3))
-        return LeashState(torch.zeros(rows, dtype=torch.bool), decoded, place, pull, torch.zeros(rows))
+        decoded, place, pull = (np.zeros((rows, 2), np.float32) for _ in range(3))
+        return LeashState(np.zeros(rows, np.bool_), decoded, place, pull, np.zeros(rows, np.float32))
 
     def step(
         self,
@@ -56,7 +54,7 @@ class Leash:
         lean: Float[Array, " b"],
     ) -> None:
         """Move `pose.root` in place. A radius of 0 is no leash; `lean` is the distance of `FeetState.lean`, metres."""
-        memory, radii = tuple(tensor.numpy() for tensor in state.tensors()), np.ascontiguousarray(radius)
+        memory, radii = tuple(vars(state).values()), np.ascontiguousarray(radius)
         chosen = active & ((radius > 0) | is_pinned)
         hold(pose.root, memory, chosen, radii, is_pinned, lean, PULL_SPEED / pose.fps)
 

@@ -4,13 +4,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 from pydantic import Field
-from torch import Tensor
 
 from echoavatar.config import Config
-from echoavatar.nn import StreamState, write_rows
+from echoavatar.nn import StreamState
 
 from ..kinematics import Skeleton
 from .pose import Array, Pose
@@ -61,13 +59,12 @@ class ModesState(StreamState):
     The frames begin again with each whole period of the sway: float32 holds each frame's number for days only.
     """
 
-    options: Float[Tensor, "b 3"]
-    frames: Float[Tensor, " b"]
+    options: Float[Array, "b 3"]
+    frames: Float[Array, " b"]
 
-    def choose(self, rows: Bool[Tensor, " b"], options: MotionOptions) -> None:
+    def choose(self, rows: Bool[Array, " b"], options: MotionOptions) -> None:
         """Set the options of these rows from the next chunk on."""
-        values = [options.leash_m, float(options.in_place), float(options.upper_body)]
-        self.options[rows] = torch.tensor(values)
+        self.options[rows] = options.leash_m, options.in_place, options.upper_body
 
 
 class IdleLegs:
@@ -79,7 +76,7 @@ class IdleLegs:
 
     def init_state(self, rows: int) -> ModesState:
         """No row has restrictions."""
-        return ModesState(torch.zeros(rows, 3), torch.zeros(rows))
+        return ModesState(np.zeros((rows, 3), np.float32), np.zeros(rows, np.float32))
 
     def stand(self, pose: Pose, rows: Bool[Array, " b"]) -> None:
         """Set hips and legs to rest; before forward kinematics."""
@@ -90,7 +87,7 @@ class IdleLegs:
         """Set the root of idle rows; before the feet are held."""
         if not rows.any():
             return
-        frame = state.frames.numpy()[:, None] + np.arange(1, pose.frames + 1, dtype=np.float32)
+        frame = state.frames[:, None] + np.arange(1, pose.frames + 1, dtype=np.float32)
         ramp = np.minimum(frame / RAMP_FRAMES, 1)
         for axis, seconds in zip((0, 2), SWAY_SECONDS, strict=True):
             swing = SWAY * ramp * np.sin(2 * math.pi * frame / (seconds * pose.fps))
@@ -98,5 +95,4 @@ class IdleLegs:
         pose.root[rows, :, 1] = self._height
         last, period = frame[:, -1], math.lcm(*(round(seconds * pose.fps) for seconds in SWAY_SECONDS))
         last = np.where(last >= RAMP_FRAMES + period, last - period, last)
-        shown = torch.from_numpy(np.where(rows, last, 0).astype(np.float32))
-        write_rows(state.frames, shown, torch.from_numpy(active))
+        state.frames[active] = np.where(rows, last, 0)[active]

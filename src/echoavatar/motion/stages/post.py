@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from echoavatar.errors import EchoAvatarError
 from echoavatar.nn import StreamState
@@ -84,51 +83,51 @@ class Post:
 
     def step(
         self,
-        features: Float[Tensor, "b t c"],
+        features: Float[np.ndarray, "b t c"],
         state: PostState,
-        active: Bool[Tensor, " b"],
+        active: Bool[np.ndarray, " b"],
         on_stage: OnStage | None = None,
     ) -> MotionBatch:
         """The motion of a chunk. `on_stage(name)` is called after each stage, also after those left out."""
-        on, report = active.numpy(), on_stage or _ignore
-        radius, in_place, upper_body = state.modes.options.numpy().T
+        report = on_stage or _ignore
+        radius, in_place, upper_body = state.modes.options.T
         is_pinned, is_idle = in_place > 0, upper_body > 0
         is_bound = (radius > 0) | is_pinned
         pose = self.pose_of(features, state)
         report("pose")
         if "smoother" in self.stages:
-            self._smoother.step(pose, state.smoother, on)
+            self._smoother.step(pose, state.smoother, active)
         report("smoother")
         if "stillness" in self.stages:
             self._stillness.step(pose, state.stillness, on)
         report("stillness")
         self._idle_legs.stand(pose, is_idle)
         chains = self._chains.pose(pose.rotations)
-        self._ground.step(pose, chains, state.ground, on)
-        self._idle_legs.sway(pose, is_idle, state.modes, on)
+        self._ground.step(pose, chains, state.ground, active)
+        self._idle_legs.sway(pose, is_idle, state.modes, active)
         report("ground")
-        decoded_root, largest = pose.root, np.full(len(on), LARGEST)
+        decoded_root, largest = pose.root, np.full(len(active), LARGEST)
         if "leash" in self.stages and is_bound.any():
             decoded_root, lean = pose.root.copy(), state.feet.lean()
-            self._leash.step(pose, state.leash, on, radius=radius, is_pinned=is_pinned, lean=lean)
+            self._leash.step(pose, state.leash, active, radius=radius, is_pinned=is_pinned, lean=lean)
             largest[is_bound] = LARGEST_ON_LEASH
         report("leash")
         if "feet" in self.stages:
-            self._feet.step(pose, chains, state.feet, on, decoded_root=decoded_root, largest=largest)
+            self._feet.step(pose, chains, state.feet, active, decoded_root=decoded_root, largest=largest)
         report("feet")
         if "hands" in self.stages:
             self._hands.resolve(pose.rotations, chains)
-            self._limit.step(pose, state.limit, on)
+            self._limit.step(pose, state.limit, active)
         np.negative(pose.rotations, out=pose.rotations, where=pose.rotations[..., :1] < 0)
         report("hands")
         return MotionBatch(pose.rotations, pose.root)
 
-    def pose_of(self, features: Float[Tensor, "b t c"], state: PostState) -> Pose:
+    def pose_of(self, features: Float[np.ndarray, "b t c"], state: PostState) -> Pose:
         """Rotations, and travel as decoded; invalid rotations are repaired and counted in `repaired`."""
-        pose, is_good = self._unpacking.pose_of(features.numpy(), FRAME_RATE_HZ)
+        pose, is_good = self._unpacking.pose_of(features, FRAME_RATE_HZ)
         if not is_good:
             standing = float(self.skeleton.rest_positions[0, 1])
-            count = repair(pose, state.smoother.rotations.numpy()[:, -1], standing)
+            count = repair(pose, state.smoother.rotations[:, -1], standing)
             self.repaired += count
             _log.warning("%d rotations or root positions of a chunk were invalid and were held", count)
         return pose

@@ -22,9 +22,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
@@ -44,8 +42,8 @@ SHOWN = 3  # frames that a third difference reaches back
 class SmootherState(StreamState):
     """The last rotations and travels shown; zero where nothing was shown yet."""
 
-    rotations: Float[Tensor, "b 3 j 4"]
-    travel: Float[Tensor, "b 3 3"]
+    rotations: Float[Array, "b 3 j 4"]
+    travel: Float[Array, "b 3 3"]
 
 
 class Smoother:
@@ -56,14 +54,14 @@ class Smoother:
 
     def init_state(self, rows: int) -> SmootherState:
         """Nothing shown yet."""
-        return SmootherState(torch.zeros(rows, SHOWN, self._joints, 4), torch.zeros(rows, SHOWN, 3))
+        shown = np.zeros((rows, SHOWN, self._joints, 4), np.float32)
+        return SmootherState(shown, np.zeros((rows, SHOWN, 3), np.float32))
 
     def step(self, pose: Pose, state: SmootherState, active: Bool[Array, " b"]) -> None:
         """Smooth the rotations and the travel of active rows, in place."""
         weights = shares(pose.frames, self._stiffness)
         cosine = math.cos(FASTEST / pose.fps / 2)
-        shown, travel = state.rotations.numpy(), state.travel.numpy()
-        smooth(pose.rotations, pose.root, shown, travel, active, weights, cosine)
+        smooth(pose.rotations, pose.root, state.rotations, state.travel, active, weights, cosine)
 
 
 @cache
@@ -166,7 +164,7 @@ def smooth(rotations, root, shown, travel, active, shares, cosine):  # type: ign
 class SpeedLimitState(StreamState):
     """The last rotations shown; zero where nothing was shown yet."""
 
-    rotations: Float[Tensor, "b j 4"]
+    rotations: Float[Array, "b j 4"]
 
 
 class SpeedLimit:
@@ -177,11 +175,11 @@ class SpeedLimit:
 
     def init_state(self, rows: int) -> SpeedLimitState:
         """Nothing shown yet."""
-        return SpeedLimitState(torch.zeros(rows, self._joints, 4))
+        return SpeedLimitState(np.zeros((rows, self._joints, 4), np.float32))
 
     def step(self, pose: Pose, state: SpeedLimitState, active: Bool[Array, " b"]) -> None:
         """Hold back the rotations of active rows, in place."""
-        hold_back(pose.rotations, state.rotations.numpy(), active, math.cos(FASTEST / pose.fps / 2))
+        hold_back(pose.rotations, state.rotations, active, math.cos(FASTEST / pose.fps / 2))
 
 
 @kernel()

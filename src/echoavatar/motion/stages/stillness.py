@@ -17,9 +17,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
-from torch import Tensor
 
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernels import kernel
@@ -50,10 +48,10 @@ ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 class StillnessState(StreamState):
     """The last frame: arms as shown, wrists as they came (metres, in the chest's frame), their speeds, and if any."""
 
-    shown: Float[Tensor, "b 2 4 4"]
-    wrists: Float[Tensor, "b 2 3"]
-    speeds: Float[Tensor, "b 2"]
-    has_shown: Bool[Tensor, " b"]
+    shown: Float[Array, "b 2 4 4"]
+    wrists: Float[Array, "b 2 3"]
+    speeds: Float[Array, "b 2"]
+    has_shown: Bool[Array, " b"]
 
 
 class Stillness:
@@ -69,15 +67,14 @@ class Stillness:
 
     def init_state(self, rows: int) -> StillnessState:
         """Nothing shown yet."""
-        arms = torch.zeros(rows, 2, len(ARM), 4)
-        return StillnessState(arms, torch.zeros(rows, 2, 3), torch.zeros(rows, 2), torch.zeros(rows, dtype=torch.bool))
+        arms, wrists = np.zeros((rows, 2, len(ARM), 4), np.float32), np.zeros((rows, 2, 3), np.float32)
+        return StillnessState(arms, wrists, np.zeros((rows, 2), np.float32), np.zeros(rows, bool))
 
     def step(self, pose: Pose, state: StillnessState, active: Bool[Array, " b"]) -> None:
         """Filter the arms of active rows, in place."""
         if self._has_arms:
             last = (state.shown, state.wrists, state.speeds, state.has_shown)
-            arms = (self._joints, self._offsets, self._reach)
-            rest(pose.rotations, *(each.numpy() for each in last), active, *arms, float(pose.fps))
+            rest(pose.rotations, *last, active, self._joints, self._offsets, self._reach, float(pose.fps))
 
 
 @kernel()

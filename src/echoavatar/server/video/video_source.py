@@ -5,7 +5,6 @@ from collections import deque
 from functools import lru_cache
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int16, UInt8
 
 from echoavatar.errors import EchoAvatarError
@@ -109,19 +108,16 @@ class VideoSource:
         pose = self._poses.read(at)
         if pose is None:
             rotations = np.tile(np.array([1, 0, 0, 0], np.float32), (HUMANOID.joints, 1))
-            root, face = HUMANOID.rest_positions.numpy()[0], None
+            root, face = HUMANOID.rest_positions[0], None
         else:
             rotations, root, face = pose.rotations.astype(np.float32), pose.root, pose.face
-        world = forward_kinematics(
-            HUMANOID,
-            matrix_from_quaternion(torch.from_numpy(rotations)),
-            torch.from_numpy(np.asarray(root, np.float32)),
+        turned, positions = forward_kinematics(
+            HUMANOID, matrix_from_quaternion(rotations), np.asarray(root, np.float32)
         )
-        positions = world.positions.numpy()
         view = self._renderer.shot.view
         joint, size = followed(view, self._character)
         camera = aimed(view, self._follow(at, positions[joint]), size)
-        return self._renderer.draw(world.rotations.numpy(), positions, face, camera)
+        return self._renderer.draw(turned, positions, face, camera)
 
     def _hear(self) -> None:
         while self._waiting:

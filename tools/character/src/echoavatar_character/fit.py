@@ -9,7 +9,6 @@ of the sculptor.
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from echoavatar.files.avatar import halfway
@@ -18,7 +17,7 @@ from echoavatar.motion.kinematics import HUMANOID, forward_kinematics
 
 from .base import bone_ends, bone_weights
 
-REST = HUMANOID.rest_positions.numpy().astype(np.float64)
+REST = HUMANOID.rest_positions.astype(np.float64)
 NAMES = HUMANOID.names
 PARENTS = HUMANOID.parents
 SOLE = 0.013  # metres between floor and foot: the sole of a shoe
@@ -55,8 +54,8 @@ def fit(shape: Float[np.ndarray, "v 3"]) -> Fit:
     scale = (REST[NAMES.index("head"), 1] - SOLE) / (heads["head"][1] - floor)
     world = _pose(heads, tails)
     local = np.stack([world[j] if p < 0 else world[p].T @ world[j] for j, p in enumerate(PARENTS)])
-    made = forward_kinematics(HUMANOID, torch.tensor(local, dtype=torch.float32), torch.tensor(REST[0]).float())
-    placed = made.positions.numpy().astype(np.float64)
+    made = forward_kinematics(HUMANOID, local.astype(np.float32), REST[0].astype(np.float32))
+    placed = made.positions.astype(np.float64)
     goals = placed - np.array([[0.0, LOWER.get(name, 0.0), 0.0] for name in NAMES])
     posed = np.zeros((len(NAMES), 3, 4))
     for j, name in enumerate(NAMES):
@@ -79,7 +78,7 @@ def fit(shape: Float[np.ndarray, "v 3"]) -> Fit:
             linear = posed[PARENTS[j], :, :3]
         posed[j, :, :3] = linear
         posed[j, :, 3] = goals[j] - linear @ heads[name]
-    turned, places = with_halfway(made.rotations.numpy().astype(np.float64), placed)
+    turned, places = with_halfway(made.rotations.astype(np.float64), placed)
     pose = np.concatenate([turned, (places - np.einsum("jik,jk->ji", turned, halfway.REST))[:, :, None]], 2)
     return Fit(float(scale), posed, pose, local, REST[0])
 

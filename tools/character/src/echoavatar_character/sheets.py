@@ -127,9 +127,7 @@ def grid(pictures: list[Picture], columns: int) -> Picture:
 def stills(character: Character, motion: Motion, face: Curves, frames: list[int], view: View) -> list[Picture]:
     """Frames of a motion with its face, from a film's camera."""
     renderer, pose = AvatarRenderer(character, Shot((220, 220), view)), motion.pose()
-    return [
-        renderer.draw(pose.rotations[frame].numpy(), pose.positions[frame].numpy(), face[frame]) for frame in frames
-    ]
+    return [renderer.draw(pose.rotations[frame], pose.positions[frame], face[frame]) for frame in frames]
 
 
 @cache

@@ -17,10 +17,11 @@ from torch import Tensor
 from echoavatar.errors import MotionError
 from echoavatar.limits import CONFIG_BYTES, STILL_ROTATIONS, read_bytes
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix, slerp
+from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, slerp
 from echoavatar.timing import FRAME_RATE_HZ
 from echoavatar_lab.corpora.controls import STANDING_PELVIS, Array
 from echoavatar_lab.corpora.solver import about
+from echoavatar_lab.kinematics import quaternion_from_matrix
 
 A_POSE = np.deg2rad(37.0)  # by which a MikuMikuDance character's arms hang when no bone is turned
 SUFFIXES = (".vmd", ".qianim")
@@ -36,6 +37,7 @@ _CLOSED = 0.9  # radians of each finger joint
 Keys = list[tuple[float, Float[np.ndarray, " 4"], tuple[float, float, float, float]]]
 
 
+@np.errstate(invalid="ignore", over="ignore")  # `Motion` looks for what is not finite
 def read_animated(path: Path) -> Motion:
     """A body on our rig at 30 fps from a file with one of `SUFFIXES`.
 
@@ -71,7 +73,7 @@ def _vmd(data: bytes) -> dict[str, Float[Tensor, "t 3 3"]]:
     turns: dict[str, Tensor] = {}
     for name, bone in _vmd_bones().items():
         if name in keys:
-            turn = matrix_from_quaternion(_between(sorted(keys[name], key=lambda key: key[0]), frames))
+            turn = torch.from_numpy(_between(sorted(keys[name], key=lambda key: key[0]), frames))
             turns[bone] = turns[bone] @ turn if bone in turns else turn
     if not turns:
         return {}
@@ -94,13 +96,13 @@ def _vmd_bones() -> dict[str, str]:
     return bones
 
 
-def _between(keys: Keys, frames: int) -> Float[Tensor, "t 4"]:
+def _between(keys: Keys, frames: int) -> Float[Array, "t 3 3"]:
     """Rotations at the frame rate; a key's curve belongs to the way to it."""
-    times, rotations = np.array([key[0] for key in keys]), torch.from_numpy(np.stack([key[1] for key in keys]))
+    times, rotations = np.array([key[0] for key in keys]), np.stack([key[1] for key in keys])
     before, after, _, phase = _ways(times, np.arange(frames) / FRAME_RATE_HZ)
     x1, x2, y1, y2 = np.array([key[2] for key in keys])[after].T
     share = _bezier(_parameter(phase, x1, x2), y1, y2)
-    return slerp(rotations[before], rotations[after], torch.from_numpy(share))
+    return matrix_from_quaternion(slerp(rotations[before], rotations[after], share))
 
 
 def _ways(times: Array, clock: Array) -> tuple[Array, Array, Array, Array]:

@@ -11,10 +11,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.motion.kinematics import HUMANOID, Motion
-from echoavatar.motion.kinematics.rotations import axis_angle_from_quaternion, euler_from_matrix, quaternion_from_matrix
 from echoavatar_lab.corpora import solver
 from echoavatar_lab.corpora.controls import RELAXED_FINGERS, Array, Controls
 from echoavatar_lab.corpora.solver import matrix_from_euler
+from echoavatar_lab.kinematics import axis_angle_from_quaternion, euler_from_matrix, quaternion_from_matrix
 
 ROUNDS = 4
 CERTAIN_BEND = 0.012  # metres: with less bend the elbow's direction is read from the twist of the upper arm
@@ -28,8 +28,7 @@ def controls_from_motion(motion: Motion) -> Controls:
 
     Angles are continuous over time. Fingers that do not move at all are given as relaxed.
     """
-    matrices, pose = motion.matrices().double(), motion.pose()
-    world, places = pose.rotations.double(), pose.positions.double()
+    matrices, world, places = (torch.from_numpy(part).double() for part in (motion.matrices(), *motion.pose()))
     chest = world[:, HUMANOID.index("upperChest")]
     sides = [
         _arm(world, places, chest, side) | _leg(world, places, side) | {"fingers": _fingers(matrices, side)}

@@ -125,7 +125,7 @@ def dance_graph(library: CapturedLibrary) -> DanceGraph:
     found: list[Dance] = []
     for clip in library.of("dance"):
         rotations, root = solve(clip.controls)
-        positions = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ)).pose().positions.numpy()
+        positions = Motion(HUMANOID, rotations, root, float(FRAME_RATE_HZ)).pose().positions
         counts = find_counts(positions)
         hits = braking(positions)[np.clip(np.round(counts).astype(int), 0, len(positions) - 1)]
         strong = int(len(hits) > 1 and hits[1::2].mean() > hits[::2].mean())

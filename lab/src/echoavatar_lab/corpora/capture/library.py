@@ -250,7 +250,7 @@ def _low_pass(values: Float[np.ndarray, "t ..."], cutoff_hz: float, fps: float) 
 
 def _without_stillness(motion: Motion) -> Motion:
     """A dance without the still pose before it begins and after it ends."""
-    places = motion.pose().positions.numpy()
+    places = motion.pose().positions
     speed = np.linalg.norm(np.diff(places, axis=0), axis=-1).mean(1) * motion.fps
     moves = np.flatnonzero(speed > STILL_M_S)
     lead = round(LEAD_IN_S * motion.fps)

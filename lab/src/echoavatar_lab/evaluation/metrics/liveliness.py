@@ -58,11 +58,11 @@ def body_points(motion: Motion, names: Sequence[str] = POINTS) -> Points:
         if (at := bones.get(point)) is not None:
             found.append(pose.positions[:, at])
         elif point.endswith("Hand") and (arm := bones.get(point.replace("Hand", "LowerArm"))) is not None:
-            tip = pose.positions.new_tensor(skeleton.config.tips.get(skeleton.names[arm], (0.0, 0.0, 0.0)))
+            tip = np.array(skeleton.config.tips.get(skeleton.names[arm], (0, 0, 0)), np.float32)
             found.append(pose.positions[:, arm] + pose.rotations[:, arm] @ tip)
         else:
             raise MotionError(f"no joint of the rig is known to be {point}")
-    return of_common_height(np.stack([place.double().numpy() for place in found], 1))
+    return of_common_height(np.stack(found, 1).astype(np.float64))
 
 
 def of_common_height(points: Points) -> Points:

@@ -23,8 +23,8 @@ from echoavatar.checkpoint import Checkpointed
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import HUMANOID
-from echoavatar.motion.kinematics.rotations import matrix_from_quaternion, matrix_to_6d
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_lab.kinematics import matrix_from_quaternion, matrix_to_6d
 
 from .positions import heading, turn_about_up
 

@@ -24,8 +24,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from echoavatar.motion.kinematics import Skeleton, forward_kinematics
+from echoavatar.motion.kinematics import Skeleton
 from echoavatar.timing import FRAME_RATE_HZ
+from echoavatar_lab.kinematics import forward_kinematics
 
 PAPER_UNIT_M = 1e-4
 

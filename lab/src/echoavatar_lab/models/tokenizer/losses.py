@@ -38,19 +38,22 @@ class PlaneKinematics(nn.Module):
         joints = list(skeleton.feature_joints)
         if sorted(joints) != list(range(skeleton.joints)):
             raise ValueError("every joint must belong to a body part")
-        order = [joint for level in skeleton.levels for joint in level]
+        levels = [[0], *(level.joints for level in skeleton.levels)]
+        order = [joint for level in levels for joint in level]
         travel = travel_slice(skeleton)
         columns = [c for c in range(6 * len(joints) + 3) if not travel.start <= c < travel.stop]
         source = [columns[6 * joints.index(joint) + c] for c in range(6) for joint in order]
         self.height = travel.stop - 1
-        self.sizes = [len(level) for level in skeleton.levels]
+        self.sizes = [len(level) for level in levels]
         self.parents = [
-            [skeleton.levels[depth].index(skeleton.parents[joint]) for joint in level]
-            for depth, level in enumerate(skeleton.levels[1:])
+            [above.index(parent) for parent in level.parents]
+            for above, level in zip(levels, skeleton.levels, strict=False)
         ]
         back = torch.tensor([order.index(joint) for joint in range(skeleton.joints)])
         self.register_buffer("source", torch.tensor(source), persistent=False)
-        self.register_buffer("offsets", skeleton.offsets[order].T[:, :, None].clone(), persistent=False)
+        self.register_buffer(
+            "offsets", torch.from_numpy(skeleton.offsets[order]).T[:, :, None].clone(), persistent=False
+        )
         self.register_buffer("back", back, persistent=False)
 
     def forward(self, features: Float[Tensor, "b t c"]) -> Float[Tensor, "3 j b t"]:

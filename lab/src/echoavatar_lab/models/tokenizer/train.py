@@ -24,8 +24,15 @@ from torch import Tensor, nn
 
 from echoavatar.config import Config
 from echoavatar.errors import MotionError
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig, MotionTokenizer, MotionTokenizerConfig
-from echoavatar.motion.kinematics import FeatureStatistics, Skeleton, part_sizes, split_parts, to_features
+from echoavatar.models.tokenizer import (
+    BodyTokenizer,
+    BodyTokenizerConfig,
+    FeatureStatistics,
+    MotionTokenizer,
+    MotionTokenizerConfig,
+    split_parts,
+)
+from echoavatar.motion.kinematics import Skeleton, part_sizes, to_features
 from echoavatar.motion.kinematics.features import travel_slice
 from echoavatar.motion.kinematics.rotations import matrix_from_quaternion
 from echoavatar.nn import CausalBlock, Mlp
@@ -123,8 +130,8 @@ class MovingBody(Protocol):
 
 def clip_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
     """Motion features of a clip."""
-    rotations = matrix_from_quaternion(torch.from_numpy(np.asarray(clip.rotations, np.float32)))
-    return to_features(skeleton, rotations, torch.from_numpy(np.asarray(clip.root, np.float32)))
+    rotations, root = (np.asarray(part, np.float32) for part in (clip.rotations, clip.root))
+    return torch.from_numpy(to_features(skeleton, matrix_from_quaternion(rotations), root))
 
 
 def whole_features(skeleton: Skeleton, clip: MovingBody) -> Float[Tensor, "t c"]:
@@ -159,7 +166,7 @@ def reach_statistics(
 
 def joint_reach(skeleton: Skeleton) -> Float[Tensor, " j"]:
     """How far the body hangs on each joint, metres (see `reach_statistics`)."""
-    places = skeleton.rest_positions
+    places = torch.from_numpy(skeleton.rest_positions)
     squares = torch.full((skeleton.joints,), BONE_REACH**2)
     for joint in range(skeleton.joints):
         above = skeleton.parents[joint]

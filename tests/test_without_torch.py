@@ -1,0 +1,49 @@
+"""What needs no model loads no torch: it costs seconds and hundreds of megabytes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from echoavatar.motion.formats import write_bvh
+from echoavatar.motion.kinematics import HUMANOID, Motion
+
+EVERY_MODULE = """
+import importlib, pkgutil, sys
+package = importlib.import_module("echoavatar.{room}")
+for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+    importlib.import_module(found.name)
+    assert "torch" not in sys.modules, found.name
+"""
+COMMANDS = """
+import sys
+from echoavatar.cli import main
+for words in (
+    "export clip.bvh -o clip.glb",
+    "export clip.bvh -o clip.npz",
+    "export clip.npz -o other.bvh --rig clip.bvh",
+    "rig clip.glb -o body.json",
+    "export clip.npz -o own.glb --rig clip.glb",
+):
+    assert main(words.split()) == 0
+    assert "torch" not in sys.modules, words
+"""
+
+
+def run(code: str, folder: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("room", ["motion", "files"])
+def test_no_module_of_the_room_loads_it(room: str, tmp_path: Path) -> None:
+    run(EVERY_MODULE.format(room=room), tmp_path)
+
+
+def test_recordings_are_written_and_put_on_a_character_without_it(tmp_path: Path) -> None:
+    still = Motion.at_rest(HUMANOID)
+    rotations, root = np.repeat(still.rotations, 4, 0), np.repeat(still.root, 4, 0)
+    write_bvh(tmp_path / "clip.bvh", HUMANOID, rotations, root, 30.0)
+    run(COMMANDS, tmp_path)
