@@ -14,7 +14,7 @@ from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar_lab.data.faults import skate
 
 FEET = ("leftToes", "rightToes", "leftFoot", "rightFoot")
-FLOOR = HUMANOID.rest_positions[[HUMANOID.index(foot) for foot in FEET], 1].numpy()
+FLOOR = HUMANOID.rest_positions[[HUMANOID.index(foot) for foot in FEET], 1]
 SECONDS = 8 / 30  # of a chunk
 
 

@@ -99,7 +99,7 @@ class Post:
             self._smoother.step(pose, state.smoother, active)
         report("smoother")
         if "stillness" in self.stages:
-            self._stillness.step(pose, state.stillness, on)
+            self._stillness.step(pose, state.stillness, active)
         report("stillness")
         self._idle_legs.stand(pose, is_idle)
         chains = self._chains.pose(pose.rotations)
