@@ -153,6 +153,7 @@ def collar(body: Body, top: Surface) -> Surface:
     aside = np.degrees(np.minimum(at, 2 * np.pi - at))
     stand = 0.026 - 0.006 * front
     fall = np.interp(aside, [7, 36, 52, 90], [0.026, 0.080, 0.050, 0.042])  # its points
+    rows: list[tuple[Field | float, Field | float]]
     rows = [(-0.004, -0.006), (-0.001, 0.3 * stand), (-0.006, 0.7 * stand), (-0.010, stand), (-0.0065, stand + 0.003)]
     rows += [
         (-0.001, stand),

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from . import atlas
@@ -67,9 +68,9 @@ def picture(body: Body, pieces: Sequence[Surface], size: int = SIZE) -> Picture:
     return np.clip(atlas.filled(image, covered), 0, 1)
 
 
-def _over(under: Picture, colour: Sequence[float], share: Field) -> Picture:
+def _over(under: Picture, colour: ArrayLike, share: Field) -> Picture:
     """A colour (0 to 255) laid over a picture."""
-    return np.asarray(under + (np.array(colour) / 255 - under) * share[..., None])
+    return np.asarray(under + (np.asarray(colour) / 255 - under) * share[..., None])
 
 
 def _line(field: Field, half: float = 0.0009) -> Field:
@@ -82,14 +83,14 @@ def _within(field: Field, low: float, high: float, soft: float = 0.0006) -> Fiel
     return np.clip(0.5 + (field - low) / soft, 0, 1) * np.clip(0.5 + (high - field) / soft, 0, 1)
 
 
-def _stitched(under: Picture, field: Field, where: Field, thread: Sequence[float] | None = None) -> Picture:
+def _stitched(under: Picture, field: Field, where: Field, thread: ArrayLike | None = None) -> Picture:
     """A seam along the zeros of a field: a dark fold with a lighter edge, and a row of stitches beside it."""
     made = under * (1 - 0.30 * (_line(field, 0.0010) * where)[..., None])
     made = made * (1 + 0.06 * (_line(field - 0.0022, 0.0012) * where)[..., None])
     return made if thread is None else _over(made, thread, 0.55 * _line(field - 0.0045, 0.0006) * where)
 
 
-def _dotted(under: Picture, x: Field, y: Field, radius: float, colour: Sequence[float]) -> Picture:
+def _dotted(under: Picture, x: Field, y: Field, radius: float, colour: ArrayLike) -> Picture:
     """A button, whose middle is where both fields are 0."""
     far = np.hypot(x, y)
     made = under * (1 - 0.35 * np.clip((radius * 1.35 - far) / (0.5 * radius), 0, 1))[..., None]
