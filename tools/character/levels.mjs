@@ -1,7 +1,7 @@
 // Two steps of echoavatar_character.levels that have no Python library: simplify triangles, and compress a GLB.
 import { readFileSync, writeFileSync } from "node:fs";
 import { Logger, NodeIO } from "@gltf-transform/core";
-import { EXTMeshoptCompression, EXTTextureWebP, KHRMeshQuantization } from "@gltf-transform/extensions";
+import { EXTMeshoptCompression, EXTTextureWebP, KHRMeshQuantization, KHRTextureTransform } from "@gltf-transform/extensions";
 import { meshopt, textureCompress } from "@gltf-transform/functions";
 import { MeshoptDecoder, MeshoptEncoder, MeshoptSimplifier } from "meshoptimizer";
 import sharp from "sharp";
@@ -25,7 +25,7 @@ async function simplify(source, goal) {
 async function compress(source, goal, size, quality) {
   await Promise.all([MeshoptEncoder.ready, MeshoptDecoder.ready]);
   const io = new NodeIO()
-    .registerExtensions([EXTMeshoptCompression, EXTTextureWebP, KHRMeshQuantization])
+    .registerExtensions([EXTMeshoptCompression, EXTTextureWebP, KHRMeshQuantization, KHRTextureTransform])
     .registerDependencies({ "meshopt.encoder": MeshoptEncoder, "meshopt.decoder": MeshoptDecoder });
   const document = (await io.read(source)).setLogger(new Logger(Logger.Verbosity.ERROR));
   for (const accessor of document.getRoot().listAccessors()) accessor.setSparse(false);

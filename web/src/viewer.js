@@ -1,6 +1,7 @@
 // The clip viewer: plays the animations of one GLB with their sound. The audio element is the only clock.
 import * as THREE from "three";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+import { filmHair } from "../packages/client/src/drivers/light.ts";
 import { makeViewport } from "./viewport.js";
 
 const ICONS = { play: "M5 2.5v15l12-7.5z", pause: "M4 3h4.5v14H4zM11.500 3H16v14h-4.500z" };
@@ -22,6 +23,7 @@ async function start() {
     if (node.isBone) bones[node.name] = node;
     if (node.morphTargetInfluences) faces.push(node);
     if (!node.isSkinnedMesh) return;
+    node.material = filmHair(node.material);
     Object.assign(node, { castShadow: true, receiveShadow: !low, frustumCulled: false });
   });
   const mixer = new THREE.AnimationMixer(gltf.scene);

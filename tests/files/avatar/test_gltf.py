@@ -172,7 +172,7 @@ def test_the_face_has_the_shapes_by_name_on_every_primitive(file: tuple[dict[str
         for key in ("POSITION", "NORMAL"):
             assert array(document, binary, primitive["targets"][jaw][key]).shape == (count, 3)
         moved += np.abs(array(document, binary, primitive["targets"][jaw]["POSITION"])).sum()
-    np.testing.assert_allclose(moved, np.abs(face.moves[face.part(jaw)]).sum(), rtol=1e-4)
+    np.testing.assert_allclose(moved, np.abs(face.moves[face.part(jaw)]).sum(), rtol=5e-4)
     assert all("targets" not in primitive for primitive in document["meshes"][0]["primitives"])
 
 

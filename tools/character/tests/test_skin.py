@@ -17,7 +17,7 @@ def test_lips_are_redder_than_cheeks_and_brows_darker(body: Body, whole: Surface
 
     eye = body.eyes["Left"].middle
     cheek = at(np.array([0.04, eye[1] - 0.035, 0.11]))
-    brow = at(np.array([eye[0] + 0.002, eye[1] + 0.0235, 0.12]))
+    brow = at(np.array([*skin.brow_curve(body, np.array([0.45]))[0][0], 0.12]))
     assert brow.mean() < cheek.mean() - 0.08
 
 

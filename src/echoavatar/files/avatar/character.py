@@ -24,13 +24,13 @@ from echoavatar.motion.formats.tables import NPZ_ERRORS, arrays_of
 from echoavatar.motion.kinematics import HUMANOID, Skeleton
 from echoavatar.nn.kernels import kernel
 
-NAMES = ("atlas", "hair", "knit", "twill")  # colours, which the rasteriser draws too
+NAMES = ("atlas", "hair", "outfit")  # colours, which the rasteriser draws too
 # Details are written into glTF; films read the roughness of skin alone.
-DETAILS = ("knit_normal", "twill_normal", "skin_roughness", "knit_roughness", "twill_roughness")
+DETAILS = ("knit_normal", "twill_normal", "skin_normal", "skin_roughness")
 
 
-# Encoded pictures by name: JPEG, PNG or WebP. Of the shipped ones `hair` has alpha, `knit` and `twill` are grey and
-# repeat, as their normal and roughness maps do; the roughness map of skin has the atlas's coordinates.
+# Encoded pictures by name: JPEG, PNG or WebP. Of the shipped ones `hair` has alpha; normal maps of cloth repeat;
+# those of skin have the atlas's coordinates.
 Textures = dict[str, bytes]
 
 
@@ -208,7 +208,7 @@ def added(weights, starts, vertices, moves, turns, positions, normals, reach):  
             normals[v, i] *= scale
 
 
-HEAD_M = 0.188  # from the joint of our characters' heads to their tops
+HEAD_M = 0.1953  # from the joint of our characters' heads to their tops
 CHARACTERS = ("maya", "theo", "amara")
 LEVELS = 3  # of detail: NAME.lod0.glb has about 40,000 triangles, NAME.lod1.glb 15,000, NAME.lod2.glb 6,000
 FOLDER = Path(str(files("echoavatar"))) / "assets" / "characters"
@@ -229,20 +229,21 @@ class Material(NamedTuple):
     is_two_sided: bool = False
     is_cutout: bool = False
     relief: str = ""  # a normal map
+    repeats: tuple[float, float] = (1.0, 1.0)  # how often it repeats across and down the picture
     roughness_picture: str = ""
     is_sheer: bool = False
     opacity: float = 1.0
 
 
 MATERIALS = (
-    Material("skin", 0.62, "atlas", roughness_picture="skin_roughness"),
+    Material("skin", 0.62, "atlas", relief="skin_normal", roughness_picture="skin_roughness"),
     Material("eye", 0.06, "atlas"),
     Material("mouth", 0.22, "atlas"),
     Material("lash", 0.80, is_two_sided=True),
-    Material("hair", 0.80, "hair", is_two_sided=True, is_cutout=True),
-    Material("cloth", 0.92, "knit", is_two_sided=True, relief="knit_normal", roughness_picture="knit_roughness"),
-    Material("trousers", 0.88, "twill", relief="twill_normal", roughness_picture="twill_roughness"),
-    Material("shoe", 0.60),
+    Material("hair", 0.80, "hair", is_two_sided=True, is_cutout=True, is_sheer=True),
+    Material("cloth", 0.92, "outfit", is_two_sided=True, relief="knit_normal", repeats=(21, 24)),
+    Material("trousers", 0.88, "outfit", relief="twill_normal", repeats=(26, 42)),
+    Material("shoe", 0.60, "outfit"),
     Material("sole", 0.70),
 )
 

@@ -53,7 +53,7 @@ def aimed(view: View, at: Float[Array, " 3"], size: float = 1.0) -> Camera:
     """
     x, y, z = map(float, at)
     if view == "face":
-        return Camera((x + 0.10 * size, y + 0.05 * size, z + 0.82 * size), (x, y + 0.03 * size, z), 0.33)
+        return Camera((x + 0.11 * size, y + 0.07 * size, z + 0.90 * size), (x, y + 0.05 * size, z), 0.33)
     if view == "bust":
         return Camera((x + 0.22 * size, y - 0.02 * size, z + 1.45 * size), (x, y - 0.12 * size, z), 0.50)
     target = np.array([x, 0.93 * size, z])

@@ -127,6 +127,8 @@ def materials(textures: Textures) -> list[dict[str, Any]]:
             surface |= {"metallicRoughnessTexture": {"index": index[material.roughness_picture]}, "roughnessFactor": 1}
         if material.relief in index:
             entry["normalTexture"] = {"index": index[material.relief]}
+            if material.repeats != (1, 1):
+                entry["normalTexture"]["extensions"] = {TRANSFORM: {"scale": material.repeats}}
         if material.is_two_sided:
             entry["doubleSided"] = True
         if material.is_cutout:
@@ -241,6 +243,7 @@ def _compact(triangles: Int[np.ndarray, "f 3"]) -> tuple[Int[np.ndarray, " v"], 
     return used, local.reshape(-1, 3)
 
 
+TRANSFORM = "KHR_texture_transform"
 BODY_NODE = HUMANOID.joints
 FACE_NODE = HUMANOID.joints + 1
 HALFWAY_NODES = tuple(range(FACE_NODE + 1, FACE_NODE + 1 + len(SOURCES)))
@@ -272,6 +275,7 @@ def character_document(character: Character) -> tuple[dict[str, Any], Buffer]:
         "scene": 0,
         "scenes": [{"name": "EchoAvatar", "nodes": [0, BODY_NODE, FACE_NODE]}],
         "nodes": _nodes(),
+        "extensionsUsed": [TRANSFORM],
         "materials": materials(character.textures),
         "meshes": meshes(buffer, character),
         **pictures(buffer, character),

@@ -29,8 +29,8 @@ class Body:
     weights: Float[np.ndarray, "v j"]
 
     def move(self, curve: str) -> Float[np.ndarray, "v 3"]:
-        """What a face curve at 1 moves."""
-        return self._linear(face_unit(curve))
+        """What a face curve at 1 moves; what the resting face has of it is done already."""
+        return self._linear(face_unit(curve)) * (1 - self.person.rest.get(curve, 0.0))
 
     def _linear(self, moves: Float[np.ndarray, "v 3"]) -> Float[np.ndarray, "v 3"]:
         moved = np.abs(moves).max(1) > 0

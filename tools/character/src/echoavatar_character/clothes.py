@@ -1,42 +1,63 @@
 """Clothes, grown from the base mesh's tights: cut along lines, loosened, folded, and hemmed with thickness."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import gaussian_filter
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 from . import fit
 from .atlas import noise
 from .base import load_base
 from .body import Body
-from .surface import Surface, border, make, normals, part, smoothed, subdivided
+from .pieces import COLLAR_SPOT, charted, hemmed
+from .pieces import cut as divided
+from .surface import Surface, border, make, normals, smoothed, subdivided
 
 Points = Float[np.ndarray, "v 3"]
 Field = Float[np.ndarray, " v"]
 SHARPER = 2.6  # power that narrows the border between arm and trunk
 CAP = (-0.055, 0.065)  # metres beyond the joint of a shoulder, where its round top passes from the trunk to the arm
-TILE = 0.055  # metres of cloth in one picture of its weave
-# Heights where top and trousers end: a thigh raised by 90 degrees reaches 1.04 in front of the belly.
+# Heights where top and trousers meet: a thigh raised by 90 degrees reaches 1.04 in front of the belly.
 HEM, ANKLE = 1.035, 0.072
 GAP = 0.007  # metres between trousers and what is over or under them
+ARM_NAMES = [j for j, name in enumerate(fit.NAMES) if "UpperArm" in name or "LowerArm" in name or "Hand" in name]
+AXIS = -0.005  # of the trunk: its z
+TUCK = (0.10, 0.06)  # metres above the hem where a top comes out of the waistband, and over how many it does
 RIB = 0.045  # metres of ribbing above the hem, which draws the top in
 
 
+class Cut(NamedTuple):
+    """How an outfit is cut, in metres."""
+
+    tucked: bool  # into the trousers
+    loose: tuple[float, float]  # from the skin, on trunk and arms
+    cuff: float  # from the wrist
+    falls: float  # how far cloth hangs from the chest instead of following the trunk, 0 to 1
+    collar: bool = False
+    jacket: float = 0.0  # how far the open front of a jacket lies over what is worn below
+
+
+CUTS = {
+    "jumper": Cut(True, (0.0060, 0.0038), 0.012, 0.35),
+    "shirt": Cut(True, (0.0090, 0.0060), 0.010, 0.8, collar=True),
+    "jacket": Cut(False, (0.0075, 0.0060), 0.014, 0.5, jacket=0.0045),
+}
+
+
 def tights(body: Body) -> Surface:
-    """The helper that clothes grow from; UVs in tiles of cloth."""
+    """The helper that clothes grow from; UVs in its own chart, 0 to 1, v downwards."""
     base = load_base()
     members = base.groups["helper-tights"]
     used, local = np.unique(base.quads[members], return_inverse=True)
-    quads = local.reshape(-1, 4)
     uvs = base.uvs[base.uv_quads[members]]
-    points = body.points[used]
-    real = np.linalg.norm(points[quads[:, 1]] - points[quads[:, 0]], axis=1).sum()
-    flat = np.linalg.norm(uvs[:, 1] - uvs[:, 0], axis=1).sum()
-    uvs = uvs * (real / flat / TILE)
-    return make(points, quads, body.weights[used], "cloth", uvs=uvs)
+    low, high = uvs.reshape(-1, 2).min(0), uvs.reshape(-1, 2).max(0)
+    uvs = (uvs - low) / (high - low).max()
+    uvs[..., 1] = 1 - uvs[..., 1]
+    return make(body.points[used], local.reshape(-1, 4), body.weights[used], "cloth", uvs=uvs)
 
 
 def neckline(points: Points, body: Body) -> Field:
@@ -65,36 +86,106 @@ def sleeves(points: Points, body: Body, weights: Float[np.ndarray, "v j"], back:
 
 
 def top(body: Body, cloth: Surface) -> Surface:
-    """A knitted jumper with a crew neck and ribbed hems."""
+    """What is worn above the waist: follows the trunk, falls a little from the chest, and has cuffs and a neckline."""
+    own = CUTS[body.person.outfit]
     cloth = subdivided(cloth)
     points = cloth.positions
     arm = _arm(cloth.weights)
-    cut = np.minimum(neckline(points, body), sleeves(points, body, cloth.weights, 0.012))
-    cut = np.minimum(cut, np.where(arm > 0.5, 1.0, points[:, 1] - _hem(points)))
-    piece, at = _cut(cloth, cut)
+    cut = np.minimum(neckline(points, body), sleeves(points, body, cloth.weights, own.cuff))
+    low = HEM + 0.004 if own.tucked else _hem(points)
+    cut = np.minimum(cut, np.where(arm > 0.5, 1.0, points[:, 1] - low))
+    piece, at = divided(cloth, cut)
     arm = _arm(piece.weights)
-    places = smoothed(piece.positions, piece.quads, 14, 0.5)
-    places = _draped(places, arm, body)
+    places = _spanned(
+        smoothed(piece.positions, piece.quads, 8, 0.5), piece.quads, np.clip(1 - 3 * arm, 0, 1) * own.falls
+    )
+    places = _draped(places, arm, body, own.falls)
     out = normals(places, piece.quads)
-    loose = np.where(arm > 0.5, 0.0075, 0.0125)
+    loose = np.where(arm > 0.5, own.loose[1], own.loose[0])
     edge = np.clip(at / 0.05, 0, 1)
     near_neck = np.clip(neckline(places, body) / 0.06, 0, 1)
-    above = (places[:, 1] - HEM - RIB) / 0.04
-    loose = loose * (0.45 + 0.55 * edge) * (0.55 + 0.45 * near_neck)
-    blouse = np.exp(-((above - 0.7) ** 2)) * (arm < 0.5) * 0.005
-    cuff = np.exp(-(((at - 0.055) / 0.025) ** 2)) * (arm > 0.5) * 0.004
+    above = (places[:, 1] - HEM - 0.062) / 0.022
+    loose = loose * (0.35 + 0.65 * edge) * (0.4 + 0.6 * near_neck)
+    blouse = np.exp(-(above**2)) * (arm < 0.5) * (0.004 if own.tucked else 0.002)
     rim = np.zeros(len(places), bool)
     rim[border(piece.quads)] = True
-    rim &= (arm < 0.5) & (places[:, 1] < HEM + 0.06)
+    rim &= (arm < 0.5) & (places[:, 1] < HEM + 0.06) & (not own.tucked)
     places[rim, 1] = _hem(places[rim])
-    folds = 0.0022 * _folds(places, body, arm) + 0.0020 * noise(places, 0.07, 21) * edge
-    places = places + out * (loose + blouse + cuff + folds * edge)[:, None]
+    folds = 0.0016 * _folds(places, body, arm) + 0.0012 * noise(places, 0.07, 21) * edge
+    over = own.jacket * np.clip((opening(places, body) + 0.002) / 0.006, 0, 1)
+    places = places + out * (loose + blouse + over + folds * edge)[:, None]
     places = smoothed(places, piece.quads, 2, 0.4)
-    rib = np.clip(1 - at / 0.045, 0, 1) > 0
-    shade = np.where(rib, 0.90, 1.0) * (1 + 0.02 * noise(places, 0.05, 22))
     weights = _shoulders(smoothed(piece.weights, piece.quads, 3, 0.5), places, body)
+    shade = 1 + 0.02 * noise(places, 0.05, 22)
     piece = replace(piece, positions=places, weights=weights, colours=np.repeat(shade[:, None], 3, 1))
-    return _hemmed(piece, 0.0045, 0.02)
+    return charted(hemmed(piece, 0.003, 0.011), "cloth")
+
+
+def _spanned(places: Points, quads: Int[np.ndarray, "f 4"], share: Field) -> Points:
+    """Cloth that spans hollows, such as that below a chest, as far as `share` says; what stands out stays."""
+    out = normals(places, quads)
+    filled = ((smoothed(places, quads, 90, 0.5) - places) * out).sum(1)
+    return places + out * (share * smoothed(np.maximum(filled, 0)[:, None], quads, 6, 0.5)[:, 0])[:, None]
+
+
+def opening(points: Points, body: Body) -> Field:
+    """How far a point lies beside the open front of a jacket, in metres: above 0 on its cloth."""
+    neck = body.joint("neck")
+    wide = np.interp(points[:, 1], [HEM, HEM + 0.12, neck[1] - 0.10, neck[1] + 0.01], [0.050, 0.047, 0.062, 0.080])
+    front = points[:, 2] > neck[2] + 0.035 * np.clip((points[:, 1] - neck[1] + 0.06) / 0.05, 0, 1)
+    return np.where(front, np.abs(points[:, 0]) - wide, 0.1)
+
+
+def collar(body: Body, top: Surface) -> Surface:
+    """A shirt's collar: a band that stands round the neck and falls over itself, open in front."""
+    middle = body.joint("neck") * [0, 1, 1]
+    rim = np.unique(border(top.quads))
+    near = np.hypot(*(top.positions[rim] - middle)[:, [0, 2]].T) < 0.12
+    rim = rim[near & (top.positions[rim, 1] > body.joint("neck")[1] - 0.12)]
+    rel = top.positions[rim] - middle
+    order = np.argsort(np.arctan2(rel[:, 0], rel[:, 2]))
+    turn, rel = np.arctan2(rel[order, 0], rel[order, 2]), rel[order]
+    at = np.linspace(np.radians(7), 2 * np.pi - np.radians(7), 85)
+    wrapped = [np.concatenate([values] * 3) for values in (np.hypot(rel[:, 0], rel[:, 2]), rel[:, 1])]
+    turns = np.concatenate([turn - 2 * np.pi, turn, turn + 2 * np.pi])
+    far, low = (gaussian_filter(np.interp(at, turns, values), 1.5, mode="nearest") for values in wrapped)
+    front = np.clip((np.cos(at) - 0.55) / 0.45, 0, 1)
+    aside = np.degrees(np.minimum(at, 2 * np.pi - at))
+    stand = 0.026 - 0.006 * front
+    fall = np.interp(aside, [7, 36, 52, 90], [0.026, 0.080, 0.050, 0.042])  # its points
+    rows: list[tuple[Field | float, Field | float]]
+    rows = [(-0.004, -0.006), (-0.001, 0.3 * stand), (-0.006, 0.7 * stand), (-0.010, stand), (-0.0065, stand + 0.003)]
+    rows += [
+        (-0.001, stand),
+        (0.006, stand - 0.35 * fall),
+        (0.0125, stand - 0.7 * fall),
+        (0.018 - 0.003 * front, stand - fall),
+    ]
+    rows += [(0.015 - 0.003 * front, stand - fall - 0.001), (0.006, stand - 0.6 * fall)]
+    points = []
+    for out, up in rows:
+        points.append(np.stack([(far + out) * np.sin(at), low + up, (far + out) * np.cos(at)], 1) + middle)
+    count, grid = len(at), np.concatenate(points)
+    quads = np.array(
+        [
+            [r * count + i, (r + 1) * count + i, (r + 1) * count + i + 1, r * count + i + 1]
+            for r in range(len(rows) - 1)
+            for i in range(count - 1)
+        ]
+    )
+    fallen = np.repeat([0.0] * 5 + [0.3, 0.8, 1, 1, 1, 0.6], count)[:, None]
+    for _ in range(3):
+        near = cKDTree(top.positions).query(grid)[1]
+        out = normals(top.positions, top.quads)[near]
+        gap = ((grid - top.positions[near]) * out).sum(1, keepdims=True)
+        grid = grid + fallen * out * np.maximum(0.009 - gap, 0)
+    grid = smoothed(grid, quads, 1, 0.4)
+    weights = top.weights[cKDTree(top.positions).query(grid)[1]]
+    weights = smoothed(weights, quads, 12, 0.5)
+    share = (np.arange(len(grid)) % count / (count - 1), np.arange(len(grid)) // count / (len(rows) - 1))
+    a, b, c, d = COLLAR_SPOT
+    uvs = np.stack([a + (c - a) * share[0], b + (d - b) * share[1]], 1)[quads]
+    return make(grid, quads, weights, "cloth", uvs=uvs)
 
 
 def _hem(points: Points) -> Field:
@@ -126,41 +217,77 @@ def _shoulders(weights: Float[np.ndarray, "v j"], points: Points, body: Body) ->
     return weights
 
 
-def trousers(cloth: Surface, over: Surface, under: list[Surface]) -> Surface:
-    """Straight trousers, which end a little above the hem of the top that is worn over them; shoes are under them."""
+def trousers(cloth: Surface, under: list[Surface]) -> Surface:
+    """Straight trousers with a waistband above the hips; shoes are under them."""
     points = cloth.positions
     arm = _arm(cloth.weights)
-    cut = np.where(arm > 0.3, -1.0, np.minimum(HEM + 0.04 - points[:, 1], points[:, 1] - ANKLE))
-    piece, _ = _cut(cloth, cut)
+    cut = np.where(arm > 0.3, -1.0, np.minimum(HEM + 0.018 - points[:, 1], points[:, 1] - ANKLE))
+    piece, _ = divided(cloth, cut)
     places = smoothed(piece.positions, piece.quads, 5, 0.5)
     out = normals(places, piece.quads)
     low = np.clip((0.55 - places[:, 1]) / 0.45, 0, 1)
-    covered = np.clip((places[:, 1] - HEM + 0.035) / 0.02, 0, 1)
-    loose = 0.0055 * (1 - covered) + 0.004 * np.clip((0.85 - places[:, 1]) / 0.2, 0, 1) + 0.011 * low
-    stack = (
-        0.0035 * np.sin(places[:, 1] * 190 + 2.2 * noise(places, 0.06, 31)) * np.clip((0.22 - places[:, 1]) / 0.1, 0, 1)
-    )
-    knee = (
-        np.exp(-(((places[:, 1] - 0.50) / 0.05) ** 2))
-        * 0.0016
-        * np.sin(places[:, 1] * 210 + 4 * noise(places, 0.08, 32))
-    )
-    folds = 0.0022 * noise(places * [1, 0.4, 1], 0.05, 33)
-    places = places + out * (loose + stack + knee + folds)[:, None]
+    waist = np.clip((places[:, 1] - HEM + 0.05) / 0.03, 0, 1)
+    loose = 0.0050 + 0.003 * waist + 0.003 * np.clip((0.85 - places[:, 1]) / 0.2, 0, 1) + 0.010 * low
+    stack = 0.0030 * np.sin(places[:, 1] * 190 + 2.2 * noise(places, 0.06, 31))
+    stack = stack * np.clip((0.22 - places[:, 1]) / 0.1, 0, 1)
+    knee = np.exp(-(((places[:, 1] - 0.50) / 0.05) ** 2)) * np.sin(places[:, 1] * 210 + 4 * noise(places, 0.08, 32))
+    crotch = np.exp(-(((places - [0, 0.83, 0.08]) / [0.09, 0.05, 0.07]) ** 2).sum(1))
+    crease = np.sin((places[:, 1] + 0.7 * np.abs(places[:, 0])) * 190)
+    folds = 0.0016 * knee + 0.0010 * crotch * crease + 0.0018 * noise(places * [1, 0.4, 1], 0.05, 33) * (1 - waist)
+    places = places + out * (loose + stack + folds)[:, None]
     places = smoothed(places, piece.quads, 2, 0.4)
-    weights = smoothed(piece.weights, piece.quads, 3, 0.5)
-    near, gap = _gap(places, out, over.positions)
-    deep = GAP + 0.4 * np.maximum(places[:, 1] - _hem(places), 0)  # or coarse levels come through
-    places = places - out * (covered * np.maximum(deep - gap, 0))[:, None]
-    weights = weights + covered[:, None] * (over.weights[near] - weights)
+    weights = _firm(smoothed(piece.weights, piece.quads, 3, 0.5), places)
     _, gap = _gap(places, out, np.concatenate([shoe.positions for shoe in under]))
     covers = np.clip((ANKLE + 0.05 - places[:, 1]) / 0.03, 0, 1)
     places = places + out * (covers * np.maximum(GAP + gap, 0))[:, None]
     shade = 1 + 0.03 * noise(places, 0.04, 34)
-    piece = replace(
-        piece, positions=places, weights=weights, material="trousers", colours=np.repeat(shade[:, None], 3, 1)
-    )
-    return _hemmed(piece, 0.003, 0.025)
+    piece = replace(piece, positions=places, weights=weights, colours=np.repeat(shade[:, None], 3, 1))
+    return charted(hemmed(piece, 0.003, 0.009), "trousers")
+
+
+def _firm(weights: Float[np.ndarray, "v j"], points: Points) -> Float[np.ndarray, "v j"]:
+    """Weights of a waistband that no thigh moves: what legs have of it goes to the hips."""
+    legs = [fit.NAMES.index(f"{side}UpperLeg") for side in ("left", "right")]
+    taken = weights[:, legs] * np.clip((points[:, 1:2] - HEM + 0.065) / 0.04, 0, 1)
+    weights = weights.copy()
+    weights[:, legs] -= taken
+    weights[:, fit.NAMES.index("hips")] += taken.sum(1)
+    return weights
+
+
+def tucked(inner: Surface, over: Surface, *, upwards: bool) -> Surface:
+    """The inner piece with what is at the waist moved below the outer one, and skinned as it.
+
+    `upwards`: the inner piece's top is below the outer one, as trousers under a jacket; else its bottom.
+    """
+    places, high = inner.positions, inner.positions[:, 1] - HEM
+    covered = np.clip((high + 0.05) / 0.02, 0, 1) if upwards else np.clip((TUCK[0] - high) / TUCK[1], 0, 1)
+    covered = covered * (_arm(inner.weights) < 0.3)
+    radius, turn = _round(places)
+    theirs, turns = _round(over.positions)
+    outwards = (normals(over.positions, over.quads) * np.stack([np.sin(turns), 0 * turns, np.cos(turns)], 1)).sum(
+        1
+    ) > 0.05
+    near = np.flatnonzero(outwards & (np.abs(over.positions[:, 1] - HEM) < 0.12) & (_arm(over.weights) < 0.3))
+    known = np.stack([over.positions[near, 1], turns[near] * 0.15], 1)  # a radian is about 0.15 m
+    laps = np.concatenate([known + [0, lap * 0.3 * np.pi] for lap in (-1, 0, 1)])
+    apart, which = cKDTree(laps).query(np.stack([places[:, 1], turn * 0.15], 1), 4)
+    share = 1 / (apart + 1e-4) ** 2
+    share = (share / share.sum(1, keepdims=True))[..., None]
+    which = near[which % len(near)]
+    found, weights = (share * theirs[which][..., None]).sum(1)[:, 0], (share * over.weights[which]).sum(1)
+    deep = (2.1 if upwards else 2.8) * GAP + 0.4 * np.maximum(
+        high if upwards else 0.012 - high, 0
+    )  # or coarse levels come through
+    shrunk = 1 - covered * np.maximum(radius - found + deep, 0) / np.maximum(radius, 1e-3)
+    places = np.stack([places[:, 0] * shrunk, places[:, 1], (places[:, 2] - AXIS) * shrunk + AXIS], 1)
+    weights = inner.weights + covered[:, None] * (weights - inner.weights)
+    return replace(inner, positions=places, weights=weights)
+
+
+def _round(points: Points) -> tuple[Field, Field]:
+    """How far points are from the trunk's axis, and in which direction, in radians."""
+    return np.hypot(points[:, 0], points[:, 2] - AXIS), np.arctan2(points[:, 0], points[:, 2] - AXIS)
 
 
 def _gap(places: Points, out: Points, others: Points) -> tuple[Int[np.ndarray, " v"], Field]:
@@ -169,76 +296,8 @@ def _gap(places: Points, out: Points, others: Points) -> tuple[Int[np.ndarray, "
     return near, np.einsum("vi,vi->v", others[near] - places, out)
 
 
-def shoes(body: Body, cloth: Surface) -> list[Surface]:
-    """Plain trainers: an upper round each foot, and a light sole."""
-    made = []
-    cloth = subdivided(cloth)
-    for side in ("left", "right"):
-        columns = [fit.NAMES.index(side + part_name) for part_name in ("Foot", "Toes", "LowerLeg")]
-        near = cloth.weights[:, columns].sum(1) > 0.5
-        height = np.where(near, 0.088 - cloth.positions[:, 1], -1.0)
-        piece, at = _cut(cloth, height)
-        places = smoothed(piece.positions, piece.quads, 9, 0.5)
-        out = normals(places, piece.quads)
-        places = places + out * 0.0085
-        foot = smoothed(piece.weights, piece.quads, 4, 0.5)
-        front = np.clip((places[:, 2] - places[:, 2].max() + 0.05) / 0.05, 0, 1)
-        ankle = fit.NAMES.index(side + "Foot")
-        ground = body.joint(side + "Foot")[1] - fit.REST[ankle, 1]  # legs stand apart in the modelled pose
-        floor = ground + 0.012 + 0.010 * front**2
-        places[:, 1] = np.where(
-            places[:, 1] < floor + 0.004, floor + 0.25 * (places[:, 1] - floor).clip(0), places[:, 1]
-        )
-        upper = replace(piece, positions=places, weights=foot, material="shoe")
-        made.append(_hemmed(upper, 0.004, 0.02))
-        made.append(_sole(upper, ground))
-    return made
-
-
-def _sole(upper: Surface, ground: float) -> Surface:
-    """The sole: the outline of the shoe seen from above, as a band with a bevel and a bottom."""
-    flat = upper.positions[upper.positions[:, 1] < ground + 0.05][:, [0, 2]]
-    hull = flat[ConvexHull(flat).vertices]
-    closed = np.concatenate([hull, hull[:1]])
-    length = np.concatenate([[0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
-    at = np.linspace(0, length[-1], 44, endpoint=False)
-    ring = np.stack([np.interp(at, length, closed[:, i]) for i in range(2)], 1)
-    for _ in range(3):
-        ring = (np.roll(ring, 1, 0) + 2 * ring + np.roll(ring, -1, 0)) / 4
-    middle = ring.mean(0)
-    rise = 0.009 * np.clip((ring[:, 1] - ring[:, 1].max() + 0.06) / 0.06, 0, 1) ** 2
-    rows = []
-    for height, out in (
-        (0.030, -0.0035),
-        (0.0305, 0.0040),
-        (0.028, 0.0060),
-        (0.008, 0.0060),
-        (0.002, 0.0030),
-        (0.0, -0.005),
-    ):
-        direction = (ring - middle) / np.linalg.norm(ring - middle, axis=1, keepdims=True)
-        moved = ring + direction * out
-        rows.append(np.stack([moved[:, 0], ground + height + rise * (0.6 if height < 0.01 else 1), moved[:, 1]], 1))
-    rows.append(np.tile([middle[0], ground, middle[1]], (44, 1)))
-    points = np.concatenate(rows)
-    quads = np.array(
-        [
-            [r * 44 + i, r * 44 + (i + 1) % 44, (r + 1) * 44 + (i + 1) % 44, (r + 1) * 44 + i]
-            for r in range(len(rows) - 1)
-            for i in range(44)
-        ]
-    )
-    if np.mean(np.einsum("vi,vi->v", normals(points, quads)[:176], points[:176] - points.mean(0))) < 0:
-        quads = quads[:, ::-1]
-    weights = upper.weights[cKDTree(upper.positions).query(points)[1]]
-    return make(points, quads, weights, "sole")
-
-
-def _draped(places: Points, arm: Field, body: Body) -> Points:
-    """Cloth of the trunk hangs: round each height it reaches as far out as what is within a hand's breadth above.
-
-    Ribbing draws it in again by half.
-    """
+def _draped(places: Points, arm: Field, body: Body, strength: float) -> Points:
+    """Cloth of the trunk hangs: by `strength` it reaches as far out as what is above it; the waist draws it in."""
     middle = np.array([0.0, 0.0, -0.005])
     trunk = (arm < 0.35) & (places[:, 1] < body.joint("neck")[1] - 0.10)
     turn = np.arctan2(places[:, 0], places[:, 2] - middle[2])
@@ -251,14 +310,14 @@ def _draped(places: Points, arm: Field, body: Body) -> Points:
         table[row] = radius[trunk][known.query(probe, 5)[1]].mean(1)
     hung = table.copy()
     for row in range(len(heights) - 2, -1, -1):
-        hung[row] = np.maximum(table[row], hung[row + 1] * 0.994)
-    hung = gaussian_filter(hung, (2.5, 1.5), mode=("nearest", "wrap"))
+        hung[row] = np.maximum(table[row], hung[row + 1] * (0.98 + 0.018 * strength))
+    hung = gaussian_filter(hung, (4.5, 2.5), mode=("nearest", "wrap"))
     spread = RegularGridInterpolator(
-        (heights, angles), np.maximum(hung / np.maximum(table, 1e-3), 1), bounds_error=False, fill_value=1.0
+        (heights, angles), hung / np.maximum(table, 1e-3), bounds_error=False, fill_value=1.0
     )
     share = np.clip((0.35 - arm) / 0.25, 0, 1) * np.clip((1.30 - places[:, 1]) / 0.08, 0, 1)
     share = share * (0.5 + 0.5 * np.clip((places[:, 1] - HEM - 0.5 * RIB) / RIB, 0, 1))
-    grow = 1 + (spread(np.stack([places[:, 1].clip(heights[0], heights[-1]), turn], 1)) - 1) * share * 0.85
+    grow = 1 + (spread(np.stack([places[:, 1].clip(heights[0], heights[-1]), turn], 1)) - 1) * share * strength
     out = places.copy()
     out[:, [0, 2]] = (places[:, [0, 2]] - middle[[0, 2]]) * grow[:, None] + middle[[0, 2]]
     return out
@@ -266,8 +325,7 @@ def _draped(places: Points, arm: Field, body: Body) -> Points:
 
 def _arm(weights: Float[np.ndarray, "v j"]) -> Field:
     """How much a vertex belongs to an arm."""
-    names = [j for j, name in enumerate(fit.NAMES) if "UpperArm" in name or "LowerArm" in name or "Hand" in name]
-    return weights[:, names].sum(1)
+    return weights[:, ARM_NAMES].sum(1)
 
 
 def _folds(places: Points, body: Body, arm: Field) -> Field:
@@ -284,76 +342,3 @@ def _folds(places: Points, body: Body, arm: Field) -> Field:
         slant = (places[:, 1] + np.abs(places[:, 0])) * 120
         total += 0.9 * pit * np.sin(slant + 2.5 * noise(places, 0.06, 24))
     return total
-
-
-def _cut(surface: Surface, inside: Field) -> tuple[Surface, Field]:
-    """The part where `inside` is positive; vertices near its border move onto it, so that it is smooth."""
-    points, at = surface.positions.copy(), inside.astype(float).copy()
-    pairs = np.unique(np.sort(np.stack([surface.quads, np.roll(surface.quads, -1, 1)], 2).reshape(-1, 2), 1), axis=0)
-    a, b = pairs[(at[pairs[:, 0]] > 0) != (at[pairs[:, 1]] > 0)].T
-    share = at[a] / (at[a] - at[b])
-    crossing = points[a] + (points[b] - points[a]) * share[:, None]
-    mover = np.where(share < 0.5, a, b)
-    total, count = np.zeros_like(points), np.zeros(len(points))
-    np.add.at(total, mover, crossing)
-    np.add.at(count, mover, 1)
-    moved = count > 0
-    points[moved] = total[moved] / count[moved, None]
-    at[moved] = 0
-    good = at >= 0
-    quads = surface.quads.copy()
-    uvs = surface.uvs.copy()
-    kept = good[quads].sum(1)
-    for row in np.flatnonzero(kept == 3):
-        out = int(np.flatnonzero(~good[quads[row]])[0])
-        order = [(out + 1) % 4, (out + 2) % 4, (out + 3) % 4, (out + 3) % 4]
-        quads[row], uvs[row] = quads[row][order], uvs[row][order]
-    keep = (kept >= 3) & (at[quads].max(1) > 0)
-    whole = replace(surface, positions=points, quads=quads, uvs=uvs, colours=np.stack([at, at, at], 1))
-    piece = part(whole, keep)
-    return replace(piece, colours=np.ones_like(piece.positions)), piece.colours[:, 0]
-
-
-def _hemmed(surface: Surface, thick: float, deep: float) -> Surface:
-    """Turn every border inwards over a rounded edge, so that cloth has thickness."""
-    rim = border(surface.quads)
-    out = normals(surface.positions, surface.quads)
-    vertices = np.unique(rim)
-    place = {int(v): i for i, v in enumerate(vertices)}
-    away = np.zeros((len(vertices), 3))
-    for a, b in rim.tolist():
-        edge = surface.positions[b] - surface.positions[a]
-        for v in (a, b):
-            away[place[v]] += np.cross(edge, out[v])
-    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-    rings = [
-        (0.45 * thick, -0.15 * thick),
-        (0.55 * thick, -0.5 * thick),
-        (0.2 * thick, -0.95 * thick),
-        (-deep, -1.05 * thick),
-    ]
-    points, quads, uvs = [surface.positions], [surface.quads], [surface.uvs]
-    before = vertices
-    local = np.array([[place[a], place[b]] for a, b in rim.tolist()])
-    uv_at = np.zeros((len(surface.positions), 2))
-    uv_at[surface.quads.ravel()] = surface.uvs.reshape(-1, 2)
-    uv_ring = uv_at[vertices]
-    for i, (along, up) in enumerate(rings):
-        points.append(surface.positions[vertices] + away * along + out[vertices] * up)
-        now = len(surface.positions) + i * len(vertices) + np.arange(len(vertices))
-        quads.append(np.stack([before[local[:, 1]], before[local[:, 0]], now[local[:, 0]], now[local[:, 1]]], 1))
-        uvs.append(uv_ring[local[:, [1, 0, 0, 1]]] + np.array([0, 0.02 * i]))
-        before = now
-    copies = len(rings)
-    tint = np.concatenate(
-        [surface.colours, *([surface.colours[vertices]] * (copies - 1)), surface.colours[vertices] * 0.35]
-    )
-    weights = np.concatenate([surface.weights, *([surface.weights[vertices]] * copies)])
-    return replace(
-        surface,
-        positions=np.concatenate(points),
-        quads=np.concatenate(quads),
-        uvs=np.concatenate(uvs),
-        weights=weights,
-        colours=tint,
-    )

@@ -13,10 +13,12 @@ from .surface import Surface, border, make
 
 AROUND, RINGS = 24, 14
 FAR = np.radians(112)  # how far back the eyeball reaches
-IRIS = np.radians(26)  # half the angle of the iris
+IRIS = np.radians(27.5)  # half the angle of the iris
 ACROSS, UPWARDS = 0.52, 0.42  # radians of a full look
+TOE_IN = 0.022  # radians: at rest both eyes look at someone 1.4 m away
 LINE, STRANDS = 16, 30  # pieces of the dark line at the lid, and lashes
-BASE = 0.014  # half the width of a lash at its root, as a share of the lid
+LIFT = 0.0012  # metres that lashes stand off the lid, or they sink into it
+BASE = 0.017  # half the width of a lash at its root, as a share of the lid
 
 
 def eyeball(body: Body, side: str) -> Surface:
@@ -45,6 +47,7 @@ def eyeball(body: Body, side: str) -> Surface:
     shade = shade * (1 - 0.25 * np.clip(np.abs(points[:, 0]) / eye.radius - 0.45, 0, 1))
     moves = {}
     outwards = 1 if side == "Left" else -1
+    points = points @ _turn(-outwards * TOE_IN, 0).T
     for name, across, up in (("Up", 0, 1), ("Down", 0, -1), ("Out", outwards, 0), ("In", -outwards, 0)):
         moves[f"eyeLook{name}{side}"] = points @ _turn(across * ACROSS, up * UPWARDS).T - points
     return make(
@@ -70,7 +73,7 @@ def paint_eye(person: Person, size: int) -> Float[np.ndarray, "s s 3"]:
     x, y = np.meshgrid(at, at)
     angle = np.hypot(x, y) * FAR / IRIS  # 1 at the edge of the iris
     turn = np.arctan2(y, x)
-    white = np.array([0.83, 0.80, 0.775]) * np.ones((size, size, 3))
+    white = np.array([0.76, 0.735, 0.715]) * np.ones((size, size, 3))
     veins = gaussian_filter(rng.standard_normal((size, size)), 2.2)
     veins = np.clip(1 - np.abs(veins) / veins.std() * 4.5, 0, 1) * np.clip((angle - 1.5) / 1.6, 0, 1)
     white = white * (1 - veins[..., None] * np.array([0.03, 0.20, 0.20]))
@@ -114,7 +117,7 @@ def lashes(body: Body, side: str) -> Surface:
     line = []
     for share in np.linspace(0, 1, LINE + 1):
         root, tip = _along(roots, 0.02 + 0.96 * share), _along(tips, 0.02 + 0.96 * share)
-        line += [root, root + (tip - root) * np.interp(share, [0, 0.3, 0.8, 1], [0.05, 0.15, 0.20, 0.08])]
+        line += [root, root + (tip - root) * np.interp(share, [0, 0.3, 0.8, 1], [0.08, 0.22, 0.30, 0.16])]
     add(line, [(2 * i, 2 * i + 2, 2 * i + 3, 2 * i + 1) for i in range(LINE)])
     for i in range(STRANDS):
         share = (i + rng.uniform(0.3, 0.7)) / STRANDS
@@ -128,6 +131,8 @@ def lashes(body: Body, side: str) -> Surface:
         add([before, after, after + lift + (root - after) * 0.45, before + lift + (root - before) * 0.45, end],
             [(0, 1, 2, 3), (3, 2, 4, 4)])  # fmt: skip
     places = np.array(points)
+    away = places - eye.middle
+    places = places + LIFT * away / np.linalg.norm(away, axis=1, keepdims=True)
     owner = base.vertices_of(group)
     distance, near = cKDTree(body.points[owner]).query(places, 4)
     share = 1 / (distance + 1e-5)

@@ -28,11 +28,6 @@ def twill(size: int = 256, lines: int = 32) -> Float[np.ndarray, "s s"]:
     return np.asarray(np.clip(0.84 + 0.10 * rib + 0.035 * slub, 0, 1))
 
 
-def roughness(weave: Float[np.ndarray, "h w"], mean: float) -> Float[np.ndarray, "h w"]:
-    """How rough a weave is: threads that lie high are worn smooth, the valleys between them scatter; mean `mean`."""
-    return np.asarray(np.clip(mean - 0.3 * (weave - weave.mean()), 0, 1))
-
-
 def normal_map(heights: Float[np.ndarray, "h w"], depth: float) -> Float[np.ndarray, "h w 3"]:
     """Normals of heights that repeat, as colours 0 to 1: x to the right, y upwards; a height of 1 is `depth` texels."""
     right = depth * (np.roll(heights, -1, 1) - np.roll(heights, 1, 1)) / 2

@@ -28,12 +28,12 @@ class Layer(NamedTuple):
 
 STYLES = {
     "bob": (
-        Layer(240, (0.004, 0.007), 0.021, (0.9, 1.0)),
-        Layer(230, (0.007, 0.013), 0.018, (0.85, 1.0)),
-        Layer(150, (0.009, 0.017), 0.012, (0.7, 1.03)),
+        Layer(250, (0.003, 0.006), 0.024, (0.95, 1.0)),
+        Layer(230, (0.005, 0.010), 0.020, (0.92, 1.0)),
+        Layer(170, (0.006, 0.013), 0.012, (0.88, 1.0)),
     ),
     "bun": (Layer(260, (0.004, 0.006), 0.020, (1.0, 1.0)), Layer(220, (0.006, 0.009), 0.014, (0.9, 1.0))),
-    "short": (Layer(600, (0.003, 0.006), 0.008, (0.020, 0.032)), Layer(560, (0.004, 0.009), 0.0055, (0.022, 0.038))),
+    "short": (Layer(640, (0.002, 0.005), 0.011, (0.040, 0.055)), Layer(600, (0.003, 0.009), 0.0065, (0.040, 0.062))),
 }
 
 
@@ -134,9 +134,9 @@ def _cap(body: Body, scalp: Scalp) -> Surface:
     piece = part(surface, inside[scalp.quads].all(1))
     up = np.clip(hairline(piece.positions, body) / 0.03, 0, 1)
     out = normals(piece.positions, piece.quads)
-    points = piece.positions + out * (0.0008 + 0.0030 * up)[:, None]
+    points = piece.positions + out * (0.0008 + 0.0042 * up)[:, None]
     uvs = np.full((len(piece.quads), 4, 2), [0.5 / STRIPS, 0.3])  # one opaque place
-    tint = np.full((len(points), 3), 0.30)
+    tint = np.full((len(points), 3), 0.62)
     return make(points, piece.quads, body.one("head", len(points)), "hair", uvs=uvs, colours=tint, normals=out)
 
 
@@ -173,6 +173,9 @@ def _ribbons(body: Body, scalp: Scalp, layer: Layer, rng: np.random.Generator) -
             outs.append(out)
     grown = np.stack(lines, 1)
     free = ~_on_face(grown, eye, 0.076 if style == "short" else 0.066).any(1)
+    if style == "short":  # cut round the ears
+        rel = np.abs(grown - eye)
+        free &= ~((rel[..., 0] > 0.062) & (grown[..., 1] < eye[1] + 0.014) & (rel[..., 2] < 0.125)).any(1)
     return _strip(body, grown[free], np.stack(outs, 1)[free], layer, rng)
 
 
@@ -228,10 +231,9 @@ def _flow(
     else:
         back = np.clip(-(rel[:, 2] + 0.10) / 0.05, 0, 1)
         wish = np.stack(
-            [np.sign(rel[:, 0]) * (0.3 - 0.5 * top) + 0.5 * top, -0.9 * (1 - top) - 0.1, 0.75 * top * (1 - back) + 0.1],
-            1,
+            [0.10 * np.sign(rel[:, 0]) * (1 - top) - 0.55 * top, -0.75 * (1 - top) - 0.25 * back, -0.55 - 0.15 * top], 1
         )
-        wish += 0.12 * jitter + out * (0.05 + 0.30 * top[:, None])
+        wish += 0.07 * jitter + out * 0.12 * (top * (1 - back))[:, None]
         return wish / np.linalg.norm(wish, axis=1, keepdims=True)
     wish = wish - out * np.einsum("ni,ni->n", wish, out)[:, None] * 0.9
     return wish / np.linalg.norm(wish, axis=1, keepdims=True)
@@ -245,12 +247,12 @@ def _ends(
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " n"]:
     """How long each ribbon is, in metres."""
-    if style == "short":
-        return lengths
     rel = roots - eye
+    if style == "short":
+        return lengths * np.interp(rel[:, 1], [-0.08, -0.02, 0.06], [0.35, 0.6, 1.0])
     if style == "bun":
         return np.linalg.norm(BUN - rel, axis=1) * 1.22 * lengths
-    bottom = -0.092 - 0.012 * np.clip(-rel[:, 2] / 0.15, 0, 1)
+    bottom = -0.078 - 0.012 * np.clip(-rel[:, 2] / 0.15, 0, 1)
     side = np.abs(np.where(rel[:, 1] > 0.05, 0.085 - np.abs(rel[:, 0]), 0)).clip(0)
     return (rel[:, 1] - bottom + 0.75 * side).clip(0.03) * lengths + rng.normal(0, 0.004, len(roots))
 
@@ -268,7 +270,8 @@ def _strip(
     across = np.cross(along, outs)
     across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-9)
     share = np.linspace(0, 1, steps)
-    shape = np.interp(share, [0, 0.15, 0.6, 1], [0.55, 1.0, 1.0, 0.62])
+    root = 0.35 if body.person.hair_style == "short" else 0.75
+    shape = np.interp(share, [0, 0.15, 0.6, 1], [root, 1.0, 1.0, 0.62])
     tilt = rng.uniform(-0.35, 0.35, (count, 1, 1))
     half = across * (layer.width / 2 * rng.uniform(0.75, 1.2, (count, 1, 1))) * shape[None, :, None]
     lean = outs * tilt * layer.width * 0.4
@@ -283,7 +286,9 @@ def _strip(
     uvs[..., 1] = (0.02 + 0.96 * share)[None, :, None]
     spots = uvs.reshape(-1, 2)[quads]
     facing = outs + 0.25 * np.concatenate([np.zeros_like(along[..., :1]), along[..., 1:] * 0], 2)
-    bright = (0.72 + 0.28 * np.sin(share * np.pi * 0.8 + 0.35))[None, :, None] * rng.uniform(0.84, 1.12, (count, 1, 1))
+    bright = (0.72 + 0.28 * np.sin(share * np.pi * 0.8 + 0.35))[None, :, None] * rng.uniform(0.88, 1.10, (count, 1, 1))
+    shine = np.exp(-(((outs @ [0.10, 0.78, 0.62] - 0.93) / 0.07) ** 2))  # the ring of light on smooth hair
+    bright = bright * (1 + 0.45 * shine[..., None])
     tint = np.repeat(np.broadcast_to(bright, (count, steps, 2)).reshape(-1, 1), 3, 1)
     spread = np.stack([facing - 0.28 * across, facing + 0.28 * across], 2).reshape(-1, 3)
     spread /= np.linalg.norm(spread, axis=1, keepdims=True)
@@ -299,18 +304,18 @@ def paint_hair(person: Person, size: int = 512) -> Float[np.ndarray, "s s 4"]:
     v = np.linspace(0, 1, size)
     columns = np.arange(size)
     for strip in range(STRIPS):
-        for _ in range(70):
-            at = rng.normal(0.5, 0.21)
+        for _ in range(110):
+            at = rng.normal(0.5, 0.23)
             if not 0.06 < at < 0.94:
                 continue
             drift = rng.normal(0, 0.05) * v**1.5 + 0.012 * np.sin(v * rng.uniform(4, 12) + rng.uniform(0, 6))
             spread = (at - 0.5) * (0.80 + 0.25 * v)
             x = (strip + np.clip(0.5 + spread + drift, 0.03, 0.97)) * wide
             thick = rng.uniform(1.0, 2.3) * np.interp(v, [0, 0.7, 1], [1, 1, 0.45])
-            stop, start = rng.uniform(0.80, 1.0), rng.uniform(0, 0.07)
+            stop, start = rng.uniform(0.86, 1.0), rng.uniform(0, 0.05)
             body = np.clip((stop - v) / 0.05, 0, 1) * np.clip((v - start) / 0.02, 0, 1)
             cover = np.clip(thick[:, None] + 0.5 - np.abs(columns[None] + 0.5 - x[:, None]), 0, 1) * body[:, None]
-            tone = rng.normal(1.0, 0.17) * (1 + 0.10 * np.sin(v * 9 + rng.uniform(0, 6)))
+            tone = rng.normal(1.0, 0.12) * (1 + 0.10 * np.sin(v * 9 + rng.uniform(0, 6)))
             shade = shade + (tone[:, None] - shade) * cover
             alpha = np.maximum(alpha, cover)
     under = gaussian_filter(np.where(alpha > 0.3, shade, 0), 3) / np.maximum(

@@ -37,9 +37,7 @@ HAIR = ((1.0, 1.0, 9), (0.42, 1.7, 7), (0.16, 2.8, 5))  # share of the ribbons, 
 CAPS = (2_000, 500, 250)  # triangles of the surface below the ribbons
 LONGEST = 9  # steps along a ribbon
 HEAD_SCALE = 2.3  # a face is looked at most
-TILED = [i for i, material in enumerate(MATERIALS) if material.picture in ("knit", "twill")]
 UV_WEIGHT = 6.0  # or brows bend where a large triangle crosses them
-TILE_WEIGHT = 0.002  # of that: a picture that repeats may slide
 MOVES, WEIGHTS = 10, 4  # directions of face curves and of skin weights that simplification respects
 
 
@@ -111,9 +109,7 @@ def _fewer(character: Character, faces: Int[np.ndarray, "f 3"], target: int) -> 
     high = np.clip((points[:, 1:2] - neck) / 0.05, 0, 1)
     warped = points + high * (HEAD_SCALE - 1) * (points - [0, neck, 0])
     extent = float(np.ptp(warped, axis=0).max())
-    tiles = character.materials[used[0]] in TILED
-    uvs = character.uvs[used] * (TILE_WEIGHT if tiles else 1)
-    values = [normals[used], _directions(character, used), _mixed(bone_weights(character)[used]), uvs]
+    values = [normals[used], _directions(character, used), _mixed(bone_weights(character)[used]), character.uvs[used]]
     weights = np.repeat([0.25, 2.0 / extent, 0.05, UV_WEIGHT], [3, MOVES, WEIGHTS, 2])
     table = np.concatenate(values, 1).astype(np.float32)
     head = np.array([len(used), table.shape[1], local.size, target * 3], np.int32)

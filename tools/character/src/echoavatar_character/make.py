@@ -12,7 +12,7 @@ import echoavatar
 from echoavatar.files.avatar import MATERIALS, Character, Textures
 from echoavatar.motion.arkit import ARKIT_NAMES
 
-from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, skin
+from . import atlas, clothes, eyes, fabric, fit, hair, mouth, occlusion, shoes, skin, tailor
 from .bends import bent, eased
 from .body import Body, make_body
 from .person import PEOPLE, Person
@@ -20,8 +20,7 @@ from .stored import LEAST_MOVE, LEAST_TURN, save, sparse
 from .surface import Surface, normals, smoothed, triangles
 
 ARMS = [j for j, name in enumerate(fit.NAMES) if name.endswith("UpperArm")]
-ATLAS_BYTES = 215_000
-KNIT_ROUGH, TWILL_ROUGH = 0.92, 0.88  # on average, as their materials
+ATLAS_BYTES, OUTFIT_BYTES = 260_000, 150_000
 KNIT_DEPTH, TWILL_DEPTH = 9.0, 5.0  # texels between black and white
 INDEX = {material.name: i for i, material in enumerate(MATERIALS)}
 
@@ -35,8 +34,15 @@ def surfaces(body: Body) -> tuple[list[Surface], Surface]:
     parts += [eyes.lashes(body, side) for side in ("Left", "Right")]
     parts += [mouth.teeth(body, upper=True), mouth.teeth(body, upper=False), mouth.tongue(body)]
     parts += hair.hair(body, whole)
-    top, shoes = clothes.top(body, cloth), clothes.shoes(body, cloth)
-    parts += [top, clothes.trousers(cloth, top, shoes), *shoes]
+    top, footwear = clothes.top(body, cloth), shoes.shoes(body, cloth)
+    legs = clothes.trousers(cloth, footwear)
+    if clothes.CUTS[body.person.outfit].tucked:
+        top = clothes.tucked(top, legs, upwards=False)
+    else:
+        legs = clothes.tucked(legs, top, upwards=True)
+    parts += [top, legs, *footwear]
+    if clothes.CUTS[body.person.outfit].collar:
+        parts.append(clothes.collar(body, top))
     return parts, whole
 
 
@@ -47,10 +53,10 @@ def make_character(person: Person) -> Character:
     parts = _shaded(parts, body)
     tints = _tints(person)
     blocks = [_block(part, body, np.array(tints[part.material])) for part in parts]
-    return _joined(blocks, textures(body, whole))
+    return _joined(blocks, textures(body, whole, parts))
 
 
-def textures(body: Body, whole: Surface) -> Textures:
+def textures(body: Body, whole: Surface, parts: list[Surface]) -> Textures:
     """The pictures, encoded."""
     scalp = hair.scalp_share(body, whole.positions)
     picture = skin.paint(body, whole, scalp)
@@ -71,14 +77,12 @@ def textures(body: Body, whole: Surface) -> Textures:
     pair = np.stack([grey, strands[..., 3]], 2)
     pair = np.round(np.round(pair * 20) / 20 * 255).astype(np.uint8)
     return Textures(
-        atlas=_within(Image.fromarray(np.round(picture * 255).astype(np.uint8))),
+        atlas=_within(_coloured(picture), ATLAS_BYTES),
         hair=_encoded(Image.fromarray(pair, "LA"), "PNG", optimize=True),
-        knit=_encoded(_grey(fabric.knit()), "JPEG", quality=80),
-        twill=_encoded(_grey(fabric.twill()), "JPEG", quality=75),
+        outfit=_within(_coloured(tailor.picture(body, parts)), OUTFIT_BYTES),
         knit_normal=_normals(fabric.knit(), KNIT_DEPTH),
         twill_normal=_normals(fabric.twill(), TWILL_DEPTH),
-        knit_roughness=_encoded(_grey(fabric.roughness(fabric.knit(), KNIT_ROUGH)), "JPEG", quality=75),
-        twill_roughness=_encoded(_grey(fabric.roughness(fabric.twill(), TWILL_ROUGH)), "JPEG", quality=75),
+        skin_normal=_encoded(_coloured(skin.relief(body, whole, scalp)), "JPEG", quality=78),
         skin_roughness=_encoded(_grey(skin.roughness(body, whole, scalp)), "JPEG", quality=85),
     )
 
@@ -88,14 +92,18 @@ def _normals(heights: Float[np.ndarray, "h w"], depth: float) -> bytes:
     return _encoded(made, "JPEG", quality=85, subsampling=0)
 
 
+def _coloured(picture: Float[np.ndarray, "h w 3"]) -> Image.Image:
+    return Image.fromarray(np.round(picture * 255).astype(np.uint8))
+
+
 def _grey(picture: Float[np.ndarray, "h w"]) -> Image.Image:
     return Image.fromarray(np.round(picture * 255).astype(np.uint8))
 
 
-def _within(image: Image.Image) -> bytes:
-    """A JPEG of the best quality whose file is not too large for the page."""
-    made = (_encoded(image, "JPEG", quality=quality) for quality in (82, 76, 70, 64, 58))
-    return next((each for each in made if len(each) <= ATLAS_BYTES), b"") or _encoded(image, "JPEG", quality=52)
+def _within(image: Image.Image, most: int) -> bytes:
+    """A JPEG of the best quality whose file is not too large for the page, in bytes."""
+    made = (_encoded(image, "JPEG", quality=quality) for quality in (88, 82, 76, 70, 64, 58))
+    return next((each for each in made if len(each) <= most), b"") or _encoded(image, "JPEG", quality=52)
 
 
 def _encoded(image: Image.Image, kind: str, **options: object) -> bytes:
@@ -108,14 +116,7 @@ def _tints(person: Person) -> dict[str, tuple[float, ...]]:
     """Linear factors by material; pictures that are grey get their colour here."""
     made: dict[str, tuple[float, ...]] = dict.fromkeys(INDEX, (1.0, 1.0, 1.0))
     hair_colour = tuple(1.8**2.2 * _linear(x) for x in person.hair)
-    made |= {
-        "hair": hair_colour,
-        "lash": tuple(0.35 * _linear(x) for x in person.hair),
-        "cloth": tuple(_linear(x) * 1.25 for x in person.top),
-        "trousers": tuple(_linear(x) * 1.15 for x in person.trousers),
-        "shoe": tuple(_linear(x) for x in person.shoes),
-        "sole": (0.78, 0.77, 0.74),
-    }
+    made |= {"hair": hair_colour, "lash": tuple(0.35 * _linear(x) for x in person.hair), "sole": (0.78, 0.77, 0.74)}
     return made
 
 

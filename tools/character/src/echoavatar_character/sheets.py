@@ -174,10 +174,10 @@ def actions_sheet(character: Character) -> Picture:
 def sheets(character: Character) -> dict[str, Picture]:
     """Portraits from five sides with the whole figure, close-ups, speech and dance, expressions, and twenty poses."""
     paint = Paint.of(character)
-    heads = [shot(character, paint, around(d, 1.2, 1.57, 0.34), (240, 280), DOWN, {}) for d in (0, 40, 90, 140, 180)]
+    heads = [shot(character, paint, around(d, 1.2, 1.59, 0.36), (240, 280), DOWN, {}) for d in (0, 40, 90, 140, 180)]
     whole = [shot(character, paint, around(d, 4.2, 0.87, 0.46), (240, 280), DOWN, {}) for d in (12, -40, 180)]
-    near = [shot(character, paint, around(d, 0.8, 1.57, 0.30), (400, 440), DOWN, face) for d, face in CLOSE_UPS]
-    faces = [shot(character, paint, around(8, 0.85, 1.575, 0.33), (220, 250), DOWN, face) for face in EXPRESSIONS]
+    near = [shot(character, paint, around(d, 0.9, 1.60, 0.31), (400, 440), DOWN, face) for d, face in CLOSE_UPS]
+    faces = [shot(character, paint, around(8, 0.95, 1.60, 0.33), (220, 250), DOWN, face) for face in EXPRESSIONS]
     poses = [shot(character, paint, around(15, 5.0, 0.9, 0.46), (200, 230), turns, {}) for turns in POSES]
     shown = []
     sounds: tuple[tuple[str, View], ...] = (("speech", "bust"), ("music", "front"))

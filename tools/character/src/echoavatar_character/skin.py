@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from . import atlas, fit
 from .base import load_base, mask
 from .body import Body
+from .fabric import normal_map
 from .surface import Surface, make, normals, part, smoothed
 
 Field = Float[np.ndarray, "..."]
@@ -17,6 +18,7 @@ HANDS = ("Hand", "Thumb", "Index", "Middle", "Ring", "Little")
 BULGE = {"mouthSmile": 4.0, "cheekSquint": 2.0, "eyeSquint": 0.3}  # millimetres that the cheek rises besides
 HIDDEN = 0.006  # metres that skin sinks below the collar, or it comes through
 ROUGH = 0.64  # of skin that does not shine
+RELIEF = 1.5  # texels, of a height of 1
 BROW_PIXELS = 9000  # a metre, in the picture of the brows
 
 
@@ -82,8 +84,9 @@ def paint(body: Body, skin: Surface, scalp: Field, size: int = atlas.SIZE) -> Fl
     brows = _brows(body, points)
     hair = np.array(body.person.hair) / 255
     colour = colour + (hair * 0.8 - colour) * brows[..., None]
-    rough = 0.30 * atlas.noise(points * [1, 0.3, 0.3], 0.0011, 8) * np.clip((under_hair - 0.15) / 0.3, 0, 1)
-    strength = np.clip(under_hair * 2.0 - 0.45 + rough, 0, 1)[..., None] * 0.95
+    grown = np.clip(under_hair * 2.0 - 0.55, 0, 1)
+    grown = grown * (1 + 0.6 * (1 - grown) * atlas.noise(points * [1, 0.5, 0.5], 0.0009, 8))
+    strength = np.clip(grown * grown * (3 - 2 * grown), 0, 1)[..., None] * 0.92
     colour = colour + (hair * 0.62 - colour) * strength
     return np.asarray(np.clip(colour, 0, 1))
 
@@ -101,6 +104,17 @@ def roughness(body: Body, skin: Surface, scalp: Field, size: int = 512) -> Float
         rough = rough + (wet - rough) * share
     rough = rough + (1 - rough) * np.clip(under_hair[..., 0] * 2.0 - 0.45, 0, 1)
     return np.asarray(np.clip(rough + 0.03 * atlas.noise(points, 0.004, 9), 0, 1))
+
+
+def relief(body: Body, skin: Surface, scalp: Field, size: int = 1024) -> Float[np.ndarray, "h w 3"]:
+    """The skin's normal map, as colours 0 to 1: pores and fine creases, and the lines of the lips."""
+    points, uv, under_hair = _texels(skin, size, scalp[:, None])
+    lips = np.clip(_sample(gaussian_filter(mask("lips"), 1.2), uv), 0, 1)
+    bare = np.clip(1 - 2.5 * under_hair[..., 0], 0, 1) * (1 - lips)
+    pores = 0.55 * atlas.noise(points, 0.0022, 12) + 0.45 * atlas.noise(points, 0.0046, 13)
+    lines = atlas.noise(points * [1, 0.25, 0.6], 0.0016, 14)
+    heights = gaussian_filter(0.30 * bare * pores + 0.42 * lips * lines, 0.8)
+    return normal_map(heights, RELIEF)
 
 
 def _texels(
@@ -144,9 +158,10 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
     mottle = 0.5 * atlas.noise(points, 0.022, 1) + 0.3 * atlas.noise(points, 0.007, 2)
     pores = atlas.noise(points, 0.0011, 3)
     hand = (np.abs(points[..., 0]) > 0.30).astype(float)
-    redness = 0.34 * cheek + 0.34 * tip + 0.18 * chin + 0.22 * ears + 0.10 * mottle + 0.08 * lids + 0.12 * hand
+    redness = 0.46 * cheek + 0.34 * tip + 0.18 * chin + 0.22 * ears + 0.10 * mottle + 0.08 * lids + 0.12 * hand
     redness = redness + 0.10 * below_eye * (0.5 + person.lines)
-    colour = skin * (1 + 0.018 * pores[..., None] + 0.02 * mottle[..., None])
+    shadow = 0.16 * lids * (person.lash_length > 0.9)
+    colour = skin * (1 - shadow[..., None]) * (1 + 0.018 * pores[..., None] + 0.02 * mottle[..., None])
     blood = np.array([1.0, 0.80, 0.77])
     colour = colour * (1 + (blood - 1) * np.clip(redness, -0.3, 1.2)[..., None])
     if person.stubble:
@@ -154,9 +169,8 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
             _beard(points, nose, mouth, wide) * (1 - lips) * np.clip((points[..., 2] - mouth[2] + 0.085) / 0.02, 0, 1)
         )
         shadow = colour * np.array([0.80, 0.83, 0.87])  # roots below the skin look bluish
-        colour = colour + (shadow - colour) * (0.55 * beard)[..., None]
-        dots = np.clip(atlas.noise(points, 0.0007, 5) - 0.15, 0, 1) * 0.7 + 0.12 * atlas.noise(points, 0.006, 6)
-        share = beard * person.stubble * np.clip(0.10 + dots, 0, 1)
+        colour = colour + (shadow - colour) * (0.50 * beard)[..., None]
+        share = beard * person.stubble * np.clip(0.24 + 0.10 * atlas.noise(points, 0.0007, 5), 0, 1)
         colour = colour + (np.array(person.hair) / 255 * 0.8 - colour) * share[..., None]
     lip = np.array(person.lips) / 255 * (1 + 0.05 * atlas.noise(points * [1, 0.25, 1], 0.0012, 4)[..., None])
     colour = colour + (lip - colour) * (lips * 0.82)[..., None]
@@ -168,7 +182,7 @@ def _tone(body: Body, points: Float[np.ndarray, "h w 3"], uv: Float[np.ndarray, 
 def _beard(points: Field, nose: Field, mouth: Field, wide: float) -> Field:
     """Where a beard grows, 0 to 1: below a line from the nose over the cheek up to the ear, down to the throat."""
     across = np.abs(points[..., 0])
-    above = [nose[1] - 0.006, nose[1] - 0.012, mouth[1] - 0.002, mouth[1] - 0.004, mouth[1] + 0.012, mouth[1] + 0.04]
+    above = [nose[1] - 0.006, nose[1] - 0.012, mouth[1] - 0.004, mouth[1] - 0.010, mouth[1] - 0.002, mouth[1] + 0.03]
     line = np.interp(across, [0, 0.016, 0.7 * wide + 0.008, 0.045, 0.060, 0.072], above)
     grown = np.clip((line - points[..., 1]) / 0.022, 0, 1) * np.clip((points[..., 1] - mouth[1] + 0.085) / 0.02, 0, 1)
     return np.asarray(grown * grown * (3 - 2 * grown))
@@ -186,8 +200,10 @@ def brow_curve(body: Body, share: Float[np.ndarray, " n"]) -> tuple[Float[np.nda
     """The left brow from its inner (0) to its outer end (1): middle line in x and y, and half its height."""
     eye = body.eyes["Left"]
     x = eye.middle[0] + np.interp(share, [0, 1], [-0.0185, 0.0265])
-    y = eye.middle[1] + np.interp(
-        share, [0, 0.2, 0.45, 0.65, 0.85, 1], [0.0202, 0.0220, 0.0242, 0.0252, 0.0232, 0.0190]
+    y = (
+        eye.middle[1]
+        + body.person.brow_lift
+        + np.interp(share, [0, 0.2, 0.45, 0.65, 0.85, 1], [0.0202, 0.0220, 0.0242, 0.0252, 0.0232, 0.0190])
     )
     half = np.interp(share, [0, 0.1, 0.3, 0.65, 1], [0.0010, 0.0022, 0.0026, 0.0021, 0.0006])
     return np.stack([x, y], 1), half * body.person.brow_width
@@ -216,7 +232,7 @@ def _brows(body: Body, points: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, 
         draw.line(line, fill=int(rng.uniform(120, 230)), width=2)
     soft = gaussian_filter(np.asarray(picture, np.float32) / 255, 1.0)
     base = gaussian_filter(soft, 9)
-    cover = np.clip(0.72 * soft + 0.42 * base, 0, 0.80)
+    cover = np.clip(0.66 * soft + 0.46 * base, 0, 0.76)
     column = (np.abs(points[..., 0]) - eye[0] + 0.03) * BROW_PIXELS
     row = (0.04 - (points[..., 1] - eye[1])) * BROW_PIXELS
     drawn = map_coordinates(cover, [row, column], order=1, cval=0)

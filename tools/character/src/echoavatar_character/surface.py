@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,8 @@ def edges(quads: Int[np.ndarray, "f 4"]) -> Int[np.ndarray, "e 2"]:
 def border(quads: Int[np.ndarray, "f 4"]) -> Int[np.ndarray, "e 2"]:
     """Directed edges that belong to one quad."""
     pairs = edges(quads)
-    known = {(int(a), int(b)) for a, b in pairs}
-    return np.array([(a, b) for a, b in pairs.tolist() if (b, a) not in known], int).reshape(-1, 2)
+    count = int(pairs.max(initial=0)) + 1
+    return np.asarray(pairs[~np.isin(pairs[:, 0] * count + pairs[:, 1], pairs[:, 1] * count + pairs[:, 0])])
 
 
 def smoothed(
@@ -98,22 +99,22 @@ def smoothed(
     hold_border: bool = True,
 ) -> Float[np.ndarray, "v d"]:
     """Move values towards the mean of their neighbours; a border is smoothed along itself."""
+    count = len(values)
     pairs = edges(quads)
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
     if hold_border:
         rim = border(quads)
-        on_rim = np.zeros(len(values), bool)
+        on_rim = np.zeros(count, bool)
         on_rim[rim] = True
-        along = {(int(a), int(b)) for a, b in rim} | {(int(b), int(a)) for a, b in rim}
-        pairs = np.array([(a, b) for a, b in pairs.tolist() if not on_rim[a] or (a, b) in along])
-    count = np.maximum(np.bincount(pairs[:, 0], minlength=len(values)), 1)[:, None]
-    mixing = np.broadcast_to(np.asarray(share, float), (len(values),))[:, None]
+        inner = np.concatenate([pairs, pairs[:, ::-1]])
+        pairs = np.concatenate([inner[~on_rim[inner[:, 0]]], rim, rim[:, ::-1]])
+    else:
+        pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    around = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count)).tocsr()
+    around.data[:] = 1  # an edge of two quads counts once
+    degree = np.asarray(around.sum(1))
+    mixing = (np.broadcast_to(np.asarray(share, float), (count,)) * (degree > 0))[:, None]
     for _ in range(passes):
-        total = np.zeros_like(values)
-        np.add.at(total, pairs[:, 0], values[pairs[:, 1]])
-        mean = total / count
-        mean[np.bincount(pairs[:, 0], minlength=len(values)) == 0] = 0
-        values = values + mixing * (mean - values) * (np.bincount(pairs[:, 0], minlength=len(values)) > 0)[:, None]
+        values = values + mixing * (around @ values / np.maximum(degree, 1)[:, None] - values)
     return values
 
 

@@ -109,7 +109,7 @@ def pack_vrm(character: Character, name: str, *, hangs: bool = False) -> bytes:
     chains = hair_chains(character) if hangs else []
     document, buffer = character_document(with_chains(character, chains))
     document["images"].append(_portrait(character, name, buffer))
-    document["extensionsUsed"] = ["VRMC_vrm", "VRMC_node_constraint"]
+    document["extensionsUsed"] += ["VRMC_vrm", "VRMC_node_constraint"]
     _constrain(document["nodes"])
     document["extensions"] = {"VRMC_vrm": _humanoid(character, name, thumbnail=len(document["images"]) - 1)}
     if chains:

@@ -1,1 +1,1 @@
-export{c as EchoAvatarElement}from"./client-CrEQ03O5.js";
+export{c as EchoAvatarElement}from"./client-BeCD9_Hh.js";

@@ -1,1 +1,1 @@
-export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-CrEQ03O5.js";
+export{i as Take,o as toBvh,a as toGlb,r as toVrma}from"./client-BeCD9_Hh.js";

@@ -1,1 +1,1 @@
-export{n as followRoom}from"./client-CrEQ03O5.js";
+export{n as followRoom}from"./client-BeCD9_Hh.js";

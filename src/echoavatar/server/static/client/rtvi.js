@@ -1,1 +1,1 @@
-export{t as followBot}from"./client-CrEQ03O5.js";
+export{t as followBot}from"./client-BeCD9_Hh.js";

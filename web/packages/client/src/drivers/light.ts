@@ -109,8 +109,8 @@ export function useFilmTone(renderer: WebGLRenderer): void {
 }
 
 /**
- * The surface of hair cards (those with an alpha cut) as the film has it: without reflections, which at grazing angles
- * take the light from behind for the colour of hair. Others are returned as they are.
+ * The surface of hair cards (those with an alpha cut) as the film has it: with soft edges, and without reflections, which
+ * at grazing angles take the light from behind for the colour of hair. Others are returned as they are.
  */
 export function filmHair(material: Material): Material {
   const { isMeshStandardMaterial, alphaTest } = material as MeshStandardMaterial;
@@ -118,7 +118,7 @@ export function filmHair(material: Material): Material {
   const hair = new MeshPhysicalMaterial();
   const { defines } = hair;
   MeshStandardMaterial.prototype.copy.call(hair, material as MeshStandardMaterial);
-  return Object.assign(hair, { defines, specularIntensity: 0 });
+  return Object.assign(hair, { defines, specularIntensity: 0, alphaToCoverage: true });
 }
 
 /**
