@@ -22,6 +22,7 @@ from torch import Tensor
 
 from echoavatar.nn.attention import rotary_phases
 from echoavatar.nn.graphs import GraphCache
+from echoavatar.nn.kernel_math import Matrices
 from echoavatar.nn.stream import StreamState
 
 from . import compiled
@@ -242,7 +243,7 @@ class Decoder:
         config, layers = self.config, self._layers
         assert all(isinstance(head, FloatLinear) for head in self._heads)
 
-        def stacked(*maps: FrozenLinear) -> compiled.Matrices:
+        def stacked(*maps: FrozenLinear) -> Matrices:
             return compiled.stacked([one.stored() for one in maps if isinstance(one, FloatLinear)])
 
         starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
