@@ -34,6 +34,7 @@ from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batche
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
 from echoavatar.nn import StreamState
+from echoavatar.nn.exported import ExportedState
 from echoavatar.nn.kernels import compilations
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
@@ -84,9 +85,9 @@ class PipelineState(StreamState):
     """The states of all stages, and each row's seed."""
 
     level: LevelState
-    codec: NetworkState
+    codec: NetworkState | ExportedState
     generator: RingState | HistoryState | FrameState
-    decoder: BodyState
+    decoder: BodyState | ExportedState
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
     face: list[FaceState]  # one, or none without a face model
@@ -125,16 +126,21 @@ class Pipeline:
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
         self.level = LevelControl() if runtime.level_control else None
         self.device = find_device(device)
-        self.codec = bundle.codec.to(self.device)
+        steps = bundle.steps if self.device.type == "cpu" else {}
+        self.codec = steps.get("codec") or bundle.codec.to(self.device)
         own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator.to(self.device), precision or own_precision)
-        self.tokenizer = bundle.tokenizer.to(self.device)
+        tokenizer, decoder = bundle.tokenizer.to(self.device), steps.get("tokenizer")
+        self._init_decoder, self.decode = (
+            (tokenizer.init_decoder, tokenizer.decode_step) if decoder is None else (decoder.init_state, decoder.step)
+        )
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
         self.additions = frozenset(runtime.session)  # additions of sessions, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
-        self.face = FaceStream(bundle.face, has_idle="blinks" in self.additions) if bundle.face else None
+        has_idle, ear = "blinks" in self.additions, steps.get("face")
+        self.face = FaceStream(bundle.face, has_idle=has_idle, ear=ear) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config
         self.chunk = bundle.chunk
@@ -153,7 +159,7 @@ class Pipeline:
             LevelControl().init_state(rows),
             self.codec.init_state(rows),
             self.generator.init_state(rows),
-            self.tokenizer.init_decoder(rows),
+            self._init_decoder(rows),
             self.post.init_state(rows),
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
@@ -242,7 +248,7 @@ class Pipeline:
             manner=None if manner is None else manner.to(there),
         )
         self.on_stage("generator")
-        features = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu()
+        features = self.decode(codes, state.decoder, active.to(there)).cpu()
         self.on_stage("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], active)
