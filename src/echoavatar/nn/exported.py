@@ -1,7 +1,7 @@
 """A streaming step that the lab exported as a graph: state in, state out, rows first. It needs no module of torch.
 
-The graph lies beside `model.safetensors`, whose weights it reads. Its name ends in a hash of how that file and the
-config are laid out (`graph_file`), so a graph that was made for others is not found, and the torch module runs instead.
+The graph lies beside `model.safetensors`, whose weights it reads. Its name ends in a hash of that file and the config
+(`graph_file`). So a graph that was made from other weights is not found, and the torch module runs instead.
 """
 
 import hashlib
@@ -24,9 +24,9 @@ _TYPES = {"tensor(float)": torch.float32, "tensor(double)": torch.float64, "tens
 def graph_file(folder: Path) -> Path:
     """Where the graph of a checkpoint lies, if it has one."""
     with (folder / "model.safetensors").open("rb") as weights:
-        layout = weights.read(int.from_bytes(weights.read(8), "little"))
-    digest = hashlib.sha256((folder / "config.json").read_bytes() + layout).hexdigest()
-    return folder / f"step-{digest[:16]}.onnx"
+        digest = hashlib.file_digest(weights, "sha256")
+    digest.update((folder / "config.json").read_bytes())
+    return folder / f"step-{digest.hexdigest()[:16]}.onnx"
 
 
 @dataclass
@@ -67,15 +67,15 @@ class ExportedStep:
     def step(self, x: Tensor, state: ExportedState, active: Bool[Tensor, " b"]) -> Tensor:
         """The graph's output for the next input of as many frames as it was made for; zero in inactive rows."""
         rows = np.flatnonzero(active.numpy())
-        chosen = rows if 0 < len(rows) < len(active) else slice(None)  # without active rows all run, and none is kept
+        is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
+        chosen = rows if is_part else slice(None)
         past = [part.numpy() for part in state.parts]
-        given = {i.name: part[chosen] for i, part in zip(self._past, past, strict=True)}
+        given = {one.name: part[chosen] for one, part in zip(self._past, past, strict=True)}
         made, *new = self._session.run(None, given | {self._input.name: x.numpy()[chosen]})
-        if len(rows):
-            for part, value in zip(past, new, strict=True):
-                part[chosen] = value
-        if chosen == slice(None):
-            return torch.from_numpy(made)
-        whole = np.zeros((len(active), *made.shape[1:]), made.dtype)
-        whole[chosen] = made
-        return torch.from_numpy(whole)
+        for part, value in zip(past, new, strict=True) if len(rows) else ():
+            part[chosen] = value
+        if is_part:
+            whole = np.zeros((len(active), *made.shape[1:]), made.dtype)
+            whole[chosen] = made
+            made = whole
+        return torch.from_numpy(made)

@@ -30,6 +30,7 @@ from .runtime import Runtime
 
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
+EXPORTED = ("codec", "tokenizer", FACE)  # parts whose step may be a graph
 _HUB_NAME = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*")
 OPTIONAL_STAGES = (FACE, *SWITCHES)
 
@@ -99,7 +100,7 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         actions = ActionLibrary.load(folder, width, chunk)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
         runtime = Runtime.load(folder, is_leveled=generator.config.is_leveled)
-        graphs = {part: graph_file(folder / part) for part in (*PARTS, FACE) if (folder / part).is_dir()}
+        graphs = {part: graph_file(folder / part) for part in EXPORTED if (folder / part).is_dir()}
         steps = {part: ExportedStep(graph) for part, graph in graphs.items() if graph.exists()}
         bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, steps)
     _check(bundle)
