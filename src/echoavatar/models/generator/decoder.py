@@ -315,6 +315,7 @@ class DepthDecoder(Decoder):
             if part._compiled is not None:  # it reads every position, so the layers that read prompts are not needed
                 part._layers.clear()
         self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, _tensors)
+        self._own = dict[tuple[int, int], Places]()
 
     def embed(
         self, sound: Int[Tensor, "b i"], last: Int[Tensor, "b k"], is_first: Bool[Tensor, " b"]
@@ -356,10 +357,12 @@ class DepthDecoder(Decoder):
 
     def _own_places(self, rows: int, count: int) -> Places:
         """Positions of the depth transformer: each sees those before it in the frame, and never the spare slot."""
-        at = torch.arange(count + 1, device=self.device)
-        positions, seen = at[:-1].expand(rows, -1), at[:-1, None] >= at
-        everyone = torch.ones(rows, dtype=torch.bool, device=self.device)
-        return self.places(positions, positions, seen.expand(rows, -1, -1), everyone)
+        if (rows, count) not in self._own:
+            at = torch.arange(count + 1, device=self.device)
+            positions, seen = at[:-1].expand(rows, -1), at[:-1, None] >= at
+            everyone = torch.ones(rows, dtype=torch.bool, device=self.device)
+            self._own[rows, count] = self.places(positions, positions, seen.expand(rows, -1, -1), everyone)
+        return self._own[rows, count]
 
 
 def _arrays(rings: Sequence[KeyValueRing]) -> tuple[list[np.ndarray], list[np.ndarray]]:
