@@ -15,7 +15,7 @@ from echoavatar.engine.pipeline.undo import changes, undo
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
-from echoavatar.nn.exported import graph_file
+from echoavatar.nn.exported import ExportedStep, graph_file
 from echoavatar_lab.models.export import export_bundle
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
@@ -132,3 +132,11 @@ def test_a_damaged_graph_is_named(folder: Path, tmp_path: Path) -> None:
     graph.write_bytes(graph.read_bytes()[:1000])
     with pytest.raises(CheckpointError, match=f"{graph.name} cannot be run"):
         load_bundle(mine)
+
+
+def test_weights_may_be_a_link_into_another_folder(folder: Path, tmp_path: Path) -> None:
+    mine = Path(shutil.copytree(folder / "codec", tmp_path / "codec"))
+    (tmp_path / "blobs").mkdir()
+    weights = (mine / "model.safetensors").rename(tmp_path / "blobs" / "weights")
+    (mine / "model.safetensors").symlink_to(weights)
+    assert ExportedStep(graph_file(mine)).init_state(2).parts

@@ -18,12 +18,13 @@ from echoavatar.errors import CheckpointError
 
 from .stream import StreamState
 
+WEIGHTS = "model.safetensors"
 _TYPES = {"tensor(float)": torch.float32, "tensor(double)": torch.float64, "tensor(int64)": torch.int64}
 
 
 def graph_file(folder: Path) -> Path:
     """Where the graph of a checkpoint lies, if it has one."""
-    with (folder / "model.safetensors").open("rb") as weights:
+    with (folder / WEIGHTS).open("rb") as weights:
         digest = hashlib.file_digest(weights, "sha256")
     digest.update((folder / "config.json").read_bytes())
     return folder / f"step-{digest.hexdigest()[:16]}.onnx"
@@ -54,6 +55,8 @@ class ExportedStep:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4  # what is wrong is raised
+        weights = (path.parent / WEIGHTS).read_bytes()  # it would not follow links, such as those of the hub's cache
+        options.add_external_initializers_from_files_in_memory([WEIGHTS], [weights], [len(weights)])
         try:
             self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # its errors have no common class
