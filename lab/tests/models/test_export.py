@@ -20,6 +20,7 @@ from echoavatar_lab.models.export import export_bundle
 from echoavatar_lab.models.generator.sequences import compact_layout
 from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
 
+pytestmark = pytest.mark.slow
 ONE = torch.ones(1, dtype=torch.bool)
 
 

@@ -67,12 +67,12 @@ class ExportedStep:
         """Nothing seen yet."""
         return ExportedState([torch.zeros(rows, *past.shape[1:], dtype=_TYPES[past.type]) for past in self._past])
 
-    def step(self, x: Tensor, state: ExportedState, active: Bool[Tensor, " b"]) -> Tensor:
+    def step(self, x: Tensor, state: StreamState, active: Bool[Tensor, " b"]) -> Tensor:
         """The graph's output for the next input of as many frames as it was made for; zero in inactive rows."""
         rows = np.flatnonzero(active.numpy())
         is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
         chosen = rows if is_part else slice(None)
-        past = [part.numpy() for part in state.parts]
+        past = [part.numpy() for part in state.tensors()]
         given = {one.name: part[chosen] for one, part in zip(self._past, past, strict=True)}
         made, *new = self._session.run(None, given | {self._input.name: x.numpy()[chosen]})
         for part, value in zip(past, new, strict=True) if len(rows) else ():
