@@ -33,8 +33,8 @@ from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
-from echoavatar.nn import StreamState
-from echoavatar.nn.exported import ExportedState
+from echoavatar.nn import StreamingModule, StreamState
+from echoavatar.nn.exported import ExportedState, ExportedStep
 from echoavatar.nn.kernels import compilations
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
@@ -127,13 +127,12 @@ class Pipeline:
         self.level = LevelControl() if runtime.level_control else None
         self.device = find_device(device)
         steps = bundle.steps if self.device.type == "cpu" else {}
-        self.codec = steps.get("codec") or bundle.codec.to(self.device)
+        self.codec: StreamingModule[Any] | ExportedStep = steps.get("codec") or bundle.codec.to(self.device)
         own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator.to(self.device), precision or own_precision)
         tokenizer, decoder = bundle.tokenizer.to(self.device), steps.get("tokenizer")
-        self._init_decoder, self.decode = (
-            (tokenizer.init_decoder, tokenizer.decode_step) if decoder is None else (decoder.init_state, decoder.step)
-        )
+        self._init_decoder: Callable[[int], Any] = decoder.init_state if decoder else tokenizer.init_decoder
+        self.decode: Callable[[Tensor, Any, Tensor], Tensor] = decoder.step if decoder else tokenizer.decode_step
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
