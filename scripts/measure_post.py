@@ -46,7 +46,7 @@ def generate(sounds: list[Path]) -> torch.Tensor:
     state, active = pipeline.init_state(len(sounds)), torch.ones(len(sounds), dtype=torch.bool)
     for row in range(len(sounds)):
         pipeline.reset(state, torch.arange(len(sounds)) == row, seed=row)
-    features = _tap(pipeline.tokenizer, "decode_step")
+    features = _tap(pipeline, "decode")
     for step in range(chunks):
         part = audio[:, step * CHUNK_SAMPLES : (step + 1) * CHUNK_SAMPLES]
         pipeline.step(torch.from_numpy(np.ascontiguousarray(part)), state, active)

@@ -19,6 +19,7 @@ from tests.models.motion_tokens import fill, small_body
 from tests.tiny_bundle import write_bundle
 from torch import Tensor
 
+from echoavatar import checkpoint
 from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
@@ -39,7 +40,9 @@ from echoavatar.motion.stages.modes import FREE, IdleLegs, MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar.motion.stages.smoother import Smoother, SpeedLimit
 from echoavatar.nn import CausalAttention, CausalBlock
+from echoavatar.nn.exported import ExportedStep
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
+from echoavatar_lab.models.export import export_step
 from echoavatar_lab.reference.release_rig import rig_config, skeleton_config
 
 Cuts = Sequence[Sequence[int]]
@@ -175,6 +178,31 @@ def idle_face() -> Stream:
     return Stream(model.init_state, step)
 
 
+def exported(model: Any, step: Any, init_state: Any, x: Tensor) -> Stream:
+    """The step of a model as a graph; `x` is one chunk."""
+    with tempfile.TemporaryDirectory() as folder:
+        checkpoint.save(Path(folder), config=model.config, weights=model.state_dict(), card={})
+        graph = ExportedStep(export_step(Path(folder), model, step, init_state, x))
+    return Stream(graph.init_state, in_chunks(graph.step, x.shape[1]))
+
+
+def exported_decoder() -> Stream:
+    model = tokenizer().float()
+    return exported(model, model.decode_step, model.init_decoder, torch.randint(24, (2, 2, 3)))
+
+
+def exported_ear() -> Stream:
+    torch.manual_seed(0)
+    model = MelEncoder(face.EAR).eval()
+    return exported(model, model.step, model.init_state, sound(2, CHUNK_SAMPLES, torch.Generator().manual_seed(0)))
+
+
+def exported_codec() -> Stream:
+    torch.manual_seed(0)
+    model = telling_apart(AudioCodec(CodecConfig(filters=2, width=8, codes=16)).eval())
+    return exported(model, model.step, model.init_state, sound(2, CHUNK_SAMPLES, torch.Generator().manual_seed(0)))
+
+
 def generator(sequence: str) -> Any:
     return open_stream(generators.generator(sequence=sequence, window_chunks=2))
 
@@ -266,6 +294,11 @@ CASES: dict[type, dict[str, Case]] = {
     },
     BodyTokenizer: {"decoder": Case(lambda: decoding(small_body().double()), codes(16, 3, 2))},
     AudioCodec: {"": Case(codec, lambda *of: sound(*of).double(), unit=7 * 320, cuts=FEW, atol=0)},
+    ExportedStep: {
+        "of a decoder": Case(exported_decoder, codes(24, 3), unit=2, cuts=FEW, atol=1e-5),
+        "of an ear": Case(exported_ear, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5),
+        "of a codec": Case(exported_codec, sound, CHUNK_SAMPLES, cuts=FEW, atol=0),
+    },
     LevelControl: {"": Case(LevelControl, quiet, unit=160 * 30, atol=0)},
     MelEncoder: {"": Case(seeded(MelEncoder, config=face.EAR), face.sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-9)},
     HubertEncoder: {"": Case(hubert, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5)},

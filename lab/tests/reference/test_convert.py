@@ -61,8 +61,8 @@ def test_it_moves_from_the_first_chunk_and_can_be_taken_back(bundle, voice):
     """One chunk of sound gives eight frames; the same again after `clear`; an action draws codes of its set only."""
     drawn = []
     pipeline = Pipeline(bundle)
-    decode = pipeline.tokenizer.decode_step
-    pipeline.tokenizer.decode_step = lambda codes, *rest: (drawn.append(codes), decode(codes, *rest))[1]
+    decode = pipeline.decode
+    pipeline.decode = lambda codes, *rest: (drawn.append(codes), decode(codes, *rest))[1]
     with Engine(pipeline).open(seed=2) as session:
         session.push(voice[:12_800])
         (first, second) = list(session)
@@ -95,8 +95,8 @@ def test_a_clip_on_any_rig_becomes_one_of_its_actions(imported, tmp_path, voice,
     assert added.overlay is None
     drawn = []
     pipeline = Pipeline(mine)
-    decode = pipeline.tokenizer.decode_step
-    pipeline.tokenizer.decode_step = lambda codes, *rest: (drawn.append(codes), decode(codes, *rest))[1]
+    decode = pipeline.decode
+    pipeline.decode = lambda codes, *rest: (drawn.append(codes), decode(codes, *rest))[1]
     with Engine(pipeline).open() as session:
         session.act("big wave")
         session.push(voice[:12_800])

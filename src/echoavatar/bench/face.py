@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from echoavatar.models.face import FaceConfig, FaceModel, FaceStream
+from echoavatar.nn.exported import ExportedStep
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLES_PER_FRAME
 
 WARM_UP = 3
@@ -22,10 +23,12 @@ WEIGHTS = 15_000_000  # float32 values, 60 MB: about the weights of the default 
 
 
 @torch.inference_mode()
-def bench_face(model: FaceModel | None = None, *, chunks: int = 200, sessions: int = 64) -> dict[str, float]:
+def bench_face(
+    model: FaceModel | None = None, *, ear: ExportedStep | None = None, chunks: int = 200, sessions: int = 64
+) -> dict[str, float]:
     """Milliseconds per step (ours: 266.7 ms of sound): one session, a batch of `sessions`, and the ratio of both."""
     model = model or _random_face()
-    stream = FaceStream(model)
+    stream = FaceStream(model, ear=ear)
     one, many = _chunks(stream, 1), _chunks(stream, sessions)
     for _ in range(WARM_UP):
         next(one), next(many)

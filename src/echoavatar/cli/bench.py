@@ -185,7 +185,8 @@ def _face(args: argparse.Namespace) -> int:
     from echoavatar.engine.pipeline import load_bundle
 
     torch.set_num_threads(args.threads or torch.get_num_threads())
-    report = bench_face(load_bundle(args.model).face, chunks=args.chunks, sessions=args.sessions)
+    bundle = load_bundle(args.model)
+    report = bench_face(bundle.face, ear=bundle.steps.get("face"), chunks=args.chunks, sessions=args.sessions)
     for key, value in report.items():
         print(f"{key:<20}{value:>10.3f}")
     print(json.dumps(report))

@@ -1,4 +1,6 @@
-"""Arithmetic that compiled loops share: exponential, gates, softmax, attention of one head; float32 throughout."""
+"""Arithmetic that compiled loops share: products, exponential, gates, softmax, attention of one head; float32."""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -7,6 +9,46 @@ from .kernels import kernel
 F = np.float32
 ZERO, HALF, ONE = F(0.0), F(0.5), F(1.0)
 NOTHING = F(1e-30)  # smaller shares become 0: products with them would be denormal numbers, which are very slow
+
+
+class Matrices(NamedTuple):
+    """One kind of linear map in every layer: y = (W x) scale + bias."""
+
+    weight: np.ndarray  # (l, o, i) float32 or int8
+    scale: np.ndarray  # (l, o)
+    bias: np.ndarray  # (l, o)
+
+
+@kernel(reorders=True)
+def product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
+    """Rows times W, four outputs a pass; of x only as many columns as W has are read.
+
+    The four lie a quarter of W apart. So each pass goes on where the last one stopped in four long stretches of memory,
+    which a processor foresees, and large weights come a third faster than four neighbours at a time.
+    """
+    weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
+    outputs = weight.shape[0]
+    quarter = outputs // 4
+    for o in range(quarter):
+        p, q, r = o + quarter, o + 2 * quarter, o + 3 * quarter
+        for row in range(x.shape[0]):
+            a, b, c, d = ZERO, ZERO, ZERO, ZERO
+            for i in range(weight.shape[1]):
+                v = x[row, i]
+                a += F(weight[o, i]) * v
+                b += F(weight[p, i]) * v
+                c += F(weight[q, i]) * v
+                d += F(weight[r, i]) * v
+            y[row, o] = a * scale[o] + bias[o]
+            y[row, p] = b * scale[p] + bias[p]
+            y[row, q] = c * scale[q] + bias[q]
+            y[row, r] = d * scale[r] + bias[r]
+    for o in range(4 * quarter, outputs):
+        for row in range(x.shape[0]):
+            total = ZERO
+            for i in range(weight.shape[1]):
+                total += F(weight[o, i]) * x[row, i]
+            y[row, o] = total * scale[o] + bias[o]
 
 
 @kernel(reorders=True)

@@ -145,13 +145,13 @@ def shown(chunks: list[MotionChunk]) -> list[np.ndarray]:
 def decoded(monkeypatch: pytest.MonkeyPatch, with_face: Pipeline) -> list[torch.Tensor]:
     """What its tokenizer decodes from now on."""
     seen: list[torch.Tensor] = []
-    decode = with_face.tokenizer.decode_step
+    decode = with_face.decode
 
     def tapped(*args: Any) -> torch.Tensor:
         seen.append(decode(*args).clone())
         return seen[-1]
 
-    monkeypatch.setattr(with_face.tokenizer, "decode_step", tapped)
+    monkeypatch.setattr(with_face, "decode", tapped)
     return seen
 
 

@@ -24,6 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="store the generator in int8, in which a CPU runs it anyway: half the size (a GPU would run bfloat16)",
     )
+    parser.add_argument(
+        "--no-graphs",
+        action="store_true",
+        help="do not export the steps as graphs, which takes a minute: the bundle then runs slower on a CPU",
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -35,14 +40,16 @@ def run(args: argparse.Namespace) -> int:
         print(f"{bundle.name}: {bundle.parameters / 1e6:.1f} M parameters, {bundle.skeleton.joints} joints")
         print(json.dumps(bundle.card, indent=2))
         return 0
-    assemble(Path(args.source), args.output, is_int8=args.int8)
+    assemble(Path(args.source), args.output, is_int8=args.int8, has_graphs=not args.no_graphs)
     bundle = load_bundle(args.output)
     print(f"{args.output}: {bundle.parameters / 1e6:.1f} M parameters; try `echoavatar evaluate {args.output}`")
     return 0
 
 
-def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
+def assemble(source: Path, output: Path, *, is_int8: bool = False, has_graphs: bool = True) -> None:
     """Copy the checkpoints without their training state, with weights in half precision, or the generator's in int8.
+
+    With `has_graphs` the steps of codec, tokenizer and face are exported.
 
     A face model (`face/`) is copied where it exists. Without an `actions.json`, our own actions are made. Raises
     EchoAvatarError if a part is missing or damaged.
@@ -78,6 +85,10 @@ def assemble(source: Path, output: Path, *, is_int8: bool = False) -> None:
         own_actions(BodyTokenizer.load(output / "tokenizer").eval()).save(output)
     if (source / "face").is_dir():
         FaceModel.load(source / "face").save(output / "face", read_card(source / "face"), dtype=torch.float16)
+    if has_graphs:
+        from echoavatar_lab.models.export import export_bundle
+
+        export_bundle(output)
     if not (output / "card.json").exists():
         parts = {part.name: read_card(part) for part in sorted(output.iterdir()) if part.is_dir()}
         write_whole(output / "card.json", json.dumps({"licence": "Apache-2.0", "parts": parts}, indent=2) + "\n")

@@ -102,7 +102,7 @@ class LookaheadPipeline(Pipeline):
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]], *, device: str = "cpu") -> None:
         """`sounds` (24 kHz) are keyed by the seed of the session that will hear them; silence follows each."""
         super().__init__(bundle, device=device)
-        self._ahead = bundle.generator.config.ahead_chunks
+        self._ahead, self._whole = bundle.generator.config.ahead_chunks, bundle.codec
         self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # for the warm start
         self._warm_row()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
@@ -111,7 +111,7 @@ class LookaheadPipeline(Pipeline):
         """The codes that the generator gets, from the lead-in silence before the sound on."""
         padding = self._lead_in * CHUNK_SAMPLES, self._ahead * CHUNK_SAMPLES + -len(sound) % CHUNK_SAMPLES
         codes = torch.from_numpy(
-            audio_codes(self.codec, np.pad(sound, padding), is_leveled=self.level is not None)
+            audio_codes(self._whole, np.pad(sound, padding), is_leveled=self.level is not None)
         ).long()
         return codes[self._ahead * AUDIO_FRAMES_PER_CHUNK :]
 
@@ -124,7 +124,7 @@ class LookaheadPipeline(Pipeline):
     ) -> Int[Tensor, "b f l"]:
         """Codes of each row's sound `ahead_chunks` later; the sound that is pushed is not used."""
         assert isinstance(state, LookaheadState)
-        codes = torch.zeros(len(level), AUDIO_FRAMES_PER_CHUNK, self.codec.codebooks.shape[0], dtype=torch.int64)
+        codes = torch.zeros(len(level), AUDIO_FRAMES_PER_CHUNK, self._whole.codebooks.shape[0], dtype=torch.int64)
         for row in torch.nonzero(active).flatten().tolist():
             first = int(state.chunks[row]) * AUDIO_FRAMES_PER_CHUNK
             codes[row] = self._codes[int(state.seeds[row])][first : first + AUDIO_FRAMES_PER_CHUNK]

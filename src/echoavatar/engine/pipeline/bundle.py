@@ -1,7 +1,7 @@
 """A bundle: the trained parts that belong together, in one folder.
 
-`codec/`, `tokenizer/`, `generator/` and, optionally, `face/` are checkpoints of their own. `card.json` beside them
-describes the whole. Other folders are not read.
+`codec/`, `tokenizer/`, `generator/` and, optionally, `face/` are checkpoints of their own, the step of which may lie
+beside the weights as a graph. `card.json` beside them describes the whole. Other folders are not read.
 """
 
 import re
@@ -22,6 +22,7 @@ from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.motion.arkit import ARKIT_NAMES
 from echoavatar.motion.kinematics import Skeleton
 from echoavatar.motion.stages.post import SWITCHES, refuse_unknown
+from echoavatar.nn.exported import ExportedStep, graph_file
 from echoavatar.timing import CHUNK_SECONDS, ChunkSize
 
 from .actions import ActionLibrary
@@ -29,6 +30,7 @@ from .runtime import Runtime
 
 PARTS = ("codec", "tokenizer", "generator")
 FACE = "face"
+EXPORTED = ("codec", "tokenizer", FACE)  # parts whose step may be a graph
 _HUB_NAME = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*")
 OPTIONAL_STAGES = (FACE, *SWITCHES)
 
@@ -45,6 +47,7 @@ class Bundle:
     actions: ActionLibrary = field(default_factory=ActionLibrary)
     face: FaceModel | None = None
     runtime: Runtime = field(default_factory=Runtime)
+    steps: dict[str, ExportedStep] = field(default_factory=dict)  # of parts that have a graph, for a CPU
 
     @property
     def skeleton(self) -> Skeleton:
@@ -97,7 +100,9 @@ def load_bundle(name: str | Path = "default") -> Bundle:
         actions = ActionLibrary.load(folder, width, chunk)
         face = FaceModel.load(folder / "face") if (folder / "face").is_dir() else None
         runtime = Runtime.load(folder, is_leveled=generator.config.is_leveled)
-        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime)
+        graphs = {part: graph_file(folder / part) for part in EXPORTED if (folder / part).is_dir()}
+        steps = {part: ExportedStep(graph) for part, graph in graphs.items() if graph.exists()}
+        bundle = Bundle(str(name), codec, tokenizer, generator, read_card(folder), actions, face, runtime, steps)
     _check(bundle)
     return bundle
 

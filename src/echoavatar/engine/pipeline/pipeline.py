@@ -34,7 +34,8 @@ from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
-from echoavatar.nn import StreamState
+from echoavatar.nn import StreamingModule, StreamState
+from echoavatar.nn.exported import ExportedState, ExportedStep
 from echoavatar.nn.kernels import compilations
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
@@ -85,9 +86,9 @@ class PipelineState(StreamState):
     """The states of all stages, and each row's seed."""
 
     level: LevelState
-    codec: NetworkState
+    codec: NetworkState | ExportedState
     generator: RingState | HistoryState | FrameState
-    decoder: BodyState
+    decoder: BodyState | ExportedState
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
     face: list[FaceState]  # one, or none without a face model
@@ -126,16 +127,20 @@ class Pipeline:
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
         self.level = LevelControl() if runtime.level_control else None
         self.device = find_device(device)
-        self.codec = bundle.codec.to(self.device)
+        steps = bundle.steps if self.device.type == "cpu" else {}
+        self.codec: StreamingModule[Any] | ExportedStep = steps.get("codec") or bundle.codec.to(self.device)
         own_precision: Precision = "int8" if self.device.type == "cpu" else "bfloat16"
         self.generator: GeneratorStream[Any] = open_stream(bundle.generator.to(self.device), precision or own_precision)
-        self.tokenizer = bundle.tokenizer.to(self.device)
+        tokenizer, decoder = bundle.tokenizer.to(self.device), steps.get("tokenizer")
+        self._init_decoder: Callable[[int], Any] = decoder.init_state if decoder else tokenizer.init_decoder
+        self.decode: Callable[[Tensor, Any, Tensor], Tensor] = decoder.step if decoder else tokenizer.decode_step
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
         self.additions = frozenset(runtime.session)  # additions of sessions, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
-        self.face = FaceStream(bundle.face, has_idle="blinks" in self.additions) if bundle.face else None
+        has_idle, ear = "blinks" in self.additions, steps.get("face")
+        self.face = FaceStream(bundle.face, has_idle=has_idle, ear=ear) if bundle.face else None
         self.actions = bundle.actions
         config = bundle.generator.config
         self.chunk = bundle.chunk
@@ -154,7 +159,7 @@ class Pipeline:
             LevelControl().init_state(rows),
             self.codec.init_state(rows),
             self.generator.init_state(rows),
-            self.tokenizer.init_decoder(rows),
+            self._init_decoder(rows),
             self.post.init_state(rows),
             [self.rig.init_state(rows)] if self.rig else [],
             [self.face.init_state(rows)] if self.face else [],
@@ -243,7 +248,7 @@ class Pipeline:
             manner=None if manner is None else manner.to(there),
         )
         self.on_stage("generator")
-        features, on = self.tokenizer.decode_step(codes, state.decoder, active.to(there)).cpu().numpy(), active.numpy()
+        features, on = self.decode(codes, state.decoder, active.to(there)).cpu().numpy(), active.numpy()
         self.on_stage("decoder")
         if self.rig is not None:
             features = self.rig.step(features, state.rig[0], on)

@@ -157,12 +157,10 @@ def convolve(conv: nn.Conv1d, x: Float[Tensor, "b t c"]) -> Float[Tensor, "b n d
     """The convolution without padding: x begins with `lookback` old inputs; n = (t - lookback) / stride."""
     kernel, stride, dilation = conv.kernel_size[0], conv.stride[0], conv.dilation[0]
     frames = (x.shape[1] - lookback(conv)) // stride
-    if conv.in_channels == 1 and stride == 1 and dilation == 1:
-        return F.linear(x.squeeze(2).unfold(1, kernel, 1), conv.weight.squeeze(1), conv.bias)
     taps, rows, channels = kernel // stride, x.shape[0], conv.out_channels
     blocks = x.reshape(rows, -1, stride * conv.in_channels)
     weight = conv.weight.reshape(channels, conv.in_channels, taps, stride)
-    if taps <= 3:  # side by side, then one product
+    if taps <= 3 or conv.in_channels == 1:  # side by side, then one product
         beside = [blocks[:, tap * dilation : tap * dilation + frames] for tap in range(taps)]
         return F.linear(_joined(beside), weight.permute(0, 2, 3, 1).reshape(channels, -1), conv.bias)
     products = F.linear(blocks, weight.permute(2, 0, 3, 1).reshape(taps * channels, -1))

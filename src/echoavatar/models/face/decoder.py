@@ -14,37 +14,35 @@ from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
 from echoavatar.nn import Mlp
-from echoavatar.nn.kernel_math import ONE, ZERO, F, attend, gelu, silu
+from echoavatar.nn.kernel_math import ONE, ZERO, F, Matrices, attend, gelu, product, silu
 from echoavatar.nn.kernels import kernel
 
 from .flow import Schedule
 from .gpt import GptState, RingAttention, RingBlock
 from .model import FaceModel
 
-ONE_THREAD = 2**18  # multiplications up to which OpenBLAS starts no threads, which would compete with torch's
-
 
 class Affine(NamedTuple):
-    """x W + b, for one layer or several."""
+    """x W + b."""
 
-    weight: np.ndarray  # (l, i, o) float32, or (i, o)
-    bias: np.ndarray  # (l, o), or (o)
+    weight: np.ndarray  # (i, o)
+    bias: np.ndarray  # (o)
 
 
 class Weights(NamedTuple):
     """Frozen weights of the ring form; norm weights are folded into the products that follow them."""
 
-    embed: Affine
-    qkv: Affine
-    project: Affine
-    up: Affine
-    down: Affine
-    condition: Affine
-    steer: Affine  # one layer per block of the head
-    noisy: Affine
-    head_up: Affine
-    head_down: Affine
-    face: Affine
+    embed: Matrices
+    qkv: Matrices
+    project: Matrices
+    up: Matrices
+    down: Matrices
+    condition: Matrices
+    steer: Matrices  # one layer per block of the head
+    noisy: Matrices
+    head_up: Matrices
+    head_down: Matrices
+    face: Matrices
     distance: np.ndarray  # (l, h, 2 n) bias of the scores by distance, written twice in a row
     heads: int
 
@@ -55,18 +53,6 @@ class Steps(NamedTuple):
     times: np.ndarray  # (n, w) what the time adds to the steering
     shares: np.ndarray  # (n,) how much of the way to the predicted face each step goes
     guidance: np.float32
-
-
-@kernel(reorders=True)
-def _product(x, affine, layer, y):  # type: ignore[no-untyped-def]
-    """Write x W + b into y, a few rows at a time."""
-    weight, bias = affine.weight[layer], affine.bias[layer]
-    block = max(1, ONE_THREAD // weight.size)
-    for start in range(0, y.shape[0], block):
-        np.dot(x[start : start + block], weight, y[start : start + block])
-    for row in range(y.shape[0]):
-        for o in range(y.shape[1]):
-            y[row, o] += bias[o]
 
 
 @kernel(reorders=True)
@@ -133,27 +119,27 @@ def _sample(weights, normal, steps, face):  # type: ignore[no-untyped-def]
     hidden = np.empty((rows, weights.head_up.bias.shape[1]), F)
     one, x, y = np.empty((sessions, width), F), np.empty((rows, width), F), np.empty((rows, width), F)
     clean = np.empty((rows, face.shape[1]), F)
-    _product(normal, weights.condition, 0, condition)
+    product(normal, weights.condition, 0, condition)
     for step in range(steps.shares.shape[0]):
         for row in range(rows):
             for c in range(width):
                 bent[row, c] = silu(condition[row, c] + steps.times[step, c])
-        _product(face, weights.noisy, 0, one)
+        product(face, weights.noisy, 0, one)
         _repeat(one, x)
         for block in range(blocks):
-            _product(bent, weights.steer, block, steering)  # shift, scale, gate
+            product(bent, weights.steer, block, steering)  # shift, scale, gate
             _normalise(x, F(1e-6), shaped)
             for row in range(rows):
                 for c in range(width):
                     shaped[row, c] = shaped[row, c] * (ONE + steering[row, width + c]) + steering[row, c]
-            _product(shaped, weights.head_up, block, hidden)
+            product(shaped, weights.head_up, block, hidden)
             _gelu(hidden)
-            _product(hidden, weights.head_down, block, y)
+            product(hidden, weights.head_down, block, y)
             for row in range(rows):
                 for c in range(width):
                     x[row, c] += steering[row, 2 * width + c] * y[row, c]
         _normalise(x, F(1e-5), shaped)
-        _product(shaped, weights.face, 0, clean)
+        product(shaped, weights.face, 0, clean)
         for session in range(sessions):
             without, with_sound = clean[2 * session], clean[2 * session + 1]
             for c in range(face.shape[1]):
@@ -175,23 +161,23 @@ def run_frames(weights, ring, seen, chosen, heard, noise, last, steps, frames): 
     hidden, scores = np.empty((rows, weights.up.bias.shape[1]), F), np.empty(ring.shape[5], F)
     face = last[chosen]
     for i in range(count):
-        _product(face, weights.embed, 0, one)
+        product(face, weights.embed, 0, one)
         _repeat(one, x)
         for layer in range(weights.qkv.bias.shape[0]):
             for k in range(sessions):
                 for c in range(width):
                     x[2 * k + 1, c] += heard[chosen[k], i, c]
             _normalise(x, F(1e-5), y)
-            _product(y, weights.qkv, layer, qkv)
+            product(y, weights.qkv, layer, qkv)
             _look_back(weights, layer, ring, seen, chosen, i, qkv, scores, y)
-            _product(y, weights.project, layer, added)
+            product(y, weights.project, layer, added)
             for row in range(rows):
                 for c in range(width):
                     x[row, c] += added[row, c]
             _normalise(x, F(1e-5), y)
-            _product(y, weights.up, layer, hidden)
+            product(y, weights.up, layer, hidden)
             _gelu(hidden)
-            _product(hidden, weights.down, layer, added)
+            product(hidden, weights.down, layer, added)
             for row in range(rows):
                 for c in range(width):
                     x[row, c] += added[row, c]
@@ -277,7 +263,7 @@ def _scaled_queries(qkv: Affine, attention: nn.Module) -> Affine:
     return Affine(qkv.weight * scale, qkv.bias * scale)
 
 
-def _split(whole: Affine, parts: int) -> Affine:
+def _split(whole: Affine, parts: int) -> Matrices:
     """One projection as several of equal width."""
     weights, biases = np.split(whole.weight, parts, axis=1), np.split(whole.bias, parts)
     return _stacked([Affine(weight, bias) for weight, bias in zip(weights, biases, strict=True)])
@@ -287,6 +273,6 @@ def _chain(first: Affine, second: Affine) -> Affine:
     return Affine(first.weight @ second.weight, first.bias @ second.weight + second.bias)
 
 
-def _stacked(maps: Sequence[Affine]) -> Affine:
-    weights, biases = np.stack([one.weight for one in maps]), np.stack([one.bias for one in maps])
-    return Affine(np.ascontiguousarray(weights, np.float32), np.ascontiguousarray(biases, np.float32))
+def _stacked(maps: Sequence[Affine]) -> Matrices:
+    weights, biases = np.stack([one.weight.T for one in maps]), np.stack([one.bias for one in maps])
+    return Matrices(np.ascontiguousarray(weights, F), np.ones(biases.shape, F), np.ascontiguousarray(biases, F))

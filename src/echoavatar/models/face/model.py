@@ -6,7 +6,7 @@ Paper, appendix Face Animation Generator: 52 ARKit coefficients from streaming a
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from echoavatar.checkpoint import Checkpointed
@@ -43,6 +43,11 @@ class FaceModel(Checkpointed):
         )
         self.register_buffer("mean", torch.zeros(config.channels))
         self.register_buffer("std", torch.ones(config.channels))
+
+    def hear(self, x: Float[Tensor, "b s"], state: Any, active: Bool[Tensor, " b"]) -> Float[Tensor, "b n w"]:
+        """What the frames of the next chunks hear (ring form); `state` is the encoder's."""
+        heard: Tensor = self.gpt.sound_proj(self.encoder.step(x, state, active))
+        return heard
 
     def denormalize(self, normal: Float[Tensor, "*b c"]) -> Float[Tensor, "*b c"]:
         """Curves from normalised ones; not clamped."""

@@ -14,10 +14,11 @@ from torch import Tensor
 
 from echoavatar.motion.arkit import APPLE_NAMES, ARKIT_NAMES
 from echoavatar.nn import StreamState
+from echoavatar.nn.exported import ExportedStep
 from echoavatar.timing import SAMPLES_PER_FRAME
 
 from .decoder import FrameDecoder
-from .flow import Schedule, face_noise
+from .flow import face_noise
 from .gpt import GptState
 from .idle import IdleFace, IdleState, frame_loudness
 from .model import FaceModel
@@ -35,19 +36,22 @@ class FaceState(StreamState):
 class FaceStream:
     """A running face model, with idle motion (`idle`) on the channels that it does not move."""
 
-    def __init__(self, model: FaceModel, *, has_idle: bool = True) -> None:
-        """Without `has_idle` the curves are the model's alone."""
-        self.model = model.eval()
+    def __init__(self, model: FaceModel, *, has_idle: bool = True, ear: ExportedStep | None = None) -> None:
+        """Without `has_idle` the curves are the model's alone; `ear` is the exported `FaceModel.hear` (ring form)."""
+        self.model, self._ear = model.eval(), ear
         names = APPLE_NAMES if model.config.order == "apple" else ARKIT_NAMES
         self._order = torch.tensor([names.index(name) for name in ARKIT_NAMES])
         moving = model.moving().cpu()[self._order]
         self.idle = IdleFace(moving if model.config.idle and has_idle else torch.ones_like(moving))
         self._decoder = FrameDecoder(model) if model.config.memory == "ring" else None
+        with torch.no_grad():
+            self._schedule = model.head.schedule(model.config.sampling_steps)
 
     def init_state(self, rows: int) -> FaceState:
         """A fresh state."""
         model = self.model
-        states = model.encoder.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
+        ear = self._ear or model.encoder
+        states = ear.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
         return FaceState(*states)
 
     @torch.no_grad()
@@ -68,12 +72,17 @@ class FaceStream:
 
     def _faces(self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor) -> Float[Tensor, "b t 52"]:
         """The model's curves, without idle motion."""
-        schedule = self.model.head.schedule(self.model.config.sampling_steps)
-        faces = []
+        hear, gpt, faces = self.model.hear if self._ear is None else self._ear.step, self.model.gpt, []
         for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):
-            features = self.model.encoder.step(chunk, state.encoder, active)
             noise = self._noise(state.gpt.seen, seeds)
-            normal = self.generate(features, state.gpt, active, noise, schedule)
+            if self._decoder is None:
+                features = self.model.encoder.step(chunk, state.encoder, active)
+                normal = self.generate(features, state.gpt, active, noise)
+            else:
+                heard = hear(chunk, state.encoder, active)
+                frames = self._decoder.run(state.gpt, heard, active, noise, self._schedule)
+                normal = torch.from_numpy(frames).to(noise)
+                gpt.commit(state.gpt, normal, heard, active)
             faces.append(self.model.denormalize(normal).clamp(0, 1)[..., self._order])
         return torch.cat(faces, 1)
 
@@ -84,23 +93,17 @@ class FaceStream:
         state: GptState,
         active: Bool[Tensor, " b"],
         noise: Float[Tensor, "b t c"],
-        schedule: Schedule | None = None,
     ) -> Float[Tensor, "b t c"]:
-        """Normalised frames of one step, from the features of its frames (and, in front, of earlier ones)."""
-        gpt, head, config = self.model.gpt, self.model.head, self.model.config
-        schedule = schedule or head.schedule(config.sampling_steps)
-        wanted = state.sound.shape[1] + config.step
-        features = torch.cat([state.sound, features], 1)[:, -wanted:]
+        """Normalised frames of one step (window form), from the features of its frames and, in front, earlier ones."""
+        gpt, config = self.model.gpt, self.model.config
+        features = torch.cat([state.sound, features], 1)[:, -(state.sound.shape[1] + config.step) :]
         sound = gpt.sound_proj(features)
-        if self._decoder is not None:
-            generated = torch.from_numpy(self._decoder.run(state, sound, active, noise, schedule)).to(noise)
-        else:
-            run, last, frames = gpt.begin(state, sound), state.motion[:, -1], []
-            for i in range(config.step):
-                condition = gpt.next(run, last, sound[:, i - config.step])
-                last = head.sample(condition, noise[:, i], schedule, guidance=config.guidance)
-                frames.append(last)
-            generated = torch.stack(frames, 1)
+        run, last, frames = gpt.begin(state, sound), state.motion[:, -1], []
+        for i in range(config.step):
+            condition = gpt.next(run, last, sound[:, i - config.step])
+            last = self.model.head.sample(condition, noise[:, i], self._schedule, guidance=config.guidance)
+            frames.append(last)
+        generated = torch.stack(frames, 1)
         gpt.commit(state, generated, features, active)
         return generated
 

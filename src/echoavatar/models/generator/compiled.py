@@ -11,20 +11,12 @@ from typing import NamedTuple
 import numpy as np
 from torch import Tensor
 
-from echoavatar.nn.kernel_math import HALF, ONE, ZERO, F, attend, exponential, silu
+from echoavatar.nn.kernel_math import HALF, ONE, ZERO, F, Matrices, attend, exponential, product, silu
 from echoavatar.nn.kernels import kernel
 
 from .linear import StoredWeight
 
 BISECTIONS = 40
-
-
-class Matrices(NamedTuple):
-    """One kind of linear map in every layer: y = (W x) scale + bias."""
-
-    weight: np.ndarray  # (l, o, i) float32 or int8
-    scale: np.ndarray  # (l, o)
-    bias: np.ndarray  # (l, o)
 
 
 class Weights(NamedTuple):
@@ -65,38 +57,6 @@ class Steering(NamedTuple):
     bias: np.ndarray  # (b, s K)
     gates: np.ndarray  # (g, c)
     gate_biases: np.ndarray  # (g,)
-
-
-@kernel(reorders=True)
-def _product(x, matrices, layer, y):  # type: ignore[no-untyped-def]
-    """Rows times W, four outputs a pass; of x only as many columns as W has are read.
-
-    The four lie a quarter of W apart. So each pass goes on where the last one stopped in four long stretches of memory,
-    which a processor foresees, and large weights come a third faster than four neighbours at a time.
-    """
-    weight, scale, bias = matrices.weight[layer], matrices.scale[layer], matrices.bias[layer]
-    outputs = weight.shape[0]
-    quarter = outputs // 4
-    for o in range(quarter):
-        p, q, r = o + quarter, o + 2 * quarter, o + 3 * quarter
-        for row in range(x.shape[0]):
-            a, b, c, d = ZERO, ZERO, ZERO, ZERO
-            for i in range(weight.shape[1]):
-                v = x[row, i]
-                a += F(weight[o, i]) * v
-                b += F(weight[p, i]) * v
-                c += F(weight[q, i]) * v
-                d += F(weight[r, i]) * v
-            y[row, o] = a * scale[o] + bias[o]
-            y[row, p] = b * scale[p] + bias[p]
-            y[row, q] = c * scale[q] + bias[q]
-            y[row, r] = d * scale[r] + bias[r]
-    for o in range(4 * quarter, outputs):
-        for row in range(x.shape[0]):
-            total = ZERO
-            for i in range(weight.shape[1]):
-                total += F(weight[o, i]) * x[row, i]
-            y[row, o] = total * scale[o] + bias[o]
 
 
 @kernel(reorders=True)
@@ -194,21 +154,21 @@ def _read(weights, x, keys, values, at, index, hidden):  # type: ignore[no-untyp
     inner, scores = gates.shape[1] // 2, np.empty(at.bias.shape[2], F)
     for layer in range(weights.qkv.weight.shape[0]):
         _normalise(x, weights.eps, hidden)
-        _product(hidden, weights.qkv, layer, qkv)
+        product(hidden, weights.qkv, layer, qkv)
         for row in range(rows):
             rotation, slot, bias = at.rotations[row, index], at.slots[row, index], at.bias[row, index]
             _rotate(qkv[row], rotation, qkv.shape[1] - keys[layer].shape[1] * keys[layer].shape[2])
             _attend(qkv[row], keys[layer][row], values[layer][row], slot, bias, scores, y[row])
-        _product(y, weights.out, layer, hidden)
+        product(y, weights.out, layer, hidden)
         for row in range(rows):
             for i in range(width):
                 x[row, i] += hidden[row, i]
         _normalise(x, weights.eps, hidden)
-        _product(hidden, weights.gate_up, layer, gates)
+        product(hidden, weights.gate_up, layer, gates)
         for row in range(rows):
             for i in range(inner):
                 gates[row, i] = silu(gates[row, i]) * gates[row, inner + i]
-        _product(gates, weights.down, layer, hidden)
+        product(gates, weights.down, layer, hidden)
         for row in range(rows):
             for i in range(width):
                 x[row, i] += hidden[row, i]
@@ -223,7 +183,7 @@ def _draw_codes(weights, hidden, keys, values, at, draws, steering, codes):  # t
     logits, shares = np.empty((rows, draws.noise.shape[2]), F), np.empty(draws.noise.shape[2], F)
     for index in range(count):
         segment = index % segments
-        _product(hidden, weights.heads, segment, logits)
+        product(hidden, weights.heads, segment, logits)
         for place in range(steering.segments.shape[0]):
             if segment == steering.segments[place]:
                 _steer(logits, hidden, steering, place * logits.shape[1])

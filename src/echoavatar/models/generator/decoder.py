@@ -23,6 +23,7 @@ from torch import Tensor
 from echoavatar.nn import StreamState
 from echoavatar.nn.attention import rotary_phases
 from echoavatar.nn.graphs import GraphCache
+from echoavatar.nn.kernel_math import Matrices
 
 from . import compiled
 from .config import AUDIO_FRAMES_PER_TOKEN
@@ -252,7 +253,7 @@ class Decoder:
         config, layers = self.config, self._layers
         assert all(isinstance(head, FloatLinear) for head in self._heads)
 
-        def stacked(*maps: FrozenLinear) -> compiled.Matrices:
+        def stacked(*maps: FrozenLinear) -> Matrices:
             return compiled.stacked([one.stored() for one in maps if isinstance(one, FloatLinear)])
 
         starts = [config.layout.segment_start(segment) for segment in range(config.layout.segments)]
@@ -322,6 +323,7 @@ class DepthDecoder(Decoder):
             if part._compiled is not None:  # it reads every position, so the layers that read prompts are not needed
                 part._layers.clear()
         self._frames = GraphCache[Sequence[KeyValueRing]](self._frame, _tensors)
+        self._own = dict[tuple[int, int], Places]()
 
     def embed(
         self, sound: Int[Tensor, "b i"], last: Int[Tensor, "b k"], is_first: Bool[Tensor, " b"]
@@ -363,10 +365,12 @@ class DepthDecoder(Decoder):
 
     def _own_places(self, rows: int, count: int) -> Places:
         """Positions of the depth transformer: each sees those before it in the frame, and never the spare slot."""
-        at = torch.arange(count + 1, device=self.device)
-        positions, seen = at[:-1].expand(rows, -1), at[:-1, None] >= at
-        everyone = torch.ones(rows, dtype=torch.bool, device=self.device)
-        return self.places(positions, positions, seen.expand(rows, -1, -1), everyone)
+        if (rows, count) not in self._own:
+            at = torch.arange(count + 1, device=self.device)
+            positions, seen = at[:-1].expand(rows, -1), at[:-1, None] >= at
+            everyone = torch.ones(rows, dtype=torch.bool, device=self.device)
+            self._own[rows, count] = self.places(positions, positions, seen.expand(rows, -1, -1), everyone)
+        return self._own[rows, count]
 
 
 def _arrays(rings: Sequence[KeyValueRing]) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -1,0 +1,143 @@
+"""Exported steps beside the modules that they are made from: a tiny bundle with a body of one part and a face."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from tests.models.face import tiny as face
+from tests.tiny_bundle import CARD, write_bundle
+
+from echoavatar.engine.pipeline import Bundle, Pipeline, load_bundle
+from echoavatar.engine.pipeline.undo import changes, undo
+from echoavatar.errors import CheckpointError
+from echoavatar.models.generator import Generator
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.nn.exported import ExportedStep, graph_file
+from echoavatar_lab.models.export import export_bundle
+from echoavatar_lab.models.generator.sequences import compact_layout
+from echoavatar_lab.models.tokenizer.train import as_one_part, body_config
+
+pytestmark = pytest.mark.slow
+ONE = torch.ones(1, dtype=torch.bool)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = write_bundle(tmp_path_factory.mktemp("exported"))
+    parted = BodyTokenizer.load(made / "tokenizer")
+    whole = BodyTokenizer(body_config(as_one_part(parted.skeleton), next(iter(parted.config.parts.values()))))
+    whole.mean.copy_(parted.mean)
+    whole.std.fill_(0.02)
+    for name, book in whole.named_buffers():
+        if name.endswith("codebook"):
+            book.normal_()
+    whole.save(made / "tokenizer", CARD)
+    generator = Generator.load(made / "generator")
+    layout = compact_layout(audio_codes=16, motion_layers=2, motion_codes=8, parts=1)
+    Generator(generator.config.model_copy(update={"layout": layout})).save(made / "generator", CARD)
+    face.make().float().save(made / "face", CARD, dtype=torch.float16)
+    export_bundle(made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def bundle(folder: Path) -> Bundle:
+    return load_bundle(folder)
+
+
+def sounds(voice: np.ndarray, rows: int = 1) -> list[torch.Tensor]:
+    """Chunks (b, 6400) of one voice, louder and louder from row to row."""
+    chunks = torch.from_numpy(voice[:44_800].copy()).split(6400)
+    return [torch.stack([chunk * (0.4 + 0.3 * row) for row in range(rows)]) for chunk in chunks]
+
+
+def test_codes_features_and_curves_are_those_of_torch(bundle: Bundle, voice: np.ndarray) -> None:
+    assert set(bundle.steps) == {"codec", "tokenizer", "face"}
+    exported, torch_alone = Pipeline(bundle), Pipeline(replace(bundle, steps={}))
+    states = [pipeline.init_state(1) for pipeline in (exported, torch_alone)]
+    for state in states:
+        state.seeds[:] = 3
+    for chunk in sounds(voice):
+        heard, wanted = (
+            pipeline.encode_audio(chunk, state, ONE)
+            for pipeline, state in zip((exported, torch_alone), states, strict=True)
+        )
+        assert (heard == wanted).float().mean() >= 0.999
+        codes = torch.randint(8, (1, 2, 1, 2))
+        made, expected = (
+            pipeline.decode(codes, state.decoder, ONE)
+            for pipeline, state in zip((exported, torch_alone), states, strict=True)
+        )
+        torch.testing.assert_close(made, expected, atol=1e-4, rtol=0)
+        assert exported.face is not None
+        assert torch_alone.face is not None
+        curves, right = (
+            stream.step(chunk, state.face[0], ONE, state.seeds)
+            for stream, state in zip((exported.face, torch_alone.face), states, strict=True)
+        )
+        torch.testing.assert_close(curves, right, atol=1e-4, rtol=0)
+
+
+def test_a_row_is_the_same_alone_and_in_a_batch_where_others_rest(bundle: Bundle, voice: np.ndarray) -> None:
+    pipeline = Pipeline(bundle)
+    alone, batch = pipeline.init_state(1), pipeline.init_state(3)
+    for row in range(3):
+        pipeline.reset(batch, torch.arange(3) == row, seed=row)
+    pipeline.reset(alone, ONE, seed=1)
+    for at, (one, many) in enumerate(zip(sounds(voice), sounds(voice, 3), strict=True)):
+        active = torch.tensor([at % 2 == 0, True, False])
+        many[1] = one[0]
+        (wanted,), made = pipeline.step(one, alone, ONE), pipeline.step(many, batch, active)[1]
+        np.testing.assert_allclose(made.rotations, wanted.rotations, atol=1e-5)
+        np.testing.assert_allclose(made.face, wanted.face, atol=1e-5)
+
+
+def test_steps_are_undone_and_restored_to_the_bit(bundle: Bundle, voice: np.ndarray) -> None:
+    pipeline = Pipeline(bundle)
+    state = pipeline.init_state(2)
+    both, patches = torch.ones(2, dtype=torch.bool), []
+    first, *rest = sounds(voice, 2)
+    pipeline.step(first, state, both)
+    kept = state.snapshot()
+    made = []
+    for chunk in rest:
+        before = state.snapshot()
+        made.append(pipeline.step(chunk, state, both)[1])
+        patches.append(changes(before, state, 1))
+    for patch in reversed(patches):
+        undo(patch, state, 1)
+    for tensor, saved in zip(state.tensors(), kept, strict=True):
+        assert torch.equal(tensor[1], saved[1])
+    again = [pipeline.step(chunk, state, both)[1] for chunk in rest]
+    for one, other in zip(made, again, strict=True):
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+    state.restore(kept, both)
+    assert all(torch.equal(tensor, saved) for tensor, saved in zip(state.tensors(), kept, strict=True))
+
+
+def test_other_weights_than_those_of_the_graph_run_in_torch(folder: Path, tmp_path: Path) -> None:
+    mine = Path(shutil.copytree(folder, tmp_path / "mine"))
+    tokenizer = BodyTokenizer.load(mine / "tokenizer")
+    tokenizer.mean.add_(0.5)
+    tokenizer.save(mine / "tokenizer", CARD)
+    assert set(load_bundle(folder).steps) == {"codec", "tokenizer", "face"}
+    assert set(load_bundle(mine).steps) == {"codec", "face"}
+
+
+def test_a_damaged_graph_is_named(folder: Path, tmp_path: Path) -> None:
+    mine = Path(shutil.copytree(folder, tmp_path / "mine"))
+    graph = graph_file(mine / "codec")
+    graph.write_bytes(graph.read_bytes()[:1000])
+    with pytest.raises(CheckpointError, match=f"{graph.name} cannot be run"):
+        load_bundle(mine)
+
+
+def test_weights_may_be_a_link_into_another_folder(folder: Path, tmp_path: Path) -> None:
+    mine = Path(shutil.copytree(folder / "codec", tmp_path / "codec"))
+    (tmp_path / "blobs").mkdir()
+    weights = (mine / "model.safetensors").rename(tmp_path / "blobs" / "weights")
+    (mine / "model.safetensors").symlink_to(weights)
+    assert ExportedStep(graph_file(mine)).init_state(2).parts

@@ -1,0 +1,75 @@
+"""A streaming step that the lab exported as a graph: state in, state out, rows first. It needs no module of torch.
+
+The graph lies beside `model.safetensors`, whose weights it reads. Its name ends in a hash of that file and the config
+(`graph_file`). So a graph that was made from other weights is not found, and the torch module runs instead.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from echoavatar.errors import CheckpointError
+
+from .state import StreamState
+
+WEIGHTS = "model.safetensors"
+_TYPES = {"tensor(float)": torch.float32, "tensor(double)": torch.float64, "tensor(int64)": torch.int64}
+
+
+def graph_file(folder: Path) -> Path:
+    """Where the graph of a checkpoint lies, if it has one."""
+    with (folder / WEIGHTS).open("rb") as weights:
+        digest = hashlib.file_digest(weights, "sha256")
+    digest.update((folder / "config.json").read_bytes())
+    return folder / f"step-{digest.hexdigest()[:16]}.onnx"
+
+
+@dataclass
+class ExportedState(StreamState):
+    """The past in the order of the graph's inputs."""
+
+    parts: list[Tensor]
+
+
+class ExportedStep:
+    """Runs the graph in the calling thread; several threads may run it at once."""
+
+    def __init__(self, path: Path) -> None:
+        """Load a graph and the weights beside it. Raises CheckpointError if it cannot be run."""
+        import onnxruntime  # takes a tenth of a second, which only bundles with graphs pay
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4  # what is wrong is raised
+        weights = (path.parent / WEIGHTS).read_bytes()  # it would not follow links, such as those of the hub's cache
+        options.add_external_initializers_from_files_in_memory([WEIGHTS], [weights], [len(weights)])
+        try:
+            self._session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+        except Exception as error:  # its errors have no common class
+            raise CheckpointError(f"{path} cannot be run ({error}); copy or download the bundle again") from error
+        self._input, *self._past = self._session.get_inputs()
+
+    def init_state(self, rows: int) -> ExportedState:
+        """Nothing seen yet."""
+        return ExportedState([torch.zeros(rows, *past.shape[1:], dtype=_TYPES[past.type]) for past in self._past])
+
+    def step(self, x: Tensor, state: StreamState, active: Bool[Tensor, " b"]) -> Tensor:
+        """The graph's output for the next input of as many frames as it was made for; zero in inactive rows."""
+        rows = np.flatnonzero(active.numpy())
+        is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
+        chosen = rows if is_part else slice(None)
+        past = [part.numpy() for part in state.tensors()]
+        given = {one.name: part[chosen] for one, part in zip(self._past, past, strict=True)}
+        made, *new = self._session.run(None, given | {self._input.name: x.numpy()[chosen]})
+        for part, value in zip(past, new, strict=True) if len(rows) else ():
+            part[chosen] = value
+        if is_part:
+            whole = np.zeros((len(active), *made.shape[1:]), made.dtype)
+            whole[chosen] = made
+            made = whole
+        return torch.from_numpy(made)
