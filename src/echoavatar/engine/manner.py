@@ -83,7 +83,8 @@ class SpeakerManner:
         busy = np.where(working, busy, rng.uniform(*IDLE, 2))
         is_told = working.any() and SET["handedness"] in self._set  # else the hand that rests may do so anywhere
         high = np.where(~working & is_told, _low(values), np.nan)
-        return np.clip(np.concatenate([busy, high]), 0, 1)
+        drawn: Float[np.ndarray, " hands"] = np.clip(np.concatenate([busy, high]), 0, 1)
+        return drawn
 
     def _border(self, turn: int) -> int:
         """The first chunk of a turn."""

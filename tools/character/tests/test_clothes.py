@@ -3,12 +3,11 @@ import pytest
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from echoavatar_character import clothes, tailor
+from echoavatar_character import clothes
 from echoavatar_character.base import load_base
 from echoavatar_character.body import Body, make_body
 from echoavatar_character.fit import NAMES
 from echoavatar_character.person import PEOPLE
-from echoavatar_character.pieces import cut
 from echoavatar_character.shoes import shoes
 from echoavatar_character.surface import Surface, normals
 
@@ -70,20 +69,3 @@ def _apart(inner: Points, over: Points) -> float:
     out = flat / np.linalg.norm(flat, axis=1, keepdims=True)
     near = cKDTree(over).query(inner)[1]
     return float(np.percentile(((inner - over[near]) * out).sum(1), 98))
-
-
-def test_every_texel_of_the_clothes_is_painted(body: Body) -> None:
-    """The jumper has its second colour, the trousers their belt; no texel keeps the ground of the picture."""
-    cloth = clothes.tights(body)
-    top, footwear = clothes.top(body, cloth), shoes(body, cloth)
-    picture = tailor.picture(body, [top, clothes.trousers(cloth, footwear), *footwear], 256)
-    assert np.isfinite(picture).all()
-    for colour in (body.person.top, body.person.second, body.person.belt):
-        assert (np.abs(picture - np.array(colour) / 255).max(2) < 0.06).mean() > 0.001
-
-
-def test_a_cut_follows_its_line(body: Body) -> None:
-    cloth = clothes.tights(body)
-    piece, at = cut(cloth, cloth.positions[:, 1] - 1.0)
-    assert piece.positions[:, 1].min() > 0.985
-    assert (at >= 0).all()

@@ -312,8 +312,8 @@ class DepthDecoder(Decoder):
     def __init__(self, generator: Generator, precision: Precision) -> None:
         assert generator.depth is not None
         config, depth = generator.config, generator.depth
-        heads, controls = generator.segment_head(), {"control": generator.exemplar, "manner": generator.manner}
-        super().__init__(depth.body, heads, precision, **controls)
+        heads = generator.segment_head()
+        super().__init__(depth.body, heads, precision, control=generator.exemplar, manner=generator.manner)
         self.backbone = Decoder(generator.model, depth.condition.weight[None], precision)
         self._table = self._hinted = generator.model.embed_tokens.weight.detach().float()
         layout, by_place = config.layout, depth.sound.weight.detach().float().view(config.width, -1, config.width)

@@ -164,7 +164,8 @@ def code_logits(
         raised.append(generator.manner.gate(upper) * generator.manner.likely(told))
     if not raised:
         return logits
-    return torch.cat([logits[:segment], (logits[segment] + sum(raised).to(logits))[None], logits[segment + 1 :]])
+    told = logits[segment] + torch.stack(raised).sum(0).to(logits)
+    return torch.cat([logits[:segment], told[None], logits[segment + 1 :]])
 
 
 def streams_apart(

@@ -1,0 +1,51 @@
+"""A graph with a state: it adds its input to what it heard before, and tells the sum."""
+
+from pathlib import Path
+
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper
+
+from echoavatar.errors import CheckpointError
+from echoavatar.nn.exported import ExportedStep, graph_file
+
+ROW = ["rows", 2]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    (tmp_path / "model.safetensors").write_bytes(b"weights")
+    (tmp_path / "config.json").write_text("{}")
+    ends = {name: helper.make_tensor_value_info(name, TensorProto.FLOAT, ROW) for name in ("x", "past", "y", "new")}
+    nodes = [helper.make_node("Add", ["x", "past"], ["y"]), helper.make_node("Identity", ["y"], ["new"])]
+    graph = helper.make_graph(nodes, "sum", [ends["x"], ends["past"]], [ends["y"], ends["new"]])
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
+    onnx.save(made, graph_file(tmp_path))
+    return graph_file(tmp_path)
+
+
+def test_rows_keep_their_own_past_and_those_that_rest_are_not_touched(path: Path) -> None:
+    step, x = ExportedStep(path), torch.tensor([[1.0, 2.0], [10.0, 20.0]])
+    state = step.init_state(2)
+    assert step.step(x, state, torch.tensor([True, True])).tolist() == [[1, 2], [10, 20]]
+    assert step.step(x, state, torch.tensor([False, True])).tolist() == [[0, 0], [20, 40]]
+    assert step.step(x, state.rows(slice(0, 1)), torch.tensor([True, False]))[0].tolist() == [2, 4]
+    assert state.parts[0].tolist() == [[2, 4], [20, 40]]
+    state.reset(torch.tensor([True, False]))
+    assert step.step(x, state, torch.tensor([True, True])).tolist() == [[1, 2], [30, 60]]
+
+
+def test_without_an_active_row_nothing_is_kept(path: Path) -> None:
+    step = ExportedStep(path)
+    state = step.init_state(1)
+    step.step(torch.ones(1, 2), state, torch.tensor([False]))
+    assert not state.parts[0].any()
+
+
+def test_a_graph_of_other_weights_is_not_found_and_a_damaged_one_is_named(path: Path) -> None:
+    path.write_bytes(b"no graph")
+    with pytest.raises(CheckpointError, match=path.name):
+        ExportedStep(path)
+    (path.parent / "model.safetensors").write_bytes(b"others")
+    assert not graph_file(path.parent).exists()

@@ -1,0 +1,15 @@
+import numpy as np
+
+from echoavatar_character import clothes, tailor
+from echoavatar_character.body import Body
+from echoavatar_character.shoes import shoes
+
+
+def test_every_texel_of_the_clothes_is_painted(body: Body) -> None:
+    """The jumper has its second colour, the trousers their belt; no texel keeps the ground of the picture."""
+    cloth = clothes.tights(body)
+    top, footwear = clothes.top(body, cloth), shoes(body, cloth)
+    picture = tailor.picture(body, [top, clothes.trousers(cloth, footwear), *footwear], 256)
+    assert np.isfinite(picture).all()
+    for colour in (body.person.top, body.person.second, body.person.belt):
+        assert (np.abs(picture - np.array(colour) / 255).max(2) < 0.06).mean() > 0.001
