@@ -6,11 +6,12 @@ passes a low-pass filter whose cutoff rises with the speed v of its wrist (after
 Vogel 2012, whose cutoff is linear in the speed). `LEAK` of the other wrist's speed does not count, and a hand that
 stays behind catches up:
 
-    cutoff = STILL_HZ + GAIN_HZ max(v - LEAK w, CATCH_UP d)^2
+    cutoff = STILL_HZ + GAIN_HZ max(v - LEAK w, CATCH_UP d, TRAVEL u)^2
 
-v and w are the speeds of its own and the other wrist as decoded, in arm lengths per second, averaged over `AVERAGE_S`;
-d is how many arm lengths it is behind. At v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1
-of 50 ms. `docs/results/post.md` has what each number changes. Not in the paper.
+v and w are the speeds of its own and the other wrist as decoded, in arm lengths per second, averaged over `AVERAGE_S`
+of the frames before or, where that is more, of those that the chunk holds after it: so a stroke begins on time. d is
+how many arm lengths the hand is behind, u the speed of the hips in metres per second: a dancer's arms pass freely. At
+v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 50 ms. Not in the paper.
 """
 
 import math
@@ -40,17 +41,17 @@ from ..kinematics.quaternions import (
 from .pose import Array, Pose
 
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
-AVERAGE_S, CATCH_UP = 0.2, 2.0
+AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 
 
 @dataclass
 class StillnessState(StreamState):
-    """The last frame: arms as shown, wrists as they came (metres, in the chest's frame), their speeds, and if any."""
+    """The last frame: arms as shown, wrists as they came (metres, in the chest's frame), speeds, and if there is any."""
 
     shown: Float[Array, "b 2 4 4"]
     wrists: Float[Array, "b 2 3"]
-    speeds: Float[Array, "b 2"]
+    speeds: Float[Array, "b 3"]  # of the wrists and of the hips
     has_shown: Bool[Array, " b"]
 
 
@@ -68,13 +69,13 @@ class Stillness:
     def init_state(self, rows: int) -> StillnessState:
         """Nothing shown yet."""
         arms, wrists = np.zeros((rows, 2, len(ARM), 4), np.float32), np.zeros((rows, 2, 3), np.float32)
-        return StillnessState(arms, wrists, np.zeros((rows, 2), np.float32), np.zeros(rows, bool))
+        return StillnessState(arms, wrists, np.zeros((rows, 3), np.float32), np.zeros(rows, bool))
 
     def step(self, pose: Pose, state: StillnessState, active: Bool[Array, " b"]) -> None:
         """Filter the arms of active rows, in place."""
         if self._has_arms:
             last = (state.shown, state.wrists, state.speeds, state.has_shown)
-            rest(pose.rotations, *last, active, self._joints, self._offsets, self._reach, float(pose.fps))
+            rest(pose.rotations, pose.root, *last, active, self._joints, self._offsets, self._reach, float(pose.fps))
 
 
 @kernel()
@@ -108,24 +109,50 @@ def between(a, b, share):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def rest(rotations, shown, wrists, speeds, has_shown, active, joints, offsets, reach, fps):  # type: ignore[no-untyped-def]
+def measure(rotations, root, wrists, last, has_shown, joints, offsets, reach, fps, speeds):  # type: ignore[no-untyped-def]
+    """Fill `speeds` (t, 3) of a row: each wrist's, the larger mean of the frames before and after, and the hips'."""
+    average, travel = 1.0 - math.exp(-1.0 / (fps * AVERAGE_S)), 1.0 - math.exp(-1.0 / (fps * TRAVEL_S))
+    for side in range(3):
+        mean = last[side]
+        for frame in range(len(rotations)):
+            if side == 2:
+                now = math.hypot(root[frame, 0], root[frame, 2]) * fps
+                mean += travel * (now - mean)
+            else:
+                at = wrist(rotations[frame], joints[side], offsets[side])
+                now = length(minus(at, read_vector(wrists[side]))) * fps / reach[side] if has_shown or frame else 0.0
+                write_vector(wrists[side], at)
+                mean += average * (now - mean)
+                speeds[frame, side + 3] = now
+            speeds[frame, side] = mean
+        last[side] = mean
+    for side in range(2):
+        mean = speeds[len(rotations) - 1, side]
+        for back in range(1, len(rotations) + 1):
+            frame = len(rotations) - back
+            mean += average * (speeds[frame, side + 3] - mean)
+            speeds[frame, side] = max(speeds[frame, side], mean)
+
+
+@kernel()
+def rest(rotations, root, shown, wrists, last, has_shown, active, joints, offsets, reach, fps):  # type: ignore[no-untyped-def]
     """Filter both arms of active rows, frame by frame."""
-    average = 1.0 - math.exp(-1.0 / (fps * AVERAGE_S))
+    speeds = np.empty((rotations.shape[1], 5))
     for row in range(len(rotations)):
         if not active[row]:
             continue
+        own = (wrists[row], last[row], has_shown[row])
+        measure(rotations[row], root[row], *own, joints, offsets, reach, fps, speeds)
         for frame in range(rotations.shape[1]):
             now = rotations[row, frame]
             for side in range(len(joints)):
-                at = wrist(now, joints[side], offsets[side])
+                behind = 0.0
                 if has_shown[row]:
-                    speed = length(minus(at, read_vector(wrists[row, side]))) * fps / reach[side]
-                    speeds[row, side] += average * (speed - speeds[row, side])
-                write_vector(wrists[row, side], at)
-            for side in range(len(joints)):
-                behind = length(minus(read_vector(wrists[row, side]), held_wrist(shown[row, side], offsets[side])))
-                own = max(speeds[row, side] - LEAK * speeds[row, 1 - side], CATCH_UP * behind / reach[side])
-                cutoff = STILL_HZ + GAIN_HZ * own * own
+                    gap = minus(wrist(now, joints[side], offsets[side]), held_wrist(shown[row, side], offsets[side]))
+                    behind = length(gap) / reach[side]
+                pace = max(speeds[frame, side] - LEAK * speeds[frame, 1 - side], CATCH_UP * behind)
+                pace = max(pace, TRAVEL * speeds[frame, 2])
+                cutoff = STILL_HZ + GAIN_HZ * pace * pace
                 share = 1.0 / (1.0 + fps / (2.0 * math.pi * cutoff)) if has_shown[row] else 1.0
                 for bone in range(joints.shape[1]):
                     joint = joints[side, bone]
