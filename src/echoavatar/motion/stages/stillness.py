@@ -47,7 +47,7 @@ ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 
 @dataclass
 class StillnessState(StreamState):
-    """The last frame: arms as shown, wrists as they came (metres, in the chest's frame), speeds, and if there is any."""
+    """The last frame, if any: arms as shown, wrists as they came (metres, in the chest's frame), and speeds."""
 
     shown: Float[Array, "b 2 4 4"]
     wrists: Float[Array, "b 2 3"]
