@@ -39,6 +39,7 @@ from echoavatar.motion.stages.leash import Leash
 from echoavatar.motion.stages.modes import FREE, IdleLegs, MotionOptions
 from echoavatar.motion.stages.post import Post
 from echoavatar.motion.stages.smoother import Smoother, SpeedLimit
+from echoavatar.motion.stages.stillness import Stillness
 from echoavatar.nn import CausalAttention, CausalBlock
 from echoavatar.nn.exported import ExportedStep
 from echoavatar.timing import CHUNK_FRAMES, CHUNK_SAMPLES
@@ -322,6 +323,7 @@ CASES: dict[type, dict[str, Case]] = {
 COVERED: dict[type, tuple[type, str]] = {
     FaceGpt: (FaceStream, "its state is a part of the stream's, which runs it frame by frame"),
     Smoother: (Post, "runs in every chunk"),
+    Stillness: (Post, "runs in every chunk"),
     SpeedLimit: (Post, "runs in every chunk"),
     Ground: (Post, "runs in every chunk"),
     Feet: (Post, "runs in every chunk"),

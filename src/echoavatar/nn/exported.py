@@ -59,7 +59,7 @@ class ExportedStep:
         return ExportedState([torch.zeros(rows, *past.shape[1:], dtype=_TYPES[past.type]) for past in self._past])
 
     def step(self, x: Tensor, state: StreamState, active: Bool[Tensor, " b"]) -> Tensor:
-        """The graph's output for the next input of as many frames as it was made for; zero in inactive rows."""
+        """The graph's output for the next input of as many frames as it was made for; of inactive rows it means nothing."""
         rows = np.flatnonzero(active.numpy())
         is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
         chosen = rows if is_part else slice(None)
@@ -69,7 +69,7 @@ class ExportedStep:
         for part, value in zip(past, new, strict=True) if len(rows) else ():
             part[chosen] = value
         if is_part:
-            whole = np.zeros((len(active), *made.shape[1:]), made.dtype)
+            whole = np.repeat(made[:1], len(active), 0)  # the next stage finds no fault in it
             whole[chosen] = made
             made = whole
         return torch.from_numpy(made)
