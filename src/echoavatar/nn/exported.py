@@ -59,7 +59,7 @@ class ExportedStep:
         return ExportedState([torch.zeros(rows, *past.shape[1:], dtype=_TYPES[past.type]) for past in self._past])
 
     def step(self, x: Tensor, state: StreamState, active: Bool[Tensor, " b"]) -> Tensor:
-        """The graph's output for the next input of as many frames as it was made for; of inactive rows it means nothing."""
+        """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void."""
         rows = np.flatnonzero(active.numpy())
         is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
         chosen = rows if is_part else slice(None)
