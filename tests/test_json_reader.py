@@ -79,6 +79,7 @@ ROOT = Path(__file__).parents[1]
 READERS = {"json.loads", "json.load", "msgspec.json.decode", "model_validate_json", "json.JSONDecoder"}
 OF_OUR_OWN = {
     "lab/src/echoavatar_lab/evaluation/motion_folder.py": "our own settings, brought to the form that JSON gives back",
+    "lab/src/echoavatar_lab/models/export.py": "the header of weights that the checkpoint's reader has checked",
     "lab/src/echoavatar_lab/tables/experiment.py": "our own settings, brought to the form that JSON gives back",
     "scripts/release_check.py": "a manifest of this repository",
     "src/echoavatar/agents/proxy/bench.py": "what our own child process said",

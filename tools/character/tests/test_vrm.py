@@ -47,7 +47,7 @@ def test_hair_hangs_on_chains_below_the_ears_and_the_rest_stays_with_the_head() 
     top = max(chain.places[0, 1] for chain in chains)
     assert maya.positions[swings.any(1), 1].max() <= top + 1e-4
     low = np.flatnonzero(swings.any(1) & (maya.positions[:, 1] < top - 0.08))
-    assert len(low) > 300
+    assert len(low) > 100
     assert not (made.joints[low][made.weights[low] > 0] == HUMANOID.index("head")).any()
 
 

@@ -59,7 +59,7 @@ def _serve() -> None:
         import resource
 
         status = Path("/proc/self/status")
-        held = re.search(r"VmData:\s*(\d+)", status.read_text()) if status.exists() else None
+        held = re.search(r"VmData:\s*(\d+)", status.read_text(encoding="utf-8")) if status.exists() else None
         most = MEMORY + (int(held[1]) << 10 if held else MEMORY)
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     source, target = sys.stdin.buffer, sys.stdout.buffer

@@ -103,12 +103,12 @@ def body_of_rig(skeleton: Skeleton) -> BodyProfile:
 
 # of the first shipped character without her hair, as `measure_body` gave it: bone, centre, radii
 _ROWS: tuple[tuple[str, Vector, Vector], ...] = (
-    ("hips", (0.0, 0.0133, 0.007), (0.1955, 0.1349, 0.1408)),
-    ("spine", (0.0, 0.0576, 0.027), (0.1975, 0.1262, 0.1395)),
-    ("chest", (0.0, 0.0625, 0.0327), (0.2487, 0.1374, 0.143)),
-    ("upperChest", (0.0, 0.0825, 0.0128), (0.2717, 0.1402, 0.1368)),
-    ("neck", (0.0, 0.0405, 0.0058), (0.0402, 0.0594, 0.0419)),
-    ("head", (0.0, 0.0499, 0.0295), (0.0949, 0.1367, 0.1126)),
+    ("hips", (0.0, 0.0133, 0.0074), (0.1779, 0.1357, 0.133)),
+    ("spine", (0.0, 0.0575, 0.0324), (0.1682, 0.1265, 0.1168)),
+    ("chest", (0.0, 0.0625, 0.0359), (0.2278, 0.1375, 0.1396)),
+    ("upperChest", (0.0, 0.0825, 0.0197), (0.2579, 0.1402, 0.1414)),
+    ("neck", (0.0, 0.0475, 0.016), (0.0539, 0.0713, 0.0372)),
+    ("head", (0.0, 0.052, 0.0326), (0.1067, 0.148, 0.1257)),
 )
 _PARTS = [{"bone": bone, "centre": centre, "radii": radii} for bone, centre, radii in _ROWS]
 _OURS = BodyProfile.model_validate({"parts": _PARTS, "palm": 0.019, "finger": 0.0117})
