@@ -63,9 +63,20 @@ class PageDriver:
 
     def wait(self, condition: str, seconds: float = 60) -> None:
         end = time.monotonic() + seconds
-        while not self.page.evaluate(condition):
+        while not self._is(condition):
             assert time.monotonic() < end, f"{condition} did not become true; console: {self.problems}"
             time.sleep(0.1)
+
+    def _is(self, condition: str) -> bool:
+        """Whether it holds; not while the page is left for the next."""
+        from playwright.sync_api import Error
+
+        try:
+            return bool(self.page.evaluate(condition))
+        except Error as error:
+            if "context was destroyed" in str(error):
+                return False
+            raise
 
     def click(self, selector: str) -> None:
         """Click without waiting for animations to finish."""

@@ -89,7 +89,7 @@ def test_other_sessions_are_watched_and_left_from_the_menu(page: PageDriver, moc
     page.wait("!document.getElementById('menu').hidden")
     watched = "[...document.querySelectorAll('[data-choice^=watch]')].map((row) => row.dataset.choice)"
     assert page.ask(watched) == ["watch-a robot"]  # not one's own
-    with page.page.expect_navigation(wait_until="commit"):
+    with page.page.expect_navigation(wait_until="load"):
         page.click("[data-choice='watch-a robot']")
     page.wait("!!(window.__echo && __echo.avatar.driver)")
     assert (
@@ -98,7 +98,7 @@ def test_other_sessions_are_watched_and_left_from_the_menu(page: PageDriver, moc
     )
     page.click("#avatar")
     page.wait("!document.getElementById('menu').hidden")
-    with page.page.expect_navigation(wait_until="commit"):
+    with page.page.expect_navigation(wait_until="load"):
         page.click("[data-choice=watch]")
     page.wait("!!(window.__echo && __echo.avatar.driver)")
     assert page.ask("location.search") == "?quality=low"
@@ -130,17 +130,11 @@ def test_a_token_is_asked_for_on_the_page(new_page: Callable[..., PageDriver], m
     for token in ("wrong", "secret"):
         if token == "wrong":
             driver.page.goto(f"{mock_url}?quality=low", wait_until="commit")
-        for _ in range(600):
-            if driver.page.evaluate("!!document.getElementById('gate')?.open"):
-                break
-            driver.page.wait_for_timeout(100)
+        driver.wait("!!document.getElementById('gate')?.open")
         driver.page.fill("#token", token)
-        with driver.page.expect_navigation(wait_until="commit"):
+        with driver.page.expect_navigation(wait_until="load"):
             driver.click("#gate button")
-    for _ in range(600):
-        if driver.page.evaluate("!!(window.__echo && __echo.shown)"):
-            break
-        driver.page.wait_for_timeout(100)
+    driver.wait("!!(window.__echo && __echo.shown)")
     assert driver.ask("[document.getElementById('gate').open, location.search]") == [False, "?quality=low"]
 
 
