@@ -4,6 +4,7 @@ A streaming class is one with a method `init_...(rows)` that makes the state of 
 """
 
 import math
+import os
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -295,7 +296,10 @@ CASES: dict[type, dict[str, Case]] = {
     },
     BodyTokenizer: {"decoder": Case(lambda: decoding(small_body().double()), codes(16, 3, 2))},
     AudioCodec: {"": Case(codec, lambda *of: sound(*of).double(), unit=7 * 320, cuts=FEW, atol=0)},
-    ExportedStep: {
+    # Checks of shapes would be traced into the graphs, with the number of rows that they saw.
+    ExportedStep: {}
+    if os.environ.get("CHECK_SHAPES")
+    else {
         "of a decoder": Case(exported_decoder, codes(24, 3), unit=2, cuts=FEW, atol=1e-5),
         "of an ear": Case(exported_ear, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5),
         "of a codec": Case(exported_codec, sound, CHUNK_SAMPLES, cuts=FEW, atol=0),
