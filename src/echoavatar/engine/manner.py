@@ -75,13 +75,15 @@ class SpeakerManner:
     def _draw(self, turn: int) -> Float[np.ndarray, " hands"]:
         values, rng = self._numbers(self._border(turn)), np.random.default_rng([self._seed, 3, turn])
         rests, both, right, second, lively = rng.random(5)
-        working = np.full(2, both < values[BOTH])
+        is_set = SET["handedness"] in self._set
+        apart = abs(2 * values[RIGHT] - 1) if is_set else 0.0  # who asks for one hand does not ask for both
+        working = np.full(2, both < values[BOTH] * (1 - apart))
         working[int(right < values[RIGHT])] = True
         working &= rests >= RESTS * (1 - values[LIVELINESS]) ** 2
         busy = np.full(2, QUIET + (LIVELY - QUIET) * values[LIVELINESS] + 0.2 * (lively - 0.5))
         busy[int(right >= values[RIGHT])] -= UNEQUAL * 2 * second
         busy = np.where(working, busy, rng.uniform(*IDLE, 2))
-        is_told = working.any() and SET["handedness"] in self._set  # else the hand that rests may do so anywhere
+        is_told = working.any() and is_set  # else the hand that rests may do so anywhere
         high = np.where(~working & is_told, _low(values), np.nan)
         drawn: Float[np.ndarray, " hands"] = np.clip(np.concatenate([busy, high]), 0, 1)
         return drawn

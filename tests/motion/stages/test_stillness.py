@@ -32,6 +32,31 @@ def shown(rotations: np.ndarray, skeleton: Skeleton = HUMANOID, travel: float = 
     return rotations
 
 
+def trunk_sway(hands: np.ndarray, travel: float = 0.0) -> float:
+    """Radians that the spine's sway of 0.1 spans when shown, beside hands that turn like this."""
+    moves, sway = forearms(hands, hands), np.zeros((1, len(TIME), 3), np.float32)
+    sway[0, :, 0] = 0.05 * np.sin(5 * TIME)
+    moves[:, :, HUMANOID.index("spine")] = quaternion_from_axis_angle(sway)
+    made = shown(moves, travel=travel)[0, 120:, HUMANOID.index("spine")]
+    return float(np.ptp(2 * np.arctan2(made[:, 1], made[:, 0])))
+
+
+def test_the_trunk_takes_part_while_hands_work_and_is_calm_while_they_rest():
+    works, rests = trunk_sway(0.8 * np.sin(8 * TIME)), trunk_sway(0 * TIME)
+    assert 0.1 < works < 0.15
+    assert 0.01 < rests < 0.04, "it still breathes"
+    assert trunk_sway(0 * TIME, travel=0.5) == pytest.approx(0.1, abs=0.015), "a dancer's trunk passes"
+
+
+def test_a_trunk_that_turns_beside_resting_hands_gets_there():
+    turn = np.zeros((1, len(TIME), 3), np.float32)
+    turn[0, :, 1] = 0.4 * np.clip(TIME, 0, 1)
+    moves, spine = forearms(0 * TIME, 0 * TIME), HUMANOID.index("spine")
+    moves[:, :, spine] = quaternion_from_axis_angle(turn)
+    made = shown(moves)[0, :, spine]
+    assert 2 * np.arctan2(made[-1, 2], made[-1, 0]) == pytest.approx(0.4, abs=0.01)
+
+
 def angles(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Radians of both forearms in every frame."""
     turned = 2 * np.arctan2(rotations[0][:, ARMS, 2], rotations[0][:, ARMS, 0])

@@ -1,4 +1,4 @@
-"""A hand that hardly moves rests; one that gestures is hardly delayed.
+"""A hand that hardly moves rests; one that gestures is hardly delayed, and the trunk moves with it.
 
 Codes are drawn anew for every latent, and one code holds both arms. While one hand works, the draws also move the
 other, and no hand ever comes to rest. People's hands do: they rest, and they stay up, with small moves. So each arm
@@ -11,7 +11,11 @@ stays behind catches up:
 v and w are the speeds of its own and the other wrist as decoded, in arm lengths per second, averaged over `AVERAGE_S`
 of the frames before or, where that is more, of those that the chunk holds after it: so a stroke begins on time. d is
 how many arm lengths the hand is behind, u the speed of the hips in metres per second: a dancer's arms pass freely. At
-v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 50 ms. Not in the paper.
+v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 50 ms.
+
+People's trunks move when their hands do. So each turn of the spine's joints is shown at a rate between `CALM` and
+`CALM` + `TAKES_PART`, which grows with the speed of the faster hand (`HALF`: at half of it); what that adds is forgotten
+within `FORGOTTEN_S`. The trunk of one who travels passes as it is. Not in the paper.
 """
 
 import math
@@ -26,6 +30,7 @@ from echoavatar.nn.kernels import kernel
 from ..kinematics import Skeleton
 from ..kinematics.quaternions import (
     IDENTITY,
+    conjugate,
     inner_product,
     length,
     minus,
@@ -42,15 +47,18 @@ from .pose import Array, Pose
 
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
+CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 1.6, 0.5, 1.0
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
+SPINE = ("spine", "chest", "upperChest")
 
 
 @dataclass
 class StillnessState(StreamState):
-    """The last frame, if any: arms as shown, wrists as they came (metres, in the chest's frame), and speeds."""
+    """The last frame, if any: arms as shown, the spine as it came and as shown, wrists as they came, and speeds."""
 
     shown: Float[Array, "b 2 4 4"]
-    wrists: Float[Array, "b 2 3"]
+    spine: Float[Array, "b 2 s 4"]
+    wrists: Float[Array, "b 2 3"]  # metres, in the chest's frame
     speeds: Float[Array, "b 3"]  # of the wrists and of the hips
     has_shown: Bool[Array, " b"]
 
@@ -63,19 +71,23 @@ class Stillness:
         self._has_arms = all(name in skeleton.names for arm in names for name in arm)
         if self._has_arms:
             self._joints = np.array([skeleton.indices(arm) for arm in names])
+            self._spine = np.array(skeleton.indices([bone for bone in SPINE if bone in skeleton.names]), np.int64)
             self._offsets = np.asarray(skeleton.offsets, np.float64)[self._joints[:, 1:]]
             self._reach = np.linalg.norm(self._offsets[:, 1:], axis=-1).sum(1)
 
     def init_state(self, rows: int) -> StillnessState:
         """Nothing shown yet."""
-        arms, wrists = np.zeros((rows, 2, len(ARM), 4), np.float32), np.zeros((rows, 2, 3), np.float32)
-        return StillnessState(arms, wrists, np.zeros((rows, 3), np.float32), np.zeros(rows, bool))
+        arms, spine, wrists, speeds = (
+            np.zeros((rows, *shape), np.float32) for shape in ((2, len(ARM), 4), (2, len(SPINE), 4), (2, 3), (3,))
+        )
+        return StillnessState(arms, spine, wrists, speeds, np.zeros(rows, bool))
 
     def step(self, pose: Pose, state: StillnessState, active: Bool[Array, " b"]) -> None:
-        """Filter the arms of active rows, in place."""
+        """Filter the arms and the spine of active rows, in place."""
         if self._has_arms:
-            last = (state.shown, state.wrists, state.speeds, state.has_shown)
-            rest(pose.rotations, pose.root, *last, active, self._joints, self._offsets, self._reach, float(pose.fps))
+            last = (state.shown, state.spine, state.wrists, state.speeds, state.has_shown)
+            arms, fps = (self._joints, self._offsets, self._reach), float(pose.fps)
+            rest(pose.rotations, pose.root, *last, active, self._spine, *arms, fps)
 
 
 @kernel()
@@ -135,8 +147,27 @@ def measure(rotations, root, wrists, last, has_shown, joints, offsets, reach, fp
 
 
 @kernel()
-def rest(rotations, root, shown, wrists, last, has_shown, active, joints, offsets, reach, fps):  # type: ignore[no-untyped-def]
-    """Filter both arms of active rows, frame by frame."""
+def take_part(pose, came, shown, spine, speeds, has_shown, fps):  # type: ignore[no-untyped-def]
+    """Turn the spine of a frame by more where hands move, by less where they rest; `speeds` are the frame's."""
+    fast = max(speeds[0], speeds[1])
+    rate = CALM + TAKES_PART * fast / (fast + HALF)
+    rate += (1.0 - rate) * min(TRAVEL * speeds[2], 1.0)
+    forgotten = 1.0 - math.exp(-1.0 / (fps * FORGOTTEN_S))
+    for bone in range(len(spine)):
+        now = read_quaternion(pose[spine[bone]])
+        new = now
+        if has_shown:
+            step = multiply(conjugate(read_quaternion(came[bone])), now)
+            new = normalized(multiply(read_quaternion(shown[bone]), between(IDENTITY, step, rate)))
+            new = between(new, now, forgotten)
+        write_quaternion(came[bone], now)
+        write_quaternion(shown[bone], new)
+        write_quaternion(pose[spine[bone]], new)
+
+
+@kernel()
+def rest(rotations, root, shown, trunk, wrists, last, has_shown, active, spine, joints, offsets, reach, fps):  # type: ignore[no-untyped-def]
+    """Filter both arms and the spine of active rows, frame by frame."""
     speeds = np.empty((rotations.shape[1], 5))
     for row in range(len(rotations)):
         if not active[row]:
@@ -145,6 +176,7 @@ def rest(rotations, root, shown, wrists, last, has_shown, active, joints, offset
         measure(rotations[row], root[row], *own, joints, offsets, reach, fps, speeds)
         for frame in range(rotations.shape[1]):
             now = rotations[row, frame]
+            take_part(now, trunk[row, 0], trunk[row, 1], spine, speeds[frame], has_shown[row], fps)
             for side in range(len(joints)):
                 behind = 0.0
                 if has_shown[row]:
