@@ -14,8 +14,8 @@ how many arm lengths the hand is behind, u the speed of the hips in metres per s
 v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 50 ms.
 
 People's trunks move when their hands do. So each turn of the spine's joints is shown at a rate between `CALM` and
-`CALM` + `TAKES_PART`, which grows with the speed of the faster hand (`HALF`: at half of it); what that adds is forgotten
-within `FORGOTTEN_S`. The trunk of one who travels passes as it is. Not in the paper.
+`CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); what that adds is
+forgotten within `FORGOTTEN_S`. The trunk of one who travels passes as it is. Not in the paper.
 """
 
 import math
