@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from tests.engine.fakes import engine
 
-from echoavatar.engine.manner import DRIFT, MORE_MIRRORED, SpeakerManner
+from echoavatar.engine.manner import SpeakerManner
 from echoavatar.models.generator.manner import MANNER, draw_manner
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 
@@ -11,13 +11,19 @@ def test_it_wanders_slowly_around_what_the_seed_drew():
     manner = SpeakerManner(7, FREE)
     all_told = np.stack([manner.at(chunk) for chunk in range(900)])
     minutes = all_told[:, : len(MANNER)]
-    drawn = np.array(draw_manner(7).values) + MORE_MIRRORED * (np.arange(len(MANNER)) == MANNER.index("mirror"))
-    assert np.abs(minutes - drawn).max() <= DRIFT + 1e-6
+    assert np.abs(minutes - minutes.mean(0)).max() < 0.3
     assert np.abs(np.diff(minutes, axis=0)).max() < 0.01
     assert np.ptp(minutes[:, MANNER.index("liveliness")]) > 0.05
     again = np.stack([SpeakerManner(7, FREE).at(chunk) for chunk in range(900)])
     assert np.array_equal(all_told, again, equal_nan=True)
     assert not np.array_equal(SpeakerManner(8, FREE).at(0), all_told[0], equal_nan=True)
+
+
+def test_what_a_session_is_told_follows_what_its_seed_drew():
+    own = np.array([told(seed)[:, : len(MANNER)].mean(0) for seed in range(16)]).T
+    drawn = np.array([draw_manner(seed).values for seed in range(16)]).T
+    for name, here, there in zip(MANNER[:-1], own, drawn, strict=False):  # idle hands hang at the sides
+        assert np.corrcoef(here, there)[0, 1] > 0.8, name
 
 
 def hands_of(seed: int, liveliness: float | None = None, handedness: float | None = None):

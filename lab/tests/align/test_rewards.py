@@ -208,3 +208,14 @@ def test_weights_are_parsed_and_unknown_rewards_refused():
         RewardMix({"beets": 1.0}, reference_statistics())
     with pytest.raises(EchoAvatarError, match="cannot be imported"):
         RewardMix({"no_such_module:f": 1.0}, reference_statistics())
+
+
+def test_strokes_that_come_earlier_than_the_truths_are_paid_for_where_they_are_asked_for():
+    """A rise of speed at stresses, and one three frames before them."""
+    own, events = reference_statistics(), (0.6, 1.2, 1.7)
+    on_time, early = (
+        scene(dips([event - lead for event in events], depth=-0.8), stresses=events, domain=1) for lead in (0, 0.1)
+    )
+    for made, better, worse in ((on_time, own, own.earlier(3)), (early, own.earlier(3), own)):
+        paid, unpaid = (response(made, "stress", rule).sum() for rule in (better, worse))
+        assert paid > unpaid + 0.2

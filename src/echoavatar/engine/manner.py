@@ -14,8 +14,8 @@ from echoavatar.motion.stages.modes import MotionOptions
 from echoavatar.timing import CHUNK
 
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
-LIVELINESS, RIGHT, BOTH, MIRROR, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "mirror", "rest"))
-MORE_MIRRORED = 0.3  # than was drawn: hands of a free run share less than those that it learned from
+LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "rest"))
+CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}  # what a free run is told over what was drawn
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
@@ -23,8 +23,7 @@ QUIET, LIVELY = 0.4, 0.72  # how busy a working hand is (`models.generator.manne
 IDLE = (0.05, 0.2)  # how busy the other hand is
 UNEQUAL = 0.08  # how far two working hands differ
 RESTS = 0.4  # chance at liveliness 0 that neither works
-HANGING, CLASPED = 0.08, 0.22  # how high an idle hand is: at the side, or before the body
-FROM_SIDE, TO_BACK = 0.55, 0.9  # manner's `rest`, between which idle hands are before the body
+HANGING = 0.08  # how high an idle hand is
 KEPT = 8  # turns that are remembered
 AROUND = CHUNK.within(BUSY_S) // 2  # chunks to either side that a hand's busyness is a mean of
 
@@ -34,7 +33,9 @@ class SpeakerManner:
 
     def __init__(self, seed: int, options: MotionOptions) -> None:
         self._seed, self._drawn = seed, np.array(draw_manner(seed).values)
-        self._drawn[MIRROR] += MORE_MIRRORED
+        for name, by in CORRECTED.items():
+            self._drawn[MANNER.index(name)] += by
+        self._drawn[REST] = 0  # at the sides: a free run keeps its hands before the body too often
         self._set: dict[str, float] = {}
         self._turns: dict[int, Float[np.ndarray, " hands"]] = {}  # what hands do in turns that were drawn
         self.choose(options.liveliness, options.handedness)
@@ -84,7 +85,7 @@ class SpeakerManner:
         busy[int(right >= values[RIGHT])] -= UNEQUAL * 2 * second
         busy = np.where(working, busy, rng.uniform(*IDLE, 2))
         is_told = working.any() and is_set  # else the hand that rests may do so anywhere
-        high = np.where(~working & is_told, _low(values), np.nan)
+        high = np.where(~working & is_told, HANGING, np.nan)
         drawn: Float[np.ndarray, " hands"] = np.clip(np.concatenate([busy, high]), 0, 1)
         return drawn
 
@@ -97,8 +98,3 @@ class SpeakerManner:
         wander = np.random.default_rng([self._seed, 2, block]).uniform(-DRIFT, DRIFT, len(MANNER))
         wander[REST] = 0  # where idle hands are is a habit
         return wander
-
-
-def _low(values: Float[np.ndarray, " m"]) -> float:
-    """How high the idle hands of a manner are."""
-    return CLASPED if FROM_SIDE < values[REST] < TO_BACK else HANGING

@@ -60,6 +60,7 @@ def load_setup(
     reference: Path | None = None,
     rewards: Sequence[str] | None = None,
     reference_statistics: Path | None = None,
+    earlier: int = 0,
     sampling: Mapping[str, float] | None = None,
     quality: Path | None = None,
     alignment: Path | None = None,
@@ -69,6 +70,7 @@ def load_setup(
     """Load models, clips and rewards.
 
     Reference statistics that are not given are measured on the train clips and kept in `folder`.
+    `earlier` is how many frames before the truth's strokes on stresses should come.
     With `is_compared` (DPO) rewards only measure progress on held-out clips. If there is neither true motion nor a file
     of reference statistics, as for a studio's token files, nothing is measured.
 
@@ -94,7 +96,7 @@ def load_setup(
             raise EchoAvatarError(f"the reward {name} is learned first: pass --{name} (docs/alignment.md)")
     own = {name: kind.load(file).judge for name, (file, kind) in learned.items() if file}
     rule = None if is_unmeasured else load_or_measure(parts.tokenizer, train, reference_statistics, folder)
-    mix = RewardMix(weights, rule, own)
+    mix = RewardMix(weights, rule and rule.earlier(earlier), own)
     name = str(reference or generator or bundle)
     card |= {"rewards": weights}
     return AlignmentSetup(parts.tokenizer, policy, kept_near, name, train, test, mix, card, parts.codec)

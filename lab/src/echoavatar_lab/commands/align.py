@@ -182,6 +182,13 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5; with --recipe paper quality=1 alignment=1)",
     )
     child.add_argument("--reference-statistics", type=Path, help="statistics of true motion (default: measured now)")
+    child.add_argument(
+        "--earlier",
+        type=int,
+        default=0,
+        metavar="FRAMES",
+        help="pay for strokes on stresses that come so much before the truth's (default: 0)",
+    )
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")
     child.add_argument("--alignment", type=Path, help="trained alignment reward, for --reward alignment=1")
     child.add_argument("--realism", type=Path, metavar="JSON", help="fitted realism reward, for --reward realism=0.04")
@@ -215,6 +222,7 @@ def _setup(args: argparse.Namespace) -> "AlignmentSetup":
         reference=args.reference,
         rewards=args.reward,
         reference_statistics=args.reference_statistics,
+        earlier=args.earlier,
         quality=args.quality,
         alignment=args.alignment,
         realism=args.realism,
