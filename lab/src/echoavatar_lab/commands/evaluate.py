@@ -337,7 +337,7 @@ def _alive(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]"
 
 def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
     from echoavatar.engine.pipeline import Pipeline
-    from echoavatar_lab.evaluation import jury
+    from echoavatar_lab.evaluation import jury, strokes
     from echoavatar_lab.evaluation.onlooker import read_judges, told_apart
     from echoavatar_lab.evaluation.people import read_people
     from echoavatar_lab.evaluation.report import SEED_STRIDE
@@ -357,8 +357,9 @@ def _jury(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
         found = jury.verdicts(ours, captured, args.seconds, progress=partial(say, "measuring"))
     sides = {kind: [[take for take in side if take.kind == kind] for side in (ours, judges)] for kind in found}
     told = {kind: told_apart(*both) for kind, both in sides.items()}
-    print(jury.as_text(found, told))
-    return jury.as_json(found, told)
+    heard = strokes.responses(ours, captured)
+    print(jury.as_text(found, told), strokes.as_text(heard), sep="\n")
+    return jury.as_json(found, told) | {"strokes": strokes.as_json(heard)}
 
 
 def _domains(args: argparse.Namespace, bundle: "Bundle") -> "Mapping[str, object]":
