@@ -57,6 +57,18 @@ def test_a_trunk_that_turns_beside_resting_hands_gets_there():
     assert 2 * np.arctan2(made[-1, 2], made[-1, 0]) == pytest.approx(0.4, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("roll", "travel", "least", "most"), [(0.1, 0, 0.08, 0.1), (0.7, 0, 0.2, 0.26), (-0.7, 1, 0.65, 0.7)]
+)
+def test_who_talks_leans_a_little_to_a_side_and_who_dances_as_far_as_he_likes(roll, travel, least, most):
+    turns, bones = np.zeros((1, len(TIME), 3), np.float32), HUMANOID.indices(("spine", "chest", "upperChest"))
+    turns[0, :, 2] = roll / 3
+    moves = forearms(0 * TIME, 0 * TIME)
+    moves[:, :, bones] = quaternion_from_axis_angle(turns)[:, :, None]
+    made = shown(moves, travel=travel)[0, -1, bones]
+    assert least <= abs(2 * np.arctan2(made[:, 3], made[:, 0]).sum()) <= most + 1e-5
+
+
 def angles(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Radians of both forearms in every frame."""
     turned = 2 * np.arctan2(rotations[0][:, ARMS, 2], rotations[0][:, ARMS, 0])

@@ -15,7 +15,8 @@ v = 0.2 beside a resting hand it follows with a time constant of 0.9 s, at 1 of 
 
 People's trunks move when their hands do. So each turn of the spine's joints is shown at a rate between `CALM` and
 `CALM` + `TAKES_PART`, which grows with the speed of the faster hand (at `HALF` by half of it); what that adds is
-forgotten within `FORGOTTEN_S`. The trunk of one who travels passes as it is. Not in the paper.
+forgotten within `FORGOTTEN_S`. And no talker leans far to a side for seconds, as a generator may: the spine's roll is
+at most `MOST_ROLL` (softly). The trunk of one who travels passes as it is. Not in the paper.
 """
 
 import math
@@ -48,6 +49,7 @@ from .pose import Array, Pose
 STILL_HZ, GAIN_HZ, LEAK = 0.05, 3.0, 0.3
 AVERAGE_S, CATCH_UP, TRAVEL, TRAVEL_S = 0.2, 2.0, 2.0, 0.5
 CALM, TAKES_PART, HALF, FORGOTTEN_S = 0.1, 1.8, 0.5, 1.0
+MOST_ROLL = 0.25  # radians of all joints together: the trunk as a whole leans by half of it
 ARM = ("Shoulder", "UpperArm", "LowerArm", "Hand")
 SPINE = ("spine", "chest", "upperChest")
 
@@ -149,12 +151,18 @@ def measure(rotations, root, wrists, last, has_shown, joints, offsets, reach, fp
 @kernel()
 def take_part(pose, came, shown, spine, speeds, has_shown, fps):  # type: ignore[no-untyped-def]
     """Turn the spine of a frame by more where hands move, by less where they rest; `speeds` are the frame's."""
-    fast = max(speeds[0], speeds[1])
+    fast, passes = max(speeds[0], speeds[1]), min(TRAVEL * speeds[2], 1.0)
     rate = CALM + TAKES_PART * fast / (fast + HALF)
-    rate += (1.0 - rate) * min(TRAVEL * speeds[2], 1.0)
+    rate += (1.0 - rate) * passes
+    roll = 1e-9
+    for bone in range(len(spine)):
+        roll += 2.0 * math.atan2(pose[spine[bone], 3], pose[spine[bone], 0])
+    kept = MOST_ROLL * math.tanh(roll / MOST_ROLL) / roll
+    kept += (1.0 - kept) * passes
     forgotten = 1.0 - math.exp(-1.0 / (fps * FORGOTTEN_S))
     for bone in range(len(spine)):
-        now = read_quaternion(pose[spine[bone]])
+        own = read_quaternion(pose[spine[bone]])
+        now = normalized((own[0], own[1], own[2], own[3] * kept))
         new = now
         if has_shown:
             step = multiply(conjugate(read_quaternion(came[bone])), now)
