@@ -16,6 +16,7 @@ from echoavatar.timing import CHUNK
 SET = {"liveliness": "liveliness", "handedness": "right"}  # what users set, by its name in `Manner`
 LIVELINESS, RIGHT, BOTH, REST = (MANNER.index(x) for x in ("liveliness", "right", "both", "rest"))
 CORRECTED = {"liveliness": -0.05, "both": -0.1, "mirror": 0.3}  # what a free run is told over what was drawn
+LIVELIEST = 0.85  # what the dial's end is told: few drawn manners are livelier, so that little was learned beyond
 DRIFT = 0.15  # how far a number wanders from what was drawn
 DRIFT_CHUNKS = 45  # 12 s, two or three phrases, until it stands elsewhere
 TURN_CHUNKS, TURN_JITTER = 12, 4  # 3.2 s on average for which the same hands work
@@ -42,7 +43,7 @@ class SpeakerManner:
 
     def choose(self, liveliness: float | None = None, handedness: float | None = None) -> None:
         """Set numbers between 0 and 1; what is None stays as it is. See `MotionOptions`."""
-        told = {"liveliness": liveliness, "handedness": handedness}
+        told = {"liveliness": liveliness and liveliness * LIVELIEST, "handedness": handedness}
         self._set |= {SET[name]: value for name, value in told.items() if value is not None}
         self._turns.clear()
 
