@@ -5,12 +5,15 @@ body. Whoever adds a reward, a target or a choice by a row adds the row here.
 """
 
 from .metrics.liveliness import STATISTICS
+from .metrics.tells import TELLS
 
 PAID_FOR = frozenset(
     {
         *STATISTICS,  # targets of `align targets`, and how a library and a corpus were chosen
         *("told_apart", "frechet"),  # the opponent's classifier sees the same nine statistics
         *("jerk", "silence_hand_speed_ratio", "ba_beat", "ba_onset", "beat_excess", "onset_excess"),  # targets
+        "stroke_contrast",  # the reward `stresses`
+        *TELLS,  # how the stage `stillness`, the manner of a session and the share of a soup were chosen
         *("stillest", "rest_s", "rest_share"),  # arms at rest that the engine frees
     }
 )
