@@ -1,5 +1,7 @@
 """Matched filters: truth scores 1, ignorance 0, stillness nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from lab.tests.align.moving_bodies import FRAMES, LEAD, dips, reference_statistics, scene
@@ -219,3 +221,17 @@ def test_strokes_that_come_earlier_than_the_truths_are_paid_for_where_they_are_a
     for made, better, worse in ((on_time, own, own.earlier(3)), (early, own.earlier(3), own)):
         paid, unpaid = (response(made, "stress", rule).sum() for rule in (better, worse))
         assert paid > unpaid + 0.2
+
+
+def test_who_steps_or_parks_a_hand_by_the_face_while_talking_loses_and_who_dances_does_not():
+    still, moving = (scene(np.full(FRAMES + LEAD, speed), domain=1) for speed in (0.0, 0.6))
+    assert say("calm", still) == pytest.approx(0, abs=1e-6)
+    assert say("calm", moving) < -1.5
+    assert say("calm", scene(np.full(FRAMES + LEAD, 0.6), domain=2)) == 0
+    down, up = still.positions.copy(), still.positions.copy()  # at rest the arms are stretched out
+    for positions, sides in ((down, ("left", "right")), (up, ("right",))):
+        positions[:, still.skeleton.indices([side + "Hand" for side in sides]), 1] -= 0.5
+    assert say("returning", replace(still, positions=down)) == 0
+    parked = replace(still, positions=up)
+    assert say("returning", parked) == pytest.approx(-1, abs=0.01)
+    assert say("returning", replace(parked, domain=np.full_like(parked.domain, 2))) == 0

@@ -178,6 +178,8 @@ Reward = Callable[[DecodedMotion, ReferenceStatistics], float | Float[np.ndarray
 
 FREE_JERK, MOST_JERK = 2.0, 4.0  # multiples of the truth's mean jerk; strokes briefly reach twice the mean
 FREE_RATIO = 1.5  # factor by which speed may differ from the truth's without cost
+FOOT_M_S, HIPS_M_S, MOST_RESTLESS = 0.3, 0.2, 4.0
+PARKED_M, PASSING_M_S = 0.18, 0.6
 MOST_MOVEMENT = 3.0  # multiples of the truth's mean movement; more does not pay
 
 
@@ -251,6 +253,37 @@ def stillness(motion: DecodedMotion, reference_statistics: ReferenceStatistics) 
     return np.asarray(np.where(silent, -np.minimum(speed, 3.0), 0.0) / motion.frames)
 
 
+def calm(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
+    """Minus the speeds of the faster foot (over 0.3 m/s) and of the hips (over 0.2 m/s), except in music: a talker who
+    steps and crouches is a dancer. Divided by the frames.
+    """
+    feet = _travel(motion, ("leftFoot", "rightFoot")).max(1) / FOOT_M_S
+    speed = feet + _travel(motion, ("hips",))[:, 0] / HIPS_M_S
+    return np.asarray(
+        np.where(motion.domain[motion.lead :] == 2, 0.0, -np.minimum(speed, MOST_RESTLESS)) / motion.frames
+    )
+
+
+def returning(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
+    """Minus how high and slow each hand is, except in music: hands that stay at the face do not rest. Divided by the
+    frames. A hand counts from 18 cm below the shoulder on, and half as much at 0.3 m/s.
+    """
+    parked = np.zeros(motion.frames)
+    for side in ("left", "right"):
+        hand, shoulder = (
+            motion.positions[motion.lead :, motion.skeleton.index(side + x), 1] for x in ("Hand", "UpperArm")
+        )
+        high = np.clip((hand - shoulder) / PARKED_M + 1, 0, 1.5)
+        parked += high * np.clip(1 - _travel(motion, (side + "Hand",))[:, 0] / PASSING_M_S, 0, 1)
+    return np.asarray(np.where(motion.domain[motion.lead :] == 2, 0.0, -parked) / motion.frames)
+
+
+def _travel(motion: DecodedMotion, joints: Sequence[str]) -> Float[np.ndarray, "t n"]:
+    """Speeds of joints in the world, m/s, on arriving at each new frame."""
+    paths = motion.positions[:, motion.skeleton.indices(joints)]
+    return np.asarray(np.linalg.norm(np.diff(paths, axis=0), axis=-1)[motion.lead - 1 :] * FRAME_RATE_HZ)
+
+
 def _movement(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, "t 4"]:
     domain = motion.domain[motion.lead :]
     levels = np.maximum(np.array(reference_statistics.movement), 1e-3)  # one row a domain
@@ -285,6 +318,8 @@ BUILT_IN: dict[str, Reward] = {
     "planted_feet": planted_feet,
     "liveliness": liveliness,
     "stillness": stillness,
+    "calm": calm,
+    "returning": returning,
 }
 
 
