@@ -114,11 +114,11 @@ REHEARSAL = Scale(
     generator=GeneratorConfig(
         sequence="depth", window_chunks=15, width=192, layers=6, mlp=576, depth_width=96, depth_layers=3, depth_heads=4
     ),
-    generator_training=GeneratorTraining(steps=600, batch=16, optimiser="muon"),
+    generator_training=GeneratorTraining(steps=800, batch=16, optimiser="muon", asked=0.25),
     stage1=GeneratorTraining(
         objective="streams", steps=100, batch=16, learning_rate=2e-4, schedule="constant", weight_decay=0
     ),
-    stage3=GeneratorTraining(steps=300, batch=16, optimiser="muon", exemplar=0.3),
+    stage3=GeneratorTraining(steps=300, batch=16, optimiser="muon", asked=0.25, exemplar=0.3),
     quality=QualityConfig(**paper.QUALITY["model"] | {"width": 96, "heads": 4}),
     quality_training=QualityTraining(),
     alignment=AudioMotionConfig(**paper.ALIGNMENT["model"] | UNKNOWN | {"width": 96, "heads": 4}),
