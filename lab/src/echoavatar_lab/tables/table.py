@@ -100,10 +100,10 @@ def _over_seeds(versions: Sequence[Line]) -> Line:
     first = versions[0]
     found = {}
     for key, cell in first.ours.items():
-        versions_of = [line.ours[key] for line in versions if key in line.ours]
-        spread = statistics.stdev(one.value for one in versions_of) if len(versions_of) > 1 else NAN
-        means = [statistics.fmean(column) for column in zip(*(one[:3] for one in versions_of), strict=True)]
-        found[key] = Cell(*means, spread) if spread > 0 else cell
+        seeds = [line.ours[key] for line in versions if key in line.ours]
+        spread = statistics.stdev(one.value for one in seeds) if len(seeds) > 1 else NAN
+        value, low, high = (statistics.fmean(ends) for ends in zip(*(one[:3] for one in seeds), strict=True))
+        found[key] = Cell(value, low, high, spread) if spread > 0 else cell
     return replace(first, ours=found)
 
 
