@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import torch
 from lab.tests.evaluation.clips import MUSIC, SPEECH, clip
+from tests.models.generator.tiny import generator
 
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar_lab.evaluation.table import Interval, Row
+from echoavatar_lab.models.generator.windows import TokenClip
 from echoavatar_lab.tables.experiment import Experiment, Sources
 from echoavatar_lab.tables.scale import TINY
 
@@ -49,6 +52,23 @@ class FakeExperiment:
 
     def foreign_motions(self):
         return {}
+
+    def generator(self, choice):
+        """A generator of random weights; one without corruption is deaf."""
+        made = generator()
+        if choice.name == "corruption-none":
+            layout = made.config.layout
+            made.model.embed_tokens.weight.data[layout.audio_base : layout.motion_base] = 1.0
+        return made
+
+    def codes(self, choice, clips):
+        random = np.random.default_rng(0)
+        return [
+            TokenClip(
+                random.integers(8, size=(20 * 3, 2)), random.integers(8, size=(2 * 3, 3, 2)), np.ones(6, np.uint8)
+            )
+            for _ in clips
+        ]
 
     def generated_motions(self, choice):
         self.asked.append(choice.name)

@@ -45,14 +45,13 @@ def test_a_heading_says_unit_and_direction() -> None:
 
 def test_several_seeds_become_means_with_deviations() -> None:
     def table(ours: float) -> Table:
-        lines = [Line("truth", ours={"fid": Cell(0.0, 0.0, 0.1)}), Line("ours", ours={"fid": Cell(ours, 0.0, 9.0)})]
+        found = Cell(ours, ours - 1, 9.0)
+        lines = [Line("truth", ours={"fid": Cell(0.0, 0.0, 0.1)}), Line("ours", ours={"fid": found})]
         return Table("t", "T", [Column("fid", "FID")], lines)
 
     truth, ours = over_seeds([table(1.0), table(2.0), table(3.0)]).lines
     assert truth.ours["fid"] == Cell(0.0, 0.0, 0.1)
-    assert ours.ours["fid"][0] == 2.0
-    assert ours.ours["fid"].spread == 1.0
-    assert math.isnan(ours.ours["fid"].low)
+    assert ours.ours["fid"] == Cell(2.0, 1.0, 9.0, spread=1.0)
 
 
 TABLE = Table(
@@ -97,7 +96,7 @@ def test_a_table_is_written_four_ways_and_the_picture_has_a_panel_for_each_colum
 
 
 def test_a_deviation_over_seeds_stands_beside_its_mean() -> None:
-    table = Table("t", "T", [Column("fid", "FID")], [Line("a", {}, {"fid": Cell(2.0, spread=0.25)})])
-    assert "| a | 2 ± 0.25 |" in markdown(table)
-    assert as_csv(table).splitlines() == ["row,fid,fid_low,fid_high,fid_spread", "a,2,,,0.25"]
-    assert r"2 $\pm$ 0.25" in latex(table)
+    table = Table("t", "T", [Column("fid", "FID")], [Line("a", {}, {"fid": Cell(2.0, 1.0, 4.0, 0.25)})])
+    assert "| a | 2 ± 0.25 [1, 4] |" in markdown(table)
+    assert as_csv(table).splitlines() == ["row,fid,fid_low,fid_high,fid_spread", "a,2,1,4,0.25"]
+    assert r"2 $\pm$ 0.25 [1, 4]" in latex(table)

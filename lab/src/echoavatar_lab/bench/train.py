@@ -62,7 +62,8 @@ def bench_generator(config: GeneratorConfig, training: GeneratorTraining, *, dev
     ]
     stage = GeneratorTask(config, training, clips)
     ids = training.batch * stage.chunks * config.order.ids_per_chunk
-    flop = step_flop(stage.generator, ids, config.order.lookback or stage.chunks * config.order.ids_per_chunk)
+    seen = config.order.lookback or stage.chunks * config.order.ids_per_chunk
+    flop = None if config.sequence == "depth" else step_flop(stage.generator, ids, seen)  # two transformers in one
     return _timed("generator", stage, device=device, steps=steps, flop=flop)
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar reproduce all --scale tiny -o runs/tables                      every table; the numbers mean nothing
-  echoavatar reproduce main --scale rehearsal -o runs/tables                on the synthetic corpus, hours on a CPU
+  echoavatar reproduce main --scale rehearsal -o runs/tables                on the synthetic corpus, hours of a core
   echoavatar reproduce main --scale paper -o runs/tables --corpus sets/all --codec runs/codec --qwen qwen --device cuda
   echoavatar reproduce main -o runs/tables --seeds 3 --processes 2          means with deviations over three seeds
   echoavatar reproduce main -o runs/tables --corpus sets/all --with MECo=made/meco --with EDGE=made/edge

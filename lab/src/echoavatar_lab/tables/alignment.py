@@ -51,7 +51,7 @@ from echoavatar_lab.training.metrics_log import FILE, read_metrics
 from .experiment import Experiment, make_once
 from .scale import OURS, GeneratorChoice, Part, generator_waves
 from .scores import GENERATION_COLUMNS, generation_cells, papers
-from .table import Cell, Column, Line, Table
+from .table import Cell, Claim, Column, Line, Table
 
 NAME = "alignment"
 NORMAL = 1.96  # standard errors of a 95 % interval
@@ -67,6 +67,11 @@ LINES: dict[Method, tuple[str, dict[str, float]]] = {
     "grpo": ("Ours (GRPO)", papers(24.13, 20.89, 8.239, 2.618)),
     "ppo": ("Ours (PPO)", papers(24.97)),
 }
+CLAIMS = (
+    *(Claim(UNTUNED[0], LINES[method][0], ("fid",)) for method in ("dpo", "grpo", "ppo")),  # the trade-off
+    Claim(LINES["dpo"][0], LINES["grpo"][0], ("fid",)),
+    Claim(LINES["grpo"][0], UNTUNED[0], tuple(REWARDS)),
+)
 NO_STATISTICS = ReferenceStatistics(
     beat=(0.0,), stress=(0.0,), speed=(0.0,) * 3, movement=((0.0,) * 4,) * 3, jerk=1.0, scenes=1
 )
@@ -164,8 +169,9 @@ def rewards_of(folder: Path, *, is_first: bool = False) -> dict[str, Cell]:
 
 
 def _training(experiment: Experiment, method: Method) -> AlignTraining:
-    """The recipe of the scale, with the experiment's seed."""
-    return recipe(experiment.scale.name, method).model_copy(update={"seed": experiment.seed})
+    """The recipe of the scale, with the scale's own numbers and the experiment's seed."""
+    own = experiment.scale.tuning | {"seed": experiment.seed}
+    return AlignTraining.model_validate(recipe(experiment.scale.name, method).model_dump() | own)
 
 
 def _setting(experiment: Experiment) -> AlignmentSetup:

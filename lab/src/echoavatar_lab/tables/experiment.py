@@ -214,8 +214,8 @@ class Experiment:
         """How the corpus is encoded: as in the paper, with the mirrored motion of its alignment reward."""
         return TokenSettings.model_validate(TOKENS["training"] | {"is_mirrored": True})
 
-    def codes(self, choice: TokenizerChoice) -> list[TokenClip]:
-        """The corpus as codes of a tokenizer, without mirrored motion if the scale's trainings have none.
+    def codes(self, choice: TokenizerChoice, clips: Sequence[Clip] | None = None) -> list[TokenClip]:
+        """Clips as codes of a tokenizer; by default all, without mirrored motion if the scale's trainings have none.
 
         The folder holds mirrored motion too, which is positive for the alignment reward.
         """
@@ -237,6 +237,8 @@ class Experiment:
             )
 
         self._make_once(folder, self.codes_settings(choice), make)
+        if clips is not None:
+            return [TokenClip.load(folder / f"{clip.name}.npz") for clip in clips]
         paths, is_mirrored = sorted(folder.glob("*.npz")), self.scale.tokenizer_training.is_mirrored
         return [TokenClip.load(path) for path in paths if is_mirrored or not path.stem.endswith(MIRROR)]
 

@@ -11,8 +11,8 @@ from echoavatar.motion.kinematics import Motion
 
 from .experiment import EXTRA_CHUNKS, Experiment
 from .scale import OURS, GeneratorChoice, Part, Scale, Variant, generator_waves
-from .scores import GENERATION_COLUMNS, generated_line, generation_cells, papers
-from .table import Line, Table
+from .scores import GENERATION_COLUMNS, LISTENING, generated_line, generation_cells, papers
+from .table import Claim, Line, Table
 
 NAME = "main"
 TRUTH = papers(0.0, 21.52, 7.775, 2.619)
@@ -22,22 +22,29 @@ QUOTED = {
     "Ours (DPO)": papers(12.39, 19.67, 8.283, 2.607),
     "Ours (GRPO)": papers(24.13, 20.89, 8.239, 2.618),
 }
+NONE, UNIFORM, OURS_LINE = "Ours (w/o corrupt)", "Ours (uniform corruption)", "Ours (hierarchical corruption)"
 OFFLINE = "Ours, offline (hears ahead)"
 EXEMPLARS = "Ours, with exemplars (stage 3)"
 
 
 VARIANTS = (
     Variant(
-        "Ours (w/o corrupt)",
-        papers(25.92, 29.58, 8.464, 2.541),
-        GeneratorChoice("corruption-none", training={"corruption": "none"}),
+        NONE, papers(25.92, 29.58, 8.464, 2.541), GeneratorChoice("corruption-none", training={"corruption": "none"})
     ),
-    Variant("Ours (uniform corruption)", {}, GeneratorChoice("corruption-uniform", training={"corruption": "uniform"})),
+    Variant(UNIFORM, {}, GeneratorChoice("corruption-uniform", training={"corruption": "uniform"})),
     Variant(
-        "Ours (hierarchical corruption)",
+        OURS_LINE,
         papers(9.465, 20.70, 8.277, 2.603),
         GeneratorChoice(OURS.name),  # the generator of the last line of the tokenizer ablation
     ),
+)
+
+COLUMNS = (*GENERATION_COLUMNS, LISTENING)
+IGNORED = ("fid", "ba_d", "ba_g_over", "ba_d_over", LISTENING.key)
+CLAIMS = (
+    Claim(OURS_LINE, NONE, IGNORED),  # without it "the model ignores the input condition"
+    Claim(NONE, OURS_LINE, ("diversity", "ba_g")),  # and the movements "artificially inflate these metrics"
+    Claim(OURS_LINE, UNIFORM, ("fid",)),  # "unlike uniform noise injection"
 )
 
 
@@ -84,7 +91,8 @@ def make(experiment: Experiment) -> Table:
         "The paper has no uniform corruption. Lines marked as quoted are the paper's numbers and nothing else.",
         *foreign_notes(experiment, others),
     )
-    return Table(NAME, "Generation (paper, Quantitative evaluation on test set)", GENERATION_COLUMNS, lines, notes)
+    title = "Generation (paper, Quantitative evaluation on test set)"
+    return Table(NAME, title, COLUMNS, lines, notes, CLAIMS)
 
 
 def foreign_notes(experiment: Experiment, others: Mapping[str, Sequence[Motion]]) -> list[str]:
@@ -124,4 +132,4 @@ def make_orders(experiment: Experiment) -> Table:
         "The paper has no such table; both lines are ours, trained on the same codes for as many steps.",
         "Diversity is in metres.",
     )
-    return Table(LAYOUTS, "Order of sound and motion in the sequence", GENERATION_COLUMNS, lines, notes)
+    return Table(LAYOUTS, "Order of sound and motion in the sequence", COLUMNS, lines, notes)

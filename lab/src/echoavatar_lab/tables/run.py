@@ -21,6 +21,7 @@ import torch
 from echoavatar.errors import EchoAvatarError
 
 from . import alignment, beat2, latency, main, sound_probes, tokenizer_ablation, user_study
+from .claims import judged
 from .experiment import Experiment
 from .latency import hardware
 from .scale import Part
@@ -54,7 +55,7 @@ PAPERS = {
     "codec": "Not the paper's: sound is heard by the default bundle's small codec, since no --codec was given.",
     "qwen": "Not the paper's: generators began with random weights, since no --qwen was given.",
 }
-SPREAD = "±: standard deviation over {} seeds, of training and of sampling, on one corpus; in brackets: 95 % intervals."
+SPREAD = "±: standard deviation over {} seeds of training and sampling, on one corpus; in brackets: 95 % over clips."
 
 
 def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1, processes: int = 1) -> Table:
@@ -81,7 +82,7 @@ def reproduce(name: str, experiment: Experiment, *, command: str, seeds: int = 1
         elif any(math.isfinite(cell.low) for line in table.lines for cell in line.ours.values()):
             notes.append(INTERVALS)
         notes += [CHANCE] if any(column.key.endswith("_over") for column in table.columns) else []
-        notes += orderings(table) if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
+        notes += [*judged(table, made), *orderings(table)] if experiment.scale.name != "tiny" else [NOTHING_LEARNED]
         if experiment.scale.name == "paper":
             notes += [told for name, told in PAPERS.items() if getattr(experiment.sources, name) is None]
         notes.append(f"{len(experiment.test_clips)} test clips of {_about(experiment)}.")

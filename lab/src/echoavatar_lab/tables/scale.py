@@ -1,7 +1,8 @@
 """Sizes and schedules of training at three scales, for `bench train` and the paper's tables; and what their rows vary.
 
-`tiny` runs every part in minutes and learns nothing. `rehearsal` is the size of the first default bundle: hours on
-a CPU. `paper` has the paper's settings (`echoavatar_lab.paper`) and needs the real datasets, published weights and
+`tiny` runs every part in minutes and learns nothing. `rehearsal` is as small as can still tell lines apart: minutes of
+a core for each line, in our depth order, since the paper's flattened order learns little in that time. `paper` has the
+paper's settings (`echoavatar_lab.paper`) and needs the real datasets, published weights and
 GPUs. Rewards have the paper's form at every scale. Generators take the paper's curriculum:
 stage 1 before every line, stage 2 for the line, stage 3 for the line with exemplars. All rows of a table are trained
 alike: no row has a head start (`is_principal_start`), since not every tokenizer of the ablation could take it, and none
@@ -51,6 +52,7 @@ class Scale(Config):
     speech_hours: float = Field(ge=0, description="speech of the RL corpus, if the user gives none")
     pieces: int = Field(ge=0, description="its pieces of music")
     pairs: int = Field(gt=0, description="prompts that DPO's pairs are ranked for")
+    tuning: dict[str, int] = Field(default={}, description="what differs from the recipe of that name (`align`)")
 
     @property
     def generator_trainings(self) -> dict[int, GeneratorTraining]:
@@ -90,14 +92,15 @@ TINY = Scale(
 
 REHEARSAL = Scale(
     name="rehearsal",
-    hours=3.5,
-    test_clips=12,
+    hours=3.6,
+    clip_seconds=32.0,
+    test_clips=24,
     seconds=60.0,
     tokenizer=MotionTokenizerConfig(
-        features=1, width=128, heads=4, layers=4, codes=512, decay=0.98, dead_below=0.05, kmeans_steps=8
+        features=1, width=96, heads=4, layers=4, codes=512, decay=0.98, dead_below=0.05, kmeans_steps=8
     ),
     tokenizer_training=TokenizerTraining(
-        steps=1300,
+        steps=1000,
         batch=24,
         learning_rate=1.5e-3,
         warmup=100,
@@ -108,19 +111,22 @@ REHEARSAL = Scale(
         quantize_from=100,
         evaluate_every=0,
     ),
-    generator=GeneratorConfig(window_chunks=10, width=192, layers=6, mlp=576),
-    generator_training=GeneratorTraining(steps=2200, batch=4, optimiser="muon"),
-    stage1=GeneratorTraining(
-        objective="streams", steps=300, batch=8, learning_rate=2e-4, schedule="constant", weight_decay=0
+    generator=GeneratorConfig(
+        sequence="depth", window_chunks=15, width=192, layers=6, mlp=576, depth_width=96, depth_layers=3, depth_heads=4
     ),
-    stage3=GeneratorTraining(steps=1200, batch=4, optimiser="muon", exemplar=0.3),
+    generator_training=GeneratorTraining(steps=800, batch=16, optimiser="muon", asked=0.25),
+    stage1=GeneratorTraining(
+        objective="streams", steps=100, batch=16, learning_rate=2e-4, schedule="constant", weight_decay=0
+    ),
+    stage3=GeneratorTraining(steps=300, batch=16, optimiser="muon", asked=0.25, exemplar=0.3),
     quality=QualityConfig(**paper.QUALITY["model"] | {"width": 96, "heads": 4}),
-    quality_training=QualityTraining(),
+    quality_training=QualityTraining(steps=800),
     alignment=AudioMotionConfig(**paper.ALIGNMENT["model"] | UNKNOWN | {"width": 96, "heads": 4}),
-    alignment_training=AudioRewardTraining(),
+    alignment_training=AudioRewardTraining(steps=300, batch=32),
     speech_hours=0.25,
     pieces=10,
-    pairs=200,
+    pairs=64,
+    tuning={"steps": 60, "evaluate_every": 30, "videos": 0},
 )
 
 PAPER = Scale(

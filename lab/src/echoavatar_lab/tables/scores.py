@@ -4,6 +4,7 @@ Generated motion is scored by `evaluation.score`. Reconstructed motion gets the 
 all joints, relative to the body; and the error of the root's steps. The last two are in 1e-4 m.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,10 +23,11 @@ from echoavatar_lab.evaluation.motion_folder import Pair
 from echoavatar_lab.evaluation.report import fid_row, score
 from echoavatar_lab.evaluation.table import Row, row_of_means
 from echoavatar_lab.kinematics import forward_kinematics, from_features, quaternion_from_matrix
+from echoavatar_lab.models.generator.losses import nll_by_domain
 from echoavatar_lab.models.tokenizer.train import whole_features
 
 from .experiment import Experiment
-from .scale import Variant
+from .scale import GeneratorChoice, Variant
 from .table import Cell, Column, Line, Wanted, cells
 
 GENERATION = {
@@ -46,6 +48,7 @@ GENERATION_COLUMNS = (
     Column("ba_d", "BA_D", "1/10", better="higher"),
     Column("ba_d_over", "BA_D over chance", "1/10", better="higher"),
 )
+LISTENING = Column("listening", "Another's sound costs", "nats a code", better="higher")
 
 
 def papers(fid: float, *rest: float) -> dict[str, float]:
@@ -109,7 +112,23 @@ def generated_line(experiment: Experiment, variant: Variant) -> Line:
     """The line of one of our generators, which is trained where it is missing."""
     experiment.say(f"line: {variant.name}")
     motions = experiment.generated_motions(variant.generator)
-    return Line(variant.name, variant.paper, generation_cells(experiment, motions))
+    cells = generation_cells(experiment, motions) | {LISTENING.key: listening(experiment, variant.generator)}
+    return Line(variant.name, variant.paper, cells)
+
+
+def listening(experiment: Experiment, choice: GeneratorChoice) -> Cell:
+    """By how many nats a code the true motion of the test clips surprises more beside the next clip's sound.
+
+    A generator that ignores its sound scores 0. The interval is over clips.
+    """
+    generator, coded = experiment.generator(choice), experiment.codes(choice.tokenizer, experiment.test_clips)
+    costs = []
+    for clip, other in zip(coded, [*coded[1:], coded[0]], strict=True):
+        deceived = dataclasses.replace(clip, audio=np.resize(other.audio, clip.audio.shape))
+        own, wrong = (nll_by_domain(generator, [one])["all"] for one in (clip, deceived))
+        costs.append(wrong - own)
+    row = row_of_means(LISTENING.key, LISTENING.unit, np.array(costs), seed=experiment.seed)
+    return Cell(row.value, *row.interval)
 
 
 def _pair(motion: Motion, clip: Clip) -> Pair:

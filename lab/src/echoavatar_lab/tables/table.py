@@ -19,7 +19,7 @@ NAN = float("nan")
 
 
 class Cell(NamedTuple):
-    """A number we measured, with its 95 % interval over clips, or its deviation over seeds, if there is one."""
+    """A number we measured, with its 95 % interval over clips and its deviation over seeds, if there is one."""
 
     value: float
     low: float = NAN
@@ -59,15 +59,24 @@ class Line:
     ours: Mapping[str, Cell] = field(default_factory=dict)
 
 
+class Claim(NamedTuple):
+    """What the paper says: the line `winner` is on the better side of the line `loser` in these columns."""
+
+    winner: str
+    loser: str
+    columns: Sequence[str]
+
+
 @dataclass(frozen=True)
 class Table:
-    """All lines, with notes."""
+    """All lines, with notes, and what the paper claims of them."""
 
     name: str
     title: str
     columns: Sequence[Column]
     lines: Sequence[Line]
     notes: Sequence[str] = ()
+    claims: Sequence[Claim] = ()
 
     def has_paper(self, column: Column) -> bool:
         """Whether the paper gives this quantity for at least one line."""
@@ -79,9 +88,9 @@ class Table:
 
 
 def over_seeds(tables: Sequence[Table]) -> Table:
-    """One table of several that differ in the seed: means with standard deviations over seeds, without intervals.
+    """One table of several that differ in the seed: means with standard deviations, and intervals with mean ends.
 
-    Numbers that do not depend on the seed keep their interval.
+    The seeds share the clips, so a mean's interval over clips is about as wide as that of one seed.
     """
     lines = [_over_seeds(versions) for versions in zip(*(table.lines for table in tables), strict=True)]
     return replace(tables[0], lines=lines)
@@ -91,9 +100,10 @@ def _over_seeds(versions: Sequence[Line]) -> Line:
     first = versions[0]
     found = {}
     for key, cell in first.ours.items():
-        values = [line.ours[key].value for line in versions if key in line.ours]
-        spread = statistics.stdev(values) if len(values) > 1 else NAN
-        found[key] = Cell(statistics.fmean(values), spread=spread) if spread > 0 else cell
+        seeds = [line.ours[key] for line in versions if key in line.ours]
+        spread = statistics.stdev(one.value for one in seeds) if len(seeds) > 1 else NAN
+        value, low, high = (statistics.fmean(ends) for ends in zip(*(one[:3] for one in seeds), strict=True))
+        found[key] = Cell(value, low, high, spread) if spread > 0 else cell
     return replace(first, ours=found)
 
 
@@ -141,7 +151,7 @@ def orderings(table: Table) -> list[str]:
     return told
 
 
-_OURS, _PAPER = "#1f5fa8", "#b5432a"
+_OURS, _PAPER, _INK = "#1f5fa8", "#b5432a", "#2e2e2e"
 
 
 class _Field(NamedTuple):
@@ -240,8 +250,8 @@ def _ours(line: Line, key: str) -> str:
     if key not in line.ours:
         return "-"
     value, low, high, spread = line.ours[key]
-    span = f" [{_number(low)}, {_number(high)}]" if math.isfinite(low) else ""
-    span = f" ± {spread:.2g}" if math.isfinite(spread) else span
+    span = f" ± {spread:.2g}" if math.isfinite(spread) else ""
+    span += f" [{_number(low)}, {_number(high)}]" if math.isfinite(low) else ""
     return _number(value) + span
 
 
@@ -271,11 +281,11 @@ def _panel(axis: Any, table: Table, column: Column) -> None:
         if column.key not in line.ours:
             continue
         value, low, high, spread = line.ours[column.key]
-        if math.isfinite(spread):
-            low, high = value - spread, value + spread
         axis.barh(place, value, color=_OURS, alpha=0.75, height=0.6)
         if math.isfinite(low):
-            axis.hlines(place, low, high, color="#2e2e2e", lw=1.5)
+            axis.hlines(place, low, high, color=_INK, lw=1.5)
+        if math.isfinite(spread):
+            axis.errorbar(value, place, xerr=spread, color=_INK, lw=0, elinewidth=4, alpha=0.45)
     axis.set_xlabel(f"{column.heading}, ours", fontsize=9, color=_OURS)
     axis.tick_params(axis="x", labelsize=8)
     axis.spines[["right"]].set_visible(False)

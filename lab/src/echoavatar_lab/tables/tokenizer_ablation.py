@@ -17,7 +17,7 @@ from echoavatar_lab.models.tokenizer.losses import LossWeights
 from .experiment import Experiment
 from .scale import OURS, GeneratorChoice, Part, TokenizerChoice, generator_waves
 from .scores import GENERATION, generation_cells, reconstruction_scores
-from .table import Cell, Column, Line, Table, Wanted
+from .table import Cell, Claim, Column, Line, Table, Wanted
 
 NAME = "tokenizer-ablation"
 NO_AUXILIARY = LossWeights(position=0, velocity=0, acceleration=0, foot_velocity=0, foot_position=0)
@@ -54,6 +54,13 @@ VARIANTS: tuple[tuple[str, tuple[float, ...], TokenizerChoice], ...] = (
     ("Attn (w/ bodypart)", (1.306, 184.1, 9.637, 9.465), OURS),
 )
 
+_KEYS = [column.key for column in COLUMNS]
+CLAIMS = (
+    *(Claim("Attn", name, _KEYS) for name, _, _ in VARIANTS if name not in ("Attn", "Attn (w/ bodypart)")),
+    Claim("Attn (w/ bodypart)", "Attn", _KEYS),
+)
+"""Every component improves every column, and attention is better than convolution (paper, Ablation Study)."""
+
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
     """The parts of the table, see `scale.generator_waves`."""
@@ -62,8 +69,7 @@ def waves(experiment: Experiment) -> list[Sequence[Part]]:
 
 def make(experiment: Experiment) -> Table:
     """Train what is missing, score it and make the table."""
-    keys = [column.key for column in COLUMNS]
-    lines = [Line("Real motion", dict.fromkeys(keys, 0.0), dict.fromkeys(keys, Cell(0.0)))]
+    lines = [Line("Real motion", dict.fromkeys(_KEYS, 0.0), dict.fromkeys(_KEYS, Cell(0.0)))]
     lines.append(Line("Real motion, one half against the other", {}, _halves(experiment)))
     for name, paper, choice in VARIANTS:
         experiment.say(f"line: {name}")
@@ -73,14 +79,14 @@ def make(experiment: Experiment) -> Table:
         ours |= generation_cells(
             experiment, experiment.generated_motions(generator), {"generation_fid": GENERATION["fid"]}
         )
-        lines.append(Line(name, dict(zip(keys, paper, strict=True)), ours))
+        lines.append(Line(name, dict(zip(_KEYS, paper, strict=True)), ours))
     notes = (
         "Lines but the last: one tokenizer for the whole body, the same quantiser, so a third of the codes.",
         "w/o dual: the MLP path alone. w/o auxiliary: no term of forward kinematics. w/o lookback: no past frame; "
         "the paper does not say whether none or without limit.",
         "MPJPE is over all joints, both roots at the origin and both hips facing ahead.",
     )
-    return Table(NAME, "Tokenizer ablation (paper, Motion Tokenizer)", COLUMNS, lines, notes)
+    return Table(NAME, "Tokenizer ablation (paper, Motion Tokenizer)", COLUMNS, lines, notes, CLAIMS)
 
 
 def _halves(experiment: Experiment) -> dict[str, Cell]:

@@ -32,7 +32,7 @@ from .alignment import LINES, tuned
 from .experiment import Experiment, with_motion
 from .scale import OURS, GeneratorChoice, Part, Variant, generator_waves
 from .scores import GENERATION, generation_cells
-from .table import Cell, Column, Line, Table
+from .table import Cell, Claim, Column, Line, Table
 
 NAME = "dataset-composition"
 COLUMNS = (
@@ -54,6 +54,12 @@ VARIANTS = (
     Variant("Merged", {"gesture_preference": 0.555, "dance_preference": 0.323}, GeneratorChoice(OURS.name)),
 )
 
+CLAIMS = (
+    Claim("Merged", "Gesture Only", ("gesture_fid", "gesture_ba_g", "gesture_ba_g_over")),
+    Claim("Merged", "Dance Only", ("dance_fid", "dance_ba_d", "dance_ba_d_over")),
+)
+"""Joint training helps both kinds, most of all the beat matching of gestures; the paper asked people."""
+
 
 def waves(experiment: Experiment) -> list[Sequence[Part]]:
     """The parts of the table, see `scale.generator_waves`."""
@@ -72,7 +78,7 @@ def make(experiment: Experiment) -> Table:
         f"Test clips: {counts['gesture']} of mostly speech, {counts['dance']} of mostly music.",
         "FID is with the true motion of the same clips; a kind with one clip has no interval.",
     )
-    return Table(NAME, "Dataset composition (paper, user study)", COLUMNS, lines, notes)
+    return Table(NAME, "Dataset composition (paper, user study)", COLUMNS, lines, notes, CLAIMS)
 
 
 def _scored(experiment: Experiment, choice: GeneratorChoice) -> dict[str, Cell]:
