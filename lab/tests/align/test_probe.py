@@ -42,7 +42,7 @@ def test_means_come_with_their_standard_error():
 def test_pieces_change_nothing(tiny_bundle, monkeypatch):
     judge = DecodingJudge(
         BodyTokenizer.load(tiny_bundle / "tokenizer"),
-        RewardMix({"beats": 1.0, "smoothness": 1.0}, reference_statistics()),
+        RewardMix({"beat_alignment": 1.0, "smoothness": 1.0}, reference_statistics()),
     )
     prompts = PromptSampler(clips(), past=1, length=3).spread(3)
     codes = torch.randint(8, (6, 6, 3, 2), generator=torch.Generator().manual_seed(0))
@@ -50,7 +50,7 @@ def test_pieces_change_nothing(tiny_bundle, monkeypatch):
     monkeypatch.setattr(room, "PIECE", 2)
     pieces = judge(prompts, codes)
     np.testing.assert_allclose(pieces.total, whole.total, atol=1e-6)
-    assert whole.parts.keys() == {"beats", "smoothness"}
+    assert whole.parts.keys() == {"beat_alignment", "smoothness"}
     assert whole.tokens.shape == (6, 6)
 
 

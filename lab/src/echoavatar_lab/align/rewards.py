@@ -7,31 +7,23 @@ rewards are about 1 for motion like the truth and fall below 0 far from it. You 
     def high_hands(motion, reference_statistics):
         return motion.positions[motion.lead :, motion.skeleton.index("leftHand"), 1].mean()
 
-    rewards = RewardMix({"beats": 1.0, "high_hands": 0.5}, reference_statistics, own={"high_hands": high_hands})
+    rewards = RewardMix({"trunk": 1.0, "high_hands": 0.5}, reference_statistics, own={"high_hands": high_hands})
 
-The reference statistics tell how true motion responds to beats and stressed syllables, how fast and how smooth it is.
-Rewards of timing are matched filters. Take the speed of the body around every beat (of the arms around every stressed
-syllable) in true motion, divided by its mean over the motion. Its mean over events, minus its own mean over time, is
-the profile P. The response of a generated motion u to one event is
-
-    sum_t u(t) P(t - event) / sum_t P(t)^2
-
-It is 1 where motion responds like the truth on average, and 0 on average where motion ignores the event. P sums to
-zero, so chance is already subtracted, and neither standing still nor moving more raises it. This reward is ours; the
-paper's alignment reward is the learned embedding in `audio_reward`.
+The reference statistics tell how fast, how far and how smoothly true motion moves. These rewards are ours; the paper's
+alignment reward is the learned embedding in `audio_reward`.
 """
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Float
 from pydantic import Field, ValidationError
 
 from echoavatar.config import Config
-from echoavatar.errors import CheckpointError, EchoAvatarError, MotionError
+from echoavatar.errors import CheckpointError, EchoAvatarError
 from echoavatar.json_reader import read_object_file
 from echoavatar.timing import FRAME_RATE_HZ, FRAMES_PER_MOTION_TOKEN
 from echoavatar.whole_file import make_output_folder, write_whole
@@ -49,12 +41,6 @@ from echoavatar_lab.evaluation.metrics.positions import jerk_m_s3
 
 from .decoded_motion import DecodedMotion
 
-BEFORE, AFTER = 8, 12  # frames of the profile before and after an event
-STILL_M_S = 0.03  # added to the mean speed, so that a body at rest shows no response
-HIGHEST = 2.0  # limits the weight of a single stroke in otherwise quiet motion
-FEWEST_EVENTS = 20
-Kind = Literal["beat", "stress"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 Movement = tuple[float, float, float, float]
 
 
@@ -83,8 +69,6 @@ class ReferenceStatistics(JsonFile):
 
     remedy = "reference statistics; let `echoavatar align grpo` measure them again"
 
-    beat: tuple[float, ...] = Field(description="profile of the body's speed around beats, frame by frame")
-    stress: tuple[float, ...] = Field(description="profile of the arms' speed around stressed syllables")
     speed: tuple[float, float, float] = Field(description="mean speed (m/s) in silence, speech, music")
     movement: tuple[Movement, Movement, Movement] = Field(description="mean of `body_movement` in the same domains")
     jerk: float = Field(gt=0, description="mean jerk, m/s3")
@@ -92,20 +76,7 @@ class ReferenceStatistics(JsonFile):
 
 
 def measure_reference_statistics(scenes: Sequence[DecodedMotion]) -> ReferenceStatistics:
-    """Profiles and mean levels of true motion. Raises MotionError if there are too few beats and stresses."""
-    profiles = {}
-    for kind in KINDS:
-        around = []
-        for motion in scenes:
-            u = relative_speed(motion, kind)
-            around += [u[k - BEFORE : k + AFTER + 1] for k in event_frames(motion, kind)]
-        mean = np.mean(around, 0) if len(around) >= FEWEST_EVENTS else np.zeros(BEFORE + AFTER + 1)
-        profiles[kind] = tuple(float(value) for value in mean - mean.mean())
-    if not any(any(profile) for profile in profiles.values()):
-        raise MotionError(
-            f"{len(scenes)} prompts hold fewer than {FEWEST_EVENTS} beats and stresses; tokenize a corpus that has"
-            " event labels (`data rehearse`, `data prepare`)"
-        )
+    """Mean levels of true motion, by domain."""
     speeds = np.concatenate([motion.speed() for motion in scenes])
     domains = np.concatenate([motion.domain[motion.lead :] for motion in scenes])
     level = [float(speeds[domains == d].mean()) if (domains == d).any() else 0.0 for d in range(3)]
@@ -113,8 +84,6 @@ def measure_reference_statistics(scenes: Sequence[DecodedMotion]) -> ReferenceSt
     movement = [moved[domains == d].mean(0) if (domains == d).any() else np.zeros(4) for d in range(3)]
     jerk = float(np.mean([jerk_m_s3(motion.positions) for motion in scenes]))
     return ReferenceStatistics(
-        beat=profiles["beat"],
-        stress=profiles["stress"],
         speed=(level[0], level[1], level[2]),
         movement=tuple(tuple(float(value) for value in row) for row in movement),  # type: ignore[arg-type]
         jerk=max(jerk, 1e-6),
@@ -138,49 +107,11 @@ def body_movement(motion: DecodedMotion) -> Float[np.ndarray, "t 4"]:
     return np.concatenate([np.abs(about - about.mean(0)), ankles[:, None]], 1)
 
 
-def relative_speed(motion: DecodedMotion, kind: Kind) -> Float[np.ndarray, " t"]:
-    """Speed over its mean, minus 1, at most `HIGHEST`: of the whole body for beats, of the arms for stresses."""
-    speed = motion.speed(None if kind == "beat" else motion.skeleton.indices(ARM_JOINTS))
-    relative = (speed - speed.mean()) / (speed.mean() + STILL_M_S)
-    return np.asarray(np.minimum(relative, HIGHEST))
-
-
-def event_frames(motion: DecodedMotion, kind: Kind) -> list[int]:
-    """Frames of the events whose whole profile lies within the new frames."""
-    times = motion.beats if kind == "beat" else motion.stresses
-    at = np.round(times * FRAME_RATE_HZ).astype(int)
-    return [int(k) for k in at if k >= BEFORE and k + AFTER < motion.frames]
-
-
-def response(motion: DecodedMotion, kind: Kind, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
-    """Response to all events, distributed over the frames that caused it; the sum is the mean over events."""
-    profile = np.array(reference_statistics.beat if kind == "beat" else reference_statistics.stress)
-    out, frames = np.zeros(motion.frames), event_frames(motion, kind)
-    power = float((profile**2).sum())
-    if not frames or power == 0:
-        return out
-    u = relative_speed(motion, kind)
-    for k in frames:
-        span = slice(k - BEFORE, k + AFTER + 1)
-        out[span] += u[span] * profile / power / len(frames)
-    return out
-
-
 Reward = Callable[[DecodedMotion, ReferenceStatistics], float | Float[np.ndarray, " t"]]
 
 FREE_JERK, MOST_JERK = 2.0, 4.0  # multiples of the truth's mean jerk; strokes briefly reach twice the mean
 FREE_RATIO = 1.5  # factor by which speed may differ from the truth's without cost
 MOST_MOVEMENT = 3.0  # multiples of the truth's mean movement; more does not pay
-
-
-def beats(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
-    """Does the body brake on the beats like the truth? 1 like the truth, 0 by chance; one value for each frame."""
-    return response(motion, "beat", reference_statistics)
-
-
-def stresses(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
-    """Do strokes start on stressed syllables like the truth's? 1 like the truth, 0 by chance; one for each frame."""
-    return response(motion, "stress", reference_statistics)
 
 
 def beat_alignment(motion: DecodedMotion, reference_statistics: ReferenceStatistics) -> Float[np.ndarray, " t"]:
@@ -267,8 +198,6 @@ def _excess(
 
 
 BUILT_IN: dict[str, Reward] = {
-    "beats": beats,
-    "stresses": stresses,
     "beat_alignment": beat_alignment,
     "stress_alignment": stress_alignment,
     "whole_body": whole_body,
@@ -345,8 +274,8 @@ class RewardMix:
         return np.asarray(value.reshape(-1, FRAMES_PER_MOTION_TOKEN).sum(1))
 
 
-def parse_weights(words: Sequence[str], what: str = "reward", example: str = "beats=1") -> dict[str, float]:
-    """`beats=1 stillness=0.5` as weights; of rewards, `module:function` names a function of your own.
+def parse_weights(words: Sequence[str], what: str = "reward", example: str = "stillness=0.5") -> dict[str, float]:
+    """`trunk=1 stillness=0.5` as weights; of rewards, `module:function` names a function of your own.
 
     Raises EchoAvatarError if a word is not NAME=WEIGHT.
     """

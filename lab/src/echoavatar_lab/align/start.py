@@ -31,7 +31,7 @@ from .rewards import ReferenceStatistics, RewardMix, imported, measure_reference
 from .rollouts import GrpoTask, PpoTask
 from .trainer import AlignTraining, DivergedError, Method, PolicyTask, RunContext
 
-DEFAULT_REWARDS = ("beats=1", "stresses=1", "liveliness=0.3", "smoothness=0.1", "planted_feet=0.1", "stillness=0.5")
+DEFAULT_REWARDS = ("beat_alignment=1.3", "stress_alignment=0.3", "smoothness=0.1", "stillness=0.3", "trunk=0.25")
 STATISTICS_PROMPTS = 160
 STATISTICS_PAST, STATISTICS_LENGTH = 3, 9
 

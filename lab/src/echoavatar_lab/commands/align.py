@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """examples:
   echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to the audio
-  echoavatar align grpo TOKENS -o runs/grpo --reward beats=1 --reward stillness=0.5 --minutes 30
+  echoavatar align grpo TOKENS -o runs/grpo --reward beat_alignment=1 --reward stillness=0.5 --minutes 30
   echoavatar align rollouts TOKENS -o pairs.jsonl --group 8        best and worst of eight, by reward
   echoavatar align dpo TOKENS -o runs/dpo --pairs pairs.jsonl
   echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
@@ -178,8 +178,9 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         "--reward",
         action="append",
         metavar="NAME=WEIGHT",
-        help="a component of the reward, also MODULE:FUNCTION=WEIGHT; may be repeated (default: beats=1 stresses=1 "
-        "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5; with --recipe paper quality=1 alignment=1)",
+        help="a component of the reward, also MODULE:FUNCTION=WEIGHT; may be repeated (default: "
+        "beat_alignment=1.3 stress_alignment=0.3 smoothness=0.1 stillness=0.3 trunk=0.25; with --recipe paper quality=1"
+        " alignment=1)",
     )
     child.add_argument("--reference-statistics", type=Path, help="statistics of true motion (default: measured now)")
     child.add_argument("--quality", type=Path, help="trained quality reward, for --reward quality=1")

@@ -33,7 +33,6 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     from echoavatar_lab.align.audio_encoders import KINDS as ENCODERS
     from echoavatar_lab.align.audio_reward import AudioMotionConfig
     from echoavatar_lab.align.audio_reward_train import AudioRewardTraining
-    from echoavatar_lab.align.corruption import Degradation
     from echoavatar_lab.align.prompts import Events
     from echoavatar_lab.align.quality import QualityConfig, QualityTraining
 
@@ -48,13 +47,6 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         child.add_argument("--seed", type=seed, default=0, help="(default: %(default)s)")
     calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
     quality.add_argument("--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)")
-    quality.add_argument(
-        "--kinds",
-        nargs="+",
-        default=[],
-        choices=get_args(Degradation),
-        help="degradations to train on as well; by default they only test whether the reward generalises",
-    )
     quality.add_argument("--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)")
     add_fields(quality, QualityTraining, ("steps",))
     add_fields(quality, QualityConfig, QUALITY_SIZES)
@@ -138,7 +130,7 @@ def _calibrate(
 def _quality(
     args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from echoavatar_lab.align.corruption import degraded_scores, paper_scores, read_scores
+    from echoavatar_lab.align.corruption import paper_scores, read_scores
     from echoavatar_lab.align.quality import (
         CorruptedWindows,
         QualityConfig,
@@ -150,7 +142,6 @@ def _quality(
     from echoavatar_lab.training import train
 
     scores = read_scores(args.scores) if args.scores else paper_scores()
-    scores |= degraded_scores(args.kinds)
     channels = bundle.tokenizer.mean.numel()
     model = train(
         QualityTask(

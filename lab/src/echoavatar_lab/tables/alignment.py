@@ -67,9 +67,7 @@ LINES: dict[Method, tuple[str, dict[str, float]]] = {
     "grpo": ("Ours (GRPO)", papers(24.13, 20.89, 8.239, 2.618)),
     "ppo": ("Ours (PPO)", papers(24.97)),
 }
-NO_STATISTICS = ReferenceStatistics(
-    beat=(0.0,), stress=(0.0,), speed=(0.0,) * 3, movement=((0.0,) * 4,) * 3, jerk=1.0, scenes=1
-)
+NO_STATISTICS = ReferenceStatistics(speed=(0.0,) * 3, movement=((0.0,) * 4,) * 3, jerk=1.0, scenes=1)
 """Learned rewards need no reference statistics."""
 
 
