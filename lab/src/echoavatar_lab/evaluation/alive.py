@@ -28,7 +28,6 @@ from .metrics.distributions import frechet_distance, held_out_accuracy, parts, s
 from .metrics.liveliness import (
     KINDS,
     LISTENING,
-    PEOPLE,
     SILENCE,
     SPEECH,
     STATISTICS,
@@ -39,7 +38,7 @@ from .metrics.liveliness import (
     windows,
 )
 from .paid_for import LEGEND, marked
-from .people import BARS, of_card
+from .people import of_card
 from .pictures import contact_sheet
 from .table import mean_interval
 from .takes import Sound, Take, joined, perform
@@ -174,7 +173,7 @@ def report(
 
 
 def people_rows(kind: str, theirs: Sequence[Measured]) -> dict[str, Statistics]:
-    """Means and intervals over the named people (without clips: of the default bundle's card), and the first bars.
+    """Means and intervals over the named people (without clips: of the default bundle's card).
 
     Of named people each weighs the same; `stillest` and `RESTING` are of all their windows.
     """
@@ -194,7 +193,6 @@ def people_rows(kind: str, theirs: Sequence[Measured]) -> dict[str, Statistics]:
         f"{kind}, people": means,
         f"{kind}, people, 95 % from": {name: end.low for name, end in ends.items()},
         f"{kind}, people, 95 % to": {name: end.high for name, end in ends.items()},
-        f"{kind}, {BARS}": {name: mean for name, (mean, *_) in PEOPLE[kind].items()},
     }
 
 

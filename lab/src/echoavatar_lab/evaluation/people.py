@@ -29,7 +29,6 @@ LIST, COLUMNS = "people.csv", ("kind", "person", "use", "clip")
 KINDS = (SPEECH, MUSIC, SILENCE)
 USES = ("any", "evaluation")
 SHORTEST_S, WINDOW_S = 10.0, 30.0
-BARS = "people of the first bars"  # the label of the constants that the project's first bars were set with
 
 
 class Named(NamedTuple):
