@@ -278,7 +278,7 @@ def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[f
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:
     """The paper's figure: mean score over severity, measured and assigned, for trained and unseen kinds."""
-    from matplotlib.figure import Figure  # costs every start of `align` half a second
+    from matplotlib.figure import Figure  # slow to import
 
     from echoavatar_lab.training.curves import save_figure
 
