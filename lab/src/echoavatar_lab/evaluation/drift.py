@@ -104,7 +104,8 @@ def _student(change: Float[np.ndarray, " n"]) -> Interval:
     """Student's interval of the mean: sounds are few, and resampling few makes intervals far too narrow."""
     if len(change) < 2:
         return UNKNOWN
-    return Interval(*map(float, stats.t.interval(LEVEL, len(change) - 1, change.mean(), stats.sem(change))))
+    half = float(stats.t.ppf((1 + LEVEL) / 2, len(change) - 1) * stats.sem(change))
+    return Interval(float(change.mean()) - half, float(change.mean()) + half)
 
 
 def _sureness(row: Drift) -> float:
