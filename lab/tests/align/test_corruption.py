@@ -16,7 +16,6 @@ from echoavatar_lab.align.corruption import (
     PAPER_FID,
     RATES,
     degraded,
-    degraded_scores,
     level_name,
     paper_scores,
     read_scores,
@@ -82,10 +81,3 @@ def test_files_of_scores(tmp_path):
         read_scores(tmp_path / "half.json")
     with pytest.raises(CheckpointError, match="holds no scores"):
         read_scores(tmp_path / "none.json")
-
-
-def test_scores_of_motion_made_worse_fall_with_its_severity():
-    found = degraded_scores(["jitter", "time_warp"])
-    assert found["jitter 1.0"] == found["time_warp 1.0"] == pytest.approx(0.40)
-    assert found["jitter 0.1"] == pytest.approx(0.91 - 0.051)
-    assert len(found) == 12

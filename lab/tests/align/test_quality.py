@@ -10,7 +10,7 @@ from lab.tests.align.tuning_fakes import clips
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.tokenizer import BodyTokenizer, FeatureStatistics
-from echoavatar_lab.align.corruption import CLEAN, degraded_scores, paper_scores
+from echoavatar_lab.align.corruption import CLEAN, paper_scores
 from echoavatar_lab.align.quality import (
     PACE,
     CorruptedWindows,
@@ -108,23 +108,6 @@ def test_levels_depend_on_seed_and_number_alone_and_rows_mix(tokenizer):
     mixed = levels.mixed(codes, [CLEAN, "uniform 1.0"], 5)
     torch.testing.assert_close(mixed[:1], levels.at(codes[:1], CLEAN, 0))
     assert (mixed[1:] - levels.at(codes[1:], CLEAN, 0)).abs().max() > 0
-
-
-def test_kinds_that_act_on_motion_may_be_trained_on(tokenizer):
-    levels = CorruptedWindows(tokenizer, calm(3, 0), seed=0)
-    codes, scores = levels.codes(3, 2), paper_scores() | degraded_scores(["frozen_limbs"])
-    mixed = levels.mixed(codes, [CLEAN, "frozen_limbs 1.0"], 5)
-    clean = levels.at(codes, CLEAN, 0)
-    torch.testing.assert_close(mixed[:1], clean[:1])
-    hand = slice(0, 6)
-    assert mixed[1, :, hand].std(0).max() < 1e-6 < clean[1, :, hand].std(0).max()
-    training = QualityTraining(steps=4, batch=54, levels=27, pool=2)
-    stage = QualityTask(levels, QualityConfig(width=16, heads=2), training, scores)
-    wanted = {round(scores[name], 4) for name in scores if name.startswith("frozen")}
-    assert wanted & {round(float(score), 4) for score in stage.draw(0).scores}
-    found = measure_quality(stage.model.eval(), levels, scores, windows=2)
-    assert set(found["unseen"]) == {"jitter", "time_warp", "foot_slide"}
-    assert set(found["is_ordered"]) == {"hierarchical", "uniform", "frozen_limbs"}
 
 
 def test_a_code_that_is_wrong_stays_wrong_at_higher_rates(tokenizer):

@@ -32,8 +32,8 @@ def test_each_method_leaves_a_generator_with_the_sampling_it_was_tuned_for(token
     one = ready(tokens, tiny_bundle, sampling={"temperature": 0.9, "top_p": 0.8})
     pairs = tokens.parent / "pairs.jsonl"
     if method == "dpo":
-        sizes = {"prompts": 3, "past": 1, "length": 1, "group": 4, "margin": 0.0, "fewest_events": 0, "seed": 0}
-        assert make_pairs(one, pairs, **sizes) > 0
+        sizes = {"past": 1, "length": 1, "group": 4, "fewest_events": 0, "seed": 0}
+        assert make_pairs(one, pairs, recipe("tiny", "dpo").model_copy(update=sizes), prompts=3) > 0
     given = pairs if method == "dpo" else None
     tune(training_task(method, recipe("tiny", method), one, pairs=given, command="echoavatar align"), folder)
     tuned = Generator.load(folder)

@@ -57,7 +57,7 @@ def test_generators_side_by_side(tmp_path: Path, tiny_bundle: Path, capsys, monk
     both = [str(tiny_bundle / "generator"), str(again)]
     words += ["--beside", *both, "--device", "cpu", "-o", str(tmp_path / "found.json")]
     asked = []
-    monkeypatch.setattr("echoavatar_lab.align.compare.compare", lambda *a, **b: asked.append(b) or compare(*a, **b))
+    monkeypatch.setattr("echoavatar_lab.commands.align.compare", lambda *a, **b: asked.append(b) or compare(*a, **b))
     assert main(["align", "compare", str(folder), *words]) == 0
     told = json.loads((tmp_path / "found.json").read_text())
     assert json.loads(capsys.readouterr().out.splitlines()[-1]) == told

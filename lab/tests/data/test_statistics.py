@@ -10,17 +10,15 @@ from echoavatar_lab.data.statistics import describe, measure_features, wrist_spe
 
 def test_a_statue_rests():
     numbers = describe(standing(30))
-    for name in ("wrist_speed_mean_m_s", "leg_energy_m2_s2", "joint_speed_max_deg_s", "skate_cm_s", "steps_per_s"):
+    for name in ("wrist_speed_mean_m_s", "leg_energy_m2_s2", "joint_speed_max_deg_s", "skate_cm_s"):
         assert numbers[name] == pytest.approx(0, abs=1e-3)
     assert numbers["pause_ratio"] == 1
-    assert numbers["planted_ratio"] == 1
     assert numbers["reach_ratio_mean"] == pytest.approx(1, abs=1e-3)
 
 
 def test_walking_is_not_gesturing():
     numbers = describe(standing(60, drift=0.5))
     assert numbers["wrist_speed_mean_m_s"] == pytest.approx(0, abs=1e-3)
-    assert numbers["hip_speed_mean_m_s"] == pytest.approx(0.5, rel=1e-3)
     assert numbers["leg_energy_m2_s2"] == pytest.approx(0.25, rel=1e-3)
     assert numbers["skate_cm_s"] == pytest.approx(50, rel=1e-3)
 
@@ -43,7 +41,7 @@ def test_a_waving_arm_is_measured():
 def test_every_number_is_finite_and_named_with_its_unit():
     numbers = describe(swaying(40))
     assert all(np.isfinite(list(numbers.values())))
-    assert {"finger_speed_p95_deg_s", "head_speed_mean_deg_s", "wrist_jerk_mean_m_s3", "stroke_rate_hz"} <= set(numbers)
+    assert {"finger_speed_mean_deg_s", "head_speed_mean_deg_s", "body_jerk_mean_m_s3", "stroke_rate_hz"} <= set(numbers)
 
 
 def test_too_few_frames_are_refused():

@@ -10,7 +10,7 @@ from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError, MotionError
 from echoavatar.motion.formats import write_bvh
 from echoavatar_lab.evaluation import people
-from echoavatar_lab.evaluation.metrics.liveliness import KINDS, PEOPLE, STATISTICS
+from echoavatar_lab.evaluation.metrics.liveliness import KINDS, STATISTICS
 from echoavatar_lab.evaluation.table import mean_interval
 
 SHARED = Path(__file__).parents[4] / "shared/data"
@@ -77,7 +77,6 @@ def test_the_shipped_card_has_every_statistic_with_its_interval() -> None:
         assert list(of) == list(STATISTICS)
         for name, one in of.items():
             assert one.low <= one.interval.low <= one.mean <= one.interval.high <= one.high, (kind, name)
-    assert found["speech"]["hands_still"].mean > 3 * PEOPLE["speech"]["hands_still"][0]  # the first bars were others
 
 
 def test_the_shipped_card_is_what_the_named_clips_give() -> None:

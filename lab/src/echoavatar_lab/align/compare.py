@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
-from echoavatar_lab.training.curves import save_figure
 from echoavatar_lab.training.metrics_log import read_metrics
 
 from .policy import GeneratorPolicy, check_reference
@@ -38,6 +36,10 @@ def draw_run(metrics: Path, picture: Path) -> None:
     probes = [one["held_out"] | {"step": one["step"]} for one in lines if "held_out" in one]
     if not steps:
         raise CheckpointError(f"{metrics} holds no step; train first")
+    from matplotlib.figure import Figure  # slow to import
+
+    from echoavatar_lab.training.curves import save_figure
+
     figure = Figure(figsize=(14, 7.2))
     grid = figure.subplots(2, 3)
     batches, held_out, components, divergence, entropy, cost = grid.flat

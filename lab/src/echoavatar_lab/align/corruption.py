@@ -1,11 +1,11 @@
 """Corrupts motion by known amounts, to train the quality reward (paper, Corruption-based Quality Ordering).
 
 Two kinds corrupt codes; the reward is trained on them. Four degrade the motion itself; they test whether the reward
-generalises, or are trained on as well (`degraded_scores`). The scores of the levels are the paper's table, or follow
-from FID measured on one's own data (`scores_from_fid`).
+generalises. The scores of the levels are the paper's table, or follow from FID measured on one's own data
+(`scores_from_fid`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -39,7 +39,7 @@ PAPER_FID: dict[Corruption, tuple[float, ...]] = {
 PAPER_CLEAN_FID = 1.36
 
 
-def level_name(kind: Corruption | Degradation, rate: float) -> str:
+def level_name(kind: Corruption, rate: float) -> str:
     """`uniform 0.3`, the name of a level in tables and files."""
     return f"{kind} {rate:.1f}"
 
@@ -50,15 +50,6 @@ def paper_scores() -> dict[str, float]:
     for kind in get_args(Corruption):
         table |= {level_name(kind, r): s for r, s in zip(RATES, PAPER_SCORES[kind], strict=True)}
     return table
-
-
-def degraded_scores(kinds: Sequence[Degradation]) -> dict[str, float]:
-    """Scores of degraded motion: they fall linearly from the clean score to that of the worst hierarchical level.
-
-    These are ours and set by hand, because FID hardly sees frozen limbs or warped time.
-    """
-    worst = PAPER_SCORES["hierarchical"][-1]
-    return {level_name(kind, s): PAPER_CLEAN + (worst - PAPER_CLEAN) * s for kind in kinds for s in STRENGTHS if s}
 
 
 def scores_from_fid(fid: Mapping[str, float]) -> dict[str, float]:

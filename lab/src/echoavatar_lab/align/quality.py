@@ -13,7 +13,7 @@ from clips of another split.
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple, cast, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -33,7 +33,7 @@ from echoavatar_lab.evaluation.metrics.motion_encoder import MotionEncoder
 from echoavatar_lab.models.generator.windows import TokenClip, WindowSampler, corrupt_hierarchically, corrupt_uniformly
 from echoavatar_lab.training import Loss, TrainingConfig, TrainingTask, seeded
 
-from .corruption import CLEAN, STRENGTHS, Corruption, Degradation, degraded, level_name, paper_scores
+from .corruption import CLEAN, STRENGTHS, Corruption, Degradation, degraded, paper_scores
 from .decoded_motion import DecodedMotion
 from .probe import feature_moments
 from .rewards import ReferenceStatistics
@@ -146,29 +146,18 @@ class CorruptedWindows:
 
         All rates share the noise: a code corrupted at one rate is corrupted in the same way at every higher rate.
         """
-        return self._degraded(self.tokenizer.decode(self._corrupted(codes, name, number)), name, number)
+        return self.tokenizer.decode(self._corrupted(codes, name, number))
 
     @torch.no_grad()
     def mixed(self, codes: Int[Tensor, "b n p q"], names: Sequence[str], number: int) -> Float[Tensor, "b t c"]:
         """Features of windows with a level for each row."""
-        numbers = [number * 64 + k for k in range(len(names))]
-        rows = [self._corrupted(codes[k : k + 1], name, numbers[k]) for k, name in enumerate(names)]
-        made = self.tokenizer.decode(torch.cat(rows))
-        return torch.cat([self._degraded(made[k : k + 1], name, numbers[k]) for k, name in enumerate(names)])
-
-    def _degraded(self, features: Float[Tensor, "b t c"], name: str, number: int) -> Float[Tensor, "b t c"]:
-        """Degrade the features if the level degrades motion."""
-        kind, _, strength = name.partition(" ")
-        if kind not in get_args(Degradation):
-            return features
-        seed = self._seed * 1_000_003 + number
-        return degraded(features, cast(Degradation, kind), float(strength), self.tokenizer.skeleton, seed=seed)
+        rows = [self._corrupted(codes[k : k + 1], name, number * 64 + k) for k, name in enumerate(names)]
+        return self.tokenizer.decode(torch.cat(rows))
 
     def _corrupted(self, codes: Int[Tensor, "b n p q"], name: str, number: int) -> Int[Tensor, "b n p q"]:
-        """Corrupt the codes if the level corrupts codes."""
-        kind, _, rate = name.partition(" ")
-        if kind not in get_args(Corruption):
+        if name == CLEAN:
             return codes
+        kind, _, rate = name.partition(" ")
         seed = (self._seed * 1_000_003 + number) * 2 + get_args(Corruption).index(kind)
         random = torch.Generator().manual_seed(seed)
         corrupt = corrupt_hierarchically if kind == "hierarchical" else corrupt_uniformly
@@ -267,13 +256,11 @@ def measure_quality(
         "pearson_levels": float(pearsonr(wanted, [means[name] for name in by_level])[0]),
         "pearson_windows": float(pearsonr(np.repeat(wanted, windows), single)[0]),
         "spearman_windows": float(spearmanr(np.repeat(wanted, windows), single)[0]),
-        "is_ordered": {kind: bool((np.diff(_course(means, kind)[1]) < 0).all()) for kind in _kinds(scores)},
+        "is_ordered": {kind: bool((np.diff(_course(means, kind)[1]) < 0).all()) for kind in get_args(Corruption)},
         "levels": means,
     }
     unseen, motion = {}, levels.tokenizer.decode(clean)
     for other in get_args(Degradation):
-        if level_name(other, 1.0) in scores:  # trained on, so already among the levels
-            continue
         found = [model(degraded(motion, other, s, levels.tokenizer.skeleton)).numpy() for s in STRENGTHS]
         severity = np.repeat(STRENGTHS, windows)
         unseen[other] = {
@@ -281,11 +268,6 @@ def measure_quality(
             "means": [float(one.mean()) for one in found],
         }
     return result | {"unseen": unseen, "windows": windows}
-
-
-def _kinds(scores: Mapping[str, float]) -> list[str]:
-    """The kinds that have levels, in order."""
-    return list(dict.fromkeys(name.split()[0] for name in scores if name != CLEAN))
 
 
 def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[float]]:
@@ -296,14 +278,14 @@ def _course(levels: Mapping[str, float], kind: str) -> tuple[list[float], list[f
 
 def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path: Path) -> None:
     """The paper's figure: mean score over severity, measured and assigned, for trained and unseen kinds."""
-    from matplotlib.figure import Figure  # costs every start of `align` half a second
+    from matplotlib.figure import Figure  # slow to import
 
     from echoavatar_lab.training.curves import save_figure
 
     means, unseen = found["levels"], found["unseen"]
     assert isinstance(means, dict)
     assert isinstance(unseen, dict)
-    kinds = _kinds(scores)
+    kinds = get_args(Corruption)
     figure = Figure(figsize=(4 * len(kinds) + 4, 3.6))
     axes = figure.subplots(1, len(kinds) + 1, sharey=True)
     for axis, kind in zip(axes, kinds, strict=False):
@@ -314,8 +296,7 @@ def draw_quality(found: Mapping[str, object], scores: Mapping[str, float], path:
     for kind, one in unseen.items():
         axes[-1].plot(STRENGTHS, one["means"], "o-", label=kind)
     axes[-1].set_title("never trained on")
-    if unseen:
-        axes[-1].legend()
+    axes[-1].legend()
     for axis in axes:
         axis.set_xlabel("severity")
     axes[0].set_ylabel("quality reward, held-out")

@@ -1,7 +1,7 @@
 """Builds a training task from folders: bundle, token files, reference statistics, rewards."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -244,21 +244,23 @@ def _is_told(folder: Path, step: int) -> bool:
 def make_pairs(
     ready: AlignmentSetup,
     path: Path,
+    training: AlignTraining,
     *,
     prompts: int,
-    past: int,
-    length: int,
-    group: int,
-    margin: float,
-    fewest_events: int,
-    seed: int,
-    progress: Callable[[int, int], None] | None = None,
+    margin: float = 0.0,
+    progress: Progress | None = None,
 ) -> int:
-    """Write best and worst continuation by reward of prompts from the train clips as a file of pairs."""
-    book = PromptSampler(ready.train, past=past, length=length, seed=seed, fewest_events=fewest_events)
+    """Write best and worst continuation by reward of prompts from the train clips as a file of pairs.
+
+    Sizes and seed are those of `training`.
+    """
+    past, seed = training.past, training.seed
+    book = PromptSampler(
+        ready.train, past=past, length=training.length, seed=seed, fewest_events=training.fewest_events
+    )
     policy, judge = GeneratorPolicy(ready.generator), DecodingJudge(ready.tokenizer, ready.mix)
     pairs, done = list[PreferencePair](), 0
-    for drawn, codes in continuations(policy, book, prompts=prompts, group=group, seed=seed):
+    for drawn, codes in continuations(policy, book, prompts=prompts, group=training.group, seed=seed):
         pairs += rank_pairs(drawn, codes, judge, past=past, margin=margin)
         done += len(drawn)
         if progress is not None:

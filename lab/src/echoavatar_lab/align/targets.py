@@ -78,36 +78,25 @@ LEAST = 1e-3  # of an aim: a generator that has not learnt to keep time may hit 
 TOLD_APART = 0.8  # accuracy of the opponent, which has seen hundreds of such windows
 
 
-class Goal(NamedTuple):
-    """A target as a share of the other generator's mean; the start and the bounds of its weight."""
-
-    share: float
-    weight: float
-    low: float
-    high: float
-    is_least: bool = True
-
-    def target(self, measured: float) -> Target:
-        """The target, given the other generator's mean."""
-        aim = max(LEAST, self.share * measured)
-        return Target(aim=aim, is_least=self.is_least, weight=self.weight, low=self.low, high=self.high)
+def _share(share: float, weight: float, low: float, high: float, *, is_least: bool = True) -> Target:
+    return Target(aim=share, is_least=is_least, weight=weight, low=low, high=high)
 
 
-GOALS = {
-    "music.beats": Goal(0.95, 3.0, 1.0, 10.0),
-    "speech.stresses": Goal(0.95, 1.5, 0.5, 6.0),
-    "music.jerk": Goal(0.88, 0.05, 0.005, 0.6, is_least=False),
-    "speech.jerk": Goal(1.0, 0.03, 0.003, 0.4, is_least=False),
-    "music.hands_still": Goal(1.0, 0.03, 0.003, 0.3, is_least=False),
-    "music.trunk_lean": Goal(1.0, 0.03, 0.002, 0.4),
-    "music.shoulder_turn": Goal(1.03, 0.03, 0.002, 0.4),
-    "music.hip_sway": Goal(0.9, 0.02, 0.002, 0.3),
-    "speech.room": Goal(0.95, 0.02, 0.002, 0.3),
-    "speech.trunk_lean": Goal(1.0, 0.02, 0.002, 0.3),
-    "speech.hip_sway": Goal(0.9, 0.01, 0.001, 0.3),
-    "speech.hand_speed": Goal(0.85, 0.01, 0.001, 0.3),
-    "speech.ankle_speed": Goal(0.8, 0.01, 0.001, 0.2),
-    "rest": Goal(1.1, 0.03, 0.003, 0.5, is_least=False),
+GOALS = {  # targets whose aim is a share of the other generator's mean
+    "music.beats": _share(0.95, 3.0, 1.0, 10.0),
+    "speech.stresses": _share(0.95, 1.5, 0.5, 6.0),
+    "music.jerk": _share(0.88, 0.05, 0.005, 0.6, is_least=False),
+    "speech.jerk": _share(1.0, 0.03, 0.003, 0.4, is_least=False),
+    "music.hands_still": _share(1.0, 0.03, 0.003, 0.3, is_least=False),
+    "music.trunk_lean": _share(1.0, 0.03, 0.002, 0.4),
+    "music.shoulder_turn": _share(1.03, 0.03, 0.002, 0.4),
+    "music.hip_sway": _share(0.9, 0.02, 0.002, 0.3),
+    "speech.room": _share(0.95, 0.02, 0.002, 0.3),
+    "speech.trunk_lean": _share(1.0, 0.02, 0.002, 0.3),
+    "speech.hip_sway": _share(0.9, 0.01, 0.001, 0.3),
+    "speech.hand_speed": _share(0.85, 0.01, 0.001, 0.3),
+    "speech.ankle_speed": _share(0.8, 0.01, 0.001, 0.2),
+    "rest": _share(1.1, 0.03, 0.003, 0.5, is_least=False),
 }
 
 
@@ -128,7 +117,8 @@ def targets_like(means: Mapping[str, float]) -> dict[str, Target]:
         "music.told_apart": Target(aim=TOLD_APART, is_least=False, weight=0.12, low=0.03, high=0.5),
         "speech.told_apart": Target(aim=TOLD_APART, is_least=False, weight=0.04, low=0.01, high=0.2),
     }
-    return told | {name: goal.target(means[name]) for name, goal in GOALS.items()}
+    aims = {name: max(LEAST, share.aim * means[name]) for name, share in GOALS.items()}
+    return told | {name: GOALS[name].model_copy(update={"aim": aim}) for name, aim in aims.items()}
 
 
 KEPT_WINDOWS = 1500  # of the policy's windows

@@ -6,24 +6,31 @@ import os
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from echoavatar.checkpoint import read_card
 from echoavatar.cli.options import seed
-from echoavatar.errors import EchoAvatarError
+from echoavatar.engine.pipeline import load_bundle
+from echoavatar.errors import EchoAvatarError, MotionError
+from echoavatar.models.generator import Generator
 from echoavatar.whole_file import write_whole
 from echoavatar_lab import paper
+from echoavatar_lab.align.compare import as_markdown, compare, draw_run, over_seeds
+from echoavatar_lab.align.policy import Sampling, soup
+from echoavatar_lab.align.prompts import PromptSampler
+from echoavatar_lab.align.rewards import parse_weights
+from echoavatar_lab.align.start import AlignmentSetup, load_setup, make_pairs, training_task, tune
+from echoavatar_lab.align.target_task import target_task
+from echoavatar_lab.align.trainer import AlignTraining, recipe
+from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar_lab.evaluation.people import read_people
 
 from . import align_rewards
 from .config_options import add_fields, add_minutes, add_track, command_line, given_fields
 from .progress import progress_bar
 
-if TYPE_CHECKING:
-    from echoavatar_lab.align.start import AlignmentSetup
-    from echoavatar_lab.align.trainer import AlignTraining
-
 EXAMPLES = """examples:
   echoavatar align grpo TOKENS -o runs/grpo                        tune the default bundle's generator to the audio
-  echoavatar align grpo TOKENS -o runs/grpo --reward beats=1 --reward stillness=0.5 --minutes 30
+  echoavatar align grpo TOKENS -o runs/grpo --reward beat_alignment=1 --reward stillness=0.5 --minutes 30
   echoavatar align rollouts TOKENS -o pairs.jsonl --group 8        best and worst of eight, by reward
   echoavatar align dpo TOKENS -o runs/dpo --pairs pairs.jsonl
   echoavatar align ppo TOKENS -o runs/ppo --recipe tiny
@@ -65,8 +72,6 @@ TARGET_SETTINGS = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the sub-commands."""
-    from echoavatar_lab.align.trainer import AlignTraining
-
     parser.epilog = EXAMPLES
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
     grpo = kinds.add_parser("grpo", help="compare the continuations of a prompt with each other")
@@ -106,14 +111,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _settings() -> list[str]:
     """The settings of a method that are options: those that `AlignTraining` itself declares."""
-    from echoavatar_lab.align.trainer import AlignTraining
-
     return [name for name in AlignTraining.model_fields if name in AlignTraining.__annotations__ and name != "method"]
 
 
 def _add_rollouts(child: argparse.ArgumentParser) -> None:
-    from echoavatar_lab.align.trainer import AlignTraining
-
     _add_common(child)
     child.add_argument("-o", "--output", type=Path, required=True, metavar="JSONL", help="file to write")
     child.add_argument("--prompts", type=int, default=200, help="number of prompts (default: %(default)s)")
@@ -150,8 +151,6 @@ def _add_soup(child: argparse.ArgumentParser) -> None:
 
 
 def _add_targets(child: argparse.ArgumentParser) -> None:
-    from echoavatar_lab.align.trainer import AlignTraining, recipe
-
     child.add_argument("-o", "--output", type=Path, required=True, help="folder to train in, or to resume")
     child.add_argument("--captured", type=Path, required=True, help="captured clips, as for `evaluate BUNDLE alive`")
     child.add_argument("--like", type=Path, help="generator that sets the targets (default: the bundle's)")
@@ -162,8 +161,6 @@ def _add_targets(child: argparse.ArgumentParser) -> None:
 
 def _add_policy(child: argparse.ArgumentParser) -> None:
     """Declare the options of the tuned generator, of its sampling, and of the device."""
-    from echoavatar_lab.align.policy import Sampling
-
     child.add_argument("source", type=Path, metavar="TOKENS", help="folder of codes (`train tokens`)")
     child.add_argument("--model", default="default", help="bundle to tune (default: %(default)s)")
     child.add_argument("--generator", type=Path, help="trained generator instead of the bundle's")
@@ -178,8 +175,9 @@ def _add_common(child: argparse.ArgumentParser) -> None:
         "--reward",
         action="append",
         metavar="NAME=WEIGHT",
-        help="a component of the reward, also MODULE:FUNCTION=WEIGHT; may be repeated (default: beats=1 stresses=1 "
-        "liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5; with --recipe paper quality=1 alignment=1)",
+        help="a component of the reward, also MODULE:FUNCTION=WEIGHT; may be repeated (default: "
+        "beats=1 stresses=1 liveliness=0.3 smoothness=0.1 planted_feet=0.1 stillness=0.5; with --recipe paper quality=1"
+        " alignment=1)",
     )
     child.add_argument("--reference-statistics", type=Path, help="statistics of true motion (default: measured now)")
     child.add_argument(
@@ -209,9 +207,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _setup(args: argparse.Namespace) -> "AlignmentSetup":
-    from echoavatar_lab.align.start import load_setup
-
+def _setup(args: argparse.Namespace) -> AlignmentSetup:
     if args.reward is None and args.kind in ("grpo", "ppo", "rollouts") and args.recipe == "paper":
         args.reward = PAPER_REWARDS
     return load_setup(
@@ -232,20 +228,12 @@ def _setup(args: argparse.Namespace) -> "AlignmentSetup":
 
 
 def _rollouts(args: argparse.Namespace, progress: Callable[[int, int], None]) -> str:
-    from echoavatar_lab.align.start import make_pairs
-    from echoavatar_lab.align.trainer import recipe
-
-    base = recipe(args.recipe, "dpo").model_dump(include=set(SIZES)) | {"group": CANDIDATES}
-    sizes = base | given_fields(args, SIZES)
-    rest = {name: getattr(args, name) for name in ("prompts", "margin", "seed")}
-    return f"{make_pairs(_setup(args), args.output, **rest, **sizes, progress=progress)} pairs in {args.output}"
+    base = recipe(args.recipe, "dpo").model_copy(update={"group": CANDIDATES})
+    training, rest = _training(args, base, (*SIZES, "seed")), {"prompts": args.prompts, "margin": args.margin}
+    return f"{make_pairs(_setup(args), args.output, training, **rest, progress=progress)} pairs in {args.output}"
 
 
 def _train(args: argparse.Namespace, progress: Callable[[int, int], None]) -> str:
-    from echoavatar_lab.align.compare import draw_run
-    from echoavatar_lab.align.start import training_task, tune
-    from echoavatar_lab.align.trainer import recipe
-
     ready = _setup(args)
     base = recipe(args.recipe, args.kind).model_copy(update={"autocast": args.autocast})
     training = _training(args, base, _settings())
@@ -258,7 +246,7 @@ def _train(args: argparse.Namespace, progress: Callable[[int, int], None]) -> st
     return _ended(args, stopped)
 
 
-def _training(args: argparse.Namespace, base: "AlignTraining", names: Iterable[str]) -> "AlignTraining":
+def _training(args: argparse.Namespace, base: AlignTraining, names: Iterable[str]) -> AlignTraining:
     return base.model_validate(base.model_dump() | given_fields(args, names))
 
 
@@ -268,14 +256,8 @@ def _ended(args: argparse.Namespace, stopped: str) -> str:
     return f"{args.kind} in {args.output}"
 
 
-def _compare(args: argparse.Namespace, ready: "AlignmentSetup") -> int:
+def _compare(args: argparse.Namespace, ready: AlignmentSetup) -> int:
     """Compare generators on held-out prompts; write JSON and a table, print the JSON."""
-    from echoavatar.errors import MotionError
-    from echoavatar.models.generator import Generator
-    from echoavatar_lab.align.compare import as_markdown, compare, over_seeds
-    from echoavatar_lab.align.prompts import PromptSampler
-    from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
-
     if not ready.test:
         raise MotionError(f"{args.source} holds no clip of split test, so there is nothing to measure on")
     prompts = PromptSampler(ready.test, past=args.past, length=args.length).spread(args.prompts)
@@ -297,12 +279,6 @@ def _compare(args: argparse.Namespace, ready: "AlignmentSetup") -> int:
 
 def _soup(args: argparse.Namespace) -> int:
     """Mix generators that were tuned from the same one, and save the mix."""
-    from echoavatar.checkpoint import read_card
-    from echoavatar.engine.pipeline import load_bundle
-    from echoavatar.models.generator import Generator
-    from echoavatar_lab.align.policy import soup
-    from echoavatar_lab.align.rewards import parse_weights
-
     shares = parse_weights(args.runs, "run", "runs/a=0.5")
     start = Generator.load(args.generator) if args.generator else load_bundle(args.model).generator
     mixed = soup(start, {name: (Generator.load(Path(name)), share) for name, share in shares.items()})
@@ -316,11 +292,6 @@ def _soup(args: argparse.Namespace) -> int:
 
 def _targets(args: argparse.Namespace, progress: Callable[[int, int], None]) -> str:
     """Tune a generator until it keeps time, moves enough, and is taken for a person."""
-    from echoavatar_lab.align.start import tune
-    from echoavatar_lab.align.target_task import target_task
-    from echoavatar_lab.align.trainer import recipe
-    from echoavatar_lab.evaluation.people import read_people
-
     training = _training(args, recipe("targets", "grpo"), TARGET_SETTINGS)
     for name, least, why in (("past", 5, "the decoder's memory"), ("length", 28, "as `novelty` compares seconds")):
         if getattr(training, name) < least:

@@ -5,19 +5,45 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 from echoavatar.cli.options import seed
+from echoavatar.engine.pipeline import Bundle, load_bundle
 from echoavatar.errors import EchoAvatarError
+from echoavatar.models.generator import Generator
 from echoavatar.whole_file import make_output_folder, write_whole
 from echoavatar_lab import paper
+from echoavatar_lab.align.audio_encoders import KINDS as ENCODERS
+from echoavatar_lab.align.audio_reward import AudioMotionConfig
+from echoavatar_lab.align.audio_reward_train import (
+    AudioMotionWindows,
+    AudioRewardTask,
+    AudioRewardTraining,
+    decoded_features,
+    decoded_waveforms,
+    retrieval_tables,
+    untrained,
+)
+from echoavatar_lab.align.corruption import paper_scores, read_scores, scores_from_fid
+from echoavatar_lab.align.policy import GeneratorPolicy
+from echoavatar_lab.align.prompts import Events, PromptSampler, read_token_clips, train_and_test
+from echoavatar_lab.align.quality import (
+    CorruptedWindows,
+    QualityConfig,
+    QualityTask,
+    QualityTraining,
+    calibrate,
+    draw_quality,
+    measure_quality,
+)
+from echoavatar_lab.align.realism import fit_realism
+from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
+from echoavatar_lab.evaluation.people import read_people
+from echoavatar_lab.models.generator.windows import TokenClip
+from echoavatar_lab.training import train
 
 from .config_options import add_fields, command_line, given_fields
 from .progress import progress_bar
-
-if TYPE_CHECKING:
-    from echoavatar.engine.pipeline import Bundle
-    from echoavatar_lab.models.generator.windows import TokenClip
 
 PAPER_WORDS = (
     "width 512, 8 heads, 20,000 steps; quality: dual-path resampling, no differences; alignment: the whole clip, rate"
@@ -30,13 +56,6 @@ RUN = ("seed", "minutes", "autocast")
 
 def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the sub-commands."""
-    from echoavatar_lab.align.audio_encoders import KINDS as ENCODERS
-    from echoavatar_lab.align.audio_reward import AudioMotionConfig
-    from echoavatar_lab.align.audio_reward_train import AudioRewardTraining
-    from echoavatar_lab.align.corruption import Degradation
-    from echoavatar_lab.align.prompts import Events
-    from echoavatar_lab.align.quality import QualityConfig, QualityTraining
-
     calibrate = kinds.add_parser("calibrate", help="FID of every corruption level, and scores from it")
     quality = kinds.add_parser("reward-quality", help="train the motion quality reward")
     alignment = kinds.add_parser("reward-alignment", help="train the audio-motion alignment reward")
@@ -48,13 +67,6 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         child.add_argument("--seed", type=seed, default=0, help="(default: %(default)s)")
     calibrate.add_argument("--windows", type=int, default=64, help="windows per level (default: %(default)s)")
     quality.add_argument("--scores", type=Path, help="scores from `align calibrate` (default: the paper's table)")
-    quality.add_argument(
-        "--kinds",
-        nargs="+",
-        default=[],
-        choices=get_args(Degradation),
-        help="degradations to train on as well; by default they only test whether the reward generalises",
-    )
     quality.add_argument("--windows", type=int, default=32, help="held-out windows per level (default: %(default)s)")
     add_fields(quality, QualityTraining, ("steps",))
     add_fields(quality, QualityConfig, QUALITY_SIZES)
@@ -95,9 +107,6 @@ def add_arguments(kinds: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 def run(args: argparse.Namespace) -> int:
     """Run one of the sub-commands."""
-    from echoavatar.engine.pipeline import load_bundle
-    from echoavatar_lab.align.prompts import read_token_clips, train_and_test
-
     bundle = load_bundle(args.model)
     clips = read_token_clips(args.source, bundle.generator.config.layout, needs_truth=args.kind != "reward-realism")
     taught, asked = train_and_test(clips, args.source)
@@ -116,17 +125,13 @@ def chosen(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     return {name: both[name] for name in names if name in both} | given_fields(args, names)
 
 
-Clips = dict[str, "TokenClip"]
+Clips = dict[str, TokenClip]
 Progress = Callable[[int, int], None]
 
 
 def _calibrate(
-    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
+    args: argparse.Namespace, bundle: Bundle, taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from echoavatar_lab.align.corruption import scores_from_fid
-    from echoavatar_lab.align.quality import CorruptedWindows, calibrate
-    from echoavatar_lab.evaluation.metrics.motion_encoder import load_shipped
-
     levels = CorruptedWindows(bundle.tokenizer, list(taught.values()), seed=args.seed)
     fid = calibrate(levels, load_shipped(), windows=args.windows)
     found = {"fid": fid, "scores": scores_from_fid(fid)}
@@ -136,21 +141,9 @@ def _calibrate(
 
 
 def _quality(
-    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
+    args: argparse.Namespace, bundle: Bundle, taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from echoavatar_lab.align.corruption import degraded_scores, paper_scores, read_scores
-    from echoavatar_lab.align.quality import (
-        CorruptedWindows,
-        QualityConfig,
-        QualityTask,
-        QualityTraining,
-        draw_quality,
-        measure_quality,
-    )
-    from echoavatar_lab.training import train
-
     scores = read_scores(args.scores) if args.scores else paper_scores()
-    scores |= degraded_scores(args.kinds)
     channels = bundle.tokenizer.mean.numel()
     model = train(
         QualityTask(
@@ -171,19 +164,8 @@ def _quality(
 
 
 def _alignment(
-    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
+    args: argparse.Namespace, bundle: Bundle, taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from echoavatar_lab.align.audio_reward_train import (
-        AudioMotionWindows,
-        AudioRewardTask,
-        AudioRewardTraining,
-        decoded_features,
-        decoded_waveforms,
-        retrieval_tables,
-        untrained,
-    )
-    from echoavatar_lab.training import train
-
     encoder = "beats" if args.paper and args.encoder_weights and args.encoder == "codes" else args.encoder
     if args.encoder_weights and encoder == "codes":
         raise EchoAvatarError("--encoder-weights need --encoder beats or wav2clip; name one of them")
@@ -211,14 +193,8 @@ def _alignment(
 
 
 def _realism(
-    args: argparse.Namespace, bundle: "Bundle", taught: Clips, asked: Clips, progress: Progress
+    args: argparse.Namespace, bundle: Bundle, taught: Clips, asked: Clips, progress: Progress
 ) -> dict[str, Any]:
-    from echoavatar.models.generator import Generator
-    from echoavatar_lab.align.policy import GeneratorPolicy
-    from echoavatar_lab.align.prompts import PromptSampler
-    from echoavatar_lab.align.realism import fit_realism
-    from echoavatar_lab.evaluation.people import read_people
-
     if args.own_past > args.past:
         raise EchoAvatarError(f"--own-past ({args.own_past}) chunks are the last of --past ({args.past}): lower it")
     generator = Generator.load(args.generator) if args.generator else bundle.generator

@@ -19,22 +19,6 @@ if TYPE_CHECKING:
     from echoavatar_lab.data import Clip
 
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S = 15.0, 30.0
-LARGEST = "joint_speed_max_deg_s"
-ROWS = (
-    "wrist_speed_mean_m_s",
-    "wrist_speed_p95_m_s",
-    "wrist_height_mean_m",
-    "reach_ratio_mean",
-    "pause_ratio",
-    "stroke_rate_hz",
-    "finger_speed_mean_deg_s",
-    "head_speed_mean_deg_s",
-    "leg_energy_m2_s2",
-    LARGEST,
-    "body_jerk_mean_m_s3",
-    "skate_cm_s",
-    "turned_feet_ratio",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -178,7 +162,7 @@ def _describe(args: argparse.Namespace) -> int:
     for path in args.beside:
         columns[path.stem] = _mean_over([retarget(read_bvh(path))])
     print(f"{'':<26}" + "".join(f"{name[:18]:>20}" for name in columns))
-    for row in ROWS:
+    for row in dict.fromkeys(row for values in columns.values() for row in values):
         print(f"{row:<26}" + "".join(f"{values.get(row, float('nan')):>20.3f}" for values in columns.values()))
     _print_liveliness(stretches)
     if args.captured:
@@ -191,7 +175,7 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
     import numpy as np
 
     from echoavatar_lab.data import DOMAINS
-    from echoavatar_lab.evaluation.metrics.liveliness import PEOPLE, STATISTICS, body_points, liveliness, windows
+    from echoavatar_lab.evaluation.metrics.liveliness import STATISTICS, body_points, liveliness, windows
     from echoavatar_lab.evaluation.people import of_card
 
     found = {
@@ -204,14 +188,12 @@ def _print_liveliness(motions: "dict[int, list[Motion]]") -> None:
         for domain, long in motions.items()
     }
     people = of_card()
-    print(f"{'how alive':<26}" + "".join(f"{name:>16}{'people':>24}{'first bars':>24}" for name in found))
+    print(f"{'how alive':<26}" + "".join(f"{name:>16}{'people':>24}" for name in found))
     for name in STATISTICS:
         cells = ""
         for kind, rows in found.items():
-            mean, low, high = PEOPLE[kind][name]
             own, named = float(np.mean([row[name] for row in rows])) if rows else float("nan"), people[kind][name]
             cells += f"{own:>16.3f}{f'{named.mean:.3g} ({named.low:.3g} to {named.high:.3g})':>24}"
-            cells += f"{f'{mean:g} ({low:g} to {high:g})':>24}"
         print(f"{name:<26}{cells}")
 
 
@@ -253,14 +235,12 @@ def _stretches(clips: "list[Clip]", domain: int, skeleton: "Skeleton") -> "list[
 
 
 def _mean_over(motions: "list[Motion]") -> dict[str, float]:
-    """Each of `ROWS`: the mean weighted by length, or the largest; empty without a motion."""
+    """Each statistic of `describe`: the mean weighted by length, or the largest; empty without a motion."""
     import numpy as np
 
-    from echoavatar_lab.data.statistics import describe
+    from echoavatar_lab.data.statistics import FASTEST, describe
 
-    if not motions:
-        return {}
     found, weights = [describe(motion) for motion in motions], [motion.frames for motion in motions]
-    columns = {key: [numbers[key] for numbers in found] for key in ROWS}
+    columns = {key: [numbers[key] for numbers in found] for key in (found[0] if found else ())}
     means = {key: float(np.average(column, weights=weights)) for key, column in columns.items()}
-    return means | {LARGEST: max(columns[LARGEST])}
+    return means | ({FASTEST: max(columns[FASTEST])} if found else {})

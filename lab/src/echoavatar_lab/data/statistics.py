@@ -11,7 +11,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from echoavatar.models.tokenizer import CONSTANT_STD, FeatureStatistics
-from echoavatar.motion.kinematics.foot_planting import planted
 from echoavatar.motion.kinematics.motion import Motion, Pose
 from echoavatar.motion.kinematics.rigs import bone_map, known_bones
 from echoavatar.motion.kinematics.rotations import angle_between
@@ -21,6 +20,7 @@ from echoavatar_lab.data.faults import DIGITS, skate
 PAUSE_SPEED = 0.06  # metres per second; a slower hand rests
 STROKE_SPEED = 0.35  # metres per second; a peak above it is a stroke
 TURNED_DEG = 60.0  # a foot that points further away from where the hips face is turned
+FASTEST = "joint_speed_max_deg_s"  # of whose values the largest is taken, not the mean
 _FEET = ("leftFoot", "leftToes", "rightFoot", "rightToes")
 _LEGS = ("hips", "leftLowerLeg", "leftFoot", "leftToes", "rightLowerLeg", "rightFoot", "rightToes")
 _Array = np.ndarray
@@ -38,28 +38,32 @@ def describe(motion: Motion) -> dict[str, float]:
     """
     if motion.frames < 4:
         raise ValueError(f"statistics need four frames, got {motion.frames}")
-    bones, pose = bone_map(motion.skeleton), motion.pose()
-    places = pose.positions.astype(np.float64)
-    numbers = {"seconds": motion.seconds}
-    numbers |= _hands(motion, bones, pose, places)
-    numbers |= _joints(motion, bones, pose)
-    legs = places[:, [bones[name] for name in _LEGS if name in bones]]
-    body = places[:, sorted(set(bones.values()))]
-    feet = places[:, [bones[name] for name in _FEET if name in bones]]
-    standing = _standing_heights(motion, bones)
-    is_planted = planted(feet, motion.fps, standing_height=standing)
-    numbers |= {
-        "leg_energy_m2_s2": float((_speed(legs, motion.fps) ** 2).mean()),
-        "hip_speed_mean_m_s": float(_speed(places[:, bones["hips"]], motion.fps).mean()),
-        "hip_travel_m": float(np.linalg.norm(np.ptp(places[:, bones["hips"]][:, [0, 2]], axis=0))),
-        "body_jerk_mean_m_s3": _jerk(body, motion.fps),
-        "skate_cm_s": skate(feet, motion.fps, standing_height=standing),
-        "planted_ratio": float(is_planted.mean()),
-        "steps_per_s": float((np.diff(is_planted.astype(int), axis=0) == 1).sum() / 2 / motion.seconds),
-        "toe_height_min_m": float(feet[..., 1].min()),
+    bones, pose, fps = bone_map(motion.skeleton), motion.pose(), motion.fps
+    places, local, head = pose.positions.astype(np.float64), motion.matrices(), pose.rotations[:, bones["head"]]
+    hands, shoulders = ([bones[side + bone] for side in ("left", "right")] for bone in ("Hand", "UpperArm"))
+    speed = _speed(own_frame(bones, pose)[:, hands], fps)
+    is_peak = (speed[1:-1] > speed[:-2]) & (speed[1:-1] >= speed[2:]) & (speed[1:-1] > STROKE_SPEED)
+    reach = np.linalg.norm(places[:, hands] - places[:, shoulders], axis=-1) / arm_length(motion.skeleton)
+    turn = np.degrees(angle_between(local[:-1], local[1:])) * fps
+    fingers = [joint for bone, joint in bones.items() if any(digit in bone for digit in DIGITS)]
+    body, legs, feet = (
+        places[:, sorted({bones[name] for name in names if name in bones})] for names in (bones, _LEGS, _FEET)
+    )
+    return {
+        "wrist_speed_mean_m_s": float(speed.mean()),
+        "wrist_speed_p95_m_s": float(np.percentile(speed, 95)),
+        "wrist_height_mean_m": float((places[:, hands, 1] - places[:, bones["hips"], None, 1]).mean()),
+        "reach_ratio_mean": float(reach.mean()),
+        "pause_ratio": float((speed.max(-1) < PAUSE_SPEED).mean()),
+        "stroke_rate_hz": float(is_peak.sum() / 2 / motion.seconds),
+        "finger_speed_mean_deg_s": float(turn[:, fingers].mean()) if fingers else 0.0,
+        "head_speed_mean_deg_s": float(np.degrees(angle_between(head[:-1], head[1:])).mean() * fps),
+        "leg_energy_m2_s2": float((_speed(legs, fps) ** 2).mean()),
+        FASTEST: float(turn.max()),
+        "body_jerk_mean_m_s3": float(np.linalg.norm(np.diff(body, n=3, axis=0), axis=-1).mean() * fps**3),
+        "skate_cm_s": skate(feet, fps, standing_height=_standing_heights(motion, bones)),
         "turned_feet_ratio": float(turned_feet(motion).mean()),
     }
-    return numbers
 
 
 def wrist_speeds(motion: Motion) -> _Array:
@@ -86,47 +90,6 @@ def arm_length(skeleton: Skeleton) -> float:
     return float(np.linalg.norm(skeleton.offsets[joints], axis=-1).sum() / 2)
 
 
-def _hands(motion: Motion, bones: dict[str, int], pose: Pose, places: _Array) -> dict[str, float]:
-    hands = [bones["leftHand"], bones["rightHand"]]
-    shoulders = [bones["leftUpperArm"], bones["rightUpperArm"]]
-    own = own_frame(bones, pose)
-    speed = _speed(own[:, hands], motion.fps)
-    over_hips = places[:, hands, 1] - places[:, bones["hips"], None, 1]
-    stretch = np.linalg.norm(places[:, hands] - places[:, shoulders], axis=-1) / arm_length(motion.skeleton)
-    is_peak = (speed[1:-1] > speed[:-2]) & (speed[1:-1] >= speed[2:]) & (speed[1:-1] > STROKE_SPEED)
-    return {
-        "wrist_speed_mean_m_s": float(speed.mean()),
-        "wrist_speed_p95_m_s": float(np.percentile(speed, 95)),
-        "wrist_height_mean_m": float(over_hips.mean()),
-        "wrist_height_p95_m": float(np.percentile(over_hips, 95)),
-        "wrist_ahead_mean_m": float(own[:, hands, 2].mean()),
-        "wrist_outward_mean_m": float((own[:, hands[0], 0] - own[:, hands[1], 0]).mean() / 2),
-        "wrist_distance_mean_m": float(np.linalg.norm(places[:, hands[0]] - places[:, hands[1]], axis=-1).mean()),
-        "reach_ratio_mean": float(stretch.mean()),
-        "reach_ratio_p95": float(np.percentile(stretch, 95)),
-        "pause_ratio": float((speed.max(-1) < PAUSE_SPEED).mean()),
-        "stroke_rate_hz": float(is_peak.sum() / 2 / motion.seconds),
-        "wrist_jerk_mean_m_s3": _jerk(own[:, hands], motion.fps),
-    }
-
-
-def _joints(motion: Motion, bones: dict[str, int], pose: Pose) -> dict[str, float]:
-    local = motion.matrices()
-    speed = np.degrees(angle_between(local[:-1], local[1:])) * motion.fps
-    world = pose.rotations[:, bones["head"]]
-    head = np.degrees(angle_between(world[:-1], world[1:])) * motion.fps
-    fingers = [joint for bone, joint in bones.items() if any(digit in bone for digit in DIGITS)]
-    moving = speed[:, fingers] if fingers else np.zeros((1, 1))
-    return {
-        "finger_speed_mean_deg_s": float(moving.mean()),
-        "finger_speed_p95_deg_s": float(np.percentile(moving, 95)),
-        "head_speed_mean_deg_s": float(head.mean()),
-        "head_speed_p95_deg_s": float(np.percentile(head, 95)),
-        "joint_speed_p99_deg_s": float(np.percentile(speed, 99)),
-        "joint_speed_max_deg_s": float(speed.max()),
-    }
-
-
 def own_frame(bones: dict[str, int], pose: Pose) -> _Array:
     """Positions (t, j, 3) relative to the hips, turned about the vertical so that the hips face +Z."""
     places = pose.positions.astype(np.float64)
@@ -149,10 +112,6 @@ def _standing_heights(motion: Motion, bones: dict[str, int]) -> _Array | None:
 def _speed(places: _Array, fps: float) -> _Array:
     speed: _Array = np.linalg.norm(np.diff(places, axis=0), axis=-1) * fps
     return speed
-
-
-def _jerk(places: _Array, fps: float) -> float:
-    return float(np.linalg.norm(np.diff(places, n=3, axis=0), axis=-1).mean() * fps**3)
 
 
 def measure_features(clips: Iterable[Float[Tensor, "t c"]]) -> FeatureStatistics:

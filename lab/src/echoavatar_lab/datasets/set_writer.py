@@ -205,9 +205,7 @@ def statistics(corpus: Corpus, receipts: dict[str, Receipt]) -> dict[str, Any]:
         },
         "mirror_images": len(corpus.names()) - len(entries),
         "motion": {
-            key: round(sum(receipts[e.name].motion[key] * e.frames for e in entries) / frames, 5)
-            for key in keys
-            if key != "seconds"
+            key: round(sum(receipts[e.name].motion[key] * e.frames for e in entries) / frames, 5) for key in keys
         },
         "features": _features(corpus),
     }

@@ -17,7 +17,6 @@ from matplotlib.figure import Figure
 
 from echoavatar.engine import Engine
 from echoavatar.engine.pipeline import Pipeline
-from echoavatar.errors import MotionError
 from echoavatar.motion.kinematics import Motion
 from echoavatar.motion.motion_chunk import MotionChunk
 from echoavatar.timing import SAMPLE_RATE_HZ
@@ -28,7 +27,6 @@ from .metrics.distributions import frechet_distance, held_out_accuracy, parts, s
 from .metrics.liveliness import (
     KINDS,
     LISTENING,
-    PEOPLE,
     SILENCE,
     SPEECH,
     STATISTICS,
@@ -39,10 +37,10 @@ from .metrics.liveliness import (
     windows,
 )
 from .paid_for import LEGEND, marked
-from .people import BARS, of_card
+from .people import of_card
 from .pictures import contact_sheet
-from .table import mean_interval
-from .takes import Sound, Take, joined, perform
+from .table import mean_interval, rounded, weighted_mean
+from .takes import Sound, Take, joined, perform, points_of
 
 QUIET_TAKES = 3  # of silence, and of listening
 COMPARED_S = 10.0  # windows of the Fréchet distance and of the classifier
@@ -105,10 +103,7 @@ def measure(take: Take, seconds: float) -> Measured:
 
     Raises MotionError if the rig is not known; names the take.
     """
-    try:
-        points = body_points(take.motion)
-    except MotionError as error:
-        raise MotionError(f"{take.name}: {error}") from error
+    points = points_of(take, body_points)
     fps = take.motion.fps
     short, hop = int(COMPARED_S * fps), int(COMPARED_S * fps / 2)
     compared = [liveliness(points[at : at + short], fps) for at in range(0, len(points) - short + 1, hop)]
@@ -174,7 +169,7 @@ def report(
 
 
 def people_rows(kind: str, theirs: Sequence[Measured]) -> dict[str, Statistics]:
-    """Means and intervals over the named people (without clips: of the default bundle's card), and the first bars.
+    """Means and intervals over the named people (without clips: of the default bundle's card).
 
     Of named people each weighs the same; `stillest` and `RESTING` are of all their windows.
     """
@@ -185,16 +180,12 @@ def people_rows(kind: str, theirs: Sequence[Measured]) -> dict[str, Statistics]:
     else:
         each = [mean_statistics([one for one in theirs if one.take.group == who]) for who in _persons(theirs)]
         columns = {name: np.array([row[name] for row in each]) for name in SHOWN}
-        known = {name: column[np.isfinite(column)] for name, column in columns.items()}
-        means = mean_statistics(theirs) | {
-            name: float(column.mean()) if len(column) else float("nan") for name, column in known.items()
-        }
-        ends = {name: mean_interval(column) for name, column in known.items()}
+        means = mean_statistics(theirs) | {name: weighted_mean(column) for name, column in columns.items()}
+        ends = {name: mean_interval(column[np.isfinite(column)]) for name, column in columns.items()}
     return {
         f"{kind}, people": means,
         f"{kind}, people, 95 % from": {name: end.low for name, end in ends.items()},
         f"{kind}, people, 95 % to": {name: end.high for name, end in ends.items()},
-        f"{kind}, {BARS}": {name: mean for name, (mean, *_) in PEOPLE[kind].items()},
     }
 
 
@@ -270,8 +261,7 @@ def mean_statistics(measured: Iterable[Measured]) -> Statistics:
     `stillest` is the largest share of `hands_still`. Of `RESTING` it is the value that `WORST` of the windows keep to.
     """
     rows = [row for one in measured for row in one.windows]
-    columns = {name: [row[name] for row in rows if np.isfinite(row[name])] for name in SHOWN}
-    means = {name: float(np.mean(column)) if column else float("nan") for name, column in columns.items()}
+    means = {name: weighted_mean(np.array([row[name] for row in rows])) for name in SHOWN}
     worst = {name: float(np.quantile([row[name] for row in rows], WORST, method="inverted_cdf")) for name in RESTING}
     return means | {"stillest": max(row["hands_still"] for row in rows)} | worst
 
@@ -299,10 +289,7 @@ def as_text(found: AliveReport) -> str:
 def as_json(found: AliveReport) -> dict[str, dict[str, float | None]]:
     """Rows, Fréchet distances and accuracies by name; null for missing values."""
     parts = found.rows | {"frechet": found.frechet, "told_apart": found.told_apart}
-    return {
-        label: {name: round(value, 4) if np.isfinite(value) else None for name, value in row.items()}
-        for label, row in parts.items()
-    }
+    return {label: {name: rounded(value) for name, value in row.items()} for label, row in parts.items()}
 
 
 def _listening(pipeline: Pipeline, user: Float[np.ndarray, " s"], seed: int) -> Motion:

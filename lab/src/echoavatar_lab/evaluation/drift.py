@@ -18,13 +18,12 @@ from echoavatar.errors import EchoAvatarError
 from echoavatar.timing import FRAME_RATE_HZ, SAMPLE_RATE_HZ, SAMPLES_PER_FRAME
 
 from .alive import Statistics, measure
-from .metrics.tells import HEARD, TELLS, loudness, tells
+from .jury import NAMES, tells_of_windows
 from .paid_for import LEGEND, marked
-from .table import LEVEL, NAN, UNKNOWN, Interval
-from .takes import Sound, Take, judged
+from .table import LEVEL, NAN, UNKNOWN, Interval, rounded, weighted_mean
+from .takes import Sound, Take
 
 MINUTE_S = 60.0
-TELL_NAMES = (*TELLS, *HEARD)
 
 
 class Drift(NamedTuple):
@@ -86,16 +85,13 @@ def drifts(
 def _rows(take: Take, seconds: float) -> Statistics:
     """Means over the windows: `alive`'s by name, then the jury's."""
     windows = measure(take, seconds).windows
-    points, size = judged(take), int(seconds * FRAME_RATE_HZ)
-    loud = None if take.audio is None else np.resize(loudness(take.audio), len(points))
-    starts = range(0, max(len(points) - size, 0) + 1, size)
-    told = [tells(points[at : at + size], None if loud is None else loud[at : at + size]) for at in starts]
-    names = {**dict.fromkeys(windows[0], windows), **dict.fromkeys(TELL_NAMES, told)}
-    return {name: _mean([row.get(name, float("nan")) for row in rows]) for name, rows in names.items()}
+    names = {**dict.fromkeys(windows[0], windows), **dict.fromkeys(NAMES, tells_of_windows(take, seconds))}
+    return {name: weighted_mean(np.array([row.get(name, NAN) for row in rows])) for name, rows in names.items()}
 
 
 def _drift(name: str, own: Sequence[Sequence[tuple[Statistics, Statistics]]]) -> Drift:
-    sides = np.array([[_mean([one[side][name] for one in several]) for side in (0, 1)] for several in own])
+    minutes = (zip(*several, strict=True) for several in own)
+    sides = np.array([[weighted_mean(np.array([row[name] for row in side])) for side in pair] for pair in minutes])
     sides = sides[np.isfinite(sides).all(1)]
     if not len(sides):
         return Drift(name, NAN, NAN, NAN, UNKNOWN)
@@ -108,7 +104,7 @@ def _student(change: Float[np.ndarray, " n"]) -> Interval:
     """Student's interval of the mean: sounds are few, and resampling few makes intervals far too narrow."""
     if len(change) < 2:
         return UNKNOWN
-    half = float(stats.t.ppf((1 + LEVEL) / 2, len(change) - 1) * change.std(ddof=1) / np.sqrt(len(change)))
+    half = float(stats.t.ppf((1 + LEVEL) / 2, len(change) - 1) * stats.sem(change))
     return Interval(float(change.mean()) - half, float(change.mean()) + half)
 
 
@@ -121,11 +117,6 @@ def _sureness(row: Drift) -> float:
 def is_sure(row: Drift) -> bool:
     """Whether the interval of the change leaves out 0."""
     return bool(row.interval.low > 0 or row.interval.high < 0)
-
-
-def _mean(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else float("nan")
 
 
 def as_text(found: Mapping[str, Sequence[Drift]], between: tuple[int, int]) -> str:
@@ -146,12 +137,7 @@ def as_json(found: Mapping[str, Sequence[Drift]]) -> dict[str, dict[str, object]
     return {
         kind: {
             "surely_changed": sum(map(is_sure, rows)),
-            "rows": {
-                row.name: [
-                    round(x, 4) if np.isfinite(x) else None for x in (row.earlier, row.later, row.change, *row.interval)
-                ]
-                for row in rows
-            },
+            "rows": {row.name: [*map(rounded, (row.earlier, row.later, row.change, *row.interval))] for row in rows},
         }
         for kind, rows in found.items()
     }

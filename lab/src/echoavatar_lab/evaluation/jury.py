@@ -24,8 +24,8 @@ from .metrics.tells import HEARD, TELLS, loudness, tells
 from .motion_folder import sources
 from .onlooker import Told
 from .paid_for import LEGEND, PAID_FOR, marked
-from .table import NAN, Interval, mean_interval, weighted_mean
-from .takes import Take, judged
+from .table import NAN, Interval, mean_interval, rounded, weighted_mean
+from .takes import Take, points_of
 
 TOLERANCE = 0.03  # half ranges
 FEWEST_PEOPLE = 2  # clips that make a range
@@ -85,7 +85,7 @@ def verdicts(
     def by_clip(takes: Sequence[Take]) -> list[list[dict[str, float]]]:
         clips: dict[tuple[str, str], list[dict[str, float]]] = defaultdict(list)
         for take in takes:
-            clips[take.name, take.group] += _windows(take, seconds)
+            clips[take.name, take.group] += tells_of_windows(take, seconds)
             if progress:
                 progress(next(done), total)
         return list(clips.values())
@@ -99,8 +99,9 @@ def verdicts(
     return found
 
 
-def _windows(take: Take, seconds: float) -> list[dict[str, float]]:
-    points = judged(take)
+def tells_of_windows(take: Take, seconds: float) -> list[dict[str, float]]:
+    """The statistics of each window of a take."""
+    points = points_of(take)
     parts = windows(points, FRAME_RATE_HZ, seconds)
     if take.audio is None:
         return [tells(part) for part in parts]
@@ -160,11 +161,7 @@ def as_json(
 def _plain(row: Verdict | Told) -> dict[str, object]:
     """The numbers of a row by name."""
     numbers = {name: value for name, value in row._asdict().items() if name != "name"}
-    return {name: [*map(_number, x)] if isinstance(x, Interval) else _number(x) for name, x in numbers.items()}
-
-
-def _number(value: float) -> float | None:
-    return round(value, 4) if np.isfinite(value) else None
+    return {name: [*map(rounded, x)] if isinstance(x, Interval) else rounded(x) for name, x in numbers.items()}
 
 
 def _count(rows: Sequence[Verdict]) -> int:

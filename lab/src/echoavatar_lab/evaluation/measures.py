@@ -19,6 +19,7 @@ from .metrics.distributions import Moments, moments
 from .metrics.liveliness import STATISTICS, body_points, liveliness, windows
 from .metrics.motion_encoder import motion_features
 from .metrics.positions import floor_depth_cm, foot_contact_score, jerk_m_s3, l1_deviation
+from .table import weighted_mean
 
 WINDOW_S = 30.0
 SHORTEST_S = 10.0  # of a stretch of one kind of sound
@@ -79,8 +80,7 @@ def measure_clip(motion: Motion, extractor: Extractor | None = None) -> ClipMeas
 def clip_statistics(motion: Motion) -> list[float]:
     """Each statistic of `metrics.liveliness`: the mean over those windows of 30 s that have it."""
     rows = [liveliness(part, motion.fps) for part in windows(body_points(motion), motion.fps, WINDOW_S)]
-    known = [[row[name] for row in rows if np.isfinite(row[name])] for name in STATISTICS]
-    return [float(np.mean(values)) if values else float("nan") for values in known]
+    return [weighted_mean(np.array([row[name] for row in rows])) for name in STATISTICS]
 
 
 @dataclass(frozen=True)

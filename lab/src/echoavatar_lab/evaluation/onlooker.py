@@ -29,7 +29,7 @@ from .metrics.distributions import LogOdds, held_out_right, parts
 from .metrics.liveliness import MUSIC, SILENCE, SPEECH, Points, in_shoulder_frame
 from .metrics.tells import JUDGED
 from .table import LEVEL, NAN, SAMPLES, UNKNOWN, Interval
-from .takes import Take, judged, told_by_path
+from .takes import Take, points_of, told_by_path
 
 WINDOW_S, HOP_S = 3.0, 1.5
 KERNELS, TAPS, DILATIONS, SEEN = 1024, 9, (1, 2, 4, 8), 4  # channels that one kernel sees: about 4
@@ -125,7 +125,7 @@ def _ridge(features: np.ndarray, label: np.ndarray) -> LogOdds:
 
 
 def _windows(take: Take) -> Iterable[Seen]:
-    channels = movement(judged(take))
+    channels = movement(points_of(take))
     size, hop = (round(seconds * FRAME_RATE_HZ) for seconds in (WINDOW_S, HOP_S))
     for at in range(0, len(channels) - size + 1, hop):
         yield Seen(take.group, take.name, channels[at : at + size].T)

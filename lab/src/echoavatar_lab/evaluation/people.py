@@ -22,14 +22,13 @@ from echoavatar.motion.formats import read_bvh
 from echoavatar_lab.foreign.csv_rows import read_rows
 
 from .metrics.liveliness import LISTENING, MUSIC, SILENCE, SPEECH, STATISTICS, body_points, liveliness, windows
-from .table import Interval, mean_interval
-from .takes import Take
+from .table import Interval, mean_interval, rounded
+from .takes import Take, points_of
 
 LIST, COLUMNS = "people.csv", ("kind", "person", "use", "clip")
 KINDS = (SPEECH, MUSIC, SILENCE)
 USES = ("any", "evaluation")
 SHORTEST_S, WINDOW_S = 10.0, 30.0
-BARS = "people of the first bars"  # the label of the constants that the project's first bars were set with
 
 
 class Named(NamedTuple):
@@ -100,10 +99,7 @@ def measured(
     """
     found: dict[str, dict[str, list[dict[str, float]]]] = {}
     for done, take in enumerate(takes, 1):
-        try:
-            points = body_points(take.motion)
-        except MotionError as error:
-            raise MotionError(f"{take.name}: {error}") from error
+        points = points_of(take, body_points)
         rows = [liveliness(part, take.motion.fps) for part in windows(points, take.motion.fps, seconds)]
         found.setdefault(take.kind, {}).setdefault(take.group, []).extend(rows)
         if progress:
@@ -133,7 +129,7 @@ def as_json(rows: Mapping[str, Mapping[str, Sequence[Mapping[str, float]]]]) -> 
         kind: {
             "people": list(people),
             "windows": sum(map(len, people.values())),
-            "statistics": {name: [*map(_plain, (m.mean, *m.interval, m.low, m.high))] for name, m in of.items()},
+            "statistics": {name: [*map(rounded, (m.mean, *m.interval, m.low, m.high))] for name, m in of.items()},
         }
         for (kind, people), of in zip(rows.items(), found.values(), strict=True)
     }
@@ -172,10 +168,6 @@ def as_text(found: Statistics) -> str:
 def _measure(values: Sequence[float | None]) -> Measure:
     mean, first, last, low, high = (float("nan") if value is None else float(value) for value in values)
     return Measure(mean, Interval(first, last), low, high)
-
-
-def _plain(value: float) -> float | None:
-    return round(value, 4) if np.isfinite(value) else None
 
 
 def _read(path: Path) -> list[Named]:

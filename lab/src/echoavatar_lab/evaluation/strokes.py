@@ -16,7 +16,7 @@ from echoavatar_lab.corpora.rehearsal.recording_labels import track_from_recordi
 
 from .metrics.liveliness import SPEECH
 from .metrics.tells import Moves
-from .takes import Take, judged
+from .takes import Take, points_of
 
 BEFORE_S, AFTER_S, EVERY_S = 0.4, 0.5, 0.1
 
@@ -35,7 +35,7 @@ class Response(NamedTuple):
         for take in takes:
             if take.kind != SPEECH or take.audio is None:
                 continue
-            speed = Moves.of(judged(take)).speed.mean(1)
+            speed = Moves.of(points_of(take)).speed.mean(1)
             frames = np.round(np.array(track_from_recording(take.audio, "speech").stresses) * FRAME_RATE_HZ).astype(int)
             relative = speed / (speed.mean() + 1e-9) - 1
             around += [relative[at - before : at + after + 1] for at in frames if before <= at < len(speed) - after]

@@ -12,9 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.figure import Figure
-
-from echoavatar_lab.training.curves import save_figure
 
 from .paid_for import LEGEND, marked
 
@@ -201,6 +198,11 @@ def weighted_mean(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " 
     return float(np.average(values[known], weights=chosen if chosen is not None and chosen.sum() > 0 else None))
 
 
+def rounded(value: float) -> float | None:
+    """The value to four places, for JSON; null for none."""
+    return round(value, 4) if math.isfinite(value) else None
+
+
 def _plain(value: float) -> float | None:
     return float(f"{value:.6g}") if math.isfinite(value) else None
 
@@ -218,6 +220,10 @@ def _span(ends: Interval) -> str:
 
 def draw(rows: Sequence[Row], path: Path, *, title: str) -> None:
     """Write a picture (.png, .pdf or .svg). Raises EchoAvatarError if the picture cannot be written."""
+    from matplotlib.figure import Figure  # slow to import
+
+    from echoavatar_lab.training.curves import save_figure
+
     figure = Figure(figsize=(8.0, 0.9 + 0.42 * len(rows)), layout="constrained")
     figure.suptitle(title, fontsize=11, x=0.02, ha="left", parse_math=False)
     axes = figure.subplots(len(rows), 1, squeeze=False)[:, 0]

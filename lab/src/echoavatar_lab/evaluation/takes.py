@@ -102,13 +102,10 @@ def perform(
     return [Take(*sound[:3], one.motion, sound.audio) for sound, one in zip(sounds, made, strict=True)]
 
 
-def judged(take: Take) -> Points:
-    """The take's points as `metrics.tells` measures them.
-
-    Raises MotionError if the rig is not known, or the motion is shorter than a second; names the take.
-    """
+def points_of(take: Take, read: Callable[[Motion], Points] = judged_points) -> Points:
+    """The take's points as `metrics.tells` measures them, or as `read` does; a MotionError names the take."""
     try:
-        return judged_points(take.motion)
+        return read(take.motion)
     except MotionError as error:
         raise MotionError(f"{take.name}: {error}") from error
 

@@ -135,18 +135,7 @@ def tuned(experiment: Experiment, method: Method) -> TunedOutcome:
         if method == "dpo":
             pairs = folder / "pairs.jsonl"
             if not pairs.exists():
-                make_pairs(
-                    ready,
-                    pairs,
-                    prompts=experiment.scale.pairs,
-                    past=training.past,
-                    length=training.length,
-                    group=training.group,
-                    margin=0.0,
-                    fewest_events=training.fewest_events,
-                    seed=experiment.seed,
-                    progress=experiment.progress,
-                )
+                make_pairs(ready, pairs, training, prompts=experiment.scale.pairs, progress=experiment.progress)
         task = training_task(method, training, ready, pairs=pairs, command="echoavatar reproduce alignment")
         tune(task, folder, device=experiment.device, trackers=experiment.trackers, progress=experiment.progress)
 

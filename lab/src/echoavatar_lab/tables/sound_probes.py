@@ -43,7 +43,6 @@ from .table import Cell, Column, Line, Table
 
 LABELS = "sound-labels"
 LABEL_COLUMNS = (Column("f", "F at 70 ms", better="higher"), Column("chance", "F of random times", better=""))
-STRESSED = 0.45
 LOOPS = {
     "loop_amen_full": 16, "loop_amen": 4, "loop_breakbeat": 4, "loop_tabla": 16, "loop_safari": 16, "loop_mika": 16,
     "loop_compus": 16, "loop_mehackit1": 4, "loop_mehackit2": 4, "loop_garzul": 16, "loop_perc1": 4, "loop_perc2": 4,
@@ -68,7 +67,7 @@ def make_labels(experiment: Experiment) -> Table:
         both = (known, found)
         times: dict[str, list[list[float]]] = {
             "syllables": [[s.vowel for s in one.syllables] for one in both],
-            "stresses": [[s.vowel for s in one.syllables if s.prominence >= STRESSED] for one in both],
+            "stresses": [one.stresses for one in both],
             "phrases begin": [[begin for begin, _ in one.phrases] for one in both],
             "phrases end": [[end for _, end in one.phrases] for one in both],
         }
@@ -235,8 +234,7 @@ def known(track: SoundTrack) -> KnownSound:
     power = np.mean(audio.reshape(frames, -1).astype(np.float64) ** 2, axis=1)
     strength = onset_strength(audio).full
     onsets = find_peaks(strength, height=1.5, distance=6)[0] * 0.01
-    stresses = [syllable.vowel for syllable in track.syllables if syllable.prominence >= 0.45]
-    events = np.stack([_marked(times, frames) for times in (onsets, stresses, track.beats)], axis=1)
+    events = np.stack([_marked(times, frames) for times in (onsets, track.stresses, track.beats)], axis=1)
     return KnownSound(audio, domain, _voiced(audio, frames), 10 * np.log10(power + 1e-6), events)
 
 

@@ -12,16 +12,7 @@ from echoavatar.errors import MotionError
 from echoavatar.motion.formats import read_bvh
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
 from echoavatar_lab.evaluation.metrics import liveliness as lively
-from echoavatar_lab.evaluation.metrics.liveliness import (
-    KINDS,
-    PEOPLE,
-    POINTS,
-    STATISTICS,
-    arm_rests,
-    body_points,
-    liveliness,
-    windows,
-)
+from echoavatar_lab.evaluation.metrics.liveliness import POINTS, STATISTICS, arm_rests, body_points, liveliness, windows
 
 FPS, FRAMES = 30, 900
 TIME = np.arange(FRAMES) / FPS
@@ -188,9 +179,3 @@ def test_the_numbers_are_those_of_the_yardstick(name: str) -> None:
     motion = read_bvh(path)
     rows = [list(liveliness(part, motion.fps).values()) for part in windows(body_points(motion), motion.fps, 30)]
     assert np.mean(rows, 0) == pytest.approx(list(alive.score(str(path)).values()), rel=2e-3)
-
-
-def test_people_have_every_statistic_in_order() -> None:
-    for kind in KINDS:
-        assert list(PEOPLE[kind]) == list(STATISTICS)
-        assert all(low <= mean <= high for mean, low, high in PEOPLE[kind].values())

@@ -16,8 +16,6 @@ from jaxtyping import Float
 from echoavatar.files.avatar.character import load_character
 from echoavatar.motion.arkit import ARKIT_NAMES
 
-AT_ONCE = 128  # frames
-
 
 def face_mse(made: Float[np.ndarray, "t c"], true: Float[np.ndarray, "t c"]) -> float:
     """Mean squared difference of vertices (flattened)."""
@@ -30,18 +28,9 @@ def face_lvd(made: Float[np.ndarray, "t c"], true: Float[np.ndarray, "t c"]) -> 
 
 
 def errors_on_mesh(made: Float[np.ndarray, "t 52"], true: Float[np.ndarray, "t 52"]) -> tuple[float, float]:
-    """MSE (m^2) and LVD (m) of two sets of ARKit curves on the character's face.
-
-    A vertex is the sum of curves times shapes, so the difference of two faces is that sum of the curves' difference.
-    """
-    apart, shapes = np.asarray(made, float) - true, _shapes()
-    squares = steps = 0.0
-    for start in range(0, len(apart), AT_ONCE):
-        vertices = apart[max(start - 1, 0) : start + AT_ONCE] @ shapes
-        squares += float(np.square(vertices[min(start, 1) :]).sum())
-        steps += float(np.abs(np.diff(vertices, axis=0)).sum())
-    size = len(apart) * shapes.shape[1]
-    return squares / size, steps / size
+    """MSE (m^2) and LVD (m) of two sets of ARKit curves on the character's face."""
+    ours, theirs = (np.asarray(curves, float) @ _shapes() for curves in (made, true))
+    return face_mse(ours, theirs), face_lvd(ours, theirs)
 
 
 @lru_cache(maxsize=1)

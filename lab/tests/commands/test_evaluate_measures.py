@@ -6,7 +6,7 @@ from lab.tests.evaluation.test_takes import captured, write_sound
 
 from echoavatar.cli import main
 from echoavatar.errors import EchoAvatarError
-from echoavatar_lab.commands.evaluate_beside import write_card
+from echoavatar_lab.commands.evaluate_measures import write_card
 
 
 @pytest.mark.parametrize("measure", ["drift", "dial"])
