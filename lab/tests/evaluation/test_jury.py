@@ -101,7 +101,7 @@ def test_the_command_performs_or_judges_and_ends_with_json(
     assert 0 <= told["told_apart"]["ours"]["accuracy"] <= 1
     assert LEGEND in said
     assert main([*asked, "--motion", str(tmp_path / "people")]) == 0
-    assert set(json.loads(capsys.readouterr().out.splitlines()[-1])) == {"speech", "music"}
+    assert set(json.loads(capsys.readouterr().out.splitlines()[-1])) == {"speech", "music", "strokes"}
 
 
 def test_every_target_of_the_alignment_is_marked() -> None:
