@@ -147,6 +147,7 @@ def _with_nulls(document: dict[str, Any]) -> dict[str, Any]:
         ("file:///etc/hostname", "outside its folder"),
         ("https://example.org/a.bin", "outside its folder"),
         ("none.bin", "put it beside"),
+        ("loop.bin", "put it beside"),
         (".", "regular file"),
         ("%00", "glTF format"),
         ("%ff.bin", "glTF format"),
@@ -158,6 +159,7 @@ def test_nothing_outside_its_folder_is_read(tmp_path: Path, uri: object, problem
     path = in_parts(long_armed(), tmp_path / "in")
     (tmp_path / "secret.bin").write_bytes(bytes(100_000))
     (tmp_path / "in" / "link.bin").symlink_to(tmp_path / "secret.bin")
+    (tmp_path / "in" / "loop.bin").symlink_to("loop.bin")
     document = json.loads(path.read_text("utf-8"))
     document["buffers"][0]["uri"] = uri
     path.write_text(json.dumps(document), "utf-8")

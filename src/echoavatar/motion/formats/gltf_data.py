@@ -4,6 +4,7 @@ The document is brought into one form: all bytes are in its first buffer, as in 
 Compressed data stays compressed there, and is unpacked where numbers are read (`read_accessor`, `attribute`).
 """
 
+import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -129,7 +130,8 @@ def _bytes_of(path: Path, uri: str, held: int) -> bytes:
     if head[:5].lower() == "data:":
         return from_base64(text) if head.lower().endswith(";base64") else unquote_to_bytes(text)
     folder = path.parent.resolve()
-    part = (folder / unquote_to_bytes(uri.replace("\\", "/")).decode()).resolve()  # as Windows writes it
+    place = unquote_to_bytes(uri.replace("\\", "/")).decode()  # as Windows writes it
+    part = Path(os.path.realpath(folder / place))
     if not part.is_relative_to(folder) or ":" in uri.split("/")[0]:
         raise MotionError(f"{path} refers to {uri!r}, which is outside its folder; export it as one .glb")
     try:
