@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import av
 import numpy as np
@@ -135,7 +135,8 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
 def _pieces(container: InputContainer, path: Path, part: range, track: int | None, is_told: bool) -> Iterator[Piece]:
     tracks = {stream.index: number for number, stream in enumerate(container.streams.audio)}
     stated = [_stated_roles(stream) for stream in container.streams.audio]
-    decoders = {stream.index: _decoder(container, stream, _head(path, part)) for stream in container.streams.audio}
+    head = _head(path, part.start) if container.format.name == "wav" else b""
+    decoders = {stream.index: _decoder(stream, head) for stream in container.streams.audio}
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
     packets, faults, seconds = container.demux(container.streams.audio), 0, 0.0
     while faults <= _MOST_FAULTS:
@@ -169,25 +170,25 @@ def _share(container: InputContainer, path: Path, part: range, seconds: float) -
     """The part of a sound that is there, where the file says how long it is; programs that do not know write 2 GB."""
     first, share = container.streams.audio[0], 1.0
     if container.format.name == "wav":
-        share = len(part) / (8 + int.from_bytes(_head(path, part)[4:8], "little"))
+        share = len(part) / (8 + int.from_bytes(_head(path, part.start)[4:8], "little"))
     elif container.format.name.startswith(_STATE_LENGTH) and first.duration and first.time_base:
         share = seconds / float(first.duration * first.time_base)
     return share if share > _UNKNOWN else 1.0
 
 
-def _head(path: Path, part: range) -> bytes:
+def _head(path: Path, start: int = 0) -> bytes:
     with path.open("rb") as file:
-        file.seek(part.start)
+        file.seek(start)
         return file.read(1024)
 
 
-def _decoder(container: InputContainer, stream: av.AudioStream, head: bytes) -> av.AudioStream | av.CodecContext:
+def _decoder(stream: av.AudioStream, head: bytes) -> Any:
     """What decodes a track. FFmpeg takes 24 bits in 32 for floats that a program of the nineties wrote."""
-    context, form = stream.codec_context, _WHOLE.search(head) if container.format.name == "wav" else None
+    form = _WHOLE.search(head)
     if form is None or form[2][0] != 4 * form[1][0]:
         return stream
-    whole = av.CodecContext.create("pcm_s32le", "r")
-    whole.sample_rate, whole.layout = context.sample_rate, context.layout
+    whole: Any = av.CodecContext.create("pcm_s32le", "r")
+    whole.sample_rate, whole.layout = stream.codec_context.sample_rate, stream.codec_context.layout
     return whole
 
 
@@ -279,8 +280,7 @@ def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
 
 def _what_it_is(path: Path, failure: str) -> str:
     """The error of a file in which there is no sound: its kind, and the remedy."""
-    with path.open("rb") as file:
-        begin = file.read(1024)
+    begin = _head(path)
     text = begin.decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
     if text.lower().startswith(("<!doctype html", "<html")):
         return "is not a sound file but a web page; download the sound itself"
