@@ -147,7 +147,7 @@ def _with_nulls(document: dict[str, Any]) -> dict[str, Any]:
         ("file:///etc/hostname", "outside its folder"),
         ("https://example.org/a.bin", "outside its folder"),
         ("none.bin", "put it beside"),
-        ("loop.bin", "put it beside"),
+        ("loop.bin", "cannot be read"),
         (".", "regular file"),
         ("%00", "glTF format"),
         ("%ff.bin", "glTF format"),
