@@ -5,6 +5,7 @@ as many values as the bytes hold, at 80 bytes of memory each. This reader refuse
 refuses surrogates, NaN and more than 200 levels by itself. Uses `limits` and `errors` only.
 """
 
+import base64
 import codecs
 import math
 import re
@@ -17,6 +18,17 @@ from .errors import EchoAvatarError
 from .limits import CONFIG_BYTES, JSON_VALUES, read_bytes
 
 _MAY_BE_INFINITE = re.compile(rb"\d[eE]\+?0*[1-9]\d\d|\d{309}")  # the parser makes infinity of 1e999
+
+_FROM_URL_SAFE = str.maketrans("-_", "+/")
+
+
+def from_base64(text: str) -> bytes:
+    """The bytes in base64, also URL-safe, in lines, or without padding. Raises ValueError for any other text."""
+    try:
+        return base64.b64decode(text, validate=True)
+    except ValueError:
+        plain = "".join(text.split()).translate(_FROM_URL_SAFE).rstrip("=")
+        return base64.b64decode(plain + "=" * (-len(plain) % 4), validate=True)
 
 
 def read_json(

@@ -84,6 +84,14 @@ def test_a_file_of_the_folder_is_not_written_over_by_its_own_output(
     assert recording.read_bytes() == before
 
 
+def test_a_link_that_leads_to_itself_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "loop.bvh").symlink_to(tmp_path / "loop.bvh")
+    assert main(["export", str(tmp_path / "loop.bvh"), "-o", str(tmp_path / "a.npz")]) == 1
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "loop.bvh" in told
+
+
 def test_what_is_no_fault_of_a_file_ends_the_batch() -> None:
     batch = Batch(2)
     with pytest.raises(ZeroDivisionError), batch.each("a"):

@@ -91,6 +91,18 @@ def test_a_closed_pipe_is_no_traceback() -> None:
     assert done.stdout.strip() in ("0", "141")  # 0 where `true` was slower
 
 
+@pytest.mark.parametrize("closed", [1, 2])
+def test_an_output_that_is_closed_is_no_trouble(tmp_path: Path, closed: int) -> None:
+    still = Motion.at_rest(HUMANOID)
+    write_bvh(tmp_path / "a.bvh", HUMANOID, still.rotations, still.root, 30)
+    words = [sys.executable, "-m", "echoavatar", "export", str(tmp_path / "a.bvh"), "-o", str(tmp_path / "a.npz")]
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$@" {closed}>&-', "sh", *words], capture_output=True, text=True, timeout=120
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "a.npz").exists()
+
+
 def test_output_to_a_full_disk_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def fails(args: object) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")

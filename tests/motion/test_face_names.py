@@ -66,6 +66,16 @@ SIDES = {"eyeBlinkLeft": 0.4, "eyeBlinkRight": 0.4}
         ("metahuman", {"browInnerUp": 0.5}, {f"CTRL_expressions_browRaiseIn{side}": 0.5 for side in "LR"}),
         ("facs", {"jawOpen": 0.5, "browDownLeft": 0.4}, {"AU04": 0.2, "AU26_JawDrop": 0.5}),
         ("facs", {"mouthFrownLeft": 0.5}, {"AU15_LipCornerDepressor": 0.25}),
+        ("daz", {"jawOpen": 0.5, "mouthFunnel": 0.25}, {"facs_jnt_JawOpen": 0.5, "facs_bs_MouthFunnel_div2": 0.25}),
+        ("daz", {"mouthSmileLeft": 0.5}, {"facs_bs_MouthSmileLeft_div2": 0.5}),
+        ("daz_visemes", {"jawOpen": 0.5}, {"Genesis8Female__eCTRLvAA": 0.8}),
+        ("meta", {"jawOpen": 0.5}, {"jawDrop": 0.5}),
+        ("meta", {"mouthShrugLower": 0.5, "mouthShrugUpper": 0.25}, {"chinRaiserB": 0.5, "chinRaiserT": 0.25}),
+        ("meta", {"eyeSquintLeft": 0.5, "browDownRight": 0.25}, {"lidTightenerL": 0.5, "browLowererR": 0.25}),
+        ("mb_lab", {"jawOpen": 0.5}, {"Expressions_mouthOpen_max": 0.5}),
+        ("mb_lab", {"eyeBlinkLeft": 0.4}, {"Expressions_eyeClosedL_max": 0.4}),
+        ("sranipal", {"eyeSquintLeft": 0.5}, {"Eye_Left_Squeeze": 0.5}),
+        ("unified", {"mouthShrugLower": 0.5}, {"MouthRaiserLower": 0.5}),
     ],
 )
 def test_a_face_of_another_program_does_what_ours_does(

@@ -147,6 +147,13 @@ def test_invalid_sound_is_reported_and_dropped(server: RunningServer) -> None:
         caller.until(Sound, lambda sound: sound.seg == 1)
 
 
+def test_a_minute_of_sound_may_come_in_one_message(server: RunningServer) -> None:
+    for seconds, rate in ((18, 24_000), (60, 48_000)):
+        with server.call(Hello(audio=AudioFormat(rate=rate))) as caller:
+            caller.say(Audio(seg=1, start=0, pcm=bytes(2 * rate * seconds)))
+            caller.until(Sound, lambda sound: sound.seg == 1)
+
+
 def test_too_many_errors_end_the_connection(server: RunningServer) -> None:
     with server.call(Hello()) as caller:
         for _ in range(120):

@@ -60,7 +60,7 @@ def outputs(inputs: Sequence[Path], output: Path, suffix: str, *, known: Collect
             raise EchoAvatarError(f"two {kind}s are called {twice[0]!r} and would go into one file; rename one")
         made = [output / f"{stem}{suffix}" for stem in stems]
     for path, place in zip(inputs, made, strict=True):
-        if place.resolve() == path.resolve():
+        if os.path.realpath(place) == os.path.realpath(path):  # links may go round in a circle
             raise EchoAvatarError(f"-o {output} is the {kind} itself; choose another name")
     return made
 

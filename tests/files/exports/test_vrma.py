@@ -11,9 +11,10 @@ from tests.files.exports.readers import node
 from echoavatar.errors import MotionError
 from echoavatar.files.exports import Take, read_rig
 from echoavatar.files.exports.formats import write_take
-from echoavatar.files.exports.vrma import PRESETS, in_t_pose, pack_vrma
+from echoavatar.files.exports.vrma import PRESETS, pack_vrma
 from echoavatar.motion.arkit import ARKIT_NAMES, to_vrm
 from echoavatar.motion.kinematics import HUMANOID, Motion, Skeleton, SkeletonConfig
+from echoavatar.motion.kinematics.retarget import plain_rig
 
 
 def document(data: bytes) -> dict:  # type: ignore[type-arg]
@@ -84,7 +85,7 @@ def test_on_an_avatar_in_three_vrm_every_joint_is_where_we_put_it(rigs, short: T
 
 def test_a_rig_at_rest_in_another_pose_is_written_in_t_pose(rigs, short: Take) -> None:  # type: ignore[no-untyped-def]
     moved = read_rig(rigs["longarm"]).retarget(short).motion
-    posed = in_t_pose(moved)
+    posed = plain_rig(moved.skeleton).of_own(moved)
     bones = posed.skeleton.config.vrm
     np.testing.assert_allclose(posed.pose().positions, moved.pose().positions, atol=1e-5)
     rest = posed.skeleton.rest_positions

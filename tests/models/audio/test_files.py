@@ -1,6 +1,7 @@
 """Files as people bring them: pasted, streamed, tagged, cut off, misnamed. Each is made here."""
 
 import logging
+import struct
 from collections.abc import Callable
 from pathlib import Path
 
@@ -101,6 +102,18 @@ def test_a_wav_that_was_streamed_knows_no_length(
     is_talk(read_audio(with_sizes(tmp_path / "a.wav", *sizes)))
     is_talk(read_audio(joined(tmp_path / "b.wav", tmp_path / "a.wav", tmp_path / "a.wav")), 2)
     assert not caplog.records
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+@pytest.mark.parametrize("used", [24, 20, 32])
+def test_24_bits_in_32_are_whole_numbers(tmp_path: Path, channels: int, used: int) -> None:
+    """FFmpeg takes them for floats of a program of the nineties."""
+    head = struct.pack("<HHIIHH", 0xFFFE, channels, 24_000, 96_000 * channels, 4 * channels, 32)
+    head += struct.pack("<HHI", 22, used, 0) + bytes.fromhex("0100000000001000800000aa00389b71")
+    data = np.stack([TWO * 2.0**31] * channels, 1).astype("<i4").tobytes()
+    chunks = b"WAVEfmt " + struct.pack("<I", len(head)) + head + b"data" + struct.pack("<I", len(data)) + data
+    (tmp_path / "a.wav").write_bytes(b"RIFF" + struct.pack("<I", len(chunks)) + chunks)
+    is_talk(read_audio(tmp_path / "a.wav"))
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,7 @@ SAME: dict[str, tuple[Callable[[str], str | bytes], str]] = {  # what a program 
     "capitals": (lambda t: re.sub("rotation|position|Frames|Frame Time|End Site", lambda m: m[0].upper(), t), ""),
     "Motion": (lambda t: t.replace("MOTION", "Motion").replace("HIERARCHY", "Hierarchy"), ""),
     "spaces around the colon": (lambda t: t.replace("Frames: ", "Frames :").replace("Time: ", "Time \t: "), ""),
+    "equal signs": (lambda t: t.replace("Frames:", "Frames =").replace("Time:", "Time ="), ""),
     "no space behind the colon": (lambda t: t.replace("Frames: ", "Frames:").replace("Time: ", "Time:"), ""),
     "decimal commas": (lambda t: t.replace(".", ","), ""),
     "commas behind numbers": (lambda t: in_rows(t, lambda row: ", ".join(row) + ",\n"), ""),
@@ -121,6 +122,10 @@ SAME: dict[str, tuple[Callable[[str], str | bytes], str]] = {  # what a program 
     ),
     "a joint without channels": (
         lambda t: t.replace("\tEnd Site", "\tJOINT prop\n{\nOFFSET 0 1 0\nCHANNELS 0\n}\n\tEnd Site", 1),
+        "",
+    ),
+    "a joint without a name": (
+        lambda t: t.replace("\tEnd Site", "\tJOINT\n{\nOFFSET 0 1 0\nCHANNELS 0\n}\n\tEnd Site", 1),
         "",
     ),
     "an end without OFFSET": (lambda t: re.sub(r"(End Site\n\s*\{)\n\s*OFFSET.*", r"\1", t, count=1), ""),

@@ -1,6 +1,7 @@
 """A character in the forms that programs export is the same character, and what states too much is refused."""
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -108,6 +109,35 @@ def test_a_gltf_is_read_with_its_parts_and_written_as_one(tmp_path: Path, plain:
 
 
 @pytest.mark.parametrize(
+    "written",
+    [
+        lambda text: text.replace("%20parts/", "%20parts\\\\"),
+        lambda text: re.sub(r"=+(?=\")", "", text),
+        lambda text: text.replace("data:application", "DATA:application").replace(";base64", ";BASE64"),
+        lambda text: re.sub("(?<=base64,)[^\"]+", lambda found: found[0].translate(str.maketrans("+/", "-_")), text),
+        lambda text: re.sub("(?<=base64,)[^\"]+", lambda found: found[0].replace("A", "A\\n", 3), text),
+        lambda text: text.replace('"scale": ', '"mesh": null, "skin": -1, "children": null, "scale": ', 1),
+        lambda text: json.dumps(_with_nulls(json.loads(text))),
+    ],
+    ids=["backslash", "no padding", "capitals", "URL-safe", "lines", "nothing", "nulls"],
+)  # fmt: skip
+def test_a_gltf_may_be_written_loosely(tmp_path: Path, plain: Skinned, written: Callable[[str], str]) -> None:
+    path = in_parts(long_armed(), tmp_path / "in")
+    text = path.read_text("utf-8")
+    changed = written(text)
+    assert changed != text
+    path.write_text(changed, "utf-8")
+    np.testing.assert_allclose(read_skinned(path).vertices, plain.vertices, atol=1e-6)
+
+
+def _with_nulls(document: dict[str, Any]) -> dict[str, Any]:
+    keys = ("children", "mesh", "skin", "matrix", "rotation", "scale", "translation", "camera")
+    for entry in document["nodes"]:
+        entry |= {key: None for key in keys if key not in entry}
+    return document
+
+
+@pytest.mark.parametrize(
     ("uri", "problem"),
     [
         ("../secret.bin", "outside its folder"),
@@ -117,6 +147,7 @@ def test_a_gltf_is_read_with_its_parts_and_written_as_one(tmp_path: Path, plain:
         ("file:///etc/hostname", "outside its folder"),
         ("https://example.org/a.bin", "outside its folder"),
         ("none.bin", "put it beside"),
+        ("loop.bin", "cannot be read"),
         (".", "regular file"),
         ("%00", "glTF format"),
         ("%ff.bin", "glTF format"),
@@ -128,6 +159,7 @@ def test_nothing_outside_its_folder_is_read(tmp_path: Path, uri: object, problem
     path = in_parts(long_armed(), tmp_path / "in")
     (tmp_path / "secret.bin").write_bytes(bytes(100_000))
     (tmp_path / "in" / "link.bin").symlink_to(tmp_path / "secret.bin")
+    (tmp_path / "in" / "loop.bin").symlink_to("loop.bin")
     document = json.loads(path.read_text("utf-8"))
     document["buffers"][0]["uri"] = uri
     path.write_text(json.dumps(document), "utf-8")

@@ -4,8 +4,6 @@ Names are those of the present protocol (`response.output_audio.delta`) and of i
 (`response.audio.delta`), which others still use. A field of an unexpected type counts as absent.
 """
 
-import base64
-import binascii
 import json
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,7 +13,7 @@ from typing import Any
 import msgspec
 
 from echoavatar.errors import EchoAvatarError
-from echoavatar.json_reader import read_json
+from echoavatar.json_reader import from_base64, read_json
 
 from ..voice_formats import Format, named_format
 
@@ -23,7 +21,6 @@ AUDIO_DELTA, AUDIO_DONE = "audio.delta", "audio.done"  # ends of their names
 PARTS_DONE = ("response.content_part.done", "response.output_item.done")
 SESSION = ("session.created", "session.updated")
 CUTS = ("response.cancel", "output_audio_buffer.clear", "response.cancelled", "output_audio_buffer.cleared")
-_FROM_URL_SAFE = str.maketrans("-_", "+/")
 MOST_BYTES = 1 << 22  # of an event that is read, a minute of sound: reading holds up other conversations
 MOST_VALUES = 1 << 16  # in it
 
@@ -73,16 +70,10 @@ def read(message: str | bytes) -> Event | None:
 
 
 def sound(field: Any) -> bytes | None:
-    """Decode a base64 field, also URL-safe, in lines, or without padding; None if it is none of these."""
-    if not isinstance(field, str):
-        return None
-    with suppress(binascii.Error, ValueError):
-        return base64.b64decode(field, validate=True)
-    text = "".join(field.rpartition(";base64,")[2].split()).translate(_FROM_URL_SAFE).rstrip("=")
-    try:
-        return base64.b64decode(text + "=" * (-len(text) % 4), validate=True)
-    except (binascii.Error, ValueError):
-        return None
+    """Decode a base64 field of any dialect, also a `data:` address; None if it is none."""
+    with suppress(AttributeError, ValueError):
+        return from_base64(field.rpartition(";base64,")[2])
+    return None
 
 
 def identity(value: Any) -> str | None:

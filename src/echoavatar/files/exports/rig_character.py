@@ -5,7 +5,6 @@ ours. Lit are the base colours, with their pictures (PNG, JPEG, WebP) and alpha;
 swings are not shown.
 """
 
-import base64
 import io
 import logging
 import re
@@ -207,7 +206,7 @@ class _Paints:
         for source in sources:
             name = str(source)
             if name not in self.textures and name not in self._unseen:
-                encoded = self._stored(self._document["images"][source])
+                encoded = view_bytes(self._document, self._rig.binary, self._document["images"][source]["bufferView"])
                 if kind := _unreadable(encoded):
                     self._unseen[name] = kind
                 else:
@@ -215,11 +214,6 @@ class _Paints:
             if name in self.textures:
                 return name
         return ""
-
-    def _stored(self, image: dict[str, Any]) -> bytes:
-        if "uri" in image:
-            return base64.b64decode(image["uri"].partition(",")[2])
-        return view_bytes(self._document, self._rig.binary, image["bufferView"])
 
     def uvs(self, part: Part) -> Float[Array, "v 2"]:
         """Places on the base colour's picture."""

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from echoavatar.errors import MotionError
 from echoavatar.motion.arkit import ARKIT_NAMES, LIVE_LINK_NAMES, VRM_NAMES, to_live_link, to_vrm
-from echoavatar.motion.kinematics import HUMANOID, Motion
+from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.motion.kinematics.motion import align_signs
 from echoavatar.motion.kinematics.retarget import plain_rig
 from echoavatar.motion.kinematics.rigs import bone_map
@@ -36,7 +36,9 @@ def pack_vrma(take: Take, avatar: dict[str, Any] | None = None) -> bytes:
 
     Raises MotionError: a bone that the format requires is missing.
     """
-    motion = take.motion if take.motion.skeleton is HUMANOID else in_t_pose(take.motion)
+    motion = take.motion
+    if motion.skeleton is not HUMANOID:  # the format wants T-pose
+        motion = plain_rig(motion.skeleton).of_own(motion)
     skeleton, bones = motion.skeleton, bone_map(motion.skeleton)
     if missing := [bone for bone in REQUIRED if bone not in bones]:
         raise MotionError(f"a VRM animation needs the bone {missing[0]}; choose a rig that has it")
@@ -70,11 +72,6 @@ def pack_vrma(take: Take, avatar: dict[str, Any] | None = None) -> bytes:
         "extensions": {"VRMC_vrm_animation": extension},
     }
     return packed(document, tracks.buffer)
-
-
-def in_t_pose(motion: Motion) -> Motion:
-    """The same motion on a skeleton of the same body that rests in T-pose, which the format requires."""
-    return plain_rig(motion.skeleton).of_own(motion)
 
 
 def _xyzw(wxyz: Float[np.ndarray, "t 4"]) -> Float[np.ndarray, "t 4"]:

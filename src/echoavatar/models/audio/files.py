@@ -11,7 +11,7 @@ from contextlib import suppress
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import av
 import numpy as np
@@ -47,6 +47,8 @@ _BEGINS = {  # of files without an index, by their first four letters
 }
 _STEREO, _SURROUND = ("FL", "FR"), ("FL", "FR", "FC", "LFE", "BL", "BR")
 _USUAL_ROLES = {1: ("FC",), 2: _STEREO, 6: _SURROUND, 8: (*_SURROUND, "SL", "SR")}
+# The head of a WAV of today with whole numbers: its channels, and the bytes of a sample of all of them.
+_WHOLE = re.compile(rb"fmt \(\0\0\0\xfe\xff(.)\0.{8}(.)\0.{10}\x01\0", re.DOTALL)
 _FRAME = re.compile(rb"\xff[\xe0-\xff]")
 _TAG = re.compile(rb"ID3[\x02-\x04]\0[\x00\x40\x80\xc0][\x00-\x7f]{4}")
 _LOG = logging.getLogger(__name__)
@@ -133,6 +135,8 @@ def decoded(path: Path, track: int | None = None, *, is_told: bool = False) -> I
 def _pieces(container: InputContainer, path: Path, part: range, track: int | None, is_told: bool) -> Iterator[Piece]:
     tracks = {stream.index: number for number, stream in enumerate(container.streams.audio)}
     stated = [_stated_roles(stream) for stream in container.streams.audio]
+    head = _head(path, part.start) if container.format.name == "wav" else b""
+    decoders = {stream.index: _decoder(stream, head) for stream in container.streams.audio}
     converters: dict[tuple[int, Form], av.AudioResampler] = {}
     packets, faults, seconds = container.demux(container.streams.audio), 0, 0.0
     while faults <= _MOST_FAULTS:
@@ -141,7 +145,7 @@ def _pieces(container: InputContainer, path: Path, part: range, track: int | Non
             if packet is None:
                 break
             number = tracks[packet.stream.index]
-            frames = packet.decode() if track in (None, number) else []
+            frames = decoders[packet.stream.index].decode(packet) if track in (None, number) else []
         except av.FFmpegError as error:
             faults += 1
             if is_told and faults > (container.format.name == "mp3"):  # the first frame of a pasted MP3 may need others
@@ -166,12 +170,26 @@ def _share(container: InputContainer, path: Path, part: range, seconds: float) -
     """The part of a sound that is there, where the file says how long it is; programs that do not know write 2 GB."""
     first, share = container.streams.audio[0], 1.0
     if container.format.name == "wav":
-        with path.open("rb") as file:
-            file.seek(part.start)
-            share = len(part) / (8 + int.from_bytes(file.read(8)[4:], "little"))
+        share = len(part) / (8 + int.from_bytes(_head(path, part.start)[4:8], "little"))
     elif container.format.name.startswith(_STATE_LENGTH) and first.duration and first.time_base:
         share = seconds / float(first.duration * first.time_base)
     return share if share > _UNKNOWN else 1.0
+
+
+def _head(path: Path, start: int = 0) -> bytes:
+    with path.open("rb") as file:
+        file.seek(start)
+        return file.read(1024)
+
+
+def _decoder(stream: av.AudioStream, head: bytes) -> Any:
+    """What decodes a track. FFmpeg takes 24 bits in 32 for floats that a program of the nineties wrote."""
+    form = _WHOLE.search(head)
+    if form is None or form[2][0] != 4 * form[1][0]:
+        return stream
+    whole: Any = av.CodecContext.create("pcm_s32le", "r")
+    whole.sample_rate, whole.layout = stream.codec_context.sample_rate, stream.codec_context.layout
+    return whole
 
 
 def _stated_roles(stream: av.AudioStream) -> tuple[str, ...]:
@@ -262,8 +280,7 @@ def _mp4_begins(data: mmap.mmap, at: int) -> Iterator[int]:
 
 def _what_it_is(path: Path, failure: str) -> str:
     """The error of a file in which there is no sound: its kind, and the remedy."""
-    with path.open("rb") as file:
-        begin = file.read(1024)
+    begin = _head(path)
     text = begin.decode("utf-8", "replace").lstrip("\ufeff \t\r\n")
     if text.lower().startswith(("<!doctype html", "<html")):
         return "is not a sound file but a web page; download the sound itself"

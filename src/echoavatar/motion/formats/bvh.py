@@ -44,7 +44,7 @@ _STATEMENT = re.compile(
     r"|(?P<close>\})|(?P<motion>motion\b))\s*",
     re.IGNORECASE,
 )
-_HEAD = re.compile(r"\s*frame(?:s|[^\S\n]*(time))[^\S\n]*:?[^\S\n]*(\S*).*", re.IGNORECASE)
+_HEAD = re.compile(r"\s*frame(?:s|[^\S\n]*(time))[^\S\n]*[:=]?[^\S\n]*(\S*).*", re.IGNORECASE)
 _CUT = re.compile(r"(?<!\S)[-+]?(?:\.|\d+\.?\d*[eE][-+]?)?\Z")  # a number that the end of the file cuts off
 _GRAMMAR = "OFFSET has three numbers, CHANNELS their number and names such as Xposition, a joint braces"
 _Frames = np.ndarray
@@ -148,7 +148,8 @@ def _joints(text: str) -> tuple[list[_Joint], int]:
         joint = found[inside[-1]] if inside and inside[-1] >= 0 else None
         match said.lastgroup:
             case "name" if said["key"].lower() in ("root", "joint") and (joint or not inside):
-                found.append(_Joint("_".join(said["name"].split()), inside[-1] if joint else -1, column))
+                name = "_".join(said["name"].split()) or f"joint_{len(found)}"
+                found.append(_Joint(name, inside[-1] if joint else -1, column))
                 inside.append(len(found) - 1)
                 if len(found) > JOINTS or len(inside) > DEPTH:
                     raise _TextError(

@@ -4,7 +4,7 @@ The document is brought into one form: all bytes are in its first buffer, as in 
 Compressed data stays compressed there, and is unpacked where numbers are read (`read_accessor`, `attribute`).
 """
 
-import base64
+import os
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from echoavatar.errors import DependencyError, MotionError
-from echoavatar.json_reader import read_object
+from echoavatar.json_reader import from_base64, read_object
 from echoavatar.limits import FILE_PARTS, GLB_BYTES, GLTF_BYTES, UNPACKED_BYTES, VERTICES, check_file
 
 from . import draco
@@ -107,7 +107,7 @@ def _joined(path: Path, document: dict[str, Any], first: bytes) -> tuple[dict[st
                 place["buffer"], start = starts[place["buffer"]]
                 place["byteOffset"] = place.get("byteOffset", 0) + start
     for image in images:
-        if "uri" in image and not image["uri"].startswith("data:"):
+        if "uri" in image:
             part = _bytes_of(path, image.pop("uri"), len(data))
             kind = next((kind for head, kind in _PICTURES.items() if part.startswith(head)), "image/png")
             views = document.setdefault("bufferViews", [])
@@ -126,11 +126,12 @@ def _is_empty(buffer: dict[str, Any]) -> bool:
 
 def _bytes_of(path: Path, uri: str, held: int) -> bytes:
     """The bytes of a `data:` address or of a file in the document's folder, beside `held` bytes that are there."""
-    if uri.startswith("data:"):
-        head, _, text = uri.partition(",")
-        return base64.b64decode(text) if head.endswith(";base64") else unquote_to_bytes(text)
+    head, _, text = uri.partition(",")
+    if head[:5].lower() == "data:":
+        return from_base64(text) if head.lower().endswith(";base64") else unquote_to_bytes(text)
     folder = path.parent.resolve()
-    part = (folder / unquote_to_bytes(uri).decode()).resolve()
+    place = unquote_to_bytes(uri.replace("\\", "/")).decode()  # as Windows writes it
+    part = Path(os.path.realpath(folder / place))
     if not part.is_relative_to(folder) or ":" in uri.split("/")[0]:
         raise MotionError(f"{path} refers to {uri!r}, which is outside its folder; export it as one .glb")
     try:
