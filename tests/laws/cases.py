@@ -78,6 +78,11 @@ class Case:
     atol: float = 1e-6
 
 
+def on_arrays(step: Callable[..., Any]) -> Callable[[Tensor, Any, Tensor], Tensor]:
+    """A step that takes and gives arrays, for the laws' tensors."""
+    return lambda x, state, active: torch.from_numpy(step(x.numpy(), state, active.numpy()))
+
+
 def in_chunks(step: Callable[[Tensor, Any, Tensor], Tensor], size: int) -> Callable[[Tensor, Any, Tensor], Tensor]:
     """A step that takes any number of chunks, for a class whose own step takes one."""
 
@@ -185,7 +190,7 @@ def exported(model: Any, step: Any, init_state: Any, x: Tensor) -> Stream:
     with tempfile.TemporaryDirectory() as folder:
         checkpoint.save(Path(folder), config=model.config, weights=model.state_dict(), card={})
         graph = ExportedStep(export_step(Path(folder), model, step, init_state, x))
-    return Stream(graph.init_state, in_chunks(graph.step, x.shape[1]))
+    return Stream(graph.init_state, in_chunks(on_arrays(graph.step), x.shape[1]))
 
 
 def exported_decoder() -> Stream:
@@ -256,10 +261,7 @@ def rig() -> Stream:
     own, same = released(), np.stack([np.eye(3)] * 88)
     adapter = RigAdapter(rig_config(own.config, same, same), own)
 
-    def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
-        return torch.from_numpy(adapter.step(x.numpy(), state, active.numpy()))
-
-    return Stream(adapter.init_state, step)
+    return Stream(adapter.init_state, on_arrays(adapter.step))
 
 
 def released_features(rows: int, frames: int, random: torch.Generator) -> Tensor:
@@ -279,7 +281,7 @@ def pipeline() -> Stream:
     whole = Pipeline(bundle, precision="float32")
 
     def step(x: Tensor, state: Any, active: Tensor) -> Tensor:
-        shown = whole.step(x, state, active)
+        shown = whole.step(x.numpy(), state, active.numpy())
         return flat(
             MotionBatch(*(np.stack(part) for part in zip(*((c.rotations, c.root) for c in shown), strict=True)))
         )

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import statistics
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -100,18 +101,17 @@ def _models(parser: argparse.ArgumentParser) -> None:
         help="order of that generator; prefix: the paper's own, which prefills its window at every step; interleaved: "
         "only what is new; depth: the 0.5B reads frames, 4 layers of 384 draw codes (default: %(default)s)",
     )
-    parser.add_argument("--threads", type=int, help="torch threads (default: torch's own choice)")
+    parser.add_argument("--threads", type=int, help="threads that compute (default: as many as processors)")
 
 
 def _pipeline(args: argparse.Namespace, precision: "Precision | None" = None) -> "Pipeline":
     """The pipeline that the arguments of `_models` ask for."""
-    import torch
+    if args.threads:
+        os.environ["OMP_NUM_THREADS"] = str(args.threads)  # torch reads it when it is imported
 
     from echoavatar.engine.pipeline import Pipeline, load_bundle
     from echoavatar.engine.pipeline.bundle import with_random_generator
 
-    if args.threads:
-        torch.set_num_threads(args.threads)
     bundle = load_bundle(args.model).running(args.runtime).without(args.without)
     print(f"runtime: {bundle.runtime.label}")
     chosen = with_random_generator(bundle, args.sequence) if args.size == "paper" else bundle

@@ -62,7 +62,7 @@ def make(memory: str) -> FaceGpt:
 def test_the_state_has_one_size_for_ever(memory):
     gpt = make(memory)
     state, active = gpt.init_state(2), torch.ones(2, dtype=torch.bool)
-    shapes = [tensor.shape for tensor in state.tensors()]
+    shapes = [tensor.shape for tensor in state.arrays()]
     features = torch.randn(2, state.sound.shape[1] + 8, 8).double()
     frames = torch.randn(2, 8, 52).double()
     if memory == "window":  # the ring's frames come from `FrameDecoder`
@@ -70,7 +70,7 @@ def test_the_state_has_one_size_for_ever(memory):
         for i in range(8):
             gpt.next(run, frames[:, i], gpt.sound_proj(features)[:, i - 8])
     gpt.commit(state, frames, features, active)
-    assert [tensor.shape for tensor in state.tensors()] == shapes
+    assert [tensor.shape for tensor in state.arrays()] == shapes
     assert state.seen.tolist() == [8, 8]
     assert torch.equal(state.motion[:, -1], frames[:, -1])
 

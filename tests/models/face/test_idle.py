@@ -88,10 +88,10 @@ def test_any_chunking_and_any_neighbour_give_the_same():
 def test_idle_rows_keep_their_state_and_reset_rows_begin_again():
     state, active = FREE.init_state(40), torch.arange(40) > 0
     FREE.step(torch.zeros(40, 8, 52), torch.rand(40, 8), state, active, SEEDS)
-    assert [tensor[0].item() for tensor in state.tensors()] == [0, 0, 0, 0]
+    assert [tensor[0].item() for tensor in state.arrays()] == [0, 0, 0, 0]
     assert state.seen[1] == 8
     state.reset(torch.ones(40, dtype=torch.bool))
-    assert all(not tensor.any() for tensor in state.tensors())
+    assert all(not tensor.any() for tensor in state.arrays())
 
 
 def test_what_the_model_moves_is_left_alone():

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
-from torch import Tensor
 
 from echoavatar.engine.pipeline.bundle import Bundle
 from echoavatar.engine.pipeline.pipeline import Pipeline, PipelineState
@@ -93,7 +92,7 @@ def decoded_motion(
 class LookaheadState(PipelineState):
     """A `PipelineState` and the number of chunks that each row has had."""
 
-    chunks: Int[Tensor, " b"]
+    chunks: Int[np.ndarray, " b"]
 
 
 class LookaheadPipeline(Pipeline):
@@ -107,25 +106,23 @@ class LookaheadPipeline(Pipeline):
         self._warm_row()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}
 
-    def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[Tensor, "f l"]:
+    def _codes_of(self, sound: Float[np.ndarray, " s"]) -> Int[np.ndarray, "f l"]:
         """The codes that the generator gets, from the lead-in silence before the sound on."""
         padding = self._lead_in * CHUNK_SAMPLES, self._ahead * CHUNK_SAMPLES + -len(sound) % CHUNK_SAMPLES
-        codes = torch.from_numpy(
-            audio_codes(self._whole, np.pad(sound, padding), is_leveled=self.level is not None)
-        ).long()
+        codes = audio_codes(self._whole, np.pad(sound, padding), is_leveled=self.level is not None).astype(np.int64)
         return codes[self._ahead * AUDIO_FRAMES_PER_CHUNK :]
 
     def init_state(self, rows: int) -> LookaheadState:
         """Sessions that have heard nothing."""
-        return LookaheadState(**vars(super().init_state(rows)), chunks=torch.zeros(rows, dtype=torch.int64))
+        return LookaheadState(**vars(super().init_state(rows)), chunks=np.zeros(rows, np.int64))
 
     def encode_audio(
-        self, level: Float[Tensor, "b s"], state: PipelineState, active: Bool[Tensor, " b"]
-    ) -> Int[Tensor, "b f l"]:
+        self, level: Float[np.ndarray, "b s"], state: PipelineState, active: Bool[np.ndarray, " b"]
+    ) -> Int[np.ndarray, "b f l"]:
         """Codes of each row's sound `ahead_chunks` later; the sound that is pushed is not used."""
         assert isinstance(state, LookaheadState)
-        codes = torch.zeros(len(level), AUDIO_FRAMES_PER_CHUNK, self._whole.codebooks.shape[0], dtype=torch.int64)
-        for row in torch.nonzero(active).flatten().tolist():
+        codes = np.zeros((len(level), AUDIO_FRAMES_PER_CHUNK, self._whole.codebooks.shape[0]), np.int64)
+        for row in np.flatnonzero(active):
             first = int(state.chunks[row]) * AUDIO_FRAMES_PER_CHUNK
             codes[row] = self._codes[int(state.seeds[row])][first : first + AUDIO_FRAMES_PER_CHUNK]
             state.chunks[row] += 1

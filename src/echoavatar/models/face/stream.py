@@ -51,7 +51,7 @@ class FaceStream:
         """A fresh state."""
         model = self.model
         ear = self._ear or model.encoder
-        states = ear.init_state(rows), model.gpt.init_state(rows), self.idle.init_state(rows)
+        states = ear.init_state(rows).mapped(torch.as_tensor), model.gpt.init_state(rows), self.idle.init_state(rows)
         return FaceState(*states)
 
     @torch.no_grad()
@@ -72,19 +72,25 @@ class FaceStream:
 
     def _faces(self, audio: Tensor, state: FaceState, active: Tensor, seeds: Tensor) -> Float[Tensor, "b t 52"]:
         """The model's curves, without idle motion."""
-        hear, gpt, faces = self.model.hear if self._ear is None else self._ear.step, self.model.gpt, []
+        gpt, faces = self.model.gpt, []
         for chunk in torch.split(audio, self.model.config.step * SAMPLES_PER_FRAME, dim=1):
             noise = self._noise(state.gpt.seen, seeds)
             if self._decoder is None:
                 features = self.model.encoder.step(chunk, state.encoder, active)
                 normal = self.generate(features, state.gpt, active, noise)
             else:
-                heard = hear(chunk, state.encoder, active)
+                heard = self._hear(chunk, state.encoder, active)
                 frames = self._decoder.run(state.gpt, heard, active, noise, self._schedule)
                 normal = torch.from_numpy(frames).to(noise)
                 gpt.commit(state.gpt, normal, heard, active)
             faces.append(self.model.denormalize(normal).clamp(0, 1)[..., self._order])
         return torch.cat(faces, 1)
+
+    def _hear(self, chunk: Tensor, state: StreamState, active: Tensor) -> Tensor:
+        if self._ear is None:
+            return self.model.hear(chunk, state, active)
+        past = state.mapped(lambda part: part.numpy())
+        return torch.from_numpy(self._ear.step(chunk.numpy(), past, active.numpy()))
 
     @torch.no_grad()
     def generate(

@@ -382,4 +382,4 @@ def _positions(places: Places) -> compiled.Positions:
 
 
 def _tensors(rings: Sequence[KeyValueRing]) -> list[Tensor]:
-    return [tensor for ring in rings for tensor in ring.tensors()]
+    return [tensor for ring in rings for tensor in ring.arrays()]

@@ -374,7 +374,7 @@ class DepthStream(GeneratorStream[FrameState]):
 def _clear_spare(rings: Sequence[KeyValueRing]) -> None:
     """Forget what rows that were not active wrote."""
     for ring in rings:
-        for tensor in ring.tensors():
+        for tensor in ring.arrays():
             tensor[..., -1] = 0
 
 
