@@ -1,6 +1,5 @@
 """`clear(heard)`: what follows is what would have followed had the forgotten audio never come."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ def pipeline(tiny_bundle: Path, request: pytest.FixtureRequest) -> Pipeline:
         opening = Opening(silence=(1, 2), motion=3)
         own = bundle.generator.config.model_copy(update={"sequence": "prefix", "step": 3, "opening": opening})
         torch.manual_seed(1)
-        bundle = replace(bundle, generator=Generator(own).eval())
+        bundle = bundle.having(generator=Generator(own).eval())
     return Pipeline(bundle, precision="float32")
 
 

@@ -29,8 +29,10 @@ from echoavatar.models.face.encoder import HubertEncoder, MelEncoder
 from echoavatar.models.face.gpt import FaceGpt
 from echoavatar.models.face.idle import IdleFace
 from echoavatar.models.generator import open_stream
+from echoavatar.models.generator.frames import FrameStream
 from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
-from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer, MotionTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer, MotionTokenizer
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID, Skeleton, to_features
 from echoavatar.motion.kinematics.rotations import matrix_from_axis_angle
 from echoavatar.motion.motion_chunk import MotionBatch
@@ -214,6 +216,12 @@ def generator(sequence: str) -> Any:
     return open_stream(generators.generator(sequence=sequence, window_chunks=2))
 
 
+def frames() -> Stream:
+    model = generators.generator(sequence="depth", window_chunks=2)
+    stream = FrameStream(model.config, {name: weight.numpy() for name, weight in model.state_dict().items()})
+    return Stream(stream.init_state, on_arrays(stream.step))
+
+
 def gestures(rows: int, frames: int, random: torch.Generator) -> Tensor:
     """Features of bodies that sway, step and wave, with noise as sampled codes leave it."""
     time = torch.arange(frames) / 30
@@ -317,6 +325,7 @@ CASES: dict[type, dict[str, Case]] = {
     InterleavedStream: {"": Case(lambda: generator("interleaved"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
     PrefixStream: {"": Case(lambda: generator("prefix"), generators.audio, unit=20, cuts=FEW[1:], atol=0)},
     DepthStream: {"": Case(lambda: generator("depth"), generators.audio, unit=20, cuts=((1, 1, 2),))},
+    FrameStream: {"": Case(frames, generators.audio, unit=20, cuts=((1, 1, 2),), atol=0)},
     Post: {
         "free": Case(post, gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),
         "on a leash": Case(lambda: post(MotionOptions(leash_m=0.02)), gestures, CHUNK_FRAMES, cuts=FEW, atol=1e-5),

@@ -148,7 +148,7 @@ def test_cues_are_on_for_three_frames_from_each_event() -> None:
 
 def test_sound_is_leveled_only_where_the_pipeline_levels_it(tiny_bundle: Path, voice: np.ndarray) -> None:
     """The codes are those that a pipeline of that runtime hears, chunk for chunk."""
-    bundle = replace(load_bundle(tiny_bundle), codec=load_bundle().codec)  # the tiny one knows one code only
+    bundle = load_bundle(tiny_bundle).having(codec=load_bundle().codec)  # the tiny one knows one code only
     quiet = 0.05 * voice[: CHUNK_SAMPLES * 6]
     for runtime, is_leveled in (("paper", False), ("level", True)):
         pipeline = Pipeline(bundle.running(runtime))

@@ -15,7 +15,7 @@ from echoavatar.models.face import FaceModel, FaceStream, HubertConfig
 from echoavatar.models.face.encoder import normalize_window, pad_window
 from echoavatar.models.face.flow import euler_levels
 from echoavatar.models.face.gpt import rotate_pairs, sinusoids
-from echoavatar.models.tokenizer import MotionTokenizerConfig
+from echoavatar.models.tokenizer_config import MotionTokenizerConfig
 from echoavatar_lab.models.face.train import paper_face
 from echoavatar_lab.reference.expected_tensors import (
     differences,

@@ -79,7 +79,7 @@ def early(bundle: Bundle, chunks: int) -> Bundle:
     """The same weights, told the sound so many chunks before it is due."""
     generator = Generator(bundle.generator.config.model_copy(update={"ahead_chunks": chunks}))
     generator.load_state_dict(bundle.generator.state_dict())
-    return replace(bundle, generator=generator.eval())
+    return bundle.having(generator=generator.eval())
 
 
 def heard(bundle: Bundle, sound: np.ndarray) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ from .options import add_model, add_pipeline, progress
 
 if TYPE_CHECKING:
     from echoavatar.engine.pipeline import Pipeline
-    from echoavatar.models.generator.linear import Precision
+    from echoavatar.models.generator.config import Precision
 
 DEVELOPERS = {
     "neighbours": "how late an honest speaker is beside clients that misbehave",
@@ -186,7 +186,8 @@ def _face(args: argparse.Namespace) -> int:
 
     torch.set_num_threads(args.threads or torch.get_num_threads())
     bundle = load_bundle(args.model)
-    report = bench_face(bundle.face, ear=bundle.steps.get("face"), chunks=args.chunks, sessions=args.sessions)
+    ear = bundle.parts["face"].graph if bundle.face else None
+    report = bench_face(bundle.face, ear=ear, chunks=args.chunks, sessions=args.sessions)
     for key, value in report.items():
         print(f"{key:<20}{value:>10.3f}")
     print(json.dumps(report))

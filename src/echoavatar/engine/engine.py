@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from echoavatar.errors import AdmissionError, EchoAvatarError
-from echoavatar.models.generator.linear import Precision
+from echoavatar.models.generator.config import Precision
 from echoavatar.models.generator.manner import TOLD
 from echoavatar.motion import homecoming, idle_motion
 from echoavatar.motion.kinematics import Skeleton

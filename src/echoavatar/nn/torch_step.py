@@ -43,7 +43,7 @@ class TorchStep:
             given = [self._there(part) for part in (x, active, *told)]
             further = {name: self._there(part) for name, part in named.items()}
             made = self._step(given[0], state.mapped(self._there), *given[1:], **further)
-        return made.cpu().numpy()  # type: ignore[no-any-return]
+        return made.cpu().numpy()
 
     def _there(self, part: Any) -> Any:
         return torch.from_numpy(part).to(self._device) if isinstance(part, np.ndarray) else part

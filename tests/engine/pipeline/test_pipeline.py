@@ -118,7 +118,7 @@ def test_it_says_that_it_compiles_only_when_it_compiles(
 def pipeline_of(folder: Path, **settings: float) -> Pipeline:
     """The tiny bundle with a face, and the default settings but for these."""
     torch.manual_seed(2)
-    bundle = replace(load_bundle(folder), face=make().float(), runtime=Runtime(**settings))
+    bundle = replace(load_bundle(folder).having(face=make().float()), runtime=Runtime(**settings))
     return Pipeline(bundle, precision="float32")
 
 
@@ -313,7 +313,7 @@ def bundle_of(folder: Path, order: str) -> Bundle:
     torch.manual_seed(1)
     generator = Generator(bundle.generator.config.model_copy(update={"sequence": order})).eval()
     actions = ActionLibrary({"wave": Action("wave", (0, 1, 2, 3), (0, 2))})
-    return replace(bundle, generator=generator, actions=actions)
+    return replace(bundle.having(generator=generator), actions=actions)
 
 
 def moved(pipeline: Pipeline, voice: np.ndarray) -> np.ndarray:
@@ -373,7 +373,7 @@ def test_a_true_gpu_gives_the_motion_of_the_host(tiny_bundle: Path, voice: np.nd
 
 @pytest.fixture(scope="module")
 def default() -> Pipeline:
-    return Pipeline(replace(load_bundle("default"), face=None))
+    return Pipeline(load_bundle("default").without(["face"]))
 
 
 @pytest.mark.parametrize("seed", [1, 2])

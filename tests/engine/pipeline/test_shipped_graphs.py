@@ -1,7 +1,5 @@
 """The graphs of the shipped bundle compute what its modules of torch compute."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,8 +12,9 @@ ONE = np.ones(1, np.bool_)
 @pytest.fixture(scope="module")
 def pair() -> tuple[Pipeline, Pipeline]:
     bundle = load_bundle()
-    assert set(bundle.steps) == {"codec", "tokenizer", "face"}
-    return Pipeline(bundle), Pipeline(replace(bundle, steps={}))
+    assert all(bundle.parts[part].graph for part in ("codec", "tokenizer", "face"))
+    in_torch = bundle.having(codec=bundle.codec, tokenizer=bundle.tokenizer, face=bundle.face)
+    return Pipeline(bundle), Pipeline(in_torch)
 
 
 def test_sound_codes_and_curves(pair: tuple[Pipeline, Pipeline], voice: np.ndarray) -> None:

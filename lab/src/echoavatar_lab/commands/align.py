@@ -289,9 +289,9 @@ def _compare(args: argparse.Namespace, ready: "AlignmentSetup") -> int:
 
 def _soup(args: argparse.Namespace) -> int:
     """Mix generators that were tuned from the same one, and save the mix."""
-    from echoavatar.checkpoint import read_card
     from echoavatar.engine.pipeline import load_bundle
     from echoavatar.models.generator import Generator
+    from echoavatar.stored import read_card
     from echoavatar_lab.align.policy import soup
     from echoavatar_lab.align.rewards import parse_weights
 

@@ -16,7 +16,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from echoavatar.checkpoint import read_config
 from echoavatar.errors import DependencyError, EchoAvatarError
 from echoavatar.models.audio import AudioCodec
 from echoavatar.models.face import FaceModel
@@ -25,6 +24,7 @@ from echoavatar.models.generator import GeneratorConfig
 from echoavatar.models.tokenizer import BodyTokenizer
 from echoavatar.nn import StreamState
 from echoavatar.nn.exported import ExportedStep, graph_file
+from echoavatar.stored import read_config
 from echoavatar.timing import SAMPLES_PER_FRAME, ChunkSize
 from echoavatar.whole_file import write_whole
 

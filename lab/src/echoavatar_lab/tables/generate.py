@@ -49,7 +49,8 @@ def live_motion(
     A generator with lookahead is given the whole sounds beforehand.
     """
     own = Runtime(level_control=generator.config.is_leveled)
-    bundle = Bundle(name, codec, tokenizer, generator.eval(), {}, runtime=own).running(runtime)
+    parts = {"codec": codec, "tokenizer": tokenizer, "generator": generator.eval()}
+    bundle = Bundle.of(name, own, **parts).running(runtime)
     hears_ahead = generator.config.ahead_chunks > 0
     pipeline = LookaheadPipeline(bundle, sounds, device=device) if hears_ahead else Pipeline(bundle, device=device)
     done = animate_many(pipeline, list(sounds.values()), seeds=list(sounds), progress=progress)
@@ -101,7 +102,7 @@ class LookaheadPipeline(Pipeline):
     def __init__(self, bundle: Bundle, sounds: Mapping[int, Float[np.ndarray, " s"]], *, device: str = "cpu") -> None:
         """`sounds` (24 kHz) are keyed by the seed of the session that will hear them; silence follows each."""
         super().__init__(bundle, device=device)
-        self._ahead, self._whole = bundle.generator.config.ahead_chunks, bundle.codec
+        self._ahead, self._whole = bundle.sizes.ahead_chunks, bundle.codec
         self._codes = {0: self._codes_of(np.zeros(CHUNK_SAMPLES, np.float32))}  # for the warm start
         self._warm_row()
         self._codes = {seed: self._codes_of(sound) for seed, sound in sounds.items()}

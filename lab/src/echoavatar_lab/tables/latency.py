@@ -21,7 +21,8 @@ from echoavatar.engine.pipeline.runtime import Runtime
 from echoavatar.models.audio import AudioCodec, CodecConfig
 from echoavatar.models.face import FaceConfig, FaceModel
 from echoavatar.models.generator import Generator, GeneratorConfig
-from echoavatar.models.tokenizer import BodyTokenizer, BodyTokenizerConfig
+from echoavatar.models.tokenizer import BodyTokenizer
+from echoavatar.models.tokenizer_config import BodyTokenizerConfig
 from echoavatar.motion.kinematics import HUMANOID
 from echoavatar.nn.device import threads
 from echoavatar_lab.models.face.train import paper_face
@@ -88,14 +89,13 @@ def random_bundle(sizes: PaperSizes) -> Bundle:
 
     Raises DependencyError: transformers, which has HuBERT, is not installed.
     """
-    return Bundle(
+    return Bundle.of(
         "paper's sizes, random weights",
-        AudioCodec(sizes.codec).eval(),
-        BodyTokenizer(sizes.tokenizer).eval(),
-        Generator(sizes.generator).eval(),
-        {},
+        Runtime(level_control=False),
+        codec=AudioCodec(sizes.codec).eval(),
+        tokenizer=BodyTokenizer(sizes.tokenizer).eval(),
+        generator=Generator(sizes.generator).eval(),
         face=FaceModel(sizes.face).eval(),
-        runtime=Runtime(level_control=False),
     )
 
 

@@ -21,25 +21,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from echoavatar.models.audio import LevelControl, LevelState, NetworkState
-from echoavatar.models.face import FaceState, FaceStream
-from echoavatar.models.generator import open_stream
-from echoavatar.models.generator.linear import Precision
-from echoavatar.models.generator.stream import FrameState, HistoryState, RingState
-from echoavatar.models.tokenizer import BodyState
+from echoavatar.models.audio import LevelControl
+from echoavatar.models.face import FaceStream
+from echoavatar.models.generator.config import Precision
+from echoavatar.models.generator.frames import FrameStream
 from echoavatar.motion.ik import BodyProfile, Cylinder
 from echoavatar.motion.motion_chunk import MotionBatch, MotionChunk, join_batches
 from echoavatar.motion.stages.modes import FREE, MotionOptions
 from echoavatar.motion.stages.post import POST_STAGES, Post, PostState
-from echoavatar.nn import StreamingModule, StreamState
+from echoavatar.nn import StreamState
 from echoavatar.nn.device import find_device
-from echoavatar.nn.exported import ExportedState
 from echoavatar.nn.kernels import compilations
-from echoavatar.nn.torch_step import TorchStep
 from echoavatar.timing import CHUNK_FRAMES, SAMPLE_RATE_HZ
 
 from .actions import Directive
-from .bundle import Bundle
+from .bundle import FACE, Bundle, Part
 from .foreign_rig import Output, RigAdapter, RigState
 
 _LOG = logging.getLogger(__name__)
@@ -53,13 +49,13 @@ STAGES = ("level", "face", "codec", "generator", "decoder", "rig", *POST_STAGES)
 class PipelineState(StreamState):
     """The states of all stages, and each row's seed."""
 
-    level: LevelState
-    codec: NetworkState | ExportedState
-    generator: RingState | HistoryState | FrameState
-    decoder: BodyState | ExportedState
+    level: StreamState
+    codec: StreamState
+    generator: StreamState
+    decoder: StreamState
     post: PostState
     rig: list[RigState]  # one where the bundle was trained on another rig
-    face: list[FaceState]  # one, or none without a face model
+    face: list[StreamState]  # one, or none without a face model
     seeds: Int[np.ndarray, " b"]
 
 
@@ -93,39 +89,54 @@ class Pipeline:
         runtime = bundle.runtime
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
-        level = LevelControl()
-        hearing = TorchStep(level.step, level.init_state)
-        self._init_level, self.level = hearing.init_state, hearing if runtime.level_control else None
         self.device = find_device(device)
-        steps = bundle.steps if self.device == "cpu" else {}
-        self.codec = steps.get("codec") or self._torch_step(bundle.codec.to(self.device))
-        own_precision: Precision = "int8" if self.device == "cpu" else "bfloat16"
-        self.generator = self._torch_step(open_stream(bundle.generator.to(self.device), precision or own_precision))
-        tokenizer = bundle.tokenizer.to(self.device)
-        self.decoder = steps.get("tokenizer") or TorchStep(tokenizer.decode_step, tokenizer.init_decoder, self.device)
+        level = self._in_torch(LevelControl(), device="cpu")
+        self._init_level, self.level = level.init_state, level if runtime.level_control else None
+        parts, sizes = bundle.parts, bundle.sizes
+        self.codec = self._run(parts["codec"], "step", "init_state")
+        self.decoder = self._run(parts["tokenizer"], "decode_step", "init_decoder")
+        self.generator = self._generator(bundle, precision)
         chosen = runtime.stages if stages is None else stages
         self.post = Post(self.skeleton, stages=chosen, body=body)
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
         self.additions = frozenset(runtime.session)  # additions of sessions, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
-        has_idle, ear = "blinks" in self.additions, steps.get("face")
-        face = FaceStream(bundle.face, has_idle=has_idle, ear=ear) if bundle.face else None
-        self.face = TorchStep(face.step, face.init_state) if face else None
+        face, has_idle = bundle.face, "blinks" in self.additions
+        ear = parts[FACE].graph if face else None
+        self.face = self._in_torch(FaceStream(face, has_idle=has_idle, ear=ear), device="cpu") if face else None
         self.actions = bundle.actions
-        config = bundle.generator.config
         self.chunk = bundle.chunk
-        self.has_manner = config.manner  # whether `step` takes one
-        self.has_opening = config.opening is not None  # whether its window is full from the start
-        self.directive_codes = len(config.directed) * config.layout.motion_codes
-        own_bias = LEARNED_BIAS if config.exemplar else BIAS
-        self._bias = own_bias if config.example_bias is None else config.example_bias
+        self.has_manner = sizes.manner  # whether `step` takes one
+        self.has_opening = sizes.opening is not None  # whether its window is full from the start
+        self.directive_codes = len(sizes.directed) * sizes.layout.motion_codes
+        own_bias = LEARNED_BIAS if sizes.exemplar else BIAS
+        self._bias = own_bias if sizes.example_bias is None else sizes.example_bias
         self.on_stage: OnStage = lambda stage: None
         self._lead_in = math.ceil(runtime.lead_in_s * SAMPLE_RATE_HZ / self.chunk.samples)
         self._warm_start: PipelineState | None = None
         self._warm_lock = threading.Lock()
 
-    def _torch_step(self, module: StreamingModule[Any]) -> TorchStep:
-        return TorchStep(module.step, module.init_state, self.device)
+    def _run(self, part: Part, step: str, init_state: str) -> Any:
+        """A part's graph on a CPU if it has one, else its module."""
+        if self.device == "cpu" and part.graph:
+            return part.graph
+        return self._in_torch(part.module.to(self.device), step, init_state)
+
+    def _generator(self, bundle: Bundle, precision: Precision | None) -> Any:
+        """The depth order on a CPU needs no torch."""
+        if self.device == "cpu" and precision != "bfloat16" and bundle.sizes.sequence == "depth":
+            return FrameStream(bundle.sizes, bundle.parts["generator"].arrays(), rounds=precision != "float32")
+        from echoavatar.models.generator import open_stream
+
+        own: Precision = "int8" if self.device == "cpu" else "bfloat16"
+        return self._in_torch(open_stream(bundle.generator.to(self.device), precision or own))
+
+    def _in_torch(
+        self, module: Any, step: str = "step", init_state: str = "init_state", *, device: str | None = None
+    ) -> Any:
+        from echoavatar.nn.torch_step import TorchStep
+
+        return TorchStep(getattr(module, step), getattr(module, init_state), device or self.device)
 
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""

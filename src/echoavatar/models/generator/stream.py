@@ -18,10 +18,10 @@ from torch import Tensor
 from echoavatar.nn import StreamingModule, StreamState, write_rows
 
 from ..tokens import Interleaved, Prefix
-from .config import AUDIO_FRAMES_PER_TOKEN
-from .decoder import Decoder, DepthDecoder, KeyValueRing, Places
+from .config import AUDIO_FRAMES_PER_TOKEN, Precision
+from .decoder import Decoder, DepthDecoder, Places
 from .exemplar import Steer, control_ids
-from .linear import Precision
+from .frames import FrameState, KeyValueRing
 from .model import Generator
 from .sampling import Sampler, gumbel_noise, make_sampler
 
@@ -289,15 +289,6 @@ class PrefixStream(GeneratorStream[HistoryState]):
         positions = (valid.long().cumsum(1) - 1).clamp(min=0)
         everyone = torch.ones(rows, dtype=torch.bool, device=device)
         return self._decoder.places(positions, at.expand(rows, -1), seen, everyone)
-
-
-@dataclass
-class FrameState(StreamState):
-    """Keys and values of the backbone's window, the last frame's codes, and how many frames were heard."""
-
-    rings: list[KeyValueRing]
-    last: Int[Tensor, "b p q"]
-    frames: Int[Tensor, " b"]
 
 
 class DepthStream(GeneratorStream[FrameState]):
