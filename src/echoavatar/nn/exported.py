@@ -7,10 +7,11 @@ The graph lies beside `model.safetensors`, whose weights it reads. Its name ends
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Shaped
 from torch import Tensor
 
 from echoavatar.errors import CheckpointError
@@ -58,14 +59,14 @@ class ExportedStep:
         """Nothing seen yet."""
         return ExportedState([torch.zeros(rows, *past.shape[1:], dtype=_TYPES[past.type]) for past in self._past])
 
-    def step(self, x: Tensor, state: StreamState, active: Bool[Tensor, " b"]) -> Tensor:
+    def step(self, x: Shaped[Any, "b ..."], state: StreamState, active: Bool[Any, " b"]) -> Tensor:
         """The graph's output for the next input of as many frames as it was made for; that of inactive rows is void."""
-        rows = np.flatnonzero(active.numpy())
+        rows = np.flatnonzero(active)
         is_part = 0 < len(rows) < len(active)  # without an active row all run, and nothing is kept
         chosen = rows if is_part else slice(None)
         past = [part.numpy() for part in state.tensors()]
         given = {one.name: part[chosen] for one, part in zip(self._past, past, strict=True)}
-        made, *new = self._session.run(None, given | {self._input.name: x.numpy()[chosen]})
+        made, *new = self._session.run(None, given | {self._input.name: np.asarray(x)[chosen]})
         for part, value in zip(past, new, strict=True) if len(rows) else ():
             part[chosen] = value
         if is_part:
