@@ -32,6 +32,13 @@ for words in (
 """
 
 
+FACE = """
+import sys
+import echoavatar.models.audio.level, echoavatar.models.face.stream
+assert "torch" not in sys.modules
+"""
+
+
 def run(code: str, folder: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -40,6 +47,10 @@ def run(code: str, folder: Path) -> None:
 @pytest.mark.parametrize("room", ["motion", "files"])
 def test_no_module_of_the_room_loads_it(room: str, tmp_path: Path) -> None:
     run(EVERY_MODULE.format(room=room), tmp_path)
+
+
+def test_the_face_and_level_control_load_none(tmp_path: Path) -> None:
+    run(FACE, tmp_path)
 
 
 def test_recordings_are_written_and_put_on_a_character_without_it(tmp_path: Path) -> None:

@@ -25,9 +25,10 @@ from echoavatar.engine.pipeline import Pipeline, load_bundle
 from echoavatar.engine.pipeline.foreign_rig import RigAdapter
 from echoavatar.models.audio import AudioCodec, CodecConfig, LevelControl
 from echoavatar.models.face import FaceStream, HubertConfig
+from echoavatar.models.face.decoder import FrameDecoder
 from echoavatar.models.face.encoder import HubertEncoder, MelEncoder
-from echoavatar.models.face.gpt import FaceGpt
 from echoavatar.models.face.idle import IdleFace
+from echoavatar.models.face.window import WindowFrames
 from echoavatar.models.generator import open_stream
 from echoavatar.models.generator.frames import FrameStream
 from echoavatar.models.generator.stream import DepthStream, InterleavedStream, PrefixStream
@@ -161,6 +162,11 @@ def quiet(rows: int, samples: int, random: torch.Generator) -> Tensor:
     return 0.02 * sound(rows, samples, random)
 
 
+def level() -> Stream:
+    control = LevelControl()
+    return Stream(control.init_state, on_arrays(control.step), lambda x: torch.from_numpy(control(x.numpy())))
+
+
 def hubert() -> Stream:
     """Each chunk's own frames of the window; `forward` hears a clip in the same way."""
     torch.manual_seed(0)
@@ -178,13 +184,13 @@ def face_stream(memory: str) -> Any:
 
 def idle_face() -> Stream:
     """Over curves that rest, for a loudness."""
-    model = IdleFace(torch.zeros(52))
+    model = IdleFace(np.zeros(52, np.bool_))
 
-    def step(loudness: Tensor, state: Any, active: Tensor) -> Tensor:
-        still = torch.zeros(*loudness.shape, 52)
-        return model.step(still, loudness, state, active, torch.arange(len(loudness)))
+    def step(loudness: np.ndarray, state: Any, active: np.ndarray) -> np.ndarray:
+        still = np.zeros((*loudness.shape, 52), np.float32)
+        return model.step(still, loudness, state, active, np.arange(len(loudness)))
 
-    return Stream(model.init_state, step)
+    return Stream(model.init_state, on_arrays(step))
 
 
 def exported(model: Any, step: Any, init_state: Any, x: Tensor) -> Stream:
@@ -314,7 +320,7 @@ CASES: dict[type, dict[str, Case]] = {
         "of an ear": Case(exported_ear, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5),
         "of a codec": Case(exported_codec, sound, CHUNK_SAMPLES, cuts=FEW, atol=0),
     },
-    LevelControl: {"": Case(LevelControl, quiet, unit=160 * 30, atol=0)},
+    LevelControl: {"": Case(level, quiet, unit=160 * 30, atol=0)},
     MelEncoder: {"": Case(seeded(MelEncoder, config=face.EAR), face.sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-9)},
     HubertEncoder: {"": Case(hubert, sound, CHUNK_SAMPLES, cuts=FEW, atol=1e-5)},
     FaceStream: {
@@ -336,7 +342,8 @@ CASES: dict[type, dict[str, Case]] = {
 }
 
 COVERED: dict[type, tuple[type, str]] = {
-    FaceGpt: (FaceStream, "its state is a part of the stream's, which runs it frame by frame"),
+    FrameDecoder: (FaceStream, "makes the frames of the ring form"),
+    WindowFrames: (FaceStream, "makes the frames of the window form"),
     Smoother: (Post, "runs in every chunk"),
     Stillness: (Post, "runs in every chunk"),
     SpeedLimit: (Post, "runs in every chunk"),

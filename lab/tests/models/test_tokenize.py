@@ -128,11 +128,11 @@ def test_codes_are_those_that_a_stream_hears(tiny_bundle: Path, voice: np.ndarra
     bundle = load_bundle(tiny_bundle)
     from echoavatar.models.audio import LevelControl
 
-    level, one = LevelControl(), torch.ones(1, dtype=torch.bool)
+    level, one = LevelControl(), np.ones(1, np.bool_)
     heard, coded, out = level.init_state(1), bundle.codec.init_state(1), []
     for start in range(0, 6400 * 7, 6400):
-        chunk = level.step(torch.from_numpy(voice[None, start : start + 6400]), heard, one)
-        out.append(bundle.codec.step(chunk, coded, one)[0].numpy())
+        chunk = torch.from_numpy(level.step(voice[None, start : start + 6400], heard, one))
+        out.append(bundle.codec.step(chunk, coded, torch.from_numpy(one))[0].numpy())
     whole = audio_codes(bundle.codec, voice[: 6400 * 7])
     assert (np.concatenate(out) == whole).mean() > 0.99  # a near tie may fall the other way
 

@@ -33,16 +33,15 @@ def pipeline(in_threes: Path) -> Pipeline:
     return Pipeline(load_bundle(in_threes))
 
 
-def row(engine: Engine) -> list[np.ndarray]:
-    return [tensor[0].copy() for tensor in engine._state.arrays()]
+def row(engine: Engine) -> list[torch.Tensor]:
+    return [tensor[0].clone() for tensor in engine._state.tensors()]
 
 
-def test_its_parts_step_alike(pipeline: Pipeline, in_threes: Path) -> None:
+def test_its_parts_step_alike(pipeline: Pipeline) -> None:
     """Three motion tokens, thirty audio frames, and a face whose past is four frames shorter than the paper's."""
     assert (pipeline.chunk.samples, pipeline.chunk.frames) == (STEP, 12)
-    face = load_bundle(in_threes).face
-    assert face is not None
-    assert (face.config.step, face.config.context) == (12, 52)
+    assert pipeline.face is not None
+    assert (pipeline.face.config.step, pipeline.face.config.context) == (12, 52)
     assert pipeline.actions["stand"].seconds == pytest.approx(4.0)
     assert pipeline.actions["stand"].chunks == 10
 

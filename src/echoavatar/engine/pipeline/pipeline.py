@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from echoavatar.models.audio import LevelControl
-from echoavatar.models.face import FaceStream
+from echoavatar.models.face import FaceStream, FrozenFace
 from echoavatar.models.generator.config import Precision
 from echoavatar.models.generator.frames import FrameStream
 from echoavatar.motion.ik import BodyProfile, Cylinder
@@ -90,8 +90,8 @@ class Pipeline:
         self.rig = RigAdapter(runtime.rig, bundle.skeleton, output) if runtime.rig else None
         self.skeleton = self.rig.skeleton if self.rig else bundle.skeleton
         self.device = find_device(device)
-        level = self._in_torch(LevelControl(), device="cpu")
-        self._init_level, self.level = level.init_state, level if runtime.level_control else None
+        self._level_state = LevelControl().init_state
+        self.level = LevelControl() if runtime.level_control else None
         parts, sizes = bundle.parts, bundle.sizes
         self.codec = self._run(parts["codec"], "step", "init_state")
         self.decoder = self._run(parts["tokenizer"], "decode_step", "init_decoder")
@@ -101,9 +101,7 @@ class Pipeline:
         self.cylinder = Cylinder(self.skeleton, body) if runtime.cylinder and "hands" not in chosen else None
         self.additions = frozenset(runtime.session)  # additions of sessions, see `SessionCore`
         self.runtime = runtime.label  # how it runs, for headers
-        face, has_idle = bundle.face, "blinks" in self.additions
-        ear = parts[FACE].graph if face else None
-        self.face = self._in_torch(FaceStream(face, has_idle=has_idle, ear=ear), device="cpu") if face else None
+        self.face = self._face(parts[FACE]) if FACE in parts else None
         self.actions = bundle.actions
         self.chunk = bundle.chunk
         self.has_manner = sizes.manner  # whether `step` takes one
@@ -131,17 +129,23 @@ class Pipeline:
         own: Precision = "int8" if self.device == "cpu" else "bfloat16"
         return self._in_torch(open_stream(bundle.generator.to(self.device), precision or own))
 
+    def _face(self, part: Part) -> FaceStream:
+        """Compiled loops and the graph of its ear; without the graph, or in window form, torch."""
+        is_frozen = part.graph is not None and part.config.memory == "ring"
+        model = FrozenFace(part.config, part.arrays(), part.graph) if is_frozen else part.module
+        return FaceStream(model, has_idle="blinks" in self.additions)
+
     def _in_torch(
-        self, module: Any, step: str = "step", init_state: str = "init_state", *, device: str | None = None
+        self, module: Any, step: str = "step", init_state: str = "init_state"
     ) -> Any:
         from echoavatar.nn.torch_step import TorchStep
 
-        return TorchStep(getattr(module, step), getattr(module, init_state), device or self.device)
+        return TorchStep(getattr(module, step), getattr(module, init_state), self.device)
 
     def init_state(self, rows: int) -> PipelineState:
         """Sessions that have heard nothing."""
         return PipelineState(
-            self._init_level(rows),
+            self._level_state(rows),
             self.codec.init_state(rows),
             self.generator.init_state(rows),
             self.decoder.init_state(rows),
