@@ -14,7 +14,7 @@ def mix(x: UInt[np.ndarray, "..."]) -> UInt[np.ndarray, "..."]:
     """SplitMix64's finaliser, wrapping; every output bit depends on every input bit."""
     x = (x ^ (x >> np.uint64(30))) * _FIRST
     x = (x ^ (x >> np.uint64(27))) * _SECOND
-    return x ^ (x >> np.uint64(31))
+    return np.asarray(x ^ (x >> np.uint64(31)))
 
 
 def uniform_noise(
