@@ -34,7 +34,7 @@ class Rounded(NamedTuple):
 
     def floats(self) -> Float[np.ndarray, "o i"]:
         """The matrix."""
-        return np.multiply(self.integers, self.scale)
+        return np.asarray(self.integers * self.scale)
 
 
 Stored = np.ndarray | Rounded

@@ -140,7 +140,8 @@ class FrameStream:
         drawn = draw_codes(self._depth, first, *own, later, self._draws(seeds, state.frames), steering)
         state.last[:] = drawn.reshape(state.last.shape)
         state.frames += 1
-        return state.last
+        codes: np.ndarray = state.last
+        return codes
 
     def _draws(self, seeds: Int[np.ndarray, " b"], frames: Int[np.ndarray, " b"]) -> Draws:
         """Noise, temperature and nucleus of a frame; see `sampling.make_sampler`."""

@@ -36,9 +36,8 @@ class Frozen:
         """Some rows of a matrix in float32."""
         stored = self._arrays[name]
         if isinstance(stored, Rounded):
-            return stored.integers[which] * stored.scale[which]
-        found: np.ndarray = stored[which]
-        return found
+            return np.asarray(stored.integers[which] * stored.scale[which])
+        return np.asarray(stored[which])
 
     def plain(self, name: str) -> Matrices:
         """A map as it is stored."""

@@ -310,7 +310,8 @@ class DepthStream(GeneratorStream[FrameState]):
         return FrameState(self._decoder.backbone.rings(rows, self._slots), last, last[:, 0, 0].clone())
 
     def _heard(self, state: FrameState) -> Int[Tensor, " b"]:
-        return state.frames // self.config.step
+        heard: Tensor = state.frames // self.config.step
+        return heard
 
     def _generate(
         self,
