@@ -135,9 +135,7 @@ class Pipeline:
         model = FrozenFace(part.config, part.arrays(), part.graph) if is_frozen else part.module
         return FaceStream(model, has_idle="blinks" in self.additions)
 
-    def _in_torch(
-        self, module: Any, step: str = "step", init_state: str = "init_state"
-    ) -> Any:
+    def _in_torch(self, module: Any, step: str = "step", init_state: str = "init_state") -> Any:
         from echoavatar.nn.torch_step import TorchStep
 
         return TorchStep(getattr(module, step), getattr(module, init_state), self.device)

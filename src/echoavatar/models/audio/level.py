@@ -9,7 +9,6 @@ May import `nn`, `timing` and `errors`.
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -115,10 +114,12 @@ class LevelControl:
         heard = self.step(padded, self.init_state(len(x)), np.ones(len(x), np.bool_))
         return np.asarray(heard[:, : x.shape[1]])
 
-    def step(self, x: Float[Any, "b s"], state: LevelState, active: Bool[Any, " b"]) -> Float[Any, "b s"]:
+    def step(
+        self, x: Float[np.ndarray, "b s"], state: LevelState, active: Bool[np.ndarray, " b"]
+    ) -> Float[np.ndarray, "b s"]:
         """The next samples (a multiple of 160), without delay. Rows that are not active stay as they are."""
         if x.shape[1] % LEVEL_BLOCK_SAMPLES or not x.shape[1]:
             raise ValueError(f"a step takes a multiple of {LEVEL_BLOCK_SAMPLES} samples, got {x.shape[1]}")
-        y = np.asarray(x).copy()
+        y = x.copy()
         _run(y, np.flatnonzero(active), *vars(state).values())
-        return y if isinstance(x, np.ndarray) else x.new_tensor(y)
+        return y

@@ -82,8 +82,7 @@ class FaceStream:
 
         Raises ValueError if the samples are not whole steps.
         """
-        given, config = audio, self.config
-        audio, active, seeds = np.asarray(audio), np.asarray(active), np.asarray(seeds)
+        config = self.config
         samples = config.step * SAMPLES_PER_FRAME
         if audio.shape[1] % samples or not audio.shape[1]:
             raise ValueError(f"a step takes a multiple of {samples} samples, got {audio.shape[1]}")
@@ -92,8 +91,7 @@ class FaceStream:
             seeds, state.idle.seen, count=count * config.step, channels=config.channels, hold=config.noise_hold
         )
         for chunk, drawn in zip(np.split(audio, count, 1), np.split(noise, count, 1), strict=True):
-            heard = np.asarray(self._ear.step(chunk, state.encoder, active))
+            heard = self._ear.step(chunk, state.encoder, active)
             made.append(self._frames.step(heard, state.frames, active, drawn))
         faces = np.clip(np.concatenate(made, 1)[..., self._order] * self._spread + self._mean, 0, 1)
-        curves = self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
-        return curves if isinstance(given, np.ndarray) else given.new_tensor(curves)
+        return self.idle.step(faces, frame_loudness(audio), state.idle, active, seeds)
