@@ -93,7 +93,7 @@ def shapes(config: GeneratorConfig) -> dict[str, tuple[int, ...]]:
         found |= {f"{prefix}.embed_tokens.weight": (layout.vocabulary, width), f"{prefix}.norm.weight": (width,)}
         for layer in range(body.layers):
             maps = {f"self_attn.{name}_proj": size for name, size in (("q", width), ("k", kv), ("v", kv))}
-            sizes = {f"{name}.weight": (size, width) for name, size in maps.items()}
+            sizes: dict[str, tuple[int, ...]] = {f"{name}.weight": (size, width) for name, size in maps.items()}
             sizes |= {f"{name}.bias": (size,) for name, size in maps.items()}
             sizes |= {"self_attn.o_proj.weight": (width, width), "mlp.down_proj.weight": (width, body.mlp)}
             sizes |= {f"mlp.{name}_proj.weight": (body.mlp, width) for name in ("gate", "up")}
