@@ -150,7 +150,7 @@ def main() -> None:
     torch.set_num_threads(1)
     path, sounds = Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]]
     if sounds:
-        np.savez(path, features=generate(sounds).numpy())
+        np.savez(path, features=generate(sounds))
     with np.load(path) as kept:
         features = kept["features"]
     free = MotionOptions()

@@ -20,7 +20,7 @@ from torch.overrides import TorchFunctionMode
 
 from .config import Config
 from .errors import CheckpointError
-from .stored import SCALE, WEIGHTS, ConfigT, Rounded, read_arrays, read_config, round_to_int8
+from .stored import SCALE, WEIGHTS, ConfigT, Rounded, check_shapes, read_arrays, read_config, round_to_int8
 from .whole_file import make_output_folder, whole_file, write_whole
 
 ModuleT = TypeVar("ModuleT", bound=nn.Module)
@@ -113,17 +113,8 @@ def load_into(module: nn.Module, weights: Mapping[str, Tensor], *, origin: str) 
 
     Raises CheckpointError: keys or shapes differ.
     """
-    own = module.state_dict()
-    problems = [f"missing {key}" for key in own if key not in weights]
-    problems += [f"unknown {key}" for key in weights if key not in own]
-    problems += [
-        f"{key} is {tuple(weights[key].shape)}, wanted {tuple(own[key].shape)}"
-        for key in own
-        if key in weights and weights[key].shape != own[key].shape
-    ]
-    if problems:
-        shown = "; ".join(problems[:6]) + (f"; and {len(problems) - 6} more" if len(problems) > 6 else "")
-        raise CheckpointError(f"{origin} does not fit this model: {shown}")
+    own, given = ({key: value.shape for key, value in found.items()} for found in (module.state_dict(), weights))
+    check_shapes(own, given, origin=origin)
     module.load_state_dict(dict(weights))
 
 

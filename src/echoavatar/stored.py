@@ -3,7 +3,7 @@
 Nothing is ever unpickled. Uses `config`, `json_reader`, `limits` and `errors` only.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -31,6 +31,11 @@ class Rounded(NamedTuple):
 
     integers: Int8[np.ndarray, "o i"]
     scale: Float[np.ndarray, "o 1"]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Rows and columns."""
+        return self.integers.shape
 
     def floats(self) -> Float[np.ndarray, "o i"]:
         """The matrix."""
@@ -108,6 +113,20 @@ def read_arrays(folder: Path) -> dict[str, Stored]:
         del found[key]
         found[key.removesuffix(SCALE)] = Rounded(rounded, scale)
     return found
+
+
+def check_shapes(wanted: Mapping[str, Sequence[int]], given: Mapping[str, Sequence[int]], *, origin: str) -> None:
+    """Refuse weights of other names or shapes than a model has. Raises CheckpointError that names them."""
+    problems = [f"missing {key}" for key in wanted if key not in given]
+    problems += [f"unknown {key}" for key in given if key not in wanted]
+    problems += [
+        f"{key} is {tuple(given[key])}, wanted {tuple(shape)}"
+        for key, shape in wanted.items()
+        if key in given and tuple(given[key]) != tuple(shape)
+    ]
+    if problems:
+        shown = "; ".join(problems[:6]) + (f"; and {len(problems) - 6} more" if len(problems) > 6 else "")
+        raise CheckpointError(f"{origin} does not fit this model: {shown}")
 
 
 def round_to_int8(weight: Float[np.ndarray, "o i"]) -> Rounded:

@@ -114,7 +114,7 @@ def decode(pipeline: Pipeline, sound: np.ndarray, codes: Int[Tensor, "b n p q"])
     generator, everyone = pipeline.generator, np.ones(len(codes), np.bool_)
     state = pipeline.init_state(rows)
     pipeline.reset(state, everyone, seed=0)
-    pipeline.generator = ScriptedGenerator(codes.cpu().numpy())  # type: ignore[assignment]
+    pipeline.generator = ScriptedGenerator(codes.cpu().numpy())
     try:
         blocks = np.split(np.tile(sound[: chunks * CHUNK_SAMPLES], (rows, 1)), chunks, 1)
         steps = [pipeline.step(block, state, everyone) for block in blocks]

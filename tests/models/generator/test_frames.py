@@ -5,8 +5,10 @@ import pytest
 import torch
 from tests.models.generator.tiny import audio, generator
 
+from echoavatar.errors import CheckpointError
 from echoavatar.models.generator import Generator, open_stream
 from echoavatar.models.generator.frames import FrameStream
+from echoavatar.models.generator.frozen import shapes
 from echoavatar.stored import Rounded, read_arrays
 
 BOTH = np.ones(2, np.bool_)
@@ -33,6 +35,18 @@ def test_the_same_codes_as_in_torch(precision, is_steered):
     drawn = [other.step(part.numpy(), state, BOTH, seeds=seeds.numpy(), **given) for part in x.split(20, 1)]
     np.testing.assert_array_equal(np.concatenate(drawn, 1), wanted)
     assert len(np.unique(wanted)) > 4
+
+
+@pytest.mark.parametrize("told", [{}, {"exemplar": True}, {"manner": True}])
+def test_weights_that_do_not_fit_are_named(told):
+    """The compiled loop looks at no bounds."""
+    model = generator(sequence="depth", **told)
+    assert shapes(model.config) == {name: tuple(weight.shape) for name, weight in model.state_dict().items()}
+    short = arrays(model)
+    short["model.layers.0.mlp.up_proj.weight"] = short["model.layers.0.mlp.up_proj.weight"][:-1]
+    del short["depth.condition.weight"]
+    with pytest.raises(CheckpointError, match=r"missing depth\.condition\.weight; model\.layers\.0\.mlp\.up_proj"):
+        FrameStream(model.config, short)
 
 
 def test_without_warmth_the_likeliest_code_is_taken():

@@ -194,7 +194,8 @@ class Pipeline:
         self, level: Float[np.ndarray, "b s"], state: PipelineState, active: Bool[np.ndarray, " b"]
     ) -> Int[np.ndarray, "b f l"]:
         """The audio codes that the generator gets in this step."""
-        return self.codec.step(level, state.codec, active)
+        codes: np.ndarray = self.codec.step(level, state.codec, active)
+        return codes
 
     def directive(self, members: Float[np.ndarray, "b K"]) -> Directive:
         """The directive for one set of codes per row, given as intensities."""

@@ -1,4 +1,4 @@
-"""Audio codes to motion codes: the model and its streaming step. May import `tokens` and below."""
+"""Audio codes to motion codes: the model and its streaming step. May import `tokens`, `noise` and below."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING

@@ -14,12 +14,12 @@ from jaxtyping import Bool, Float, Int
 
 from echoavatar.nn import StreamState
 from echoavatar.nn.kernel_math import F, Matrices, product
-from echoavatar.stored import Stored
+from echoavatar.stored import Stored, check_shapes
 
 from ..noise import uniform_noise
 from .compiled import Draws, Positions, Steering, draw_codes, read_position
 from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
-from .frozen import Frozen
+from .frozen import Frozen, shapes
 from .manner import HEIGHTS, near_knots
 
 
@@ -44,7 +44,11 @@ class FrameStream:
     """Frozen weights of both transformers."""
 
     def __init__(self, config: GeneratorConfig, arrays: Mapping[str, Stored], *, rounds: bool = True) -> None:
-        """`arrays` are the checkpoint's; with `rounds` weights are int8, else float32."""
+        """`arrays` are the checkpoint's; with `rounds` weights are int8, else float32.
+
+        Raises CheckpointError: names or shapes are not those of the config.
+        """
+        check_shapes(shapes(config), {name: stored.shape for name, stored in arrays.items()}, origin="the generator")
         self.config, layout = config, config.layout
         frozen = self._frozen = Frozen(arrays, rounds=rounds)
         motion = layout.motion_base + np.arange(layout.segments * layout.motion_codes)

@@ -14,7 +14,8 @@ from echoavatar.nn.kernel_math import F, Matrices
 from echoavatar.stored import Rounded, Stored, round_to_int8
 
 from .compiled import Weights
-from .config import GeneratorConfig
+from .config import AUDIO_FRAMES_PER_TOKEN, GeneratorConfig
+from .manner import HANDS, HEIGHTS, KNOTS, MANNER
 
 
 class Frozen:
@@ -30,18 +31,19 @@ class Frozen:
     def floats(self, name: str) -> Float[np.ndarray, "..."]:
         """An array in float32."""
         stored = self._arrays[name]
-        return stored.floats() if isinstance(stored, Rounded) else stored
+        return stored.floats() if isinstance(stored, Rounded) else stored.astype(F, copy=False)
 
     def rows(self, name: str, which: Sequence[int] | np.ndarray | slice) -> Float[np.ndarray, "... i"]:
         """Some rows of a matrix in float32."""
         stored = self._arrays[name]
         if isinstance(stored, Rounded):
             return np.asarray(stored.integers[which] * stored.scale[which])
-        return np.asarray(stored[which])
+        return np.asarray(stored[which], F)
 
     def plain(self, name: str) -> Matrices:
         """A map as it is stored."""
-        return stacked([(self._arrays[name], None)])
+        stored = self._arrays[name]
+        return stacked([(stored if isinstance(stored, Rounded) else stored.astype(F), None)])
 
     def body(self, prefix: str, config: GeneratorConfig, heads: Iterable[np.ndarray]) -> Weights:
         """A transformer, and what is read from its normed hidden state: maps of equal sizes."""
@@ -78,6 +80,33 @@ class Frozen:
 
     def _kept(self, weight: Float[np.ndarray, "o i"]) -> Stored:
         return round_to_int8(weight) if self._rounds else weight
+
+
+def shapes(config: GeneratorConfig) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights of a generator of the depth order."""
+    layout, read = config.layout, config.read_width
+    found: dict[str, tuple[int, ...]] = {"lm_head.weight": (layout.vocabulary, read)}
+    found["depth.sound.weight"] = config.width, AUDIO_FRAMES_PER_TOKEN * config.width
+    found["depth.condition.weight"] = read, config.width
+    for prefix, body in (("model", config), ("depth.body", config.depth)):
+        width, kv = body.width, body.kv_heads * body.head_width
+        found |= {f"{prefix}.embed_tokens.weight": (layout.vocabulary, width), f"{prefix}.norm.weight": (width,)}
+        for layer in range(body.layers):
+            maps = {f"self_attn.{name}_proj": size for name, size in (("q", width), ("k", kv), ("v", kv))}
+            sizes: dict[str, tuple[int, ...]] = {f"{name}.weight": (size, width) for name, size in maps.items()}
+            sizes |= {f"{name}.bias": (size,) for name, size in maps.items()}
+            sizes |= {"self_attn.o_proj.weight": (width, width), "mlp.down_proj.weight": (width, body.mlp)}
+            sizes |= {f"mlp.{name}_proj.weight": (body.mlp, width) for name in ("gate", "up")}
+            sizes |= {f"{name}_layernorm.weight": (width,) for name in ("input", "post_attention")}
+            found |= {f"{prefix}.layers.{layer}.{name}": size for name, size in sizes.items()}
+    if config.exemplar and config.control == "gate":
+        found |= {"exemplar.hint_proj.weight": (config.width, config.width)}
+    if config.manner:
+        found["manner.proj.weight"] = config.width, len(MANNER + HANDS) * KNOTS
+        found["manner.codes_proj.weight"] = layout.motion_codes, len(HEIGHTS) * KNOTS
+    for name in {name.partition(".")[0] for name in found} & {"exemplar", "manner"}:
+        found |= {f"{name}.gate_proj.weight": (1, read), f"{name}.gate_proj.bias": (1,)}
+    return found
 
 
 def _paired(rows: np.ndarray, head_width: int) -> np.ndarray:
