@@ -22,7 +22,7 @@ class TorchStep:
         self, step: Callable[..., Tensor], init_state: Callable[[int], StreamState], device: str = "cpu"
     ) -> None:
         """`step` and `init_state` are those of a module that lies on the device."""
-        self._step, self._init_state, self._device = step, init_state, device
+        self._step, self._init_state, self._device = step, init_state, torch.device(device)
 
     def init_state(self, rows: int) -> Any:
         """Nothing seen yet."""
